@@ -1,0 +1,110 @@
+"""A raw item: one thing with a size, as its page or table states it (`metric-tree/raw/1`)."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+__all__ = ["KINDS", "SCHEMA", "BadRawItem", "Kind", "RawItem", "raw_items"]
+
+SCHEMA = "metric-tree/raw/1"
+
+#: What a row is worth as evidence (INDEX of the open data): a maker's figure, a measurement, a norm, an
+#: artist's model, a catalogued object, a reviewed range, a category value.
+Kind = Literal["product", "measured", "standard", "asset", "museum", "curated", "default"]
+KINDS: frozenset[str] = frozenset(get_args(Kind))
+
+
+class BadRawItem(ValueError):
+    """A line that is not a raw item: the message names the field, what was expected and what was found."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RawItem:
+    """One item in the words of its source.
+
+    `dimensions_mm` keeps the page's own axis names (length, width, height, diameter, depth); `extents_mm` is
+    the outer size, longest first, or None where the source states none.
+    """
+
+    source: str
+    source_id: str
+    url: str = ""
+    title: str = ""
+    category_path: tuple[str, ...] = ()
+    brand: str | None = None
+    dimensions_text: str | None = None
+    dimensions_mm: Mapping[str, float | None] = field(default_factory=dict)
+    extents_mm: tuple[float, ...] | None = None
+    images: tuple[str, ...] = ()
+    retrieved_at: str | None = None
+    licence: str | None = None
+    flags: tuple[str, ...] = ()
+    kind: Kind = "product"
+    year: int | None = None
+    region: str | None = None
+    #: A synset that the source itself names (`chair.n.01`), where it does.
+    synset: str | None = None
+    #: How many physical rows of the source this item stands for (identical rows collapsed at import).
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        _expect(self.kind in KINDS, "kind", f"one of {', '.join(sorted(KINDS))}", self.kind)
+        _expect(bool(self.source), "source", "a name", self.source)
+        _expect(bool(self.source_id), "source_id", "an id", self.source_id)
+        sizes = [v for v in (*self.dimensions_mm.values(), *(self.extents_mm or ())) if v is not None]
+        _expect(all(math.isfinite(v) and v > 0 for v in sizes), "dimensions_mm", "positive lengths", sizes)
+
+    def line(self) -> str:
+        """The item as one JSON line, without the line break."""
+        record: dict[str, Any] = {"schema": SCHEMA}
+        for item_field in fields(self):
+            value = getattr(self, item_field.name)
+            record[item_field.name] = dict(value) if isinstance(value, Mapping) else value
+        return json.dumps(record, ensure_ascii=False)
+
+    @classmethod
+    def parsed(cls, line: str) -> RawItem:
+        """The item of one JSON line; fields it does not know are ignored.
+
+        Raises
+        ------
+        BadRawItem
+            The line is no JSON object, or of another schema, or a field is not what it must be.
+        """
+        try:
+            record = json.loads(line)
+        except ValueError as error:
+            raise BadRawItem(f"line: expected a JSON object; found {error}") from None
+        _expect(isinstance(record, dict), "line", "a JSON object", type(record).__name__)
+        _expect(record.get("schema") == SCHEMA, "schema", SCHEMA, record.get("schema"))
+        known = {f.name for f in fields(cls)}
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items() if k in known}
+        try:
+            return cls(**values)
+        except (TypeError, AttributeError) as error:
+            raise BadRawItem(f"item: expected the fields of {SCHEMA}; found {error}") from None
+
+
+def raw_items(path: Path) -> Iterator[RawItem]:
+    """The items of a JSON Lines file, in its order; the message of a `BadRawItem` names file and line."""
+    with path.open(encoding="utf-8") as lines:
+        yield from _numbered(path, lines)
+
+
+def _numbered(path: Path, lines: Iterable[str]) -> Iterator[RawItem]:
+    for number, line in enumerate(lines, start=1):
+        if line.strip():
+            try:
+                yield RawItem.parsed(line)
+            except BadRawItem as error:
+                raise BadRawItem(f"{path}:{number}: {error}") from None
+
+
+def _expect(holds: bool, name: str, expected: str, found: object) -> None:
+    if not holds:
+        raise BadRawItem(f"{name}: expected {expected}; found {found!r}")

@@ -1,0 +1,51 @@
+"""A measured object: what the geometry hands to the posterior, and what an `objects/1` file holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from estimator.scene import FloatArray
+
+__all__ = ["AXES", "Box", "MeasuredObject"]
+
+AXES = ("length", "width", "height")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """An oriented box in the scene: centre (3,), axes (3, 3) with unit rows length, width, height; extents (3,)."""
+
+    centre: FloatArray
+    axes: FloatArray
+    extents: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredObject:
+    """One object in scene units.
+
+    extents : (3,) length >= width (horizontal), height (vertical); NaN where missing. With `vertical_known`
+        False they are the extents of a free box, longest first.
+    sigma : (3,) one standard deviation of the measurement, natural log.
+    confidence : (3,) the paper's eta (section 4.2); NaN where it does not apply.
+    truncated : (3,) bool; the true extent is at least the measured one.
+    unsupported_height : the height of the points alone, where `extents[2]` reaches down to a support plane.
+    """
+
+    id: str
+    category: str
+    extents: FloatArray
+    sigma: FloatArray
+    confidence: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
+    truncated: FloatArray = field(default_factory=lambda: np.zeros(3, dtype=bool))
+    score: float = 1.0
+    points: int = 0
+    views: int = 0
+    vertical_known: bool = True
+    unsupported_height: float | None = None
+    box: Box | None = None
+    point_rows: FloatArray | None = None
+    skipped: str | None = None
+    notes: tuple[str, ...] = ()

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from crawler.faults import InputFault
+
 __all__ = ["KINDS", "SCHEMA", "BadRawItem", "Kind", "RawItem", "raw_items"]
 
 SCHEMA = "metric-tree/raw/1"
@@ -19,7 +21,7 @@ Kind = Literal["product", "measured", "standard", "asset", "museum", "curated", 
 KINDS: frozenset[str] = frozenset(get_args(Kind))
 
 
-class BadRawItem(ValueError):
+class BadRawItem(InputFault):
     """A line that is not a raw item: the message names the field, what was expected and what was found."""
 
 

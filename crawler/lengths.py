@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from crawler.faults import InputFault
+
 __all__ = ["MILLIMETRES", "UnknownUnit", "millimetres"]
 
 
-class UnknownUnit(ValueError):
+class UnknownUnit(InputFault):
     """A unit of length that the table does not hold."""
 
 

@@ -14,8 +14,18 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from crawler.faults import InputFault
+
 __all__ = [
-    "BadScene", "BoolArray", "Camera", "DenseCloud", "FloatArray", "Instance", "IntArray", "Scene", "View",
+    "BadScene",
+    "BoolArray",
+    "Camera",
+    "DenseCloud",
+    "FloatArray",
+    "Instance",
+    "IntArray",
+    "Scene",
+    "View",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -23,7 +33,7 @@ IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 
-class BadScene(ValueError):
+class BadScene(InputFault):
     """An input that cannot be read: one line with file, field, what was expected and what was found."""
 
 

@@ -64,13 +64,19 @@ PRIORS = pa.schema(
         _column("family", pa.string(), "lognormal-mixture"),
         _column("weights", _NUMBERS, "(k,) mixture weights, sum 1"),
         _column("means", _MATRIX, "(k, d) component means within a source", "ln mm"),
-        _column("covariances", pa.list_(_MATRIX), "(k, d, d) component covariances within a source", "ln mm ^2"),
+        _column(
+            "covariances", pa.list_(_MATRIX), "(k, d, d) component covariances within a source", "ln mm ^2"
+        ),
         _column("shared_covariance", _MATRIX, "(d, d) covariance between sources", "ln mm ^2"),
         _column("n", pa.int64(), "items of the fit after duplicates are collapsed"),
         _column("n_sources", pa.int64(), "sources of these items"),
         _column("share_by_kind", pa.map_(pa.string(), pa.float64()), "share of the fit's weight by kind"),
         _column("borrowed", pa.float64(), "share taken from the parent, 0 to 1"),
-        _column("heldout_log_density", pa.float64(), "mean held-out log density over log mm; null where not held out"),
+        _column(
+            "heldout_log_density",
+            pa.float64(),
+            "mean held-out log density over log mm; null where not held out",
+        ),
     ],
     metadata={"schema": SCHEMA},
 )

@@ -1,0 +1,1 @@
+"""Collection: crawlers and importers that turn pages and open tables into raw items."""

@@ -85,7 +85,7 @@ class RawItem:
         _expect(isinstance(record, dict), "line", "a JSON object", type(record).__name__)
         _expect(record.get("schema") == SCHEMA, "schema", SCHEMA, record.get("schema"))
         known = {f.name for f in fields(cls)}
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items() if k in known}
+        values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items() if k in known}
         try:
             return cls(**values)
         except (TypeError, AttributeError) as error:

@@ -1,0 +1,1 @@
+"""Scale: from a reconstruction with instance masks to metres per scene unit."""

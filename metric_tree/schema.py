@@ -64,9 +64,7 @@ PRIORS = pa.schema(
         _column("family", pa.string(), "lognormal-mixture"),
         _column("weights", _NUMBERS, "(k,) mixture weights, sum 1"),
         _column("means", _MATRIX, "(k, d) component means within a source", "ln mm"),
-        _column(
-            "covariances", pa.list_(_MATRIX), "(k, d, d) component covariances within a source", "ln mm ^2"
-        ),
+        _column("covariances", pa.list_(_MATRIX), "(k, d, d) component covariances within a source", "ln mm ^2"),
         _column("shared_covariance", _MATRIX, "(d, d) covariance between sources", "ln mm ^2"),
         _column("n", pa.int64(), "items of the fit after duplicates are collapsed"),
         _column("n_sources", pa.int64(), "sources of these items"),
@@ -75,7 +73,7 @@ PRIORS = pa.schema(
         _column(
             "heldout_log_density",
             pa.float64(),
-            "mean held-out log density over log mm; null where not held out",
+            "mean held-out log density over log mm, or null",
         ),
     ],
     metadata={"schema": SCHEMA},

@@ -1,0 +1,1 @@
+"""Naming: WordNet, matching, proofreading and the five levels."""

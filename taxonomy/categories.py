@@ -16,7 +16,7 @@ Pose = Literal["upright", "flat", "any"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Category:
-    """A node of the tree, before any item hangs on it. `path` holds names from the root (level 1) to the node."""
+    """A node of the tree, before any item hangs on it; `path` holds the names from the root to it."""
 
     node_id: str
     name: str

@@ -1,0 +1,1 @@
+"""The `metric-tree` command: one module per verb."""

@@ -1,0 +1,248 @@
+"""WordNet 3.0 nouns, found where Debian or nltk puts them: the one module that knows nltk's reader."""
+
+from __future__ import annotations
+
+import io
+import os
+import warnings
+from functools import cache, cached_property
+from pathlib import Path
+from typing import Any
+
+from crawler.faults import InputFault
+
+__all__ = ["ENVIRONMENT_VARIABLE", "NoWordNet", "UnknownSynset", "WordNet", "default_wordnet"]
+
+#: Names a folder with WordNet's own files (`data.noun`, `index.noun`, ...), before any other place is tried.
+ENVIRONMENT_VARIABLE = "METRIC_TREE_WORDNET"
+
+#: Synset names depend on the release: every id in the tree is one of WordNet 3.0.
+VERSION = "3.0"
+
+_DEBIAN = Path("/usr/share/wordnet")
+_HOW_TO_GET_IT = "apt-get install wordnet-base, or python -m nltk.downloader wordnet"
+
+#: lexnames(5WN) by file number, which Debian's package leaves out.
+_NOUN_FILES = (
+    "Tops act animal artifact attribute body cognition communication event feeling food group location motive "
+    "object person phenomenon plant possession process quantity relation shape state substance time"
+)
+_VERB_FILES = (
+    "body change cognition communication competition consumption contact creation emotion motion perception "
+    "possession social stative weather"
+)
+_LEXNAMES = (
+    "adj.all",
+    "adj.pert",
+    "adv.all",
+    *(f"noun.{name}" for name in _NOUN_FILES.split()),
+    *(f"verb.{name}" for name in _VERB_FILES.split()),
+    "adj.ppl",
+)
+
+
+class NoWordNet(InputFault):
+    """WordNet is not where it was looked for: the message says where that was and how to get it."""
+
+
+class UnknownSynset(InputFault, KeyError):
+    """A name that is no noun synset of WordNet 3.0."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class WordNet:
+    """Noun synsets by name (`chair.n.01`); every method answers with such names, words or numbers.
+
+    Parameters
+    ----------
+    path : Path, optional
+        Folder with WordNet's files. Without it: the folder that `METRIC_TREE_WORDNET` names, Debian's, nltk's.
+
+    Raises
+    ------
+    NoWordNet
+        None of these places has it, or what is there is not WordNet 3.0.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self._reader = _reader(path)
+        self._memory: dict[str, Any] = {}
+
+    def senses(self, noun: str) -> tuple[str, ...]:
+        """Synsets of a noun as it is written (spaces or underscores), the most frequent sense first."""
+        offsets = self._reader._lemma_pos_offset_map.get(noun.lower().replace(" ", "_"), {}).get("n", ())
+        return tuple(self._at(offset) for offset in offsets)
+
+    def knows(self, synset: str) -> bool:
+        """Whether the name is a noun synset."""
+        try:
+            self._synset(synset)
+        except UnknownSynset:
+            return False
+        return True
+
+    def parents(self, synset: str) -> tuple[str, ...]:
+        """Synsets one step above, classes first, then what it is an instance of."""
+        found = self._synset(synset)
+        return tuple(above.name() for above in (*found.hypernyms(), *found.instance_hypernyms()))
+
+    def children(self, synset: str) -> tuple[str, ...]:
+        """Synsets one step below, without instances such as one particular river."""
+        return tuple(below.name() for below in self._synset(synset).hyponyms())
+
+    def hypernym_paths(self, synset: str) -> tuple[tuple[str, ...], ...]:
+        """Every path from `entity.n.01` down to the synset, itself included; WordNet's first parents first."""
+        above = self.parents(synset)
+        if not above:
+            return ((synset,),)
+        return tuple((*path, synset) for parent in above for path in self.hypernym_paths(parent))
+
+    @cache  # noqa: B019 - one WordNet lives as long as the process
+    def hypernyms(self, synset: str) -> tuple[str, ...]:
+        """All synsets above it over all paths, nearest first, each once; not the synset itself."""
+        seen: dict[str, None] = {}
+        level = self.parents(synset)
+        while level:
+            fresh = [name for name in dict.fromkeys(level) if name not in seen]
+            seen.update(dict.fromkeys(fresh))
+            level = tuple(above for name in fresh for above in self.parents(name))
+        return tuple(seen)
+
+    def is_a(self, synset: str, kind: str) -> bool:
+        """Whether `kind` is the synset or one above it."""
+        return synset == kind or kind in self.hypernyms(synset)
+
+    def lemmas(self, synset: str) -> tuple[str, ...]:
+        """Words of the synset with spaces, WordNet's order."""
+        return tuple(name.replace("_", " ") for name in self._synset(synset).lemma_names())
+
+    def definition(self, synset: str) -> str:
+        """The gloss without its examples."""
+        return str(self._synset(synset).definition())
+
+    def lexicographer_file(self, synset: str) -> str:
+        """The file it was written in, a coarse class: `noun.artifact`, `noun.animal`, `noun.person`, ..."""
+        return str(self._synset(synset).lexname())
+
+    def tagged_count(self, synset: str, noun: str) -> int:
+        """How often the noun was read in this sense in WordNet's tagged texts; 0 where it is no word of it."""
+        word = noun.lower().replace(" ", "_")
+        return sum(lemma.count() for lemma in self._synset(synset).lemmas() if lemma.name().lower() == word)
+
+    def offset(self, synset: str) -> str:
+        """ImageNet's form of the synset: `n` and eight digits."""
+        return f"n{self._synset(synset).offset():08d}"
+
+    def synset_at(self, offset: str) -> str:
+        """The synset of an offset such as `n02119789`.
+
+        Raises
+        ------
+        UnknownSynset
+            No noun synset starts there.
+        """
+        digits = offset[1:]
+        if not (offset[:1] == "n" and digits.isdigit() and int(digits) in self._offsets):
+            raise UnknownSynset(f"offset: expected n and the eight digits of a WordNet 3.0 noun; found {offset!r}")
+        return self._at(int(digits))
+
+    @cached_property
+    def nouns(self) -> frozenset[str]:
+        """Every noun of WordNet in lower case with spaces."""
+        entries = self._reader._lemma_pos_offset_map.items()
+        return frozenset(word.replace("_", " ") for word, by_pos in entries if "n" in by_pos)
+
+    @cached_property
+    def irregular_plurals(self) -> dict[str, tuple[str, ...]]:
+        """Singulars by irregular plural (`noun.exc`), with spaces."""
+        exceptions: dict[str, list[str]] = self._reader._exception_map["n"]
+        return {
+            plural.replace("_", " "): tuple(single.replace("_", " ") for single in singles)
+            for plural, singles in exceptions.items()
+        }
+
+    @cached_property
+    def _offsets(self) -> frozenset[int]:
+        return frozenset(
+            offset for by_pos in self._reader._lemma_pos_offset_map.values() for offset in by_pos.get("n", ())
+        )
+
+    def _at(self, offset: int) -> str:
+        return str(self._reader.synset_from_pos_and_offset("n", offset).name())
+
+    def _synset(self, name: str) -> Any:
+        found = self._memory.get(name)
+        if found is None:
+            found = self._memory[name] = self._read(name)
+        return found
+
+    def _read(self, name: str) -> Any:
+        from nltk.corpus.reader.wordnet import WordNetError  # noqa: PLC0415 - a query never loads nltk
+
+        if name.count(".n.") != 1:
+            raise UnknownSynset(f"synset: expected a name such as chair.n.01; found {name!r}")
+        try:
+            return self._reader.synset(name)
+        except (WordNetError, ValueError):
+            raise UnknownSynset(f"synset: expected a noun synset of WordNet {VERSION}; found {name!r}") from None
+
+
+@cache
+def default_wordnet() -> WordNet:
+    """The WordNet of this machine, read once (0.9 s)."""
+    return WordNet()
+
+
+def _reader(path: Path | None) -> Any:
+    """An nltk reader over the first place that has WordNet, of the right version."""
+    root = _root(path)
+    reader = _reader_class()(root, None)
+    if reader.get_version() != VERSION:
+        found = reader.get_version()
+        raise NoWordNet(f"{root}: expected WordNet {VERSION}, whose synset names the tree uses; found {found}")
+    return reader
+
+
+def _root(path: Path | None) -> Any:
+    """A folder, or nltk's pointer into a zip file."""
+    import nltk.data  # noqa: PLC0415 - a query never loads nltk
+
+    named = path or (Path(os.environ[ENVIRONMENT_VARIABLE]) if os.environ.get(ENVIRONMENT_VARIABLE) else None)
+    for folder in (named,) if named else (_DEBIAN,):
+        if (folder / "data.noun").is_file() and (folder / "index.noun").is_file():
+            # nltk opens only what lies on its own search path
+            nltk.data.path.append(str(folder.resolve()))
+            return nltk.data.FileSystemPathPointer(str(folder.resolve()))
+    if named:
+        raise NoWordNet(f"{named}: expected WordNet's files (data.noun, index.noun); get them by {_HOW_TO_GET_IT}")
+    for entry in ("corpora/wordnet", "corpora/wordnet.zip/wordnet/"):
+        try:
+            return nltk.data.find(entry)
+        except LookupError:
+            continue
+    raise NoWordNet(f"WordNet is neither in {_DEBIAN} nor among nltk's data: {_HOW_TO_GET_IT}")
+
+
+@cache
+def _reader_class() -> Any:
+    from nltk.corpus.reader.wordnet import WordNetCorpusReader  # noqa: PLC0415 - a query never loads nltk
+
+    class _Reader(WordNetCorpusReader):  # type: ignore[misc]
+        """nltk's reader with `lexnames` supplied and without the maps of other languages."""
+
+        def __init__(self, root: Any, omw_reader: None) -> None:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # it warns that other languages are missing
+                super().__init__(root, omw_reader)
+
+        def open(self, file: str) -> Any:
+            if file == "lexnames":
+                return io.StringIO("".join(f"{i:02d}\t{name}\t0\n" for i, name in enumerate(_LEXNAMES)))
+            return super().open(file)
+
+        def map_wn(self, version: str = "wordnet") -> None:  # noqa: ARG002 - nltk's signature
+            return None
+
+    return _Reader

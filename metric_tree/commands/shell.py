@@ -1,0 +1,79 @@
+"""What every command shares: exit statuses, one line for a fault of the input, JSON and tables on standard output."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Sequence
+from importlib import metadata
+from typing import Any
+
+from crawler.faults import InputFault
+
+__all__ = ["DEBUG_VARIABLE", "exit_status", "print_json", "print_table", "version"]
+
+#: Set to see the traceback of a fault of the program.
+DEBUG_VARIABLE = "METRIC_TREE_DEBUG"
+
+DONE, PROGRAM_FAULT, INPUT_FAULT, INTERRUPTED = 0, 1, 2, 130
+
+
+def exit_status(program: str, run: Callable[[], int]) -> int:
+    """Run a command: 2 with one line for a fault of the input, 1 with one line for a fault of the program."""
+    try:
+        status = run()
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader of a pipe left; what it took is all it wanted
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except KeyboardInterrupt:
+        return _said(program, "interrupted", INTERRUPTED)
+    except (InputFault, FileNotFoundError, IsADirectoryError, NotADirectoryError, PermissionError) as error:
+        return _said(program, str(error), INPUT_FAULT)
+    except Exception as error:  # noqa: BLE001 - the last door: anything else is a fault of the program
+        if os.environ.get(DEBUG_VARIABLE):
+            traceback.print_exc()
+        return _said(program, f"fault of the program: {type(error).__name__}: {error}", PROGRAM_FAULT)
+    return status
+
+
+def print_json(value: Any) -> None:
+    """Print a value as JSON, indented for a person, exact for a machine."""
+    sys.stdout.write(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str | None = None) -> None:
+    """Print an aligned table; a column of numbers stands to the right. None becomes a dash."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    cells = [["–" if cell is None else str(cell) for cell in row] for row in rows]
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False)
+    for number, column in enumerate(columns):
+        numeric = bool(cells) and all(_is_number(row[number]) for row in cells)
+        table.add_column(column, justify="right" if numeric else "left", overflow="fold")
+    for row in cells:
+        table.add_row(*row)
+    # A pipe has no width of its own: keep every row on one line there.
+    Console(width=None if sys.stdout.isatty() else 200, highlight=False).print(table)
+
+
+def version() -> str:
+    """The version of the installed distribution."""
+    try:
+        return metadata.version("metric-tree")
+    except metadata.PackageNotFoundError:
+        return "0+source"
+
+
+def _said(program: str, message: str, status: int) -> int:
+    sys.stderr.write(f"{program}: {' '.join(message.split())}\n")
+    return status
+
+
+def _is_number(cell: str) -> bool:
+    digits = cell.translate(str.maketrans("", "", ",%+- ")).replace(".", "", 1)
+    return cell in {"–", ""} or digits.isdigit()

@@ -1,0 +1,21 @@
+"""One finding of a check."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["Finding"]
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Finding:
+    """What a check found: its code (E error, W warning), where, and expected against found."""
+
+    code: str
+    subject: str
+    message: str
+
+    @property
+    def is_error(self) -> bool:
+        """Whether the release breaks the contract."""
+        return self.code.startswith("E")

@@ -1,0 +1,244 @@
+"""The tree of a release, as a program asks it: names, nodes, items, pictures, priors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from crawler.faults import InputFault
+from metric_tree.names import NameIndex
+from metric_tree.prior import Prior
+from metric_tree.releases import release_directory
+from metric_tree.store import Release, opened
+
+__all__ = ["AmbiguousName", "NoPrior", "Node", "Tree", "UnknownName", "open_tree"]
+
+#: Of several nodes that bear a name, one is meant without saying so if it has ten times the items (contracts.md).
+DOMINANCE = 10
+
+
+class UnknownName(InputFault, KeyError):
+    """A name that no node bears; the message names the nearest."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class AmbiguousName(UnknownName):
+    """A name that several nodes bear; the message lists them."""
+
+
+class NoPrior(UnknownName):
+    """Dimensions for which a node has no prior; the message names what exists."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Node:
+    """A category of the tree. `path` holds names from the root; `level` is 1 at the root and 5 at a leaf."""
+
+    tree: Tree
+    node_id: str
+    name: str
+    synset: str | None
+    parent_id: str | None
+    level: int
+    path: tuple[str, ...]
+    hypernyms: tuple[str, ...]
+    aliases: tuple[str, ...]
+    pose: str
+    dims: tuple[str, ...]
+    n_items: int
+    n_own: int
+
+    def __repr__(self) -> str:
+        return f"<Node {self.node_id}: {' > '.join(self.path)}>"
+
+    @property
+    def parent(self) -> Node | None:
+        """The node above, None at the root."""
+        return None if self.parent_id is None else self.tree.node(self.parent_id)
+
+    @property
+    def children(self) -> tuple[Node, ...]:
+        """The nodes right below."""
+        return self.tree.children(self.node_id)
+
+    def descendants(self) -> Iterator[Node]:
+        """The node itself and all below it, parents first."""
+        yield self
+        for child in self.children:
+            yield from child.descendants()
+
+    def items(self) -> pa.Table:
+        """The shipped items at or below this node (`metric_tree.schema.ITEMS`)."""
+        return self._rows("items")
+
+    def images(self) -> pa.Table:
+        """The pictures of items at or below this node (`metric_tree.schema.IMAGES`)."""
+        return self._rows("images")
+
+    @property
+    def prior_dims(self) -> tuple[tuple[str, ...], ...]:
+        """The sets of dimensions that have a fitted row of their own."""
+        return self.tree.prior_dims(self.node_id)
+
+    def prior(self, dims: Sequence[str] | None = None) -> Prior:
+        """The size prior over `dims` (`node.dims` by default), in that order.
+
+        It is the exact row, else the marginal of the smallest row that contains them.
+
+        Raises
+        ------
+        NoPrior
+            No row contains them.
+        """
+        return self.tree.prior(self.node_id, tuple(dims) if dims is not None else self.dims)
+
+    def _rows(self, table: str) -> pa.Table:
+        below = [node.node_id for node in self.descendants()]
+        return self.tree.release.table(table, filters=[("node_id", "in", below)])
+
+
+class Tree:
+    """A release in memory: nodes at once, priors and items when they are asked for."""
+
+    def __init__(self, release: Release) -> None:
+        self.release = release
+        rows = release.table("nodes").to_pylist()
+        self._nodes = {row["node_id"]: _node(self, row) for row in rows}
+        self._children: dict[str, list[Node]] = {}
+        for node in self._nodes.values():
+            if node.parent_id is not None:
+                self._children.setdefault(node.parent_id, []).append(node)
+
+    def __repr__(self) -> str:
+        return f"<Tree {self.name} {self.version}: {len(self._nodes)} nodes>"
+
+    def __iter__(self) -> Iterator[Node]:
+        return iter(self._nodes.values())
+
+    def __len__(self) -> int:
+        return len(self._nodes)
+
+    @property
+    def name(self) -> str:
+        """The release's name."""
+        return str(self.release.manifest["name"])
+
+    @property
+    def version(self) -> str:
+        """The release's semantic version."""
+        return str(self.release.manifest["version"])
+
+    @property
+    def root(self) -> Node:
+        """The one node of level 1."""
+        return next(node for node in self if node.parent_id is None)
+
+    def leaves(self) -> tuple[Node, ...]:
+        """The nodes without children."""
+        return tuple(node for node in self if node.node_id not in self._children)
+
+    def node(self, node_id: str) -> Node:
+        """The node of an id; UnknownName where there is none."""
+        try:
+            return self._nodes[node_id]
+        except KeyError:
+            raise UnknownName(f"{node_id}: no node has this id") from None
+
+    def children(self, node_id: str) -> tuple[Node, ...]:
+        """The nodes right below a node."""
+        return tuple(self._children.get(node_id, ()))
+
+    def find(self, name: str, vocabulary: str | None = None) -> Node:
+        """The node that a name means: an id, synset, name, alias or detector label.
+
+        Case, `_`, `-` and plurals are folded. With `vocabulary` the name is read as that label list does.
+
+        Raises
+        ------
+        UnknownName
+            No node bears it.
+        AmbiguousName
+            Several do, and none of them has ten times the items of the next.
+        """
+        if vocabulary is not None:
+            return self.node(_labelled(name, vocabulary))
+        if name in self._nodes:
+            return self._nodes[name]
+        found = sorted((self._nodes[id_] for id_ in self._index.ids(name)), key=lambda node: -node.n_items)
+        if not found:
+            nearest = ", ".join(self._index.nearest(name)) or "nothing like it"
+            raise UnknownName(f"{name!r}: no node bears this name; nearest: {nearest}")
+        if len(found) > 1 and found[0].n_items < DOMINANCE * max(found[1].n_items, 1):
+            candidates = ", ".join(f"{node.node_id} ({node.n_items} items)" for node in found)
+            raise AmbiguousName(f"{name!r}: several nodes bear this name: {candidates}")
+        return found[0]
+
+    def prior_dims(self, node_id: str) -> tuple[tuple[str, ...], ...]:
+        """The sets of dimensions for which a node has a fitted row."""
+        return tuple(dims for dims, _ in self._prior_rows.get(node_id, ()))
+
+    def prior(self, node_id: str, dims: tuple[str, ...]) -> Prior:
+        """The prior of a node over `dims`; see `Node.prior`."""
+        key = (node_id, dims)
+        if key not in self._priors:
+            self._priors[key] = self._read_prior(node_id, dims)
+        return self._priors[key]
+
+    def _read_prior(self, node_id: str, dims: tuple[str, ...]) -> Prior:
+        rows = self._prior_rows.get(node_id, [])
+        containing = [(len(had), row) for had, row in rows if set(dims) <= set(had)]
+        if not containing or not dims:
+            exists = "; ".join(", ".join(had) for had, _ in rows) or "none"
+            raise NoPrior(f"{node_id}: expected a prior that holds {', '.join(dims) or 'no dimension'}; found {exists}")
+        prior = Prior.of_row(self._prior_table.slice(min(containing)[1], 1).to_pylist()[0])
+        return prior if prior.dims == dims else prior.marginal(dims)
+
+    @cached_property
+    def _priors(self) -> dict[tuple[str, tuple[str, ...]], Prior]:
+        return {}
+
+    @cached_property
+    def _prior_table(self) -> pa.Table:
+        return self.release.table("priors")
+
+    @cached_property
+    def _prior_rows(self) -> dict[str, list[tuple[tuple[str, ...], int]]]:
+        table = self._prior_table.select(["node_id", "dims"]).to_pydict()
+        rows: dict[str, list[tuple[tuple[str, ...], int]]] = {}
+        for number, (node_id, dims) in enumerate(zip(table["node_id"], table["dims"], strict=True)):
+            rows.setdefault(node_id, []).append((tuple(dims), number))
+        return rows
+
+    @cached_property
+    def _index(self) -> NameIndex:
+        return NameIndex((n.node_id, (n.name, *n.aliases, *([n.synset] if n.synset else []))) for n in self)
+
+
+def open_tree(ref: str | Path | None = None) -> Tree:
+    """The tree of a release: the shipped one, or that of a version at hand, or of a folder.
+
+    Raises
+    ------
+    metric_tree.store.BadRelease
+        There is none, or it is damaged, or of a schema that this version does not read.
+    """
+    return Tree(opened(release_directory(ref)))
+
+
+def _node(tree: Tree, row: dict[str, Any]) -> Node:
+    lists = {name: tuple(row[name] or ()) for name in ("path", "hypernyms", "aliases", "dims")}
+    return Node(tree=tree, **{**{name: row[name] for name in row if name in Node.__dataclass_fields__}, **lists})
+
+
+def _labelled(name: str, vocabulary: str) -> str:
+    from taxonomy.vocabularies import labelled_node  # noqa: PLC0415 - read only where a list is named
+
+    node_id: str = labelled_node(name, vocabulary)
+    return node_id

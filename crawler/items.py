@@ -53,6 +53,9 @@ class RawItem:
     synset: str | None = None
     #: How many physical rows of the source this item stands for (identical rows collapsed at import).
     count: int = 1
+    #: Of a curated row, by axis word: the (low, high) that holds nine of ten such things; the typical value stands in
+    #: `dimensions_mm`.
+    ranges_mm: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _expect(self.kind in KINDS, "kind", f"one of {', '.join(sorted(KINDS))}", self.kind)

@@ -194,8 +194,7 @@ class Prior:
 
 def _normal_cdf(z: FloatArray) -> FloatArray:
     # math.erf in place of scipy.special.ndtr: importing SciPy costs more than a whole query may
-    cdf: FloatArray = 0.5 * (1 + _erf(z / math.sqrt(2)).astype(float))
-    return cdf
+    return 0.5 * (1 + np.asarray(_erf(z / math.sqrt(2)), dtype=float))
 
 
 def _expect(node_id: str, name: str, holds: bool, expected: str, found: object) -> None:

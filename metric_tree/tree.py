@@ -100,8 +100,7 @@ class Node:
         return self.tree.prior(self.node_id, tuple(dims) if dims is not None else self.dims)
 
     def _rows(self, table: str) -> pa.Table:
-        below = [node.node_id for node in self.descendants()]
-        return self.tree.release.table(table, filters=[("node_id", "in", below)])
+        return self.tree.release.table(table, {node.node_id for node in self.descendants()})
 
 
 class Tree:
@@ -197,7 +196,7 @@ class Tree:
         if not containing or not dims:
             exists = "; ".join(", ".join(had) for had, _ in rows) or "none"
             raise NoPrior(f"{node_id}: expected a prior that holds {', '.join(dims) or 'no dimension'}; found {exists}")
-        prior = Prior.of_row(self._prior_table.slice(min(containing)[1], 1).to_pylist()[0])
+        prior: Prior = Prior.of_row(self._prior_table.slice(min(containing)[1], 1).to_pylist()[0])
         return prior if prior.dims == dims else prior.marginal(dims)
 
     @cached_property

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
+import shutil
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Sequence
@@ -16,6 +18,9 @@ __all__ = ["DEBUG_VARIABLE", "exit_status", "print_json", "print_table", "versio
 
 #: Set to see the traceback of a fault of the program.
 DEBUG_VARIABLE = "METRIC_TREE_DEBUG"
+
+#: Columns of a table that no terminal bounds: room for a long row on one line.
+PIPE_WIDTH = 200
 
 DONE, PROGRAM_FAULT, INPUT_FAULT, INTERRUPTED = 0, 1, 2, 130
 
@@ -57,8 +62,13 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title:
         table.add_column(column, justify="right" if numeric else "left", overflow="fold")
     for row in cells:
         table.add_row(*row)
-    # A pipe has no width of its own: keep every row on one line there.
-    Console(width=None if sys.stdout.isatty() else 200, highlight=False).print(table)
+    # Rendered first and written by us: rich would turn a closed pipe into a failure. A pipe has no width of its own.
+    terminal = sys.stdout.isatty()
+    width = shutil.get_terminal_size().columns if terminal else PIPE_WIDTH
+    console = Console(file=io.StringIO(), width=width, force_terminal=terminal, highlight=False)
+    with console.capture() as captured:
+        console.print(table)
+    sys.stdout.write("\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n")
 
 
 def version() -> str:

@@ -1,0 +1,110 @@
+"""`metric-tree query NAME`: what the tree knows about a category."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+from metric_tree.commands.shell import print_json, print_table
+from metric_tree.prior import Prior
+from metric_tree.tree import Node, NoPrior, open_tree
+
+__all__ = ["HELP", "add_arguments", "run", "summary"]
+
+HELP = "A category: its node, path, counts, quantiles in millimetres and prior."
+
+#: The quantiles that are shown: the ends of the 90 % interval, the quartiles and the median.
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("name", metavar="NAME", help="name, synset, alias or detector label")
+    parser.add_argument("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")
+    parser.add_argument("--vocabulary", help="read NAME as this label list does (coco_80, lvis_v1, ...)")
+    parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the node and its prior."""
+    node = open_tree(arguments.tree).find(arguments.name, arguments.vocabulary)
+    dims = tuple(arguments.dims.split(",")) if arguments.dims else None
+    found = summary(node, dims)
+    if arguments.json:
+        print_json(found)
+    else:
+        _print(found)
+    return 0
+
+
+def summary(node: Node, dims: tuple[str, ...] | None = None) -> dict[str, Any]:
+    """The node as the JSON of the command; `prior` is null where the node has none and no `dims` were asked for."""
+    try:
+        prior = node.prior(dims)
+    except NoPrior:
+        if dims is not None:
+            raise
+        prior = None
+    return {
+        "schema": "metric-tree/query/1",
+        "tree": {"name": node.tree.name, "version": node.tree.version},
+        "node": node.node_id,
+        "name": node.name,
+        "path": list(node.path),
+        "level": node.level,
+        "pose": node.pose,
+        "n_items": node.n_items,
+        "children": [child.node_id for child in node.children],
+        "dims": list(prior.dims) if prior else list(node.dims),
+        "quantiles_mm": _quantiles(prior) if prior else None,
+        "prior": _described(prior) if prior else None,
+    }
+
+
+def _quantiles(prior: Prior) -> dict[str, dict[str, float]]:
+    table = np.column_stack([prior.quantile(q) for q in QUANTILES])
+    return {
+        dim: {f"{q:g}": round(float(value), 2) for q, value in zip(QUANTILES, row, strict=True)}
+        for dim, row in zip(prior.dims, table, strict=True)
+    }
+
+
+def _described(prior: Prior) -> dict[str, Any]:
+    return {
+        "family": "lognormal-mixture",
+        "weights": prior.weights.tolist(),
+        "means": prior.means.tolist(),
+        "covariances": prior.covariances.tolist(),
+        "shared_covariance": prior.shared_covariance.tolist(),
+        "n": prior.n,
+        "n_sources": prior.n_sources,
+        "share_by_kind": prior.share_by_kind,
+        "borrowed": prior.borrowed,
+    }
+
+
+def _print(found: dict[str, Any]) -> None:
+    print_table(
+        ["", ""],
+        [
+            ("node", found["node"]),
+            ("path", " > ".join(found["path"])),
+            ("pose", found["pose"]),
+            ("items", found["n_items"]),
+            ("children", ", ".join(found["children"]) or "none"),
+            ("tree", f"{found['tree']['name']} {found['tree']['version']}"),
+        ],
+        title=found["name"],
+    )
+    if found["prior"] is None:
+        print_table(["prior"], [("none: no item with a size at or below this node",)])
+        return
+    rows = [
+        (dim, *(f"{value:.0f}" if value >= 100 else f"{value:.3g}" for value in q.values()))
+        for dim, q in found["quantiles_mm"].items()
+    ]
+    prior = found["prior"]
+    title = f"mm; {prior['n']} items of {prior['n_sources']} sources, {prior['borrowed']:.0%} borrowed from the parent"
+    print_table(["dimension", *(f"{q:.0%}" for q in QUANTILES)], rows, title=title)

@@ -1,0 +1,29 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from metric_tree.commands import main
+from metric_tree.tree import Tree, open_tree
+from tests import minitree
+
+
+@pytest.fixture
+def mini(tmp_path: Path) -> Tree:
+    """A small valid tree."""
+    return open_tree(minitree.release(tmp_path / "mini").directory)
+
+
+@pytest.fixture
+def shown(capsys: pytest.CaptureFixture[str]) -> Any:
+    """Run `metric-tree WORDS --json`: the status and the parsed output."""
+
+    def run(*words: str) -> tuple[int, Any]:
+        status = main([*words, "--json"])
+        out = capsys.readouterr().out
+        return status, json.loads(out) if out else None
+
+    return run

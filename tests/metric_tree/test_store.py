@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from metric_tree import schema
+from metric_tree.store import MANIFEST, BadRelease, opened
+from tests import minitree
+
+
+def test_a_release_is_written_whole(tmp_path: Path) -> None:
+    release = minitree.release(tmp_path / "1.0.0")
+    assert opened(tmp_path / "1.0.0").manifest == release.manifest
+    assert sorted(path.name for path in (tmp_path / "1.0.0").iterdir()) == sorted([MANIFEST, *schema.TABLES])
+    assert [path.name for path in tmp_path.iterdir()] == ["1.0.0"]  # no work folder is left
+
+
+def test_a_release_is_never_changed(tmp_path: Path) -> None:
+    minitree.release(tmp_path / "1.0.0")
+    with pytest.raises(BadRelease, match="expected a free path"):
+        minitree.release(tmp_path / "1.0.0")
+
+
+def test_a_failed_release_leaves_nothing(tmp_path: Path) -> None:
+    content = minitree.rows()
+    content["nodes.parquet"][0]["level"] = "five"
+    with pytest.raises(Exception, match="five"):
+        minitree.release(tmp_path / "1.0.0", content)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_bytes_are_the_same_every_time(tmp_path: Path) -> None:
+    one, two = (minitree.release(tmp_path / name).manifest["files"] for name in ("a", "b"))
+    assert one == two
+
+
+@pytest.mark.parametrize("name", schema.TABLES)
+def test_every_column_says_what_it_means(name: str) -> None:
+    for field in schema.TABLES[name]:
+        assert field.metadata[b"meaning"]
+        assert b"unit" in field.metadata or not field.name.endswith(("_mm", "_px"))
+
+
+def test_the_unit_travels_in_the_file(tmp_path: Path) -> None:
+    table = minitree.release(tmp_path / "r").table("items")
+    assert table.schema.field("length_mm").metadata[b"unit"] == b"mm"
+
+
+@pytest.mark.parametrize(
+    ("damage", "message"),
+    [
+        (lambda d: (d / MANIFEST).unlink(), "expected the manifest of a release; found no file"),
+        (lambda d: (d / MANIFEST).write_text("{"), "expected a JSON manifest"),
+        (lambda d: (d / MANIFEST).write_text("[]"), "expected metric-tree/1"),
+        (lambda d: (d / MANIFEST).write_text(json.dumps({"schema": "metric-tree/2"})), "found 'metric-tree/2'"),
+        (lambda d: (d / MANIFEST).write_text(json.dumps({"schema": "metric-tree/1"})), "name: expected a value"),
+        (lambda d: (d / "nodes.parquet").unlink(), "found no file"),
+        (lambda d: (d / "items.parquet").write_bytes(b"PAR1"), "expected .* bytes; found 4"),
+    ],
+)
+def test_damage_is_one_clear_line(tmp_path: Path, damage, message: str) -> None:
+    minitree.release(tmp_path / "r")
+    damage(tmp_path / "r")
+    with pytest.raises(BadRelease, match=message) as fault:
+        opened(tmp_path / "r")
+    assert "\n" not in str(fault.value)
+    assert str(tmp_path) in str(fault.value)

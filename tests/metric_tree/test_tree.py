@@ -1,0 +1,86 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from metric_tree import AmbiguousName, BadRelease, NoPrior, Tree, UnknownName
+from metric_tree.releases import PATH_VARIABLE, release_directory, releases, version_key
+from tests import minitree
+
+
+def test_find_folds_names(mini: Tree) -> None:
+    for name in ("swivel chair", "Swivel_Chairs", "desk-chair", "swivel_chair.n.01"):
+        assert mini.find(name).node_id == "swivel_chair.n.01"
+    assert mini.find("mt:bar_stool").path == ("entity", "furniture", "seat", "chair", "bar stool")
+
+
+def test_an_unknown_name_names_the_nearest(mini: Tree) -> None:
+    with pytest.raises(UnknownName, match="swivel chair"):
+        mini.find("swivle chair")
+    assert isinstance(UnknownName("x"), KeyError)
+
+
+def test_an_ambiguous_name_lists_its_nodes(mini: Tree) -> None:
+    with pytest.raises(AmbiguousName, match=r"mouse\.n\.04 \(9 items\), mouse\.n\.01 \(2 items\)"):
+        mini.find("mouse")
+
+
+def test_ten_times_the_items_decide(tmp_path: Path) -> None:
+    content = minitree.rows()
+    for row in content["nodes.parquet"]:
+        if row["node_id"] == "mouse.n.04":
+            row["n_items"] = 20
+    tree = Tree(minitree.release(tmp_path / "r", content))
+    assert tree.find("mouse").node_id == "mouse.n.04"
+
+
+def test_the_family(mini: Tree) -> None:
+    chair = mini.find("chair")
+    assert chair.parent is not None
+    assert chair.parent.node_id == "seat.n.03"
+    assert {child.node_id for child in chair.children} == {"swivel_chair.n.01", "mt:bar_stool"}
+    assert mini.root.level == 1
+    assert all(leaf.level == 5 for leaf in mini.leaves())
+    assert len(list(mini.root.descendants())) == len(mini)
+
+
+def test_inner_nodes_aggregate_items(mini: Tree) -> None:
+    chair = mini.find("chair")
+    assert chair.items().num_rows == 23 == chair.n_items
+    assert set(chair.items()["node_id"].to_pylist()) == {"swivel_chair.n.01", "mt:bar_stool"}
+    assert chair.images().num_rows == 0
+
+
+def test_a_prior_of_some_dimensions_is_the_marginal(mini: Tree) -> None:
+    node = mini.find("swivel chair")
+    prior = node.prior(("height",))
+    assert prior.dims == ("height",)
+    low, high = prior.interval(0.9)[0]
+    assert low < 1050 < high
+    assert np.allclose(prior.quantile(0.5), 1050)
+    assert node.prior() is node.prior(("length", "width", "height"))  # read once
+    assert node.prior(("height", "length")).dims == ("height", "length")
+
+
+def test_no_prior_names_what_exists(mini: Tree) -> None:
+    with pytest.raises(NoPrior, match="found length, width, height"):
+        mini.find("swivel chair").prior(("extent1",))
+    with pytest.raises(NoPrior, match="found none"):
+        mini.find("chair").prior()
+
+
+def test_releases_are_found_by_version_and_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    minitree.release(tmp_path / "99.10.0")
+    minitree.release(tmp_path / "99.9.0")
+    monkeypatch.setenv(PATH_VARIABLE, str(tmp_path))
+    assert [path.name for path in releases()[:2]] == ["99.10.0", "99.9.0"]
+    assert release_directory("99.9.0") == tmp_path / "99.9.0"
+    assert release_directory(tmp_path / "99.9.0") == tmp_path / "99.9.0"
+    with pytest.raises(BadRelease, match=r"expected a version at hand \(99\.10\.0, 99\.9\.0"):
+        release_directory("3.3.3")
+
+
+def test_versions_are_ordered_as_numbers() -> None:
+    assert version_key("1.10.0") > version_key("1.9.9") > version_key("1.9.draft")

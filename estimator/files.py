@@ -1,0 +1,123 @@
+"""Files read with suspicion: bytes, text and JSON, with every fault as one line that names the file."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from estimator.scene import BadScene, told
+
+__all__ = ["ByteReader", "bytes_of", "json_of", "listed", "mapped", "text_of"]
+
+_COUNT = struct.Struct("<Q")
+
+
+def bytes_of(path: Path) -> bytes:
+    """The whole file; BadScene where it is missing, a folder, unreadable, or empty."""
+    try:
+        data = path.read_bytes()
+    except OSError as fault:
+        raise BadScene.at(path, "file", "a readable file", told(fault.strerror or "an error")) from None
+    if not data:
+        raise BadScene.at(path, "file", "some content", told("zero bytes"))
+    return data
+
+
+def text_of(path: Path) -> str:
+    """The whole file as UTF-8."""
+    try:
+        return bytes_of(path).decode("utf-8-sig")
+    except UnicodeDecodeError as fault:
+        found = told(f"byte {fault.object[fault.start]:#04x} at {fault.start}")
+        raise BadScene.at(path, "encoding", "UTF-8", found) from None
+
+
+def json_of(path: Path) -> Any:
+    """The JSON document of a file."""
+    text = text_of(path)
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise BadScene.at(path, "JSON", "a document of ordinary depth", told("endless nesting")) from None
+    except json.JSONDecodeError as fault:
+        found = told(f"{fault.msg} at line {fault.lineno}, column {fault.colno}")
+        raise BadScene.at(path, "JSON", "a valid document", found) from None
+    except ValueError as fault:  # an integer of thousands of digits
+        raise BadScene.at(path, "JSON", "a valid document", told(str(fault))) from None
+
+
+def mapped(path: Path, field: str, value: object) -> dict[str, Any]:
+    """`value` if it is a JSON object."""
+    if not isinstance(value, dict):
+        raise BadScene.at(path, field, "an object", told(f"{type(value).__name__}"))
+    return value
+
+
+def listed(path: Path, field: str, value: object) -> list[Any]:
+    """`value` if it is a JSON array."""
+    if not isinstance(value, list):
+        raise BadScene.at(path, field, "an array", told(f"{type(value).__name__}"))
+    return value
+
+
+class ByteReader:
+    """A little-endian binary file and a place in it; every count is checked against the bytes that remain."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.data = bytes_of(path)
+        self.place = 0
+
+    @property
+    def remaining(self) -> int:
+        """Bytes from the place to the end."""
+        return len(self.data) - self.place
+
+    def take(self, layout: struct.Struct, field: str) -> tuple[Any, ...]:
+        """The next values in the layout."""
+        self._need(layout.size, field)
+        values = layout.unpack_from(self.data, self.place)
+        self.place += layout.size
+        return values
+
+    def count(self, field: str, smallest: int, layout: struct.Struct = _COUNT) -> int:
+        """The next count of records of at least `smallest` bytes each, believed only if they could fit."""
+        (found,) = self.take(layout, field)
+        if found * smallest > self.remaining:
+            expected = f"at most {self.remaining // smallest} (the rest of the file holds no more)"
+            raise BadScene.at(self.path, field, expected, found)
+        return int(found)
+
+    def rows(self, dtype: DTypeLike, n: int, field: str) -> NDArray[Any]:
+        """The next n records as a view of the bytes, without a copy."""
+        record = np.dtype(dtype)
+        self._need(n * record.itemsize, field)
+        rows = np.frombuffer(self.data, dtype=record, count=n, offset=self.place)
+        self.place += n * record.itemsize
+        return rows
+
+    def name(self, field: str) -> str:
+        """The next zero-terminated UTF-8 string."""
+        end = self.data.find(b"\0", self.place)
+        if end < 0:
+            raise BadScene.at(self.path, field, "a name that ends in a zero byte", told("the end of the file"))
+        raw = self.data[self.place : end]
+        self.place = end + 1
+        try:
+            return raw.decode("utf-8")
+        except UnicodeDecodeError:
+            raise BadScene.at(self.path, field, "UTF-8", raw) from None
+
+    def end(self) -> None:
+        """BadScene if bytes are left over: the counts before them cannot be trusted."""
+        if self.remaining:
+            raise BadScene.at(self.path, "end", "the end of the file", told(f"{self.remaining} more bytes"))
+
+    def _need(self, size: int, field: str) -> None:
+        if size > self.remaining:
+            raise BadScene.at(self.path, field, f"{size} bytes", told(f"{self.remaining} left in the file"))

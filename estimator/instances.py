@@ -1,0 +1,82 @@
+"""Instances: masks of any size as crops at the camera's resolution, joined to the views by file name."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from estimator.scene import BadScene, BoolArray, Camera, Instance, Scene, told
+
+__all__ = ["ViewNames", "crop_at", "instances_of"]
+
+#: A mask whose shape differs by more than this from its camera's was likely made on a rotated or cropped picture.
+ASPECT_TOLERANCE = 0.02
+
+
+class ViewNames:
+    """The rows of a scene's views by file name, then by base name where only one view bears it."""
+
+    def __init__(self, scene: Scene) -> None:
+        names = [_folded(view.name) for view in scene.views]
+        bases = [PurePosixPath(name).name for name in names]
+        once = Counter(bases)
+        self._by_name = {name: row for row, name in enumerate(names)}
+        self._by_base = {base: row for row, base in enumerate(bases) if once[base] == 1}
+
+    def row(self, file_name: str) -> int | None:
+        """The view of an image file, or None."""
+        name = _folded(file_name)
+        exact = self._by_name.get(name)
+        return self._by_base.get(PurePosixPath(name).name) if exact is None else exact
+
+
+def instances_of(
+    file: Path, scene: Scene, names: Sequence[str], found: Iterable[Instance | None], warnings: Iterable[str]
+) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+    """The instances that are there, and warnings with one more for images that match no view.
+
+    names : the image files that the masks speak of. BadScene where none of them is a view.
+    """
+    rows = ViewNames(scene)
+    lost = [name for name in names if rows.row(name) is None]
+    if names and len(lost) == len(names):
+        expected = f"names of the model's views, such as {scene.views[0].name!r}"
+        raise BadScene.at(file, "image names", expected, told(f"{lost[0]!r} and {len(lost) - 1} others, none of them"))
+    instances = tuple(instance for instance in found if instance is not None)
+    told_lost = (f"{file}: {len(lost)} of {len(names)} images match no view, such as {lost[0]!r}",) if lost else ()
+    return instances, (*warnings, *told_lost)
+
+
+def crop_at(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, int]] | None:
+    """The tight crop of a (h, w) mask at the camera's resolution and its upper left pixel, or None if it is empty."""
+    if not mask.any():
+        return None
+    if mask.shape != (camera.height, camera.width):
+        mask = _resized(mask, camera)
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return None
+    top, left = int(rows[0]), int(columns[0])
+    crop = np.ascontiguousarray(mask[top : rows[-1] + 1, left : columns[-1] + 1], dtype=bool)
+    return crop, (left, top)
+
+
+def other_aspect(size: tuple[int, int], camera: Camera) -> bool:
+    """Whether a picture of `size` (width, height) is of another shape than the camera's."""
+    ratio = (size[0] / size[1]) / (camera.width / camera.height)
+    return bool(abs(np.log(ratio)) > ASPECT_TOLERANCE)
+
+
+def _resized(mask: BoolArray, camera: Camera) -> BoolArray:
+    """The mask at the camera's resolution; each pixel takes the mask's value at its own centre."""
+    height, width = mask.shape
+    rows = ((np.arange(camera.height) + 0.5) * height / camera.height).astype(np.int64)
+    columns = ((np.arange(camera.width) + 0.5) * width / camera.width).astype(np.int64)
+    return np.asarray(mask[rows[:, None], columns])
+
+
+def _folded(name: str) -> str:
+    return name.replace("\\", "/").removeprefix("./")

@@ -1,0 +1,133 @@
+"""The door: a scene and its instances from whatever form they are in, or one clear line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from estimator.cameras import pixels_in_view
+from estimator.coco import coco_instances
+from estimator.colmap import colmap_folder, colmap_scene
+from estimator.dense import dense_cloud, dense_file
+from estimator.instance_pictures import picture_instances
+from estimator.scene import BadScene, DenseCloud, Instance, IntArray, Scene, told
+
+__all__ = ["instances_and_warnings", "instances_at", "scene_at"]
+
+RECONSTRUCTION = "reconstruction.json"
+INSTANCES = "instances.json"
+PICTURES = "instances"
+#: Points looked at to see whether the visibility file numbers the images as we do.
+VISIBILITY_SAMPLE = 2000
+#: A point that an image sees projects into it, but for those at its border; with the images in another order
+#: about half of them do, or fewer.
+MIN_SHARE_IN_VIEW = 0.95
+
+
+def scene_at(path: Path | str, dense: Path | str | None = None) -> Scene:
+    """The scene of a COLMAP model folder or an OpenSfM dataset folder, with its dense cloud.
+
+    dense : a PLY file, "none" to do without, or None to take the one beside the model if there is one.
+    Warnings are in `Scene.warnings`. BadScene for everything that cannot be read.
+    """
+    path = Path(path)
+    scene = _sparse_scene(path)
+    if dense != "none":
+        scene = _with_dense(scene, None if dense is None else Path(dense))
+    if not len(scene.points) and scene.dense is None:
+        raise BadScene.at(path, "points", "at least one sparse or dense point", 0)
+    return scene
+
+
+def instances_at(
+    scene: Scene, path: Path | str | None = None, categories: Path | str | None = None
+) -> tuple[Instance, ...]:
+    """The instances of a scene; see `instances_and_warnings`."""
+    return instances_and_warnings(scene, path, categories)[0]
+
+
+def instances_and_warnings(
+    scene: Scene, path: Path | str | None = None, categories: Path | str | None = None
+) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+    """The instances, and warnings.
+
+    path : COCO dataset or results, or a folder of instance pictures; by default `instances.json`, else
+    `instances/`, in the scene's folder. categories : dataset that names categories and images, for results.
+    """
+    place = _default_instances(scene) if path is None else Path(path)
+    if place.is_dir():
+        return picture_instances(scene, place)
+    return coco_instances(scene, place, None if categories is None else Path(categories))
+
+
+def _sparse_scene(path: Path) -> Scene:
+    from estimator.opensfm import opensfm_scene  # noqa: PLC0415 (reads tracks with pyarrow, which COLMAP needs not)
+
+    if path.name == RECONSTRUCTION and path.is_file():
+        path = path.parent
+    if not path.is_dir():
+        raise BadScene.at(path, "scene", "a COLMAP model folder or an OpenSfM dataset folder", told("no such folder"))
+    folder = colmap_folder(path)
+    if folder is not None:
+        return colmap_scene(folder, path)
+    if (path / RECONSTRUCTION).is_file():
+        return opensfm_scene(path)
+    names = sorted(entry.name for entry in path.iterdir())
+    expected = f"images.bin or images.txt (also under sparse/0), or {RECONSTRUCTION}"
+    raise BadScene.at(path, "scene", expected, told(", ".join(names[:5]) or "an empty folder"))
+
+
+def _default_instances(scene: Scene) -> Path:
+    for place in (scene.path / INSTANCES, scene.path / PICTURES):
+        if place.exists():
+            return place
+    expected = f"{INSTANCES} or a folder {PICTURES} in it (or name a file with --instances)"
+    raise BadScene.at(scene.path, "instances", expected, None)
+
+
+def _with_dense(scene: Scene, file: Path | None) -> Scene:
+    place = file or dense_file(scene.path, scene.model_path or scene.path)
+    if place is None:
+        return scene
+    cloud, warnings = dense_cloud(place, len(scene.views))
+    order = _model_order(scene, place)
+    if cloud.visible_views is not None and order is not None:
+        cloud = replace(cloud, visible_views=order[cloud.visible_views])
+    if not _visibility_fits(scene, cloud):
+        cloud = replace(cloud, visible_offsets=None, visible_views=None)
+        warnings = (*warnings, f"{place}.vis: its points do not project into the images it names; it is not used")
+    return replace(scene, dense=cloud, warnings=(*scene.warnings, *warnings))
+
+
+def _model_order(scene: Scene, cloud_file: Path) -> IntArray | None:
+    """(n,) rows of the views in the order that the visibility file counts them, or None where it is our own.
+
+    COLMAP counts its own model's images. A dense cloud that COLMAP made may be used with an OpenSfM scene, whose
+    shots stand in another order: then the COLMAP model beside the cloud says which image is which.
+    """
+    folder = None if scene.format.startswith("colmap") else colmap_folder(cloud_file.parent)
+    if folder is None:
+        return None
+    rows = {view.name: row for row, view in enumerate(scene.views)}
+    names = [view.name for view in colmap_scene(folder).views]
+    return np.array([rows[name] for name in names]) if set(names) == set(rows) else None
+
+
+def _visibility_fits(scene: Scene, cloud: DenseCloud) -> bool:
+    """Whether points project into the images that are said to see them (a sample, evenly spaced)."""
+    if cloud.visible_offsets is None or cloud.visible_views is None or not len(cloud.visible_views):
+        return True
+    n = len(cloud.points)
+    chosen = np.unique(np.linspace(0, n - 1, min(n, VISIBILITY_SAMPLE)).astype(np.int64))
+    starts, counts = cloud.visible_offsets[chosen], np.diff(cloud.visible_offsets)[chosen]
+    points = np.repeat(chosen, counts)
+    # positions within the lists: start of each list, then 0, 1, 2, ... along it
+    steps = np.arange(len(points)) - np.repeat(np.cumsum(counts) - counts, counts)
+    views = cloud.visible_views[np.repeat(starts, counts) + steps]
+    seen = 0
+    for row in np.unique(views):
+        pixels, _ = pixels_in_view(scene.views[row], cloud.points[points[views == row]])
+        seen += int(np.isfinite(pixels[:, 0]).sum())
+    return seen >= MIN_SHARE_IN_VIEW * len(points)

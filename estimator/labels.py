@@ -1,0 +1,196 @@
+"""Point labels: which points of a cloud lie in which instance mask (paper section 4.1).
+
+The paper takes every point whose projection falls in a mask, so that a clump of the wall behind an object joins it.
+Here a point counts only in views that see it: a sparse point where it was itself observed, a dense point where the
+visibility file says so or, without one, where no nearer part of the cloud covers it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from estimator.cameras import projected
+from estimator.scene import BoolArray, Camera, FloatArray, Instance, IntArray, Scene, View
+
+__all__ = ["PointLabels", "PointVotes", "dense_labels", "point_votes", "sparse_labels", "view_labels", "visible_rows"]
+
+# A cell of the depth buffer should hold several points of a surface, else what lies behind shines through its gaps:
+# with 8 points expected a cell is empty once in 3,000 (Poisson).
+POINTS_PER_CELL = 8
+# Coarsest and finest depth buffer, in cells along the longer image side. Under 24 an object is a cell or two; over 320
+# a cell is two pixels of a video frame, which is finer than any dense cloud we are given.
+CELLS_ALONG_SIDE = (24, 320)
+# A point is hidden when it lies this share behind the nearest point of its cell. Surfaces seen at 20 degrees change
+# depth by about this much within a cell; things stand further than this in front of the wall.
+DEPTH_TOLERANCE = 0.03
+# A point belongs to an object when at least half of the views that see both put it inside the object's mask. A box is
+# wider than the object, so most views agree on background too: there nearly all views must agree.
+MASK_SHARE = 0.5
+BOX_SHARE = 0.85
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointLabels:
+    """Labels of one cloud of n points seen by v views with m instances.
+
+    points : (n, 3); membership : (m, n) sparse, 1 where the point is seen inside the mask; visibility : (v, n) sparse,
+    1 where the view sees the point.
+    """
+
+    points: FloatArray
+    membership: csr_array
+    visibility: csr_array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointVotes:
+    """Rows of the cloud that each track owns (one array per track)."""
+
+    rows: tuple[IntArray, ...]
+
+
+def sparse_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
+    """Labels of the sparse points by their own observations: a keypoint inside a mask labels its point."""
+    pixels = [view.keypoints for view in scene.views]
+    rows = [view.point_index for view in scene.views]
+    return _labels(scene.points, pixels, rows, instances)
+
+
+def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
+    """Labels of the dense points by projection into the views that see them.
+
+    Raises ValueError where the scene has no dense cloud.
+    """
+    if scene.dense is None:
+        raise ValueError("the scene has no dense cloud")
+    points = scene.dense.points
+    listed = _listed_rows(scene.dense.visible_offsets, scene.dense.visible_views, len(scene.views))
+    pixels, rows = [], []
+    for index, view in enumerate(scene.views):
+        if listed is None:
+            seen, inside = visible_rows(view, points)
+        else:
+            seen, inside = _inside_rows(view, points, listed[index])
+        pixels.append(inside)
+        rows.append(seen)
+    return _labels(points, pixels, rows, instances)
+
+
+def point_votes(labels: PointLabels, instances: Sequence[Instance], tracks: Sequence[Sequence[int]]) -> PointVotes:
+    """Points of each track: a point goes to the track that the largest share of its views agrees on.
+
+    Only views in which the track has a mask and which see the point are asked, so that a missed detection is no vote
+    against. tracks : rows of `instances`, one sequence per track.
+    """
+    count = labels.points.shape[0]
+    best = np.zeros(count)
+    owner = np.full(count, -1)
+    for number, members in enumerate(tracks):
+        inside = _column_counts(labels.membership, members, count)
+        views = sorted({instances[member].view for member in members})
+        rows = np.flatnonzero(inside)
+        share = inside[rows] / np.maximum(_column_counts(labels.visibility, views, count)[rows], 1)
+        boxes = all(instances[member].from_box for member in members)
+        # a hair per vote settles ties between masks that overlap: the more often seen, the surer
+        score = share + 1e-6 * inside[rows]
+        wins = (share >= (BOX_SHARE if boxes else MASK_SHARE)) & (score > best[rows])
+        best[rows[wins]] = score[wins]
+        owner[rows[wins]] = number
+    return PointVotes(tuple(np.flatnonzero(owner == number) for number in range(len(tracks))))
+
+
+def view_labels(pixels: FloatArray, instances: Iterable[Instance]) -> list[IntArray]:
+    """Positions in `pixels` (n, 2) that fall inside each instance's mask; pixel (x, y) covers [x, x + 1)."""
+    columns = np.floor(pixels[:, 0]).astype(np.int32)
+    lines = np.floor(pixels[:, 1]).astype(np.int32)
+    members = []
+    for instance in instances:
+        height, width = instance.mask.shape
+        x, y = columns - np.int32(instance.origin[0]), lines - np.int32(instance.origin[1])
+        near = np.flatnonzero((x >= 0) & (x < width) & (y >= 0) & (y < height))
+        members.append(near[instance.mask[y[near], x[near]]])
+    return members
+
+
+def visible_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Rows of points (n, 3) that the view sees, by a depth buffer of the cloud itself, and their pixels (m, 2).
+
+    The buffer's cells are as large as the cloud's density asks for; a point is kept when it lies within
+    `DEPTH_TOLERANCE` of the nearest depth in its cell.
+    """
+    depth = points @ view.rotation[2] + view.translation[2]
+    rows = np.flatnonzero(depth > 0)
+    rows, pixels = _inside_rows(view, points, rows)
+    depth = depth[rows]
+    if rows.size == 0:
+        return rows, pixels
+    cell = _cell_size(view.camera, rows.size)
+    across = int(view.camera.width // cell) + 1
+    cells = (pixels[:, 1] // cell).astype(np.int64) * across + (pixels[:, 0] // cell).astype(np.int64)
+    nearest = np.full(int(cells.max()) + 1, np.inf)
+    np.minimum.at(nearest, cells, depth)
+    seen = depth <= nearest[cells] * (1 + DEPTH_TOLERANCE)
+    return rows[seen], pixels[seen]
+
+
+def _cell_size(camera: Camera, count: int) -> float:
+    """Side in pixels of a depth buffer's cell for `count` points in the image."""
+    side = max(camera.width, camera.height)
+    wanted = np.sqrt(camera.width * camera.height * POINTS_PER_CELL / count)
+    return float(np.clip(wanted, side / CELLS_ALONG_SIDE[1], side / CELLS_ALONG_SIDE[0]))
+
+
+def _inside_rows(view: View, points: FloatArray, rows: IntArray) -> tuple[IntArray, FloatArray]:
+    """Those of `rows` in front of the camera whose projection falls in the image, and their pixels."""
+    camera_points = points[rows] @ view.rotation.T + view.translation
+    ahead = camera_points[:, 2] > 0
+    rows, camera_points = rows[ahead], camera_points[ahead]
+    pixels = projected(view.camera, camera_points)
+    inside: BoolArray = (
+        (pixels[:, 0] >= 0)
+        & (pixels[:, 0] < view.camera.width)
+        & (pixels[:, 1] >= 0)
+        & (pixels[:, 1] < view.camera.height)
+    )
+    return rows[inside], pixels[inside]
+
+
+def _listed_rows(offsets: IntArray | None, views: IntArray | None, count: int) -> list[IntArray] | None:
+    """Rows of the cloud that each view sees, from the compressed rows of a visibility file."""
+    if offsets is None or views is None:
+        return None
+    point_rows = np.repeat(np.arange(offsets.size - 1), np.diff(offsets))
+    order = np.argsort(views, kind="stable")
+    ends = np.searchsorted(views[order], np.arange(count + 1))
+    return [point_rows[order[start:end]] for start, end in zip(ends[:-1], ends[1:], strict=True)]
+
+
+def _labels(
+    points: FloatArray, pixels: Sequence[FloatArray], rows: Sequence[IntArray], instances: Sequence[Instance]
+) -> PointLabels:
+    """Both sparse matrices from each view's visible rows and their pixels."""
+    members: list[IntArray] = [np.empty(0, dtype=np.int64)] * len(instances)
+    for view in range(len(pixels)):
+        here = [number for number, instance in enumerate(instances) if instance.view == view]
+        found = view_labels(pixels[view], [instances[number] for number in here])
+        for number, positions in zip(here, found, strict=True):
+            members[number] = rows[view][positions]
+    return PointLabels(points, _indicator(members, len(points)), _indicator(rows, len(points)))
+
+
+def _indicator(rows: Sequence[IntArray], count: int) -> csr_array:
+    """(len(rows), count) sparse matrix with 1 at the listed columns of each row."""
+    lengths = np.fromiter((len(part) for part in rows), dtype=np.int64, count=len(rows))
+    indptr = np.concatenate([[0], np.cumsum(lengths)])
+    indices = np.concatenate([*rows, np.empty(0, dtype=np.int64)]).astype(np.int64)
+    return csr_array((np.ones(indices.size, dtype=np.float32), indices, indptr), shape=(len(rows), count))
+
+
+def _column_counts(matrix: csr_array, rows: Sequence[int], count: int) -> IntArray:
+    """How often each column is set in the given rows."""
+    parts = [matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]] for row in rows]
+    return np.bincount(np.concatenate([*parts, np.empty(0, dtype=np.int64)]).astype(np.int64), minlength=count)

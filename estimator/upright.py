@@ -1,0 +1,88 @@
+"""Up: the vertical of a scene, from the cameras and then from the planes in it (paper section 4.2).
+
+The paper takes the unit vector most orthogonal to all camera x axes. That is undefined when the cameras hardly turn, so the
+eigen-gap decides: where it is too small only the direction across the x axes is known, the mean camera up fills in the rest,
+and a level surface of the scene settles it where there is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.scene import FloatArray, View
+
+__all__ = ["Up", "camera_up", "joined_up", "tilted"]
+
+# People hold a camera level within about two degrees from frame to frame (methods.md); fewer views than would show that
+# spread cannot prove a better one.
+ROLL_DEG = 2.0
+# Neighbouring frames of a video lean together: about four make one independent reading.
+FRAMES_PER_READING = 4.0
+# Beyond this the vertical from x axes is worse than the mean camera up with a level surface: a height of a metre-wide thing
+# is then off by a tenth.
+OBSERVABLE_DEG = 6.0
+# Pitch of hand-held cameras: they look down on things by some 15 degrees, and the mean camera up leans by as much.
+PITCH_DEG = 15.0
+# However many points a level surface has, reconstructions bend by about a hundredth of their width, and floors slope a little.
+PLANE_FLOOR_DEG = 0.7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Up:
+    """The vertical: `vector` (3,) unit, pointing up; `method` its name; `sigma_deg` one standard deviation of its tilt.
+
+    `known` (3,) is a horizontal direction known well (the mean camera x axis) where the tilt about it is not; else None.
+    """
+
+    vector: FloatArray
+    method: str
+    sigma_deg: float
+    known: FloatArray | None = None
+
+
+def camera_up(views: Sequence[View]) -> Up:
+    """Up from the cameras alone.
+
+    Equation: n = argmin |R x| over unit x, R the (v, 3) camera x axes; n is the eigenvector of the smallest eigenvalue of
+    R^T R. Its tilt towards eigenvector j has variance k roll^2 / (lambda_j - lambda_1), k frames making one reading, so the gap to
+    the second eigenvalue decides. The sign is that of the mean camera up. Without views: ValueError.
+    """
+    if not views:
+        raise ValueError("up needs at least one view")
+    x_axes = np.stack([view.rotation[0] for view in views])
+    mean_up = -np.mean([view.rotation[1] for view in views], axis=0)
+    values, vectors = np.linalg.eigh(x_axes.T @ x_axes)
+    roll = max(np.sqrt(max(values[0], 0.0) / max(len(views) - 2, 1)), np.radians(ROLL_DEG))
+    sigma = np.degrees(roll * np.sqrt(FRAMES_PER_READING / max(values[1] - values[0], 1e-12)))
+    normal = vectors[:, 0]
+    if sigma <= OBSERVABLE_DEG and abs(normal @ mean_up) > 0.5 * np.linalg.norm(mean_up):
+        return Up(normal * np.sign(normal @ mean_up), "camera-x-axes", float(sigma))
+    return _mean_up(mean_up, vectors[:, 2])
+
+
+def joined_up(camera: Up, normal: FloatArray, sigma_deg: float) -> Up:
+    """Up from the cameras and a level surface with unit `normal`, weighted by their variances."""
+    sigma_deg = max(sigma_deg, PLANE_FLOOR_DEG)
+    weights = np.array([camera.sigma_deg, sigma_deg]) ** -2
+    vector = weights[0] * camera.vector + weights[1] * normal
+    return Up(vector / np.linalg.norm(vector), f"{camera.method}+plane", float(weights.sum() ** -0.5))
+
+
+def tilted(up: FloatArray, axis: FloatArray, degrees: FloatArray) -> FloatArray:
+    """(k, 3) `up` turned about the unit `axis` orthogonal to it by each of the (k,) angles."""
+    angles = np.radians(degrees)[:, None]
+    return np.asarray(np.cos(angles) * up + np.sin(angles) * np.cross(axis, up))
+
+
+def _mean_up(mean_up: FloatArray, x_axis: FloatArray) -> Up:
+    """Mean camera up made orthogonal to the common x axis; upside down or scattered cameras leave it wide open."""
+    across = mean_up - (mean_up @ x_axis) * x_axis
+    length = float(np.linalg.norm(across))
+    if length < 0.1:
+        return Up(
+            np.cross(x_axis, [1.0, 0, 0]) if abs(x_axis[0]) < 0.9 else np.cross(x_axis, [0, 1.0, 0]), "none", 90.0
+        )
+    return Up(across / length, "mean-camera-up", PITCH_DEG, x_axis)

@@ -1,4 +1,4 @@
-"""The one table of length units, in millimetres."""
+"""The one table of length units, in millimetres, and of the words that pages use for them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from crawler.faults import InputFault
 
-__all__ = ["MILLIMETRES", "UnknownUnit", "millimetres"]
+__all__ = ["MILLIMETRES", "UNIT_WORDS", "UnknownUnit", "millimetres", "unit"]
 
 
 class UnknownUnit(InputFault):
@@ -29,6 +29,29 @@ MILLIMETRES: Mapping[str, float] = MappingProxyType(
         "mi": 1609344.0,
     }
 )
+
+#: Unit words of pages and tables, in small letters and without a closing full stop, to keys of `MILLIMETRES`.
+UNIT_WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        word: key
+        for key, words in {
+            "mm": "mm millimeter millimeters millimetre millimetres millimètres milímetros millimetri",
+            "cm": "cm cms centimeter centimeters centimetre centimetres zentimeter centimètre centimètres "
+            "centímetros centimetri",
+            "dm": "dm decimetre decimetres decimeter decimeters",
+            "m": "m mt mtr meter meters metre metres mètre mètres metro metros metri",
+            "in": "in ins inch inches inch(es) zoll tum pouce pouces pulgada pulgadas pollici \" ″ ” “ '' ′′ ’’",
+            "ft": "ft feet foot fuß pied pieds pie pies piedi ' ′ ’",
+            "yd": "yd yds yard yards",
+        }.items()
+        for word in words.split()
+    }
+)
+
+
+def unit(word: str) -> str | None:
+    """The key of `MILLIMETRES` that `word` names, or None: `Inches`, `in.`, `″` are `in`."""
+    return UNIT_WORDS.get(word.strip().lower().rstrip("."))
 
 
 def millimetres(value: float, unit: str) -> float:

@@ -1,0 +1,106 @@
+"""Rows of CSV, JSON, JSON Lines, YAML and old Excel files as flat records of text."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from crawler.faults import InputFault
+from crawler.tables import Table
+
+__all__ = ["BadTable", "Row", "flat", "rows"]
+
+#: Column to text; the columns of nested records are joined with a full stop.
+Row = dict[str, str]
+
+# Some museum texts are longer than the csv module's cautious default.
+csv.field_size_limit(min(sys.maxsize, 2**31 - 1))
+
+
+class BadTable(InputFault):
+    """A file that does not hold the table it should: the message names file, what was expected and found."""
+
+
+def rows(table: Table, path: Path) -> Iterator[Row]:
+    """The rows of one file of a table.
+
+    Raises
+    ------
+    BadTable
+        The file is not of the table's format or encoding, or is empty.
+    """
+    read = {"csv": _csv, "json": _json, "jsonl": _jsonl, "xls": _xls, "yaml": _yaml}[table.format]
+    try:
+        yield from read(table, path)
+    except (UnicodeDecodeError, csv.Error, ValueError, LookupError) as error:
+        raise BadTable(f"{path}: expected {table.format} in {table.encoding}; found {error}") from None
+
+
+def flat(record: Any, prefix: str = "") -> Row:
+    """A nested record with one text per leaf, `{"a": {"b": 1}}` as `{"a.b": "1"}`; an absent value is empty."""
+    if isinstance(record, Mapping):
+        return {name: text for key, value in record.items() for name, text in flat(value, f"{prefix}{key}.").items()}
+    if isinstance(record, list):
+        return flat(dict(enumerate(record)), prefix)
+    return {prefix[:-1]: "" if record is None else str(record)}
+
+
+def _csv(table: Table, path: Path) -> Iterator[Row]:
+    with path.open(encoding=table.encoding, newline="") as text:
+        for _ in range(table.skip_lines):
+            next(text)
+        reader = csv.reader(text, delimiter=table.delimiter)
+        header = list(table.columns) or [name.strip() for name in next(reader, [])]
+        if not header:
+            raise BadTable(f"{path}: expected a header line; found an empty file")
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                yield dict(zip(header, (cell.strip() for cell in cells), strict=False))
+
+
+def _json(table: Table, path: Path) -> Iterator[Row]:
+    yield from _records(json.loads(path.read_text(encoding=table.encoding)), table.each)
+
+
+def _jsonl(table: Table, path: Path) -> Iterator[Row]:
+    with path.open(encoding=table.encoding) as lines:
+        for line in lines:
+            if line.strip():
+                yield flat(json.loads(line))
+
+
+def _yaml(table: Table, path: Path) -> Iterator[Row]:
+    import yaml  # type: ignore[import-untyped]  # noqa: PLC0415 - only two sources are YAML
+
+    yield from _records(yaml.safe_load(path.read_text(encoding=table.encoding)), table.each)
+
+
+def _xls(table: Table, path: Path) -> Iterator[Row]:
+    import xlrd  # noqa: PLC0415 - only one source is an old Excel file
+
+    sheet = xlrd.open_workbook(str(path)).sheet_by_index(0)
+    lines = [[str(cell).strip() for cell in sheet.row_values(i)] for i in range(sheet.nrows)]
+    header = list(table.columns) or [" ".join(name.split()) for name in lines[table.skip_lines]]
+    for cells in lines[table.skip_lines + (0 if table.columns else 1) :]:
+        yield dict(zip(header, cells, strict=False))
+
+
+def _records(tree: Any, each: str) -> Iterator[Row]:
+    """The records that the path `each` reaches (`records/*`); the keys passed stand in `key`, `key2`, ..."""
+    found: list[tuple[tuple[str, ...], Any]] = [((), tree)]
+    for step in each.split("/") if each else []:
+        if step == "*":
+            found = [((*keys, str(key)), value) for keys, node in found for key, value in _entries(node)]
+        else:
+            found = [(keys, node[step]) for keys, node in found]
+    for keys, record in found:
+        names = ("key", *(f"key{n}" for n in range(2, len(keys) + 1)))
+        yield dict(zip(names, keys, strict=False)) | flat(record)
+
+
+def _entries(node: Any) -> Iterator[tuple[Any, Any]]:
+    return iter(node.items()) if isinstance(node, Mapping) else iter(enumerate(node))

@@ -1,0 +1,166 @@
+"""Plain tables read by their declarations alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from crawler.imports.readings import Reading, Refused, item, kind_of, year
+from crawler.imports.rows import BadTable, Row, rows
+from crawler.lengths import millimetres
+from crawler.measures import Measure, UnreadableLength, extents_mm, length_mm, measures, words_mm
+from crawler.sources import Source
+from crawler.tables import Rule, Table
+
+__all__ = ["filled", "table_readings"]
+
+_FIELD = re.compile(r"\{([^{}|]+)(?:\|(\w+))?\}")
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_\s]+")
+
+
+def _head(text: str) -> str:
+    return re.split(r"[,;(]", text, maxsplit=1)[0].strip()
+
+
+def _words(text: str) -> str:
+    return " ".join(part for part in _CAMEL.split(text) if part).lower()
+
+
+_FILTERS: Mapping[str, Callable[[str], str]] = {"lower": str.lower, "head": _head, "words": _words}
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    words: dict[str, float]
+    extents: tuple[float, ...] | None
+    text: str = ""
+    is_range: bool = False
+
+
+def table_readings(source: Source, folder: Path) -> Iterator[Reading]:
+    """The readings of all tables of a source, in the order of the declaration, the files and the rows."""
+    for table in source.tables:
+        for path in _files(table, folder):
+            for number, row in enumerate(rows(table, path), start=1):
+                named = {column: table.names.get(column, {}).get(cell, cell) for column, cell in row.items()}
+                named |= {"file": path.stem, "row": str(number)}
+                if all(_holds(rule, named) for rule in table.only):
+                    yield _reading(source, table, named)
+
+
+def filled(template: str, row: Row) -> str:
+    """The template with the row's columns in place: `{brand} {model}`; an absent column is empty."""
+
+    def cell(match: re.Match[str]) -> str:
+        text = row.get(match[1], "")
+        return _FILTERS[match[2]](text) if match[2] else text
+
+    return " ".join(_FIELD.sub(cell, template).split())
+
+
+def _files(table: Table, folder: Path) -> list[Path]:
+    """The table's files: `folder` may also be the one file itself."""
+    if folder.is_file():
+        return [folder] if any(folder.match(pattern) for pattern in table.files) else []
+    found = [path for pattern in table.files for path in sorted(folder.glob(pattern))]
+    if not found:
+        raise BadTable(f"{folder}: expected {' or '.join(table.files)}; found no such file")
+    return found
+
+
+def _reading(source: Source, table: Table, row: Row) -> Reading:
+    try:
+        if table.refused:
+            raise Refused(table.refused, "file", row["file"])
+        for rule in table.reject:
+            if _holds(rule, row):
+                raise Refused(rule.outcome, rule.column, _tested(rule, row))
+        return _item(source, table, row, _size(table, row))
+    except Refused as refused:
+        return refused.refusal(source, f"{row['file']}:{row['row']}")
+
+
+def _item(source: Source, table: Table, row: Row, size: _Size) -> Reading:
+    marks = (rule.outcome for rule in table.flag if _holds(rule, row))
+    flags = dict.fromkeys([*table.flags, *marks, *(["range"] if size.is_range else [])])
+    return item(
+        source,
+        filled(table.id, row) or row["row"],
+        size.words if table.labelled else {},
+        extents=size.extents,
+        bounds_mm=table.bounds_mm,
+        category=[filled(part, row) for part in table.category],
+        title=filled(table.title, row),
+        brand=filled(table.brand, row),
+        url=filled(table.url, row),
+        dimensions_text=size.text,
+        year=year(filled(table.year, row)),
+        region=filled(table.region, row),
+        kind=kind_of(table.kind, source),
+        synset=filled(table.synset, row),
+        licence=table.licence,
+        flags=tuple(flags),
+    )
+
+
+def _size(table: Table, row: Row) -> _Size:
+    if table.text:
+        text = filled(table.text, row)
+        found = measures(text, table.unit, table.decimal)
+        if len(found) > 3:
+            raise Refused("several_states", "text", text)
+        if text and not found:
+            raise Refused("no_size", "text", text)
+        words = words_mm(found, table.order)
+        return _Size(words, _extents(words, found), text, any(measure.is_range for measure in found))
+    words = {axis: mm for axis in table.axes if (mm := _length(table, row, axis))}
+    return _Size(words, extents_mm(words))
+
+
+def _extents(words: dict[str, float], found: tuple[Measure, ...]) -> tuple[float, ...]:
+    """The outer size: by the words where every length has one, else the bare lengths."""
+    if len(words) == len(found):
+        return extents_mm(words) or ()
+    return tuple(sorted((measure.mm for measure in found), reverse=True))
+
+
+def _length(table: Table, row: Row, axis: str) -> float | None:
+    declared = table.axes[axis]
+    if declared.minus:
+        return _difference(table, row, axis)
+    text = row.get(declared.column, "")
+    if declared.pattern:
+        inside = re.search(declared.pattern, text)
+        text = inside[1] if inside else ""
+    try:
+        length = length_mm(text, declared.unit or table.unit or "mm", table.decimal)
+    except UnreadableLength as error:
+        raise Refused("unreadable", declared.column, error) from None
+    return length * declared.factor if length else None
+
+
+def _difference(table: Table, row: Row, axis: str) -> float:
+    """The distance of the two sides of a box, whose coordinates may be negative."""
+    declared = table.axes[axis]
+    try:
+        sides = float(row[declared.column]) - float(row[declared.minus])
+    except (KeyError, ValueError) as error:
+        raise Refused("unreadable", declared.column, error) from None
+    return millimetres(abs(sides), declared.unit or table.unit or "mm") * declared.factor
+
+
+def _tested(rule: Rule, row: Row) -> str:
+    return filled(rule.column, row) if "{" in rule.column else row.get(rule.column, "")
+
+
+def _holds(rule: Rule, row: Row) -> bool:
+    text = _tested(rule, row)
+    if rule.matches:
+        return bool(rule.matches.search(text))
+    try:
+        value = float(text)
+    except ValueError:
+        return False
+    return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)

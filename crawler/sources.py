@@ -1,0 +1,158 @@
+"""The declared sources of open data: one TOML file each under `data/sources`."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from crawler.items import KINDS, Kind
+from crawler.tables import BadDeclaration, Table, expect
+
+__all__ = ["OPEN_LICENCES", "BadDeclaration", "Source", "SourceFile", "UnknownSource", "source", "sources"]
+
+#: Licences under which rows may be given on inside a wheel of Apache-2.0: no copyleft, no other duty than to name.
+OPEN_LICENCES = frozenset(
+    {
+        "Apache-2.0",
+        "BSD-2-Clause",
+        "BSD-3-Clause",
+        "CC-BY-3.0",
+        "CC-BY-4.0",
+        "CC0-1.0",
+        "MIT",
+        "ODC-By-1.0",
+        "public-domain-US-government",
+    }
+)
+
+
+class UnknownSource(BadDeclaration):
+    """A source id without a declaration."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceFile:
+    """One file of a source: path in the source's folder, sha256 of the copy read here, address where that copy lies.
+
+    `url` is empty where the copy was cut down from a larger set (`note` says how): such a file cannot be downloaded
+    and verified, and wants `--input`.
+    """
+
+    path: str
+    sha256: str
+    url: str = ""
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        expect(len(self.sha256) == 64, "files.sha256", "64 hexadecimal digits", self.sha256)
+        expect(bool(self.url or self.note), "files.url", "an address, or a note why there is none", self.path)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """One set of open data: where it is from, whose terms hold, what its rows are worth, how it is read."""
+
+    id: str
+    title: str
+    url: str
+    licence: str
+    #: Whose terms decide, and how they are known.
+    licence_basis: str
+    kind: Kind
+    #: Whether rows may be given on with the package.
+    ship: bool
+    noncommercial: bool = False
+    year: int | None = None
+    region: str | None = None
+    files: tuple[SourceFile, ...] = ()
+    tables: tuple[Table, ...] = ()
+    #: Module of `crawler.imports` that reads the set where it is no plain table.
+    reader: str = ""
+    #: Traps of the set and what is done about each.
+    traps: tuple[str, ...] = ()
+    #: Faults of the set that are mended on the way, each with its mending.
+    repairs: tuple[str, ...] = ()
+    #: Why no row of the set is an object's size, where that is so.
+    excluded: str = ""
+    #: At most so many items of one category are kept (lowest hash of the id), so that one set does not own it.
+    per_category: int | None = None
+    #: Whether identical items (category, title, brand, sizes) become one with a count.
+    collapse: bool = True
+    #: Whether a title is one thing: of several sizes under one title the middle one by volume stands for all.
+    one_per_title: bool = False
+
+    def __post_init__(self) -> None:
+        expect(
+            bool(self.title and self.url and self.licence and self.licence_basis),
+            self.id,
+            "title, url, licence, basis",
+            "",
+        )
+        expect(self.kind in KINDS, f"{self.id}.kind", f"one of {', '.join(sorted(KINDS))}", self.kind)
+        expect(
+            not self.ship or self.licence in OPEN_LICENCES, f"{self.id}.ship", "an open licence to ship", self.licence
+        )
+        expect(not (self.ship and self.noncommercial), f"{self.id}.ship", "no non-commercial rows", self.noncommercial)
+        ways = bool(self.tables) + bool(self.reader) + bool(self.excluded)
+        expect(ways == 1, self.id, "one of tables, reader, excluded", ways)
+
+    @classmethod
+    def declared(cls, path: Path) -> Source:
+        """The source that a TOML file declares.
+
+        Raises
+        ------
+        BadDeclaration
+            The file is no TOML, or a field is missing, unknown or not what it must be.
+        """
+        try:
+            record = tomllib.loads(path.read_text(encoding="utf-8"))
+            return _source(record, path.stem)
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, TypeError) as error:
+            raise BadDeclaration(f"{path}: expected the declaration of a source; found {error}") from None
+        except BadDeclaration as error:
+            raise BadDeclaration(f"{path}: {error}") from None
+
+
+def sources(folder: Path | None = None) -> tuple[Source, ...]:
+    """All declared sources by id; `folder` is the package's own `data/sources` by default."""
+    return _sources(folder or _own_folder())
+
+
+def source(name: str, folder: Path | None = None) -> Source:
+    """The source of this id.
+
+    Raises
+    ------
+    UnknownSource
+        No source has the id; the message names those that there are.
+    """
+    found = {declared.id: declared for declared in sources(folder)}
+    if name not in found:
+        raise UnknownSource(f"source: expected one of {', '.join(found)}; found {name!r}")
+    return found[name]
+
+
+@cache
+def _sources(folder: Path) -> tuple[Source, ...]:
+    return tuple(Source.declared(path) for path in sorted(folder.glob("*.toml")))
+
+
+def _own_folder() -> Path:
+    """`data/sources` beside the packages in a checkout, inside `metric_tree` in a wheel."""
+    root = Path(__file__).resolve().parent.parent
+    return next((f for f in (root / "data" / "sources", root / "metric_tree" / "data" / "sources") if f.is_dir()), root)
+
+
+def _source(record: Mapping[str, Any], stem: str) -> Source:
+    known = {f.name for f in fields(Source)}
+    expect(set(record) <= known, "declaration", f"fields of {', '.join(sorted(known))}", sorted(set(record) - known))
+    expect(record.get("id") == stem, "id", f"the file's own name {stem!r}", record.get("id"))
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items()}
+    values["files"] = tuple(SourceFile(**entry) for entry in record.get("files", ()))
+    values["tables"] = tuple(Table.declared(entry) for entry in record.get("tables", ()))
+    return Source(**values)

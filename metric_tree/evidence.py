@@ -1,0 +1,48 @@
+"""What a row is worth to the fit of its class: by its kind, and by how many rows its source has there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from metric_tree.prior import FloatArray
+
+__all__ = ["KIND_WEIGHT", "SOURCE_HALF", "row_weights", "shares"]
+
+#: Weight of one row by kind. A maker's figure, a measurement and a norm are sizes of real things. An artist's model is
+#: plausible, not measured, and a museum keeps what is rare or old: about a third of a row. A category value says what
+#: someone finds typical: a tenth. A curated range counts only where nothing else exists (`row_weights`).
+KIND_WEIGHT = {
+    "product": 1.0,
+    "measured": 1.0,
+    "standard": 1.0,
+    "asset": 0.35,
+    "museum": 0.35,
+    "default": 0.1,
+    "curated": 0.0,
+}
+
+#: Rows at which a source has half of its largest possible weight in a class. More rows of one shop tell of the shop:
+#: fifty already know its mean to a seventh of the spread, less than the disagreement between sources.
+SOURCE_HALF = 50.0
+
+
+def row_weights(sources: Sequence[str], kinds: Sequence[str]) -> FloatArray:
+    """Weight of each row, (n,).
+
+    A source of m rows weighs m / (1 + m / SOURCE_HALF) in all, at most `SOURCE_HALF`, the weight of a random effect
+    whose variance is 1 / SOURCE_HALF of the variance within. Curated rows weigh one where the class has nothing else.
+    """
+    _, code, counts = np.unique(np.asarray(sources), return_inverse=True, return_counts=True)
+    weights: FloatArray = np.array([KIND_WEIGHT[kind] for kind in kinds]) / (1 + counts[code] / SOURCE_HALF)
+    if not weights.any():
+        weights = np.ones(len(weights))
+    return weights
+
+
+def shares(kinds: Sequence[str], weights: FloatArray) -> dict[str, float]:
+    """Share of the weight by kind, sum 1."""
+    total = float(weights.sum())
+    found = {kind: float(weights[np.asarray(kinds) == kind].sum()) / total for kind in sorted(set(kinds))}
+    return {kind: share for kind, share in found.items() if share > 0}

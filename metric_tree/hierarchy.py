@@ -1,0 +1,124 @@
+"""Inner nodes: what a parent believes of its children, and its own prior as a mixture of theirs.
+
+Children count alike, whatever the number of shop pages behind each: a shop's range says nothing of how common a thing
+is in a room. So a class of ten thousand products does not drown its siblings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from metric_tree.em import Belief, Mixture, floored
+from metric_tree.fit import VAGUE, Moments
+from metric_tree.prior import FloatArray, Prior
+
+__all__ = ["belief_of", "inner_prior", "reduced"]
+
+#: Rows that the parent's covariance counts in a child. Spreads of siblings are alike (a factor 1.5 or so between them),
+#: which is what a sample of about eight rows tells of a spread.
+COVARIANCE_ROWS = 8.0
+
+#: Bounds on the rows that the parent's mean counts: siblings differ by far more than one class spreads, so that it is a
+#: fraction of a row; never none, so that an axis without data stays near its siblings'.
+MEAN_ROWS = (0.02, 2.0)
+
+#: Components of an inner node's prior: its children are many and no four Gaussians hold them, but a reader and the
+#: estimator must be able to carry it.
+COMPONENTS = 8
+
+
+def belief_of(children: Sequence[Moments], above: Belief = VAGUE) -> Belief:
+    """The parent's moments as a child's belief: normal-inverse-Wishart, siblings equally weighted.
+
+    An axis counts in the children that state it; `above` (the grandparent's) holds as one child more.
+    """
+    seen = np.array([child.known > 0 for child in children], dtype=float)  # (c, 3)
+    means = np.array([child.mean for child in children])
+    mass = seen.sum(axis=0)
+    mean = (above.mean * 0.5 + (seen * means).sum(axis=0)) / (0.5 + mass) if len(children) else above.mean
+    both = seen.T @ seen
+    within = np.einsum("ci,cj,cij->ij", seen, seen, np.array([child.within for child in children]))
+    covariance = floored((above.covariance + within) / (1 + both))
+    offset = seen * (means - mean)
+    spread = float((offset**2).sum() / max(mass.sum() - 3, 1)) if len(children) > 1 else 1.0
+    mean_rows = float(np.clip(np.trace(covariance) / 3 / max(spread, 1e-6), *MEAN_ROWS))
+    return Belief(mean, mean_rows, covariance, COVARIANCE_ROWS)
+
+
+def inner_prior(node_id: str, children: Sequence[Prior], axes: tuple[str, ...]) -> Prior | None:
+    """The equally weighted mixture of the children's priors, reduced to `COMPONENTS`; None where there is none.
+
+    It stands over the most of `axes` that any child has, and mixes the children that have them all.
+    """
+    usable = [child for child in children if set(child.dims) <= set(axes)]
+    if not usable:
+        return None
+    largest = max((child.dims for child in usable), key=lambda dims: (len(dims), sum(c.dims == dims for c in usable)))
+    having = [child.marginal(largest) for child in usable if set(largest) <= set(child.dims)]
+    share = 1 / len(having)
+    mixture = reduced(
+        Mixture(
+            np.concatenate([child.weights * share for child in having]),
+            np.concatenate([child.means for child in having]),
+            np.concatenate([child.covariances for child in having]),
+        ),
+        COMPONENTS,
+    )
+    kinds = {kind for child in having for kind in child.share_by_kind}
+    return Prior(
+        node_id=node_id,
+        dims=largest,
+        weights=mixture.weights / mixture.weights.sum(),
+        means=mixture.means,
+        covariances=mixture.covariances,
+        shared_covariance=np.mean([child.shared_covariance for child in having], axis=0),
+        n=sum(child.n for child in usable),
+        n_sources=max(child.n_sources for child in having),
+        share_by_kind={kind: sum(c.share_by_kind.get(kind, 0.0) for c in having) * share for kind in sorted(kinds)},
+        borrowed=0.0,
+    )
+
+
+def reduced(mixture: Mixture, components: int) -> Mixture:
+    """The mixture with the cheapest pairs merged, moments kept (Runnalls 2007, upper bound of the divergence).
+
+    Merging i and j costs ((w_i + w_j) ln|S_ij| - w_i ln|S_i| - w_j ln|S_j|) / 2.
+    """
+    weights, means, covariances = mixture.weights.copy(), mixture.means.copy(), mixture.covariances.copy()
+    cost = np.array([_costs(weights, means, covariances, i) for i in range(len(weights))])
+    while len(weights) > components:
+        i, j = sorted(divmod(int(np.argmin(cost)), len(cost)))
+        weights[i], means[i], covariances[i] = _merged(weights, means, covariances, i, j)
+        keep = np.arange(len(weights)) != j
+        weights, means, covariances = weights[keep], means[keep], covariances[keep]
+        cost = cost[np.ix_(keep, keep)]
+        cost[i] = cost[:, i] = _costs(weights, means, covariances, i)
+    return Mixture(weights, means, covariances)
+
+
+def _pair(
+    weights: FloatArray, means: FloatArray, covariances: FloatArray, i: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weights (k,), means (k, d), covariances (k, d, d) of component i merged with each."""
+    total = weights + weights[i]
+    a, b = (weights[i] / total)[:, None], (weights / total)[:, None]
+    offset = means - means[i]
+    outer = (a * b)[:, :, None] * offset[:, :, None] * offset[:, None, :]
+    return total, a * means[i] + b * means, a[:, :, None] * covariances[i] + b[:, :, None] * covariances + outer
+
+
+def _costs(weights: FloatArray, means: FloatArray, covariances: FloatArray, i: int) -> FloatArray:
+    total, _, merged = _pair(weights, means, covariances, i)
+    log_det = np.linalg.slogdet(covariances)[1]
+    cost: FloatArray = 0.5 * (total * np.linalg.slogdet(merged)[1] - weights[i] * log_det[i] - weights * log_det)
+    cost[i] = np.inf
+    return cost
+
+
+def _merged(
+    weights: FloatArray, means: FloatArray, covariances: FloatArray, i: int, j: int
+) -> tuple[float, FloatArray, FloatArray]:
+    total, mean, covariance = _pair(weights, means, covariances, i)
+    return float(total[j]), mean[j], covariance[j]

@@ -1,0 +1,119 @@
+"""Every name that can be matched: WordNet's nouns and the reviewed insertions, by their folded spelling."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from functools import cache, cached_property
+
+from taxonomy.insertions import PREFIX, Insertion, insertions
+from taxonomy.words import folded, singulars
+from taxonomy.wordnet import WordNet, default_wordnet
+
+__all__ = ["Lexicon", "default_lexicon"]
+
+#: Shortest word that is looked up without its spaces (barstool, tvstand): shorter ones meet by accident.
+_SHORTEST_COMPOUND = 6
+
+
+class Lexicon:
+    """Concepts (a WordNet synset or an `mt:` id) by name, and what lies above each.
+
+    Parameters
+    ----------
+    wordnet : WordNet
+    inserted : insertions by id, parents before children.
+    """
+
+    def __init__(self, wordnet: WordNet, inserted: Mapping[str, Insertion]) -> None:
+        self.wordnet = wordnet
+        self.inserted = inserted
+        self._above: dict[str, tuple[str, ...]] = {}
+        self._found: dict[str, tuple[tuple[str, ...], ...]] = {}
+
+    def concepts(self, phrase: str) -> tuple[tuple[str, ...], ...]:
+        """What a folded phrase may name, by the form it is taken for: insertions first, then senses by frequency.
+
+        A plural is taken as such first (scissors), then for its singular, then for a name without spaces; empty if
+        the phrase is unknown in every form.
+        """
+        found = self._found.get(phrase)
+        if found is None:
+            forms = (self._of_form(form) for form in dict.fromkeys(self._forms(phrase)))
+            found = self._found[phrase] = tuple(concepts for concepts in forms if concepts)
+        return found
+
+    def knows(self, concept: str) -> bool:
+        """Whether the id is an insertion or a noun synset."""
+        return concept in self.inserted or (not concept.startswith(PREFIX) and self.wordnet.knows(concept))
+
+    def hypernyms(self, concept: str) -> tuple[str, ...]:
+        """All concepts above, nearest first."""
+        above = self._above.get(concept)
+        if above is None:
+            above = self._above[concept] = self._hypernyms(concept)
+        return above
+
+    def is_a(self, concept: str, kinds: Iterable[str]) -> bool:
+        """Whether the concept is one of the kinds or below one."""
+        above = self.hypernyms(concept)
+        return any(kind == concept or kind in above for kind in kinds)
+
+    def name(self, concept: str) -> str:
+        """What a reader calls it."""
+        if concept in self.inserted:
+            return self.inserted[concept].name
+        return self.wordnet.lemmas(concept)[0]
+
+    def _hypernyms(self, concept: str) -> tuple[str, ...]:
+        if concept in self.inserted:
+            parent = self.inserted[concept].parent
+            return (parent, *self.hypernyms(parent))
+        return self.wordnet.hypernyms(concept)
+
+    def _of_form(self, form: str) -> tuple[str, ...]:
+        senses = (sense for lemma in self._lemmas.get(form, ()) for sense in self.wordnet.senses(lemma))
+        return tuple(dict.fromkeys((*self._inserted_by_name.get(form, ()), *senses)))
+
+    def _forms(self, phrase: str) -> Iterable[str]:
+        yield phrase
+        head, _, last = phrase.rpartition(" ")
+        for single in (*self.wordnet.irregular_plurals.get(last, ()), *singulars(last)):
+            yield f"{head} {single}".strip()
+        first, of, rest = phrase.partition(" of ")
+        if of:
+            yield from (f"{single} of {rest}" for single in singulars(first))
+        compact = phrase.replace(" ", "")
+        if len(compact) >= _SHORTEST_COMPOUND:
+            yield from self._spaced.get(compact, ())
+            for single in singulars(compact):
+                yield from self._spaced.get(single, ())
+
+    @cached_property
+    def _inserted_by_name(self) -> Mapping[str, tuple[str, ...]]:
+        names: defaultdict[str, dict[str, None]] = defaultdict(dict)
+        for insertion in self.inserted.values():
+            for name in (insertion.name, *insertion.aliases):
+                names[folded(name)][insertion.id] = None
+        return {name: tuple(ids) for name, ids in names.items()}
+
+    @cached_property
+    def _lemmas(self) -> Mapping[str, tuple[str, ...]]:
+        lemmas: defaultdict[str, list[str]] = defaultdict(list)
+        for noun in sorted(self.wordnet.nouns):
+            lemmas[folded(noun)].append(noun)
+        return {name: tuple(nouns) for name, nouns in lemmas.items()}
+
+    @cached_property
+    def _spaced(self) -> Mapping[str, tuple[str, ...]]:
+        """Names by their spelling without spaces, where that differs: `barstool` to `bar stool`."""
+        spaced: defaultdict[str, list[str]] = defaultdict(list)
+        for name in (*self._inserted_by_name, *self._lemmas):
+            spaced[name.replace(" ", "")].append(name)
+        return {compact: tuple(names) for compact, names in spaced.items()}
+
+
+@cache
+def default_lexicon() -> Lexicon:
+    """WordNet and the insertions of this checkout, read once."""
+    return Lexicon(default_wordnet(), insertions())

@@ -1,0 +1,1 @@
+"""Furnished rooms and streets of exactly known size: rendered, reconstructed, and handed to the estimator."""

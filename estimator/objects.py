@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.scene import FloatArray
+from estimator.scene import BoolArray, FloatArray
 
 __all__ = ["AXES", "Box", "MeasuredObject"]
 
@@ -39,7 +39,7 @@ class MeasuredObject:
     extents: FloatArray
     sigma: FloatArray
     confidence: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
-    truncated: FloatArray = field(default_factory=lambda: np.zeros(3, dtype=bool))
+    truncated: BoolArray = field(default_factory=lambda: np.zeros(3, dtype=bool))
     score: float = 1.0
     points: int = 0
     views: int = 0

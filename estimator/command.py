@@ -1,0 +1,149 @@
+"""The `estimate-scale` command: arguments in, one result out; everything heavy is imported where it is used."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from crawler.faults import InputFault
+from metric_tree.commands.shell import exit_status, version
+
+if TYPE_CHECKING:
+    from estimator.estimate import Options
+    from estimator.result import ScaleResult
+    from metric_tree.tree import Tree
+
+__all__ = ["main", "parser"]
+
+PROGRAM = "estimate-scale"
+
+METHODS = ("default", "paper", "sucar", "height")
+
+EPILOG = """\
+Exit status: 0 done; 2 the input is at fault (one line says where); 3 unresolved: no usable object, or the interval's
+high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more; 1 a fault of the program.
+"""
+
+#: A coordinate list that begins with a minus sign; argparse would take it for an option.
+NEGATIVE = re.compile(r"^-[\d.]")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `estimate-scale`; the exit status is 0, 2, 3 or 1 (contracts.md)."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    return exit_status(PROGRAM, lambda: _run(words))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The argument parser; its help is part of the contract."""
+    root = argparse.ArgumentParser(
+        prog=PROGRAM,
+        description="The metric scale of a reconstruction from the sizes of the things that are in it.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add = root.add_argument
+    add("scene", metavar="SCENE", nargs="?", type=Path, help="COLMAP model folder or OpenSfM dataset folder")
+    add("--objects", metavar="FILE", type=Path, help="sizes measured elsewhere (metric-tree/objects/1), no geometry")
+    add("--instances", metavar="FILE", type=Path, help="COCO dataset or results, or a folder of instance pictures")
+    add("--categories", metavar="FILE", type=Path, help="COCO dataset that names categories and images, for results")
+    add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
+    add("--tree", metavar="REF", help="release: a version or a folder (default: the newest at hand)")
+    add("--method", choices=METHODS, default="default", help="estimator (default: %(default)s)")
+    add(
+        "--known-length",
+        metavar="VALUE",
+        nargs="+",
+        action="append",
+        default=[],
+        help="a length known in metres, as A B METRES (A and B as x,y,z in scene units) or a file; may be repeated",
+    )
+    add("--level", type=float, default=0.9, help="mass of the interval (default: %(default)s)")
+    add("--leave-one-class-out", action="store_true", help="the scale without each class in turn")
+    add("--paper-lists", metavar="DIR", type=Path, help="--method paper with the authors' own lists (scale_metrics)")
+    add("--json", action="store_true", help="print the result as JSON (metric-tree/scale/1)")
+    add("--output", metavar="FILE", type=Path, help="write the JSON result there as well")
+    add("--figure", metavar="FILE", type=Path, help="draw the posterior and the objects")
+    add("--overlay", metavar="DIR", type=Path, help="draw the boxes with their sizes into every frame")
+    add("--write-scaled", metavar="DIR", type=Path, help="write the model again at metric scale")
+    add("--version", action="version", version=f"{PROGRAM} {version()}")
+    return root
+
+
+def _run(words: Sequence[str]) -> int:
+    # argparse takes "-1,2,3" for an option; with a blank before it, it is a value, and float() skips the blank
+    options = parser().parse_args([f" {word}" if NEGATIVE.match(word) else word for word in words])
+    _checked(options)
+    result = _objects_result(options) if options.objects is not None else _scene_result(options)
+    for line in result.warnings:
+        sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
+    if options.output is not None and result.exit_code == 0:
+        result.save(options.output)
+    _print(result, options.json)
+    return result.exit_code
+
+
+def _checked(options: argparse.Namespace) -> None:
+    if (options.scene is None) == (options.objects is None):
+        found = "neither" if options.scene is None else "both"
+        raise InputFault(f"arguments: expected a SCENE or --objects FILE; found {found}")
+    if not 0 < options.level < 1:
+        raise InputFault(f"--level: expected a number between 0 and 1; found {options.level}")
+    if options.paper_lists is not None and options.method != "paper":
+        raise InputFault(f"--paper-lists: expected --method paper; found --method {options.method}")
+    geometric = {"--figure": options.figure, "--overlay": options.overlay, "--write-scaled": options.write_scaled}
+    for name, value in geometric.items():
+        if value is not None and options.objects is not None:
+            raise InputFault(f"{name}: expected a SCENE; found --objects")
+    for name in ("output", "figure"):
+        path = getattr(options, name)
+        if path is not None and not path.absolute().parent.is_dir():
+            raise InputFault(f"--{name}: expected a file in a folder that exists; found {path}")
+
+
+def _objects_result(options: argparse.Namespace) -> ScaleResult:
+    from estimator.objects_file import objects_of
+    from estimator.pipeline import objects_result
+
+    if options.method == "sucar":
+        raise InputFault("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
+    return objects_result(objects_of(options.objects), _tree(options), _asked(options), options.paper_lists)
+
+
+def _scene_result(options: argparse.Namespace) -> ScaleResult:
+    from estimator.pipeline import scene_result
+
+    return scene_result(options, _tree(options), _asked(options))
+
+
+def _tree(options: argparse.Namespace) -> Tree:
+    import metric_tree
+
+    return metric_tree.open(options.tree)
+
+
+def _asked(options: argparse.Namespace) -> Options:
+    from estimator.estimate import Options
+    from estimator.known_lengths import known_lengths
+
+    lengths = [length for words in options.known_length for length in known_lengths(words)]
+    return Options(
+        method=options.method,
+        level=options.level,
+        known=tuple((length.log_scale, length.sigma) for length in lengths),
+        leave_one_class_out=options.leave_one_class_out,
+    )
+
+
+def _print(result: ScaleResult, as_json: bool) -> None:
+    if as_json:
+        sys.stdout.write(result.json() + "\n")
+        return
+    from estimator.table import text_of
+
+    sys.stdout.write(text_of(result))

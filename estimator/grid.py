@@ -1,0 +1,168 @@
+"""A density over log scale on a grid: where the grid lies, how it is refined, its modes and its interval."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.scene import FloatArray, IntArray
+
+__all__ = ["BOX", "Curve", "Mode", "curve", "evidence_grid", "interval", "modes"]
+
+#: The prior on u: flat from 0.1 mm to 10 km per scene unit, eight decades. Proper, as the outliers ask for.
+BOX = (math.log(1e-4), math.log(1e4))
+
+#: Half-width of a component's support in its standard deviations; beyond it the outlier's floor is all there is.
+SUPPORT_SD = 4.0
+
+#: Widest and finest steps of the first grid, and the step as a part of the narrowest component: the log likelihood is
+#: then smooth between points and cubic interpolation is off by less than 1e-3.
+WIDEST_STEP, FINEST_STEP, STEP_SD = 0.03, 0.004, 0.6
+
+#: A first grid beyond this is a scene of wild outliers: widen the step rather than wait.
+MOST_POINTS = 640
+
+#: Points of the refined grid per step of the first, and the log density under the peak where refining stops to matter.
+REFINEMENT = 8
+
+#: Two peaks with no dip under this part of the lower one between them are one mode.
+DIP = 0.9
+
+#: Modes of less mass are left out of the list.
+LEAST_MASS = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """A local maximum of the posterior: `scale` in metres per unit, the `mass` of its basin."""
+
+    scale: float
+    mass: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """A density over log scale: log_scale (g,), density (g,), and the mass beyond each end of the grid."""
+
+    log_scale: FloatArray
+    density: FloatArray
+    below: float
+    above: float
+
+
+def evidence_grid(centre: FloatArray, sd: FloatArray) -> FloatArray:
+    """A uniform grid (g,) over the union of supports of Gaussians, centre (m,) and sd (m,)."""
+    low = max(float((centre - SUPPORT_SD * sd).min()), BOX[0])
+    high = max(min(float((centre + SUPPORT_SD * sd).max()), BOX[1]), low + 1e-6)
+    step = min(max(STEP_SD * float(sd.min()), FINEST_STEP), WIDEST_STEP)
+    size = int(min(max(math.ceil((high - low) / step) + 1, 8), MOST_POINTS))
+    return np.linspace(low, high, size)
+
+
+def curve(grid: FloatArray, log_density: FloatArray, known: FloatArray) -> Curve:
+    """The posterior on a finer grid, normalised together with the flat rest of the prior's box.
+
+    Parameters
+    ----------
+    grid, log_density : (g,) uniform grid and log posterior on it, less the known lengths
+    known : (n, 2) mean and standard deviation in log scale of each known length, which is added where it is sharp
+    """
+    step = float(grid[1] - grid[0])
+    sharpest = float(known[:, 1].min()) if len(known) else math.inf
+    factor = int(min(max(REFINEMENT, math.ceil(REFINEMENT * step / sharpest)), 512))
+    fine = np.linspace(grid[0], grid[-1], (len(grid) - 1) * factor + 1)
+    log_fine = _upsampled(log_density, factor)
+    ends = np.array([grid[0], grid[-1]])
+    log_ends = log_density[[0, -1]]
+    for mean, sd in known:
+        log_fine = log_fine - 0.5 * ((fine - mean) / sd) ** 2
+        log_ends = log_ends - 0.5 * ((ends - mean) / sd) ** 2
+    top = float(log_fine.max())
+    density = np.exp(log_fine - top)
+    width = np.array([max(grid[0] - BOX[0], 0.0), max(BOX[1] - grid[-1], 0.0)])
+    if len(known):  # beyond the grid a known length leaves nothing: it is what placed the grid
+        width[:] = 0.0
+    rest = np.exp(np.minimum(log_ends - top, 0.0)) * width
+    inside = float(density.sum() - 0.5 * (density[0] + density[-1])) * step / factor
+    total = inside + float(rest.sum())
+    return Curve(fine, density / total, float(rest[0]) / total, float(rest[1]) / total)
+
+
+def interval(posterior: Curve, level: float) -> tuple[float, float]:
+    """Equal-tailed interval of the scale that holds `level` of the posterior, in metres per unit."""
+    cumulative = _cumulative(posterior)
+    targets = np.array([(1 - level) / 2, (1 + level) / 2])
+    inside = np.interp(targets, cumulative, posterior.log_scale)
+    low, high = (float(value) for value in inside)
+    if posterior.below >= targets[0]:  # a flat tail: its own quantile
+        low = BOX[0] + (posterior.log_scale[0] - BOX[0]) * targets[0] / posterior.below
+    if posterior.above >= 1 - targets[1]:
+        high = BOX[1] - (BOX[1] - posterior.log_scale[-1]) * (1 - targets[1]) / posterior.above
+    return math.exp(low), math.exp(high)
+
+
+def modes(posterior: Curve) -> tuple[Mode, ...]:
+    """The modes, highest first, each with the mass between the valleys beside it."""
+    density, grid = posterior.density, posterior.log_scale
+    rising = np.diff(density) > 0
+    peaks = np.flatnonzero(~rising & np.concatenate([[True], rising[:-1]]))
+    peaks = peaks[density[peaks] > 1e-9 * density.max()]
+    if not len(peaks):
+        peaks = np.array([int(density.argmax())])
+    kept, valleys = _separate(density, peaks)
+    cumulative = _cumulative(posterior)
+    edges = np.concatenate([[posterior.below], cumulative[valleys], [1.0 - posterior.above]])
+    found = [
+        (float(density[peak]), Mode(math.exp(_vertex(grid, density, peak)), float(mass)))
+        for peak, mass in zip(kept, np.diff(edges), strict=True)
+    ]
+    found.sort(key=lambda pair: -pair[0])
+    return tuple(mode for place, (_, mode) in enumerate(found) if place == 0 or mode.mass >= LEAST_MASS)
+
+
+def _separate(density: FloatArray, peaks: IntArray) -> tuple[list[int], list[int]]:
+    """Peaks with a real dip between them, and the lowest point between neighbours."""
+    kept, valleys = [int(peaks[0])], list[int]()
+    for peak in map(int, peaks[1:]):
+        valley = kept[-1] + int(density[kept[-1] : peak + 1].argmin())
+        if density[valley] < DIP * min(density[kept[-1]], density[peak]):
+            kept.append(peak)
+            valleys.append(valley)
+        elif density[peak] > density[kept[-1]]:
+            kept[-1] = peak
+    return kept, valleys
+
+
+def _vertex(grid: FloatArray, density: FloatArray, peak: int) -> float:
+    """The top of the parabola through the log of the peak and its neighbours."""
+    if not 0 < peak < len(grid) - 1 or min(density[peak - 1 : peak + 2]) <= 0:
+        return float(grid[peak])
+    left, middle, right = np.log(density[peak - 1 : peak + 2])
+    bend = left - 2 * middle + right
+    shift = 0.5 * (left - right) / bend if bend < 0 else 0.0
+    return float(grid[peak] + shift * (grid[1] - grid[0]))
+
+
+def _cumulative(posterior: Curve) -> FloatArray:
+    step = posterior.log_scale[1] - posterior.log_scale[0]
+    pairs = 0.5 * (posterior.density[1:] + posterior.density[:-1]) * step
+    return posterior.below + np.concatenate([[0.0], np.cumsum(pairs)])
+
+
+def _upsampled(values: FloatArray, factor: int) -> FloatArray:
+    """(g,) values at `factor` times the points by four-point Lagrange interpolation, (factor (g - 1) + 1,)."""
+    t = np.arange(factor) / factor  # (f,)
+    weights = np.stack(
+        [
+            -t * (t - 1) * (t - 2) / 6,
+            (t + 1) * (t - 1) * (t - 2) / 2,
+            -(t + 1) * t * (t - 2) / 2,
+            (t + 1) * t * (t - 1) / 6,
+        ]
+    )  # (4, f)
+    first, last = 2 * values[0] - values[1], 2 * values[-1] - values[-2]  # straight on beyond the ends
+    padded = np.concatenate([[first], values, [last]])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 4)  # (g - 1, 4)
+    return np.append((windows @ weights).ravel(), values[-1])

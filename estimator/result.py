@@ -1,0 +1,188 @@
+"""The answer: `metric-tree/scale/1`, as a record that prints, saves and explains itself (contracts.md)."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from estimator.grid import Curve, Mode
+from estimator.scene import FloatArray
+
+__all__ = ["SCHEMA", "Alternative", "Interval", "ObjectReport", "ScaleResult", "UpReport", "Verdict"]
+
+SCHEMA = "metric-tree/scale/1"
+
+Verdict = Literal["used", "outlier", "skipped"]
+
+#: Digits that a reader can use: the fourth of a scale is a hundredth of the best interval met.
+DIGITS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """Equal-tailed interval of the scale: `level` of the posterior between `low` and `high` metres per unit."""
+
+    level: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class UpReport:
+    """The vertical in the scene: unit `vector`, how it was found, one standard deviation in degrees."""
+
+    vector: tuple[float, float, float]
+    method: str
+    sigma_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class Alternative:
+    """The scale under another assumption (`name`): a class left out, or heights without support planes."""
+
+    name: str
+    scale: float
+    low: float
+    high: float
+    objects: int
+
+
+@dataclass(frozen=True, slots=True)
+class ObjectReport:
+    """One object: its extents in scene units by dimension, what was used, its own scale, and the verdict."""
+
+    id: str
+    category: str
+    node: str | None
+    points: int
+    dimensions: Mapping[str, float]
+    confidence: Mapping[str, float]
+    truncated: tuple[str, ...]
+    used: tuple[str, ...]
+    scale: float | None
+    weight: float
+    verdict: Verdict
+    reason: str | None
+    score: float = 1.0
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ScaleResult:
+    """The scale of a scene. `curve` and `object_curves` (id to density over `curve.log_scale`) serve figures only."""
+
+    status: Literal["resolved", "unresolved"]
+    method: str
+    scale: float | None
+    interval: Interval | None
+    modes: tuple[Mode, ...]
+    tree: tuple[str, str]
+    objects: tuple[ObjectReport, ...]
+    up: UpReport | None = None
+    warnings: tuple[str, ...] = ()
+    without_support: Alternative | None = None
+    leave_one_class_out: tuple[Alternative, ...] | None = None
+    known_lengths: tuple[tuple[float, float], ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    curve: Curve | None = None
+    object_curves: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @property
+    def exit_code(self) -> int:
+        """0 resolved, 3 unresolved."""
+        return 0 if self.status == "resolved" else 3
+
+    def record(self) -> dict[str, Any]:
+        """The result as the contract's JSON object."""
+        record: dict[str, Any] = {
+            "schema": SCHEMA,
+            "status": self.status,
+            "method": self.method,
+            "scale": _rounded(self.scale),
+            "interval": None if self.interval is None else _interval(self.interval),
+            "modes": [{"scale": _rounded(mode.scale), "mass": round(mode.mass, 4)} for mode in self.modes],
+            "up": None if self.up is None else _up(self.up),
+            "tree": {"name": self.tree[0], "version": self.tree[1]},
+            "objects": [self._object(item) for item in self.objects],
+            "warnings": list(self.warnings),
+            "seconds": {name: round(value, 4) for name, value in self.seconds.items()},
+        }
+        if self.without_support is not None:
+            record["without_support"] = _alternative(self.without_support)
+        if self.leave_one_class_out is not None:
+            record["leave_one_class_out"] = [_alternative(left) for left in self.leave_one_class_out]
+        if self.known_lengths:
+            record["known_lengths"] = [
+                {"scale": _rounded(math.exp(mean)), "relative_sigma": _rounded(sd)} for mean, sd in self.known_lengths
+            ]
+        return record
+
+    def json(self) -> str:
+        """The record as text, one field a line."""
+        return json.dumps(self.record(), indent=1, ensure_ascii=False, allow_nan=False)
+
+    def save(self, path: Path) -> None:
+        """Write the JSON beside `path` and rename it: never half a file."""
+        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+        try:
+            temporary.write_text(self.json() + "\n", encoding="utf-8")
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    def _object(self, item: ObjectReport) -> dict[str, Any]:
+        metres = None
+        if self.scale is not None:
+            metres = {name: _rounded(value * self.scale) for name, value in item.dimensions.items()}
+        return {
+            "id": item.id,
+            "category": item.category,
+            "node": item.node,
+            "points": item.points,
+            "score": _rounded(item.score),
+            "dimensions": {name: _rounded(value) for name, value in item.dimensions.items()},
+            "dimensions_m": metres,
+            "confidence": {name: _rounded(value) for name, value in item.confidence.items()},
+            "truncated": list(item.truncated),
+            "used": list(item.used),
+            "scale": _rounded(item.scale),
+            "weight": round(item.weight, 3),
+            "verdict": item.verdict,
+            "reason": item.reason,
+            "notes": list(item.notes),
+        }
+
+
+def _interval(interval: Interval) -> dict[str, float | None]:
+    return {"level": interval.level, "low": _rounded(interval.low), "high": _rounded(interval.high)}
+
+
+def _up(up: UpReport) -> dict[str, Any]:
+    return {
+        "vector": [_rounded(value) for value in up.vector],
+        "method": up.method,
+        "sigma_deg": round(up.sigma_deg, 2) if math.isfinite(up.sigma_deg) else None,
+    }
+
+
+def _alternative(other: Alternative) -> dict[str, Any]:
+    return {
+        "name": other.name,
+        "objects": other.objects,
+        "scale": _rounded(other.scale),
+        "low": _rounded(other.low),
+        "high": _rounded(other.high),
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    if value is None or not np.isfinite(value):
+        return None
+    return float(f"{value:.{DIGITS}g}")

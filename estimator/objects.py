@@ -31,6 +31,8 @@ class MeasuredObject:
     sigma : (3,) one standard deviation of the measurement, natural log.
     confidence : (3,) the paper's eta (section 4.2); NaN where it does not apply.
     truncated : (3,) bool; the true extent is at least the measured one.
+    cloud, point_rows : which cloud of the scene it was measured in, and its rows there; members : rows of the instances
+        that show it.
     unsupported_height : the height of the points alone, where `extents[2]` reaches down to a support plane.
     """
 
@@ -46,6 +48,8 @@ class MeasuredObject:
     vertical_known: bool = True
     unsupported_height: float | None = None
     box: Box | None = None
-    point_rows: FloatArray | None = None
+    point_rows: IntArray | None = None
+    cloud: str = ""
+    members: tuple[int, ...] = ()
     skipped: str | None = None
     notes: tuple[str, ...] = ()

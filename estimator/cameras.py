@@ -53,7 +53,7 @@ def camera_at(file: Path, field: str, model: str, size: tuple[int, int], params:
     1 ... MAX_SIDE_PX, numbers that are not finite, or a focal length that is not positive.
     """
     if model not in CAMERA_MODELS:
-        raise BadScene.at(file, f"{field} model", f"one of {', '.join(CAMERA_MODELS)}"[:200], model)
+        raise BadScene.at(file, f"{field} model", "one of COLMAP's, such as PINHOLE or OPENCV, and no panorama", model)
     width, height = size
     if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX and width * height <= MAX_PIXELS):
         raise BadScene.at(file, f"{field} size", f"sides of 1 to {MAX_SIDE_PX} pixels", told(f"{width} x {height}"))

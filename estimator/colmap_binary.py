@@ -57,7 +57,9 @@ def point_places(reader: ByteReader) -> IntArray:
     length_at, record, length_of = _POINT.size - 8, _POINT.size, _TRACK_LENGTH.unpack_from
     for number in range(n):
         if place > last:
-            raise BadScene.at(reader.path, f"point {number}", f"{record} bytes", told(f"{len(data) - place} left"))
+            raise BadScene.at(
+                reader.path, f"point {number}", f"{record} bytes", told(f"{max(len(data) - place, 0)} left")
+            )
         places[number] = place
         place += record + _TRACK_ELEMENT_BYTES * length_of(data, place + length_at)[0]
     if place > len(data):

@@ -16,7 +16,8 @@ __all__ = ["text_model"]
 
 _IMAGE_FIELDS = 10  # id, quaternion, translation, camera id, name (which may hold spaces)
 _POINT_FIELDS = 4  # id, x, y, z; colour, error and track follow
-_INTEGERS = np.iinfo(np.int64)
+#: Largest whole number up to which doubles hold every one of them.
+MAX_EXACT = 2**53
 
 
 def text_model(folder: Path) -> ColmapModel:
@@ -62,54 +63,45 @@ def _images(path: Path) -> tuple[ColmapImage, ...]:
         image_id, camera_id = _integer(path, field, words[0]), _integer(path, field, words[8])
         pose = _numbers(path, field, words[1:8])
         number, row = next(lines, (number + 1, ""))  # noqa: PLW2901 (the pair of lines is one record)
-        keypoints, point_ids = _keypoints(path, f"line {number}", row.split())
+        keypoints, point_ids = _keypoints(path, f"line {number}", row)
         images.append(ColmapImage(image_id, pose[:4], pose[4:], camera_id, words[9], keypoints, point_ids))
     return tuple(images)
 
 
-def _keypoints(path: Path, field: str, words: list[str]) -> tuple[FloatArray, IntArray]:
-    if len(words) % 3:
-        raise BadScene.at(path, field, "keypoints as x, y, point id", told(f"{len(words)} numbers"))
-    xs, ys, ids = words[0::3], words[1::3], words[2::3]
-    return np.column_stack([_numbers(path, field, xs), _numbers(path, field, ys)]), _integers(path, field, ids)
+def _keypoints(path: Path, field: str, row: str) -> tuple[FloatArray, IntArray]:
+    values = _table(path, field, [row])[0] if row else np.empty(0)
+    if len(values) % 3:
+        raise BadScene.at(path, field, "keypoints as x, y, point id", told(f"{len(values)} numbers"))
+    triples = values.reshape(-1, 3)
+    return triples[:, :2], _whole(path, field, triples[:, 2])
 
 
 def _points(path: Path) -> tuple[IntArray, FloatArray]:
-    rows = [(number, line.split(None, _POINT_FIELDS)) for number, line in _lines(path) if line]
-    for number, words in rows:
-        if len(words) < _POINT_FIELDS + 1:
-            raise BadScene.at(path, f"line {number}", "id, x, y, z, colour, error and track", " ".join(words))
-    field = f"lines {rows[0][0]} to {rows[-1][0]}" if rows else "lines"
-    ids = _integers(path, field, [words[0] for _, words in rows])
-    columns = [_numbers(path, field, [words[axis] for _, words in rows]) for axis in (1, 2, 3)]
-    return ids, np.column_stack(columns)
+    lines = [line for _, line in _lines(path) if line]
+    if not lines:
+        return np.empty(0, dtype=np.int64), np.empty((0, 3))
+    table = _table(path, "points", lines, range(_POINT_FIELDS))
+    return _whole(path, "point id", table[:, 0]), table[:, 1:]
+
+
+def _table(path: Path, field: str, lines: Sequence[str], columns: Sequence[int] | None = None) -> FloatArray:
+    """(lines, columns) of numbers, as doubles: whole numbers up to 2^53 stay exact."""
+    try:
+        return np.loadtxt(lines, dtype=np.float64, comments=None, usecols=columns, ndmin=2)
+    except ValueError as fault:
+        raise BadScene.at(path, field, "numbers", told(str(fault))) from None
+
+
+def _whole(path: Path, field: str, values: FloatArray) -> IntArray:
+    faulty = ~(np.abs(values) <= MAX_EXACT) | (values != np.floor(values))
+    if faulty.any():
+        raise BadScene.at(path, field, "whole numbers", float(values[faulty.argmax()]))
+    return values.astype(np.int64)
 
 
 def _integer(path: Path, field: str, word: str) -> int:
-    return int(_integers(path, field, [word])[0])
-
-
-def _integers(path: Path, field: str, words: Sequence[str]) -> IntArray:
-    try:
-        return np.array([int(word) for word in words], dtype=np.int64)
-    except (ValueError, OverflowError):
-        raise BadScene.at(path, field, "whole numbers", _first_not(int, words)) from None
+    return int(_whole(path, field, _numbers(path, field, [word]))[0])
 
 
 def _numbers(path: Path, field: str, words: Sequence[str]) -> FloatArray:
-    try:
-        return np.array([float(word) for word in words], dtype=np.float64)
-    except ValueError:
-        raise BadScene.at(path, field, "numbers", _first_not(float, words)) from None
-
-
-def _first_not(kind: type[int] | type[float], words: Sequence[str]) -> str:
-    """The first word that is no number of the kind, for the message."""
-    for word in words:
-        try:
-            value = kind(word)
-        except ValueError:
-            return word
-        if kind is int and not _INTEGERS.min <= value <= _INTEGERS.max:
-            return word
-    return ""
+    return _table(path, field, [" ".join(words)])[0] if words else np.empty(0)

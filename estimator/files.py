@@ -14,6 +14,10 @@ from estimator.scene import BadScene, told
 
 __all__ = ["ByteReader", "bytes_of", "json_of", "listed", "mapped", "text_of"]
 
+_JSON_KINDS = {
+    type(None): "null", bool: "a truth value", int: "a number", float: "a number", str: "a string",
+    list: "an array", dict: "an object",
+}  # fmt: skip
 _COUNT = struct.Struct("<Q")
 
 
@@ -54,14 +58,14 @@ def json_of(path: Path) -> Any:
 def mapped(path: Path, field: str, value: object) -> dict[str, Any]:
     """`value` if it is a JSON object."""
     if not isinstance(value, dict):
-        raise BadScene.at(path, field, "an object", told(f"{type(value).__name__}"))
+        raise BadScene.at(path, field, "an object", told(_JSON_KINDS.get(type(value), "something else")))
     return value
 
 
 def listed(path: Path, field: str, value: object) -> list[Any]:
     """`value` if it is a JSON array."""
     if not isinstance(value, list):
-        raise BadScene.at(path, field, "an array", told(f"{type(value).__name__}"))
+        raise BadScene.at(path, field, "an array", told(_JSON_KINDS.get(type(value), "something else")))
     return value
 
 

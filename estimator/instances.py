@@ -8,9 +8,9 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from estimator.scene import BadScene, BoolArray, Camera, Instance, Scene, told
+from estimator.scene import BadScene, BoolArray, Camera, Instance, IntArray, Scene, told
 
-__all__ = ["ViewNames", "crop_at", "instances_of"]
+__all__ = ["ViewNames", "crop_at", "instances_of", "other_aspect"]
 
 #: A mask whose shape differs by more than this from its camera's was likely made on a rotated or cropped picture.
 ASPECT_TOLERANCE = 0.02
@@ -51,17 +51,18 @@ def instances_of(
 
 
 def crop_at(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, int]] | None:
-    """The tight crop of a (h, w) mask at the camera's resolution and its upper left pixel, or None if it is empty."""
-    if not mask.any():
+    """The crop of a (h, w) mask at the camera's resolution and its upper left pixel, or None if it has no pixel.
+
+    Each pixel of the camera takes the mask's value at its own centre; only the crop is ever resampled.
+    """
+    rows, columns = _sampled(camera.height, mask.shape[0]), _sampled(camera.width, mask.shape[1])
+    row_hits = np.flatnonzero(mask.any(axis=1)[rows])
+    column_hits = np.flatnonzero(mask.any(axis=0)[columns])
+    if not len(row_hits) or not len(column_hits):
         return None
-    if mask.shape != (camera.height, camera.width):
-        mask = _resized(mask, camera)
-    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    if not len(rows):
-        return None
-    top, left = int(rows[0]), int(columns[0])
-    crop = np.ascontiguousarray(mask[top : rows[-1] + 1, left : columns[-1] + 1], dtype=bool)
-    return crop, (left, top)
+    top, left = int(row_hits[0]), int(column_hits[0])
+    crop = mask[np.ix_(rows[top : row_hits[-1] + 1], columns[left : column_hits[-1] + 1])]
+    return (crop, (left, top)) if crop.any() else None
 
 
 def other_aspect(size: tuple[int, int], camera: Camera) -> bool:
@@ -70,12 +71,9 @@ def other_aspect(size: tuple[int, int], camera: Camera) -> bool:
     return bool(abs(np.log(ratio)) > ASPECT_TOLERANCE)
 
 
-def _resized(mask: BoolArray, camera: Camera) -> BoolArray:
-    """The mask at the camera's resolution; each pixel takes the mask's value at its own centre."""
-    height, width = mask.shape
-    rows = ((np.arange(camera.height) + 0.5) * height / camera.height).astype(np.int64)
-    columns = ((np.arange(camera.width) + 0.5) * width / camera.width).astype(np.int64)
-    return np.asarray(mask[rows[:, None], columns])
+def _sampled(length: int, source_length: int) -> IntArray:
+    """(length,) the source's pixel under the centre of each pixel."""
+    return ((np.arange(length) + 0.5) * source_length / length).astype(np.int64)
 
 
 def _folded(name: str) -> str:

@@ -42,9 +42,7 @@ def coco_mask(file: Path, field: str, segmentation: object, size: tuple[int, int
     if (lengths < 0).any() or lengths.sum() != width * height:
         expected = f"runs that add up to {height} x {width} pixels"
         raise BadScene.at(file, f"{field} segmentation counts", expected, told(str(lengths.sum())))
-    # runs of 0, 1, 0, ... follow each other down the columns
-    inside = np.arange(len(lengths)) % 2 == 1
-    return np.asarray(np.repeat(inside, lengths).reshape(width, height).T)
+    return _drawn(lengths, width, height)
 
 
 def box_mask(file: Path, field: str, box: object, size: tuple[int, int]) -> BoolArray:
@@ -77,7 +75,14 @@ def _polygon_mask(file: Path, field: str, polygons: list[object], size: tuple[in
     if length > MAX_OUTLINE_PX:
         raise BadScene.at(file, f"{field} polygons", f"outlines of at most {MAX_OUTLINE_PX} pixels", int(length))
     runs = coco.frPyObjects([outline.ravel().tolist() for outline in outlines], height, width)
-    return np.asarray(coco.decode(coco.merge(runs)), dtype=bool)
+    spelled = coco.merge(runs)["counts"].decode("ascii")
+    return _drawn(_spelled_lengths(file, field, spelled), width, height)
+
+
+def _drawn(lengths: IntArray, width: int, height: int) -> BoolArray:
+    """(h, w) of runs of 0, 1, 0, ... that follow each other down the columns."""
+    inside = np.arange(len(lengths)) % 2 == 1
+    return np.asarray(np.repeat(inside, lengths).reshape(width, height).T)
 
 
 def _perimeter(outline: FloatArray) -> float:

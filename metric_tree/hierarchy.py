@@ -24,6 +24,9 @@ COVARIANCE_ROWS = 8.0
 #: fraction of a row; never none, so that an axis without data stays near its siblings'.
 MEAN_ROWS = (0.02, 2.0)
 
+#: What is believed above counts as half a child: it only speaks for axes that no child states.
+ABOVE = 0.5
+
 #: Components of an inner node's prior: its children are many and no four Gaussians hold them, but a reader and the
 #: estimator must be able to carry it.
 COMPONENTS = 8
@@ -32,15 +35,17 @@ COMPONENTS = 8
 def belief_of(children: Sequence[Moments], above: Belief = VAGUE) -> Belief:
     """The parent's moments as a child's belief: normal-inverse-Wishart, siblings equally weighted.
 
-    An axis counts in the children that state it; `above` (the grandparent's) holds as one child more.
+    An axis counts in the children that state it; `above` is what the node above believes.
     """
+    if not children:
+        return above
     seen = np.array([child.known > 0 for child in children], dtype=float)  # (c, 3)
     means = np.array([child.mean for child in children])
     mass = seen.sum(axis=0)
-    mean = (above.mean * 0.5 + (seen * means).sum(axis=0)) / (0.5 + mass) if len(children) else above.mean
+    mean = (above.mean * ABOVE + (seen * means).sum(axis=0)) / (ABOVE + mass)
     both = seen.T @ seen
     within = np.einsum("ci,cj,cij->ij", seen, seen, np.array([child.within for child in children]))
-    covariance = floored((above.covariance + within) / (1 + both))
+    covariance = floored((ABOVE * above.covariance + within) / (ABOVE + both))
     offset = seen * (means - mean)
     spread = float((offset**2).sum() / max(mass.sum() - 3, 1)) if len(children) > 1 else 1.0
     mean_rows = float(np.clip(np.trace(covariance) / 3 / max(spread, 1e-6), *MEAN_ROWS))

@@ -36,7 +36,6 @@ __all__ = [
     "is_held_out",
     "item_hash",
     "raw_files",
-    "shard",
 ]
 
 #: Shards of a build. A million rows are then 16,000 a shard, a few megabytes; ten million still fit in a worker.
@@ -134,11 +133,6 @@ def is_held_out(item_id: str, fold: int, folds: int) -> bool:
     return item_hash(item_id) % folds == fold
 
 
-def shard(node_id: str) -> int:
-    """Shard of a node: all rows of a node lie in one."""
-    return zlib.crc32(node_id.encode()) % SHARDS
-
-
 def ingested(
     block: Block,
     taxonomy: Callable[[], Taxonomy],
@@ -165,7 +159,7 @@ def ingested(
         row, reason = _row(item, taxonomy, fold_out, left_out)
         counts[reason or "taken"] += 1
         if row is not None:
-            rows[shard(row["node_id"])].append(row)
+            rows[_shards(taxonomy)[row["node_id"]]].append(row)
         elif reason in REFUSALS:
             refused.append(refusal(reason, item.source, item.source_id, item.title, item.category_path))
     return Ingested(_arrow(rows), "".join(refused).encode(), counts)
@@ -257,6 +251,13 @@ def _taxonomy(factory: Callable[[], Taxonomy]) -> Taxonomy:
 @cache
 def _poses(factory: Callable[[], Taxonomy]) -> dict[str, str]:
     return {category.node_id: category.pose for category in _taxonomy(factory).categories()}
+
+
+@cache
+def _shards(factory: Callable[[], Taxonomy]) -> dict[str, int]:
+    """Shard of each node: all rows of a node lie in one, and shards follow the order of the node ids."""
+    nodes = sorted(_poses(factory))
+    return {node_id: rank * SHARDS // len(nodes) for rank, node_id in enumerate(nodes)}
 
 
 def _range_sd(item: RawItem, found: Sizes) -> list[float] | None:

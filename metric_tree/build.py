@@ -1,0 +1,235 @@
+"""Raw items to a release, in five steps that an interruption may part (`metric-tree build`).
+
+1. ingest: blocks of lines to Arrow rows, matched to a leaf and mapped to axes, parted into shards by node;
+2. clean: per shard, repeats and unit slips out, moments of each class;
+3. pool: how sources disagree over all classes; what each inner node believes of its children;
+4. fit: per shard, the prior of each leaf; then the inner nodes, from the leaves up;
+5. publish: four tables and a manifest, written aside and renamed.
+
+Steps 1, 2 and 4 are pure functions over an executor: this process, processes, or a Dask cluster. What they return is
+kept in a work folder until the release is published. The same input gives the same release to the byte, whatever the
+executor; the date is told from outside.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pyarrow as pa
+
+from crawler.faults import InputFault
+from crawler.sources import Source, sources
+from metric_tree.assembly import Hierarchy, kept_categories, node_counts, node_table, prior_table, source_records
+from metric_tree.build_report import report
+from metric_tree.clean import Cleaned, NodeClass, class_priors, cleaned
+from metric_tree.disagreement import pooled_covariance
+from metric_tree.ingest import SHARDS, Ingested, blocks, ingested, raw_files
+from metric_tree.prior import FloatArray, Prior
+from metric_tree.row_files import RowFiles, sibling_references
+from metric_tree.schema import IMAGES
+from metric_tree.store import Release, published
+from metric_tree.work import Here, WorkFolder, fingerprint
+from taxonomy.categories import Taxonomy
+
+__all__ = ["Build", "Options", "built", "shipped_taxonomy"]
+
+#: Called with the name of a step and the parts of it that are done.
+Progress = Callable[[str, int], None]
+
+_R = TypeVar("_R")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What a release is called and what it leaves out.
+
+    created : ISO date of the release; fold_out : fold I of N of the items that the build does not see;
+    noncommercial : whether sources that exclude commercial use take part; heldout : whether priors are scored.
+    """
+
+    version: str
+    created: str
+    name: str = "metric-tree"
+    fold_out: tuple[int, int] | None = None
+    noncommercial: bool = True
+    heldout: bool = True
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Build:
+    """A published release and what a maintainer should read: counts by reason, disagreements, mixed classes."""
+
+    release: Release
+    report: Mapping[str, Any]
+
+
+def shipped_taxonomy() -> Taxonomy:
+    """The taxonomy of the package."""
+    import taxonomy  # noqa: PLC0415 - WordNet is read where it is needed
+
+    default: Callable[[], Taxonomy] = taxonomy.default_taxonomy
+    return default()
+
+
+def built(
+    raw: Sequence[Path],
+    out: Path,
+    options: Options,
+    *,
+    log: Path | None = None,
+    taxonomy: Callable[[], Taxonomy] = shipped_taxonomy,
+    declared: Mapping[str, Source] | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Build:
+    """Build a release at `out` from raw items; the log folder gets `quarantine.jsonl` and `report.json`.
+
+    Parameters
+    ----------
+    raw : files or folders of raw items; log : `<out>.build` by default
+    taxonomy : a function at the top of a module, so that a worker can call it
+    declared : sources by id, those of `data/sources` by default; rows of others are used and not shipped
+    executor : where the steps run, this process by default
+
+    Raises
+    ------
+    InputFault
+        Something is at `out` already, there are no raw items, or a line is none.
+    """
+    if out.exists():
+        raise InputFault(f"{out}: expected a free path for a new release; found an existing one")
+    files = raw_files(raw)
+    declared = {source.id: source for source in sources()} if declared is None else declared
+    log = log or out.with_name(f"{out.name}.build")
+    with WorkFolder.opened(log / "work", fingerprint(files, repr((options, sorted(declared))))) as work:
+        steps = _Steps(options, taxonomy, declared, executor or Here(), progress, work)
+        counts = steps.ingest(files)
+        classes, dropped = steps.clean()
+        report, tables, manifest = steps.fit(classes, counts + dropped)
+        release = published(out, tables, manifest)
+        _write_log(log, work.directory, report)
+    return Build(release, report)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Steps:
+    options: Options
+    taxonomy: Callable[[], Taxonomy]
+    declared: Mapping[str, Source]
+    executor: Executor
+    progress: Progress | None
+    work: WorkFolder
+
+    def ingest(self, files: Iterable[Path]) -> Counter[str]:
+        """Step 1; the rows lie in the work folder. Counts of raw items by outcome."""
+        noncommercial = (name for name, source in self.declared.items() if source.noncommercial)
+        left_out = frozenset() if self.options.noncommercial else frozenset(noncommercial)
+        calls = ((block, self.taxonomy, self.options.fold_out, left_out) for block in blocks(files))
+        counts: Counter[str] = Counter()
+        for result in self._mapped("ingest", ingested, calls, _spilled_rows):
+            counts += result.counts
+        return counts
+
+    def clean(self) -> tuple[list[NodeClass], Counter[str]]:
+        """Step 2: the classes, without their rows, and the rows dropped by reason."""
+        rows = RowFiles(tuple(sorted(self.work.directory.glob("ingest-*.arrow"))))
+        repeated, siblings = rows.repeated(), sibling_references(rows, self.taxonomy().categories())
+        licences = {name: source.licence for name, source in self.declared.items() if source.ship}
+        calls = ((rows.shard(number, repeated), licences, siblings) for number in range(SHARDS))
+        classes: list[NodeClass] = []
+        counts = Counter({"repeated_id": len(repeated.extra)})
+        for result in self._mapped("clean", cleaned, calls, _spilled_classes):
+            classes += result.classes
+            counts += result.counts
+        return classes, counts
+
+    def fit(
+        self, found: Sequence[NodeClass], counts: Counter[str]
+    ) -> tuple[dict[str, Any], dict[str, pa.Table], dict[str, Any]]:
+        """Steps 3 and 4: what a maintainer should read, the tables and the manifest."""
+        classes = {one.node_id: one for one in found}
+        hierarchy = Hierarchy.of(kept_categories(self.taxonomy().categories(), classes))
+        pooled = pooled_covariance(m.disagreement for one in found for m in one.moments[:1] if m.disagreement)
+        leaves = self._leaves(found, hierarchy, pooled)
+        priors = hierarchy.priors(leaves, {node_id: frozenset(one.n_by_source) for node_id, one in classes.items()})
+        tables = {
+            "nodes.parquet": node_table(hierarchy, classes, priors),
+            "items.parquet": self._items(),
+            "priors.parquet": prior_table(hierarchy, priors),
+            "images.parquet": IMAGES.empty_table(),
+        }
+        manifest = self._manifest(tables, found, counts)
+        return report(found, leaves, pooled, counts), tables, manifest
+
+    def _leaves(self, found: Sequence[NodeClass], hierarchy: Hierarchy, pooled: FloatArray) -> dict[str, Prior]:
+        parents = {category.node_id: category.parent_id or "" for category in hierarchy.categories}
+        beliefs = hierarchy.beliefs(m for one in found for m in one.moments)
+        own = {one.node_id: beliefs[parents[one.node_id], one.moments[0].axes] for one in found}
+        files = sorted(self.work.directory.glob("clean-*.classes"))
+        calls = ((path.read_bytes(), own, pooled, self.options.seed, self.options.heldout) for path in files)
+        return {prior.node_id: prior for priors in self._mapped("fit", class_priors, calls) for prior in priors}
+
+    def _items(self) -> pa.Table:
+        """The shipped items, mapped from the work folder and not read into memory."""
+        files = sorted(self.work.directory.glob("clean-*.items"))
+        return pa.concat_tables([pa.ipc.open_file(pa.memory_map(str(path))).read_all() for path in files])
+
+    def _manifest(
+        self, tables: Mapping[str, pa.Table], found: Sequence[NodeClass], counts: Counter[str]
+    ) -> dict[str, Any]:
+        n_fit: Counter[str] = Counter()
+        for one in found:
+            n_fit.update(one.n_by_source)
+        n_rows = Counter(tables["items.parquet"]["source"].to_pylist())
+        used = frozenset().union(*(one.sources for one in found))
+        return {
+            "name": self.options.name,
+            "version": self.options.version,
+            "created": self.options.created,
+            "sources": source_records(self.declared, n_fit, n_rows, used),
+            "counts": node_counts(tables["nodes.parquet"])
+            | {"n_fit": n_fit.total(), "n_rows": tables["items.parquet"].num_rows, "raw": dict(sorted(counts.items()))},
+            "noncommercial": self.options.noncommercial,
+            "fold_out": list(self.options.fold_out) if self.options.fold_out else None,
+        }
+
+    def _mapped(
+        self,
+        step: str,
+        function: Callable[..., _R],
+        calls: Iterable[Any],
+        spilled: Callable[[_R, Path], _R] | None = None,
+    ) -> Iterator[_R]:
+        for done, result in enumerate(self.work.mapped(step, function, calls, self.executor, spilled), start=1):
+            if self.progress is not None:
+                self.progress(step, done)
+            yield result
+
+
+def _spilled_rows(result: Ingested, stem: Path) -> Ingested:
+    stem.with_suffix(".arrow").write_bytes(result.rows)
+    stem.with_suffix(".refused").write_bytes(result.refused)
+    return replace(result, rows=b"", refused=b"")
+
+
+def _spilled_classes(result: Cleaned, stem: Path) -> Cleaned:
+    stem.with_suffix(".items").write_bytes(result.items)
+    stem.with_suffix(".refused").write_bytes(result.refused)
+    stem.with_suffix(".classes").write_bytes(result.rows)
+    return replace(result, items=b"", refused=b"", rows=b"")
+
+
+def _write_log(log: Path, work: Path, found: Mapping[str, Any]) -> None:
+    with (log / "quarantine.jsonl").open("wb") as quarantine:
+        for path in sorted(work.glob("*.refused"), reverse=True):  # ingest first, then clean
+            with path.open("rb") as part:
+                shutil.copyfileobj(part, quarantine)
+    (log / "report.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

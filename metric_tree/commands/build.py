@@ -1,0 +1,141 @@
+"""`metric-tree build RAW... --out DIR`: raw items to a release."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+
+from crawler.faults import InputFault
+from metric_tree.build import Build, Options, Progress, built
+from metric_tree.commands.shell import print_json, print_table
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "Raw items to a release: matched, cleaned, fitted, published whole or not at all."
+
+#: The variable by which reproducible builds tell a date (reproducible-builds.org).
+DATE_VARIABLE = "SOURCE_DATE_EPOCH"
+
+#: How long a Dask scheduler may take to answer, in seconds.
+SCHEDULER_TIMEOUT = 10
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("raw", metavar="RAW", nargs="+", type=Path, help="*.jsonl, *.jsonl.gz, or folders of them")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the release; nothing may be there yet")
+    parser.add_argument("--version", default="0.1.0", help="semantic version of the release (default: %(default)s)")
+    parser.add_argument("--name", default="metric-tree", help="name of the release (default: %(default)s)")
+    parser.add_argument("--created", metavar="DATE", help=f"ISO date (default: ${DATE_VARIABLE}, else today)")
+    parser.add_argument("--log", metavar="DIR", type=Path, help="quarantine and report (default: DIR.build)")
+    parser.add_argument("--fold-out", metavar="I/N", type=_fold, help="leave out fold I (from 0) of N, by item id")
+    parser.add_argument("--without-noncommercial", action="store_true", help="leave out non-commercial sources")
+    parser.add_argument("--no-heldout", action="store_true", help="skip the held-out scores of the priors (faster)")
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: %(default)s)")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, in place of processes")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Build and print what came of it."""
+    options = Options(
+        version=_semantic(arguments.version),
+        created=_created(arguments.created),
+        name=arguments.name,
+        fold_out=arguments.fold_out,
+        noncommercial=not arguments.without_noncommercial,
+        heldout=not arguments.no_heldout,
+    )
+    with _executor(arguments.workers, arguments.scheduler) as executor, _progress() as progress:
+        build = built(arguments.raw, arguments.out, options, log=arguments.log, executor=executor, progress=progress)
+    _print(build, arguments.json)
+    return 0
+
+
+def _print(build: Build, as_json: bool) -> None:
+    manifest = build.release.manifest
+    if as_json:
+        print_json({"directory": str(build.release.directory), **manifest})
+        return
+    counts = manifest["counts"]
+    rows = [(name, value) for name, value in counts.items() if not isinstance(value, dict)]
+    print_table(["count", "value"], rows, title=f"{build.release.directory}: {manifest['name']} {manifest['version']}")
+    print_table(["raw item", "rows"], Counter(counts["raw"]).most_common())
+
+
+@contextmanager
+def _executor(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
+    if scheduler is not None:
+        from distributed import Client
+
+        try:
+            client = Client(scheduler, timeout=SCHEDULER_TIMEOUT)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise InputFault(f"--scheduler: expected a Dask scheduler at {scheduler}; found {error}") from None
+        with client:
+            yield client.get_executor()
+    elif workers > 1:
+        from concurrent.futures import ProcessPoolExecutor
+        from multiprocessing import get_context
+
+        # spawned, not forked: Arrow's threads do not survive a fork
+        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+        try:
+            yield pool
+        finally:
+            pool.shutdown(cancel_futures=True)
+    else:
+        yield None
+
+
+@contextmanager
+def _progress() -> Iterator[Progress | None]:
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    columns = (SpinnerColumn(), TextColumn("{task.description}: {task.completed} parts"), TimeElapsedColumn())
+    with Bar(*columns, console=Console(stderr=True)) as bar:
+        tasks: dict[str, int] = {}
+
+        def shown(step: str, done: int) -> None:
+            task = tasks.setdefault(step, len(tasks)) if step in tasks else tasks.setdefault(step, bar.add_task(step))
+            bar.update(task, completed=done)  # type: ignore[arg-type] # rich's TaskID is an int
+
+        yield shown
+
+
+def _fold(text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"(\d+)/(\d+)", text)
+    if match is None or not int(match[1]) < int(match[2]):
+        raise argparse.ArgumentTypeError(f"expected I/N with 0 <= I < N; found {text!r}")
+    return int(match[1]), int(match[2])
+
+
+def _semantic(text: str) -> str:
+    if not re.fullmatch(r"\d+\.\d+\.\d+([-+][0-9A-Za-z.-]+)?", text):
+        raise InputFault(f"--version: expected a semantic version such as 1.0.0; found {text!r}")
+    return text
+
+
+def _created(text: str | None) -> str:
+    if text is None:
+        epoch = os.environ.get(DATE_VARIABLE)
+        moment = datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now(UTC)
+        return moment.date().isoformat()
+    try:
+        return (
+            datetime.fromisoformat(text).isoformat() if "T" in text else datetime.fromisoformat(text).date().isoformat()
+        )
+    except ValueError:
+        raise InputFault(f"--created: expected an ISO date; found {text!r}") from None

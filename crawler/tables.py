@@ -14,7 +14,7 @@ from crawler.measures import AXES
 
 __all__ = ["REASONS", "Axis", "BadDeclaration", "Format", "Rule", "Table", "expect"]
 
-Format = Literal["csv", "json", "jsonl", "xls", "yaml"]
+Format = Literal["csv", "json", "jsonl", "properties", "xls", "yaml"]
 
 #: Why a row is refused, by reason code.
 REASONS: Mapping[str, str] = {
@@ -31,6 +31,7 @@ REASONS: Mapping[str, str] = {
     "set_of_things": "one size for a set of several things",
     "wrong_axis": "a size of another axis than the column says",
     "superseded": "the same thing stands in another file of the set",
+    "miniature": "a small likeness of the thing it is named after",
     "juvenile": "not grown: a sapling of a nursery",
 }
 
@@ -98,7 +99,10 @@ class Rule:
         expect(not unknown and "column" in value, "rule", "column, outcome, and matches, below or above", dict(value))
         tests = {key: value[key] for key in ("matches", "below", "above") if key in value}
         expect(bool(tests), "rule", "matches, below or above", dict(value))
-        pattern = re.compile(value["matches"], re.IGNORECASE) if "matches" in value else None
+        try:
+            pattern = re.compile(value["matches"], re.IGNORECASE) if "matches" in value else None
+        except re.error as error:
+            raise BadDeclaration(f"rule.matches: expected a regular expression; found {error}") from None
         return cls(**{**value, "matches": pattern})
 
 
@@ -108,7 +112,7 @@ class Table:
 
     Texts are templates over the row's columns, `{brand} {model}`; `{file}` is the file's stem, `{row}` the row's
     number; a filter follows a bar: `{type|words}` parts CamelCase and underscores, `{title|head}` ends at the first
-    comma, `{x|lower}` is in small letters.
+    comma or bracket, `{title|part}` does so after the first colon, `{x|lower}` is in small letters.
     """
 
     #: Files of the table, relative to the source's folder, as glob patterns.
@@ -127,6 +131,8 @@ class Table:
     id: str = "{file}-{row}"
     title: str = ""
     category: tuple[str, ...] = ()
+    #: What parts a breadcrumb that stands in one column, ` | `.
+    category_separator: str = ""
     brand: str = ""
     url: str = ""
     year: str = ""
@@ -137,6 +143,8 @@ class Table:
     axes: Mapping[str, Axis] = field(default_factory=dict)
     #: Template of a text that states the whole size, and the axis words of its numbers where it brings none.
     text: str = ""
+    #: Finds the size in a longer text, as its first group.
+    text_pattern: str = ""
     order: tuple[str, ...] = ()
     #: False where the source does not say which axis is which: only `extents_mm` is kept.
     labelled: bool = True

@@ -1,4 +1,4 @@
-"""Rows of CSV, JSON, JSON Lines, YAML and old Excel files as flat records of text."""
+"""Rows of CSV, JSON, JSON Lines, YAML, properties and old Excel files as flat records of text."""
 
 from __future__ import annotations
 
@@ -33,7 +33,9 @@ def rows(table: Table, path: Path) -> Iterator[Row]:
     BadTable
         The file is not of the table's format or encoding, or is empty.
     """
-    read = {"csv": _csv, "json": _json, "jsonl": _jsonl, "xls": _xls, "yaml": _yaml}[table.format]
+    read = {"csv": _csv, "json": _json, "jsonl": _jsonl, "properties": _properties, "xls": _xls, "yaml": _yaml}[
+        table.format
+    ]
     try:
         yield from read(table, path)
     except (UnicodeDecodeError, csv.Error, ValueError, LookupError) as error:
@@ -79,14 +81,30 @@ def _yaml(table: Table, path: Path) -> Iterator[Row]:
     yield from _records(yaml.safe_load(path.read_text(encoding=table.encoding)), table.each)
 
 
+def _properties(table: Table, path: Path) -> Iterator[Row]:
+    """The records of a Java properties file whose keys end in the record's number, `width#12=80`."""
+    records: dict[str, Row] = {}
+    for line in path.read_text(encoding=table.encoding).splitlines():
+        name, numbered, rest = line.partition("#")
+        number, equals, value = rest.partition("=")
+        if name and numbered and equals and number.isdigit():
+            records.setdefault(number, {"key": number})[name] = value.strip()
+    yield from records.values()
+
+
 def _xls(table: Table, path: Path) -> Iterator[Row]:
     import xlrd  # noqa: PLC0415 - only one source is an old Excel file
 
     sheet = xlrd.open_workbook(str(path)).sheet_by_index(0)
-    lines = [[str(cell).strip() for cell in sheet.row_values(i)] for i in range(sheet.nrows)]
+    lines = [[_excel_text(cell) for cell in sheet.row_values(i)] for i in range(sheet.nrows)]
     header = list(table.columns) or [" ".join(name.split()) for name in lines[table.skip_lines]]
     for cells in lines[table.skip_lines + (0 if table.columns else 1) :]:
         yield dict(zip(header, cells, strict=False))
+
+
+def _excel_text(cell: object) -> str:
+    """A cell as text; Excel keeps the model number 177 as 177.0."""
+    return str(int(cell)) if isinstance(cell, float) and cell.is_integer() else str(cell).strip()
 
 
 def _records(tree: Any, each: str) -> Iterator[Row]:

@@ -17,7 +17,7 @@ from crawler.tables import Rule, Table
 __all__ = ["filled", "table_readings"]
 
 _FIELD = re.compile(r"\{([^{}|]+)(?:\|(\w+))?\}")
-_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_\s]+")
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_|\s]+")
 
 
 def _head(text: str) -> str:
@@ -28,7 +28,11 @@ def _words(text: str) -> str:
     return " ".join(part for part in _CAMEL.split(text) if part).lower()
 
 
-_FILTERS: Mapping[str, Callable[[str], str]] = {"lower": str.lower, "head": _head, "words": _words}
+def _part(text: str) -> str:
+    return _head(text.split(":", maxsplit=1)[-1].strip())
+
+
+_FILTERS: Mapping[str, Callable[[str], str]] = {"lower": str.lower, "head": _head, "part": _part, "words": _words}
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +95,7 @@ def _item(source: Source, table: Table, row: Row, size: _Size) -> Reading:
         size.words if table.labelled else {},
         extents=size.extents,
         bounds_mm=table.bounds_mm,
-        category=[filled(part, row) for part in table.category],
+        category=_category(table, row),
         title=filled(table.title, row),
         brand=filled(table.brand, row),
         url=filled(table.url, row),
@@ -105,23 +109,40 @@ def _item(source: Source, table: Table, row: Row, size: _Size) -> Reading:
     )
 
 
+def _category(table: Table, row: Row) -> list[str]:
+    parts = [filled(part, row) for part in table.category]
+    separator = table.category_separator.strip()
+    return [word for part in parts for word in part.split(separator)] if separator else parts
+
+
 def _size(table: Table, row: Row) -> _Size:
     if table.text:
-        text = filled(table.text, row)
-        found = measures(text, table.unit, table.decimal)
-        if len(found) > 3:
-            raise Refused("several_states", "text", text)
-        if text and not found:
-            raise Refused("no_size", "text", text)
-        words = words_mm(found, table.order)
-        return _Size(words, _extents(words, found), text, any(measure.is_range for measure in found))
+        return _text_size(table, row)
     words = {axis: mm for axis in table.axes if (mm := _length(table, row, axis))}
     return _Size(words, extents_mm(words))
 
 
+def _text_size(table: Table, row: Row) -> _Size:
+    text = _first_group(table.text_pattern, filled(table.text, row))
+    found = tuple(measure for measure in measures(text, table.unit, table.decimal) if measure.mm)
+    if len(found) > 3 and not all(measure.axis for measure in found):
+        raise Refused("several_states", "text", text)
+    if not found:
+        raise Refused("no_size", "text", text)
+    words = words_mm(found, table.order)
+    return _Size(words, _extents(words, found), text, any(measure.is_range for measure in found))
+
+
+def _first_group(pattern: str, text: str) -> str:
+    if not pattern:
+        return text
+    inside = re.search(pattern, text)
+    return inside[1] if inside else ""
+
+
 def _extents(words: dict[str, float], found: tuple[Measure, ...]) -> tuple[float, ...]:
     """The outer size: by the words where every length has one, else the bare lengths."""
-    if len(words) == len(found):
+    if len(words) == len(found) or all(measure.axis for measure in found):
         return extents_mm(words) or ()
     return tuple(sorted((measure.mm for measure in found), reverse=True))
 
@@ -130,10 +151,7 @@ def _length(table: Table, row: Row, axis: str) -> float | None:
     declared = table.axes[axis]
     if declared.minus:
         return _difference(table, row, axis)
-    text = row.get(declared.column, "")
-    if declared.pattern:
-        inside = re.search(declared.pattern, text)
-        text = inside[1] if inside else ""
+    text = _first_group(declared.pattern, row.get(declared.column, ""))
     try:
         length = length_mm(text, declared.unit or table.unit or "mm", table.decimal)
     except UnreadableLength as error:

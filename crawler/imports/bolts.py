@@ -1,0 +1,75 @@
+"""BOLTS: tables of standard parts in YAML, a class each; the letters of a standard's drawing name the columns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from crawler.imports.readings import Reading, Refused, item
+from crawler.lengths import millimetres
+from crawler.sources import Source
+
+__all__ = ["readings"]
+
+#: Classes whose tables give a whole part, by the start of their id: category, and the column of each axis.
+#: `s` of a nut is its width across flats, `e` across corners; `d2` of a washer or a bearing its outer diameter.
+_WHOLE: Mapping[str, tuple[tuple[str, ...], Mapping[str, str]]] = {
+    "hexagonthinnut": (("nut", "hexagon nut"), {"length": "e_min", "width": "s", "height": "m_max"}),
+    "hexagonnut": (("nut", "hexagon nut"), {"length": "e_min", "width": "s", "height": "m_max"}),
+    "plainwasher": (("washer", "plain washer"), {"diameter": "d2", "height": "s"}),
+    "heavydutyplainwasher": (("washer", "plain washer"), {"diameter": "d2", "height": "s"}),
+    "singlerowradialbearing": (("ball bearing",), {"diameter": "d2", "height": "B"}),
+    "doublerowradialbearing": (("ball bearing",), {"diameter": "d2", "height": "B"}),
+    "cylindricalrollerbearing": (("roller bearing",), {"diameter": "d2", "height": "B"}),
+    "axialthrustbearing": (("thrust bearing",), {"diameter": "D_g", "height": "T"}),
+    "round_battery": (("battery", "dry cell"), {"diameter": "d", "height": "h"}),
+    "plateflange": (("pipe flange",), {"diameter": "D", "height": "b"}),
+    "blindflange": (("pipe flange",), {"diameter": "D", "height": "b"}),
+}
+_UNITS = {"Length (mm)": "mm", "Length (in)": "in"}
+
+
+def readings(source: Source, folder: Path) -> Iterator[Reading]:
+    """A reading per table row of every class in `*.blt`, in the order of files, classes and rows."""
+    import yaml  # type: ignore[import-untyped]  # noqa: PLC0415 - only two sources are YAML
+
+    for path in sorted(folder.glob("*.blt")):
+        for entry in yaml.safe_load(path.read_text(encoding="utf-8"))["classes"]:
+            yield from _class_readings(source, entry)
+
+
+def _class_readings(source: Source, entry: Mapping[str, Any]) -> Iterator[Reading]:
+    parameters = entry.get("parameters") or {}
+    units = {name: _UNITS[kind] for name, kind in (parameters.get("types") or {}).items() if kind in _UNITS}
+    tables = parameters.get("tables") or []
+    for table in tables if isinstance(tables, list) else [tables]:
+        for key, values in table["data"].items():
+            row = dict(zip(table["columns"], values, strict=False))
+            if not set(row) & set(units):  # a table of names (postfixes, finishes), not of sizes
+                continue
+            try:
+                yield _item(source, entry, str(key), row, units)
+            except Refused as refused:
+                yield refused.refusal(source, f"{entry['id']}:{key}")
+
+
+def _item(
+    source: Source, entry: Mapping[str, Any], key: str, row: Mapping[str, Any], units: Mapping[str, str]
+) -> Reading:
+    whole = next((value for start, value in _WHOLE.items() if entry["id"].startswith(start)), None)
+    if whole is None or not set(whole[1].values()) & set(row):
+        raise Refused("part_not_whole", "class", entry["id"])
+    category, axes = whole
+    words = {
+        axis: millimetres(float(row[column]), units.get(column, "mm"))
+        for axis, column in axes.items()
+        if isinstance(row.get(column), int | float)
+    }
+    return item(source, f"{entry['id']}-{key}", words, category=category, title=f"{_name(entry)} {key}")
+
+
+def _name(entry: Mapping[str, Any]) -> str:
+    names = entry.get("names") or entry["id"]
+    first = names[0] if isinstance(names, list) else names
+    return str(first["name"] if isinstance(first, Mapping) else first)

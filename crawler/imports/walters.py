@@ -1,0 +1,107 @@
+"""The Walters Art Museum: sizes in sentences, `H: 3 1/4 x W: 5 in. (8.3 x 12.7 cm); H without base: 3 in. (7.6 cm)`."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from crawler.imports.readings import Reading, Refused, item, year
+from crawler.measures import Measure, measures, words_mm
+from crawler.sources import Source
+
+__all__ = ["readings"]
+
+#: Classes and object names whose size is that of a sheet or a picture.
+_FLAT_CLASSES = frozenset({"Manuscripts & Rare Books", "Painting & Drawing", "Prints"})
+_FLAT_NAMES = re.compile(
+    r"folio|leaf|leaves|painting|drawing|print|photograph|miniature|icon|portrait|calligraph", re.IGNORECASE
+)
+_BOOK = re.compile(r"^(rare )?books?\b", re.IGNORECASE)
+_PART_NAMES = re.compile(r"fragment|inlay", re.IGNORECASE)
+_SET_NAMES = re.compile(r"\bsets?\b|service", re.IGNORECASE)
+#: Words that say that a statement measures a part, or the thing without one.
+_PART = re.compile(
+    r"\b(at|without|excluding|bezel|hoop|frame|framed|mount|inner|interior|image|painted|base|average|circumference|blade"
+    r"|sheath|dagger|chain|medallion|panel|center|thickness of|height of|l of|w of|h of|d of|diam of|of)\b",
+    re.IGNORECASE,
+)
+#: `(h. x max. diam.)` behind the figures says what they are.
+_ORDER = re.compile(
+    r"\(((?:max\.? ?)?(?:h|w|d|l|diam)\.?(?:\s*[x×]\s*(?:max\.? ?)?(?:h|w|d|l|diam)\.?)*)\)", re.IGNORECASE
+)
+_LETTERS = {"h": "height", "w": "width", "d": "depth", "l": "length", "diam": "diameter"}
+#: `H with handle:` is still a height of the whole.
+_QUALIFIED = re.compile(
+    r"\b(?:(?:max|overall|outer)\.?\s+)?(H|W|D|L|Diam)\b\.?(?:\s+with[^:;\d]*)?(?=\s*:)", re.IGNORECASE
+)
+_BOUNDS_MM = (1.0, 6000.0)
+
+
+def readings(source: Source, folder: Path) -> Iterator[Reading]:
+    """A reading per object of `walters_dims.jsonl`."""
+    path = folder if folder.is_file() else folder / "walters_dims.jsonl"
+    with path.open(encoding="utf-8") as lines:
+        for line in lines:
+            row = json.loads(line)
+            try:
+                yield _item(source, row)
+            except Refused as refused:
+                yield refused.refusal(source, str(row["ObjectID"]))
+
+
+def _item(source: Source, row: Mapping[str, Any]) -> Reading:
+    names = str(row["ObjectName"] or "")
+    _refuse_flat(str(row["Classification"] or ""), names)
+    text = str(row["Dimensions"] or "")
+    words, extents = _size(text)
+    first = re.split(r"[;,]", names, maxsplit=1)[0]
+    return item(
+        source,
+        str(row["ObjectID"]),
+        words,
+        extents=extents,
+        bounds_mm=_BOUNDS_MM,
+        category=[str(row["Classification"] or ""), re.sub(r"\s*\([^)]*\)", "", first)] if first else [],
+        title=str(row["Title"] or ""),
+        url=f"https://art.thewalters.org/detail/{row['ObjectID']}",
+        dimensions_text=text,
+        year=year(str(row["DateText"] or "")),
+    )
+
+
+def _refuse_flat(classification: str, names: str) -> None:
+    if (classification in _FLAT_CLASSES and not _BOOK.match(names)) or _FLAT_NAMES.search(names):
+        raise Refused("flat_picture", "ObjectName", names or classification)
+    if _PART_NAMES.search(names):
+        raise Refused("part_not_whole", "ObjectName", names)
+    if _SET_NAMES.search(names):
+        raise Refused("set_of_things", "ObjectName", names)
+
+
+def _size(text: str) -> tuple[dict[str, float], tuple[float, ...] | None]:
+    """Axis words and extents of the first statement about the whole; bare figures give extents alone."""
+    statements = [part.strip() for part in re.split(r"[;\r\n]+", text) if part.strip()]
+    if not statements:
+        raise Refused("no_size", "Dimensions", text)
+    whole = [part for part in statements if not _PART.search(part.split("in.")[0])]
+    if not whole:
+        raise Refused("part_not_whole", "Dimensions", text)
+    found = tuple(m for m in measures(_QUALIFIED.sub(r"\1", whole[0])) if m.mm)
+    if not found:
+        raise Refused("unreadable", "Dimensions", text)
+    if len(found) > 3:
+        raise Refused("several_states", "Dimensions", text)
+    return _worded(found, whole[0])
+
+
+def _worded(found: tuple[Measure, ...], statement: str) -> tuple[dict[str, float], tuple[float, ...] | None]:
+    behind = _ORDER.search(statement)
+    order = (
+        [_LETTERS[letter.lower()] for letter in re.findall(r"diam|[hwdl]", behind[1], re.IGNORECASE)] if behind else []
+    )
+    words = words_mm(found, order) if len(order) in {0, len(found)} else {}
+    complete = len(words) == len(found)
+    return words, None if complete else tuple(measure.mm for measure in found)

@@ -104,13 +104,13 @@ def _reasons(
 ) -> list[str]:
     """Why each row is refused, empty where it is not; a slip is looked for first, so that it hides no true row."""
     reasons = [""] * table.num_rows
-    logs = np.log(sizes[:, 3:])
+    extents = sizes[:, 3:]
     ids, kinds = table["item_id"].to_pylist(), table["kind"].to_pylist()
     node = table["node_id"].to_pylist()
     for rows in _nodes(table):
         real = rows[[kinds[row] != "curated" for row in rows]]
-        against = reference(logs[real]) or siblings.get(node[rows[0]])
-        for row, factor in zip(real, slipped(logs[real], against) if against and len(real) else (), strict=False):
+        against = reference(extents[real]) or siblings.get(node[rows[0]])
+        for row, factor in zip(real, slipped(extents[real], against) if against and len(real) else (), strict=False):
             if factor != 1.0:
                 reasons[row] = f"unit_slip: {factor:g}" if np.isfinite(factor) else "far_outlier"
     left = np.array([row for row, reason in enumerate(reasons) if not reason], dtype=np.intp)

@@ -28,7 +28,7 @@ __all__ = ["SPREAD_FLOOR", "Belief", "Fitted", "Mixture", "Rows", "completed", "
 SPREAD_FLOOR = 0.03
 
 #: EM stops when a row's mean log likelihood gains less than this, far below what BIC can tell apart.
-TOLERANCE = 1e-6
+TOLERANCE = 1e-5
 ITERATIONS = 300
 
 #: Starts of a mixture of several components, and steps after which only the best goes on.

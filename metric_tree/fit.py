@@ -179,8 +179,12 @@ def _components(rows: Rows, belief: Belief, seed: int) -> tuple[Mixture, int]:
     """The mixture of the smallest BIC, as the predictive density of a further object of the same source."""
     effective = rows.effective
     largest = max(1, min(COMPONENTS, int(effective // COMPONENT_ROWS)))
-    fits = [fitted_mixture(rows, k, belief, seed) for k in range(1, largest + 1)]
-    best = min(fits, key=lambda fit: fit.bic(effective))
+    best = fitted_mixture(rows, 1, belief, seed)
+    for k in range(2, largest + 1):
+        fit = fitted_mixture(rows, k, belief, seed)
+        if fit.bic(effective) >= best.bic(effective) and k > len(best.mixture.weights) + 1:
+            break  # two more components in vain: a third is not tried
+        best = min(best, fit, key=lambda one: one.bic(effective))
     return _predictive(best, belief, effective), len(best.mixture.weights)
 
 

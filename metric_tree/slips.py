@@ -8,14 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metric_tree.axes import candidates
 from metric_tree.prior import FloatArray
 
 __all__ = ["FACTORS", "Reference", "reference", "sibling_reference", "slipped"]
 
-#: Units mistaken for each other: mm, cm, dm, m, inch, foot, and inch for centimetre.
-FACTORS = (10.0, 100.0, 1000.0, 25.4, 2.54, 304.8, 12.0)
+#: Units mistaken for each other: mm, cm, dm, m, inch, foot, and inch for centimetre. (A foot for an inch, 12, could not be
+#: told from 10.)
+FACTORS = (10.0, 100.0, 1000.0, 25.4, 2.54, 304.8)
 
 #: Robust deviations beyond which a size is suspect, and the least factor that is: among a hundred rows of a class one
 #: lies four deviations out only if the class is mixed, and sizes of one kind of thing double now and then.
@@ -42,8 +43,13 @@ class Reference:
     deviation: FloatArray
 
 
-def reference(logs: FloatArray) -> Reference | None:
-    """Median and scaled median absolute deviation of ln sizes (n, d); None of fewer than `ENOUGH` rows."""
+def reference(extents: FloatArray) -> Reference | None:
+    """Median and scaled median absolute deviation of ln extents (n, 3) mm; None of fewer than `ENOUGH` rows.
+
+    Rows that state fewer than three extents do not say which, and only count where few state all.
+    """
+    complete = ~np.isnan(extents).any(axis=1)
+    logs = np.log(extents[complete] if complete.sum() >= ENOUGH else extents)
     if len(logs) < ENOUGH:
         return None
     enough = (~np.isnan(logs)).sum(axis=0) >= ENOUGH
@@ -64,25 +70,35 @@ def sibling_reference(medians: FloatArray) -> Reference | None:
     return Reference(centre, np.maximum(deviation, np.log(LEAST_FACTOR)))
 
 
-def slipped(logs: FloatArray, against: Reference) -> NDArray[np.float64]:
+def slipped(extents: FloatArray, against: Reference) -> FloatArray:
     """Of each row the factor by which a size is off: a unit's, inf where far out unexplained, 1 where all is well.
 
     Parameters
     ----------
-    logs : (n, d) ln mm, NaN where missing
+    extents : (n, 3) mm, longest first, NaN beyond the last. Of a row that states fewer than three, each may be any of
+        the class's: the least suspicious reading counts.
 
     Returns
     -------
     (n,) float, over 1 for too large, under 1 for too small
     """
-    offset = np.nan_to_num(logs - against.centre)  # (n, d); what is unknown is not suspect
+    x, owner = candidates(np.full_like(extents, np.nan), extents, "any")
+    factor, suspicion = _factors(np.log(x), against)
+    best = np.lexsort((suspicion, owner))  # of each row's readings the least suspicious first
+    return factor[best][np.searchsorted(owner[best], np.arange(len(extents)))]
+
+
+def _factors(logs: FloatArray, against: Reference) -> tuple[FloatArray, FloatArray]:
+    """Of each reading (m, 3) in ln mm its factor (m,) and how far out it lies (m,), in robust deviations."""
+    offset = np.nan_to_num(logs - against.centre)  # (m, 3); what is unknown is not suspect
     deviation = np.nan_to_num(against.deviation, nan=np.inf)
     suspect = np.abs(offset) > np.maximum(DEVIATIONS * deviation, np.log(LEAST_FACTOR))
     units = np.log(np.array([*FACTORS, *(1 / factor for factor in FACTORS)]))
-    apart = np.abs(offset[:, :, None] - units)  # (n, d, f)
+    apart = np.abs(offset[:, :, None] - units)  # (m, 3, f)
     close = apart.min(axis=2) <= np.maximum(MENDED_DEVIATIONS * deviation, MENDED)
     far = np.abs(offset) > np.maximum(FAR_DEVIATIONS * deviation, np.log(FAR_FACTOR))
     factor = np.where(suspect & close, np.exp(units)[apart.argmin(axis=2)], np.where(suspect & far, np.inf, 1.0))
     worst = np.argmax(np.abs(np.where(factor == 1.0, 0.0, offset)), axis=1)
-    found: NDArray[np.float64] = factor[np.arange(len(logs)), worst]
-    return found
+    # a reading that puts a size where the class states none explains nothing
+    idle = (~np.isnan(logs) & np.isnan(against.centre)).any(axis=1)
+    return factor[np.arange(len(logs)), worst], np.where(idle, np.inf, np.abs(offset / deviation).max(axis=1))

@@ -14,6 +14,7 @@ from metric_tree.commands.shell import exit_status, version
 
 if TYPE_CHECKING:
     from estimator.estimate import Options
+    from estimator.pipeline import SceneEstimate
     from estimator.result import ScaleResult
     from metric_tree.tree import Tree
 
@@ -116,9 +117,29 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
 
 
 def _scene_result(options: argparse.Namespace) -> ScaleResult:
-    from estimator.pipeline import scene_result
+    from estimator.pipeline import scene_estimate
 
-    return scene_result(options, _tree(options), _asked(options))
+    estimate = scene_estimate(
+        options.scene,
+        _tree(options),
+        _asked(options),
+        instances=options.instances,
+        categories=options.categories,
+        dense=options.dense,
+        paper_lists=options.paper_lists,
+    )
+    if estimate.result.exit_code == 0:
+        _write_pictures(options, estimate)
+    return estimate.result
+
+
+def _write_pictures(options: argparse.Namespace, estimate: SceneEstimate) -> None:
+    """Figure, overlay and scaled model; of an unresolved scene nothing is written."""
+    scale = estimate.result.scale
+    if options.write_scaled is not None and scale is not None:
+        from estimator.rescaled import write_scaled
+
+        write_scaled(estimate.scene, scale, options.write_scaled)
 
 
 def _tree(options: argparse.Namespace) -> Tree:

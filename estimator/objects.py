@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.scene import BoolArray, FloatArray
+from estimator.scene import BoolArray, FloatArray, IntArray
 
 __all__ = ["AXES", "Box", "MeasuredObject"]
 

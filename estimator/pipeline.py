@@ -2,23 +2,89 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from estimator.estimate import Options, estimated
 from estimator.objects import MeasuredObject
-from estimator.result import ScaleResult
+from estimator.result import ScaleResult, UpReport
 from metric_tree.tree import Tree
 
-__all__ = ["objects_result"]
+if TYPE_CHECKING:
+    from estimator.measurement import Measurements
+    from estimator.scene import Instance, Scene
+    from estimator.upright import Up
+
+__all__ = ["SceneEstimate", "objects_result", "scene_estimate"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneEstimate:
+    """The result of a scene and what it came from; `measurements` is None for `sucar`, which measures no object."""
+
+    result: ScaleResult
+    scene: Scene
+    instances: tuple[Instance, ...]
+    measurements: Measurements | None
 
 
 def objects_result(
     objects: Sequence[MeasuredObject], tree: Tree, options: Options, paper_lists: Path | None = None
 ) -> ScaleResult:
-    """The scale from sizes measured elsewhere."""
+    """The scale from sizes measured elsewhere, by the methods `default`, `height` and `paper`."""
     if options.method == "paper":
         from estimator.baselines.paper import paper_result  # noqa: PLC0415 - loads scikit-learn
 
         return paper_result(objects, tree, options, paper_lists)
     return estimated(objects, tree, options)
+
+
+def scene_estimate(
+    path: Path,
+    tree: Tree,
+    options: Options,
+    *,
+    instances: Path | None = None,
+    categories: Path | None = None,
+    dense: Path | str | None = None,
+    paper_lists: Path | None = None,
+) -> SceneEstimate:
+    """The scale of a reconstruction on disk.
+
+    Parameters
+    ----------
+    path, instances, categories, dense : as `estimator.reading` takes them
+    tree, options : as `estimated`
+    paper_lists : the authors' lists, for the second arm of `paper`
+    """
+    from estimator.reading import instances_and_warnings, scene_at  # noqa: PLC0415 - `--objects` reads no scene
+
+    started = time.perf_counter()
+    scene = scene_at(path, dense)
+    found, warnings = instances_and_warnings(scene, instances, categories)
+    heard = (*scene.warnings, *warnings)
+    seconds = {"reading": time.perf_counter() - started}
+    if options.method == "sucar":
+        from estimator.baselines.sucar import sucar_result  # noqa: PLC0415
+
+        return SceneEstimate(sucar_result(scene, found, tree, options, heard, seconds), scene, found, None)
+    from estimator.measurement import PAPER, MeasurementOptions, measured  # noqa: PLC0415
+
+    measurements = measured(scene, found, PAPER if options.method == "paper" else MeasurementOptions())
+    seconds |= measurements.timings
+    heard = (*heard, *measurements.warnings)
+    up = _up_report(measurements.up)
+    if options.method == "paper":
+        from estimator.baselines.paper import paper_result  # noqa: PLC0415
+
+        result = paper_result(measurements.objects, tree, options, paper_lists, up, heard, seconds)
+    else:
+        result = estimated(measurements.objects, tree, options, up, heard, seconds)
+    return SceneEstimate(result, scene, found, measurements)
+
+
+def _up_report(up: Up) -> UpReport:
+    return UpReport((float(up.vector[0]), float(up.vector[1]), float(up.vector[2])), up.method, up.sigma_deg)

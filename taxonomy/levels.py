@@ -1,0 +1,164 @@
+"""The frozen levels 1 to 4, and the rule that places a synset under them (docs/tree.md).
+
+A synset belongs to the nearest of its WordNet hypernyms that a kind (level 4) claims, itself first. Distance is counted
+in steps over all paths, and WordNet's own order breaks a tie, so that a place depends on the synset alone and never on
+what came in before it. What no kind claims waits for a reader.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import get_args
+
+from crawler.faults import InputFault
+from taxonomy.categories import Pose
+from taxonomy.places import taxonomy_directory
+
+__all__ = ["DIMENSIONS", "KIND", "LEAF", "BadLevels", "InnerNode", "Levels", "frozen_levels", "table_rows"]
+
+#: Depth of the kinds, on which leaves hang, and of the leaves; the root is 1.
+KIND = 4
+LEAF = 5
+
+#: Letters of the `dims` column.
+DIMENSIONS = {"L": "length", "W": "width", "H": "height"}
+
+_FILE = "levels.csv"
+_COLUMNS = ("node_id", "name", "level", "parent_id", "pose", "dims", "claims")
+
+
+class BadLevels(InputFault):
+    """A table of the tree that breaks a rule: the message names file, line, expected and found."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class InnerNode:
+    """A node of levels 1 to 4; `claims` are the synsets whose hyponyms a kind takes, its own id among them."""
+
+    node_id: str
+    name: str
+    level: int
+    parent_id: str | None
+    pose: Pose
+    dims: tuple[str, ...]
+    claims: tuple[str, ...] = ()
+
+
+class Levels:
+    """Inner nodes, parents before children.
+
+    Raises
+    ------
+    BadLevels
+        An id or a claim occurs twice, a parent is missing or not one level above, or there is not one root.
+    """
+
+    def __init__(self, nodes: Iterable[InnerNode], where: str = "levels") -> None:
+        self.nodes: dict[str, InnerNode] = {}
+        for node in nodes:
+            _expect(node.node_id not in self.nodes, f"{where}: node_id", "a new id", node.node_id)
+            above = self.nodes[node.parent_id].level if node.parent_id in self.nodes else 0
+            _expect(node.level == above + 1 <= KIND, f"{where}: {node.node_id}: level", f"{above + 1}", node.level)
+            self.nodes[node.node_id] = node
+        roots = [node.node_id for node in self.nodes.values() if node.level == 1]
+        _expect(len(roots) == 1, f"{where}: level", "one root", roots)
+        claims = [claim for node in self.nodes.values() for claim in node.claims]
+        _expect(len(claims) == len(set(claims)), f"{where}: claims", "each once", sorted(_repeated(claims)))
+
+    @cached_property
+    def kinds(self) -> tuple[InnerNode, ...]:
+        """Nodes of level 4."""
+        return tuple(node for node in self.nodes.values() if node.level == KIND)
+
+    @cached_property
+    def claimant(self) -> Mapping[str, str]:
+        """Kind by claimed synset."""
+        return {claim: kind.node_id for kind in self.kinds for claim in kind.claims}
+
+    def kind_of(self, synset: str, hypernyms: Sequence[str]) -> str | None:
+        """The kind of a synset whose `hypernyms` are given nearest first; None where no kind claims any of them."""
+        return next((self.claimant[above] for above in (synset, *hypernyms) if above in self.claimant), None)
+
+    def home_of(self, node_id: str) -> str | None:
+        """The kind that holds the leaf `<id>/other` of an inner node.
+
+        That is the kind itself; for a node further up, the kind that claims it, which then holds no other such leaf.
+        None where there is no such kind: items that say no more than "furniture" tell nothing of a size.
+        """
+        if self.nodes[node_id].level < KIND:
+            return self.claimant.get(node_id)
+        return None if self.unnamed(node_id) in self.nodes else node_id
+
+    def unnamed(self, kind: str) -> str | None:
+        """The node further up whose unspecified items a kind takes in, such as `dog.n.01` of "other dog"."""
+        return next((claim for claim in self.nodes[kind].claims if claim != kind and claim in self.nodes), None)
+
+    def path(self, node_id: str) -> tuple[str, ...]:
+        """Ids from the root to an inner node."""
+        parent = self.nodes[node_id].parent_id
+        return (node_id,) if parent is None else (*self.path(parent), node_id)
+
+
+def frozen_levels(path: Path | None = None) -> Levels:
+    """The reviewed levels that ship with the project, or those of another file.
+
+    Raises
+    ------
+    BadLevels
+        The file breaks a rule of `Levels` or a cell is not what it must be.
+    """
+    file = path or taxonomy_directory() / _FILE
+    return Levels((_inner(row, where) for where, row in table_rows(file, _COLUMNS)), where=str(file))
+
+
+def table_rows(file: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Rows of a comma-separated table with at least these columns, each with its place `file:line`.
+
+    Raises
+    ------
+    BadLevels
+        The file cannot be read or lacks a column.
+    """
+    try:
+        with file.open(encoding="utf-8", newline="") as lines:
+            reader = csv.DictReader(lines)
+            missing = sorted(set(columns) - set(reader.fieldnames or ()))
+            _expect(not missing, f"{file}: header", f"columns {', '.join(columns)}", f"no {', '.join(missing)}")
+            for row in reader:
+                yield f"{file}:{reader.line_num}", {name: row[name] or "" for name in columns}
+    except OSError as error:
+        raise BadLevels(f"{file}: expected a table; found {error.strerror}") from None
+
+
+def _inner(row: dict[str, str], where: str) -> InnerNode:
+    _expect(row["level"].isdecimal(), f"{where}: level", "a number", row["level"])
+    _expect(row["pose"] in get_args(Pose), f"{where}: pose", f"one of {get_args(Pose)}", row["pose"])
+    return InnerNode(
+        node_id=row["node_id"],
+        name=row["name"],
+        level=int(row["level"]),
+        parent_id=row["parent_id"] or None,
+        pose=row["pose"],  # type: ignore[arg-type]  # checked above
+        dims=dims_of(row["dims"], where),
+        claims=tuple(row["claims"].split()),
+    )
+
+
+def dims_of(letters: str, where: str) -> tuple[str, ...]:
+    """Names of the dimensions of a cell such as `LH`."""
+    _expect(bool(letters) and set(letters) <= set(DIMENSIONS), f"{where}: dims", "letters of LWH", letters)
+    return tuple(DIMENSIONS[letter] for letter in letters)
+
+
+def _repeated(values: Sequence[str]) -> set[str]:
+    seen: set[str] = set()
+    return {value for value in values if value in seen or seen.add(value)}  # type: ignore[func-returns-value]
+
+
+def _expect(holds: bool, name: str, expected: str, found: object) -> None:
+    if not holds:
+        raise BadLevels(f"{name}: expected {expected}; found {found!r}")

@@ -1,0 +1,354 @@
+"""Free text to labelled lengths: `43'' H X 27'' W X 28'' D`, `Dimensões (LxAxP): 48,6 x 29,2 x 40,5 cm`.
+
+The text is read as groups: lengths joined by `x` or following each other with axis words. A group that a word calls a
+package, a part or a weight is kept apart from the whole. Nothing is guessed: a group without a unit is no size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise, zip_longest
+from typing import Literal
+
+from crawler.lengths import UNIT_WORDS, millimetres
+from crawler.tokens import Token, tokens
+from crawler.words import Language, is_component, is_package, plain
+
+__all__ = ["Length", "Size", "agreed", "sizes"]
+
+Meaning = Literal["whole", "component", "package"]
+
+#: Two statements of one length in two systems agree within this share: pages round to a half centimetre or an inch.
+AGREEMENT = 0.06
+
+#: ... or within this many millimetres, for small things rounded to a tenth of an inch.
+AGREEMENT_MM = 6.0
+
+#: A product of more than this, or less than that, is a misreading: a house has 30 m, a sequin 1 mm.
+ABSURD_MM = (0.3, 60_000.0)
+
+#: How much text around a length may say what it measures.
+CONTEXT_WORDS = 5
+
+_OTHER_UNITS = """
+    kg g gr gramm gram grams grammes grammi gramos gramas lb lbs pound pounds oz ounce ounces ml l
+    liter liters litre litres cl fl gal gallon gallons w watt watts kw v volt volts a mah hz khz ghz
+    mhz db % ° c f k mp megapixel px pixels gb tb mb h hours hour min minutes s sec seconds years year
+    days day pcs pack count stars star reviews sq m2 m² cm2 ft2 cu cm3 m3 ft3 btu lumens lm rpm bar psi
+    dpi nm usd eur gbp euro euros dollars people persons personen
+"""
+_UNITS_OF_OTHER_THINGS = frozenset(_OTHER_UNITS.split())
+
+
+@dataclass(frozen=True, slots=True)
+class Length:
+    """One length: `low_mm` to `high_mm` (equal where no range is stated), its axis or None, its unit on the page."""
+
+    low_mm: float
+    high_mm: float
+    axis: str | None
+    unit: str
+
+    @property
+    def mm(self) -> float:
+        """The length; the middle of a range."""
+        return round((self.low_mm + self.high_mm) / 2, 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """The lengths of one group, what they measure, and the words that say so."""
+
+    lengths: tuple[Length, ...]
+    meaning: Meaning
+    words: str
+    flags: tuple[str, ...] = ()
+
+    def dimensions_mm(self) -> dict[str, float]:
+        """The lengths by axis word; lengths without one are left out."""
+        return {length.axis: length.mm for length in self.lengths if length.axis}
+
+    def extents_mm(self) -> tuple[float, ...]:
+        """Every outer length, longest first; a diameter counts twice where there is room for it."""
+        sides = [length.mm for length in self.lengths]
+        room = max(0, 3 - len(sides))
+        sides += [length.mm for length in self.lengths if length.axis == "diameter"][:room]
+        return tuple(sorted(sides, reverse=True)[:3])
+
+
+@dataclass(frozen=True, slots=True)
+class _Number:
+    """A number before its unit and its axis are known."""
+
+    low: float
+    high: float
+    unit: str | None
+    axis: str | None
+    start: int
+    end: int
+    joined: bool
+    words: tuple[str, ...]
+
+
+def sizes(text: str, label: str = "", language: Language | None = None, unit: str | None = None) -> tuple[Size, ...]:
+    """The sizes that a text states, in its order.
+
+    Parameters
+    ----------
+    label : what stands before the text (a table's cell, a heading); it may name axes and a unit: `Size (LxWxH, cm)`.
+    unit : the unit that the place itself implies, used where neither text nor label names one.
+    """
+    label_axes, label_unit = _label_hints(label, language)
+    found = []
+    for group in _groups(_numbers(text, language)):
+        header = _header_in(text, group, language) or label_axes
+        lengths = _lengths(group, header, label_unit or unit)
+        if lengths:
+            words = plain(f"{label} {' '.join(word for number in group for word in number.words)}")
+            found.append(Size(lengths, _meaning(words), words, _flags(lengths)))
+    return tuple(found)
+
+
+def agreed(found: Sequence[Size]) -> Size | None:
+    """One size of several statements of it: the fullest, in metric where both are there; flagged if they contradict."""
+    if not found:
+        return None
+    best = max(found, key=lambda size: (len(size.lengths), sum(bool(s.axis) for s in size.lengths), _is_metric(size)))
+    best = _with_axes(best, found)
+    if any(not _agrees(best, other) for other in found):
+        return replace(best, flags=(*best.flags, "contradicts_itself"))
+    return best
+
+
+def _with_axes(best: Size, found: Sequence[Size]) -> Size:
+    """Axis words that another statement of the same lengths carries."""
+    if any(length.axis for length in best.lengths):
+        return best
+    for other in found:
+        if len(other.lengths) == len(best.lengths) and all(length.axis for length in other.lengths):
+            pairs = zip(best.lengths, other.lengths, strict=True)
+            if all(_close(mine.mm, theirs.mm) for mine, theirs in pairs):
+                axes = [length.axis for length in other.lengths]
+                named = tuple(replace(length, axis=axis) for length, axis in zip(best.lengths, axes, strict=True))
+                return replace(best, lengths=named)
+    return best
+
+
+def _agrees(one: Size, other: Size) -> bool:
+    longer, shorter = sorted((one.lengths, other.lengths), key=len, reverse=True)
+    named = {length.axis: length.mm for length in longer if length.axis}
+    if all(length.axis in named for length in shorter):
+        return all(_close(named[length.axis or ""], length.mm) for length in shorter)
+    pool = [length.mm for length in longer]
+    return all(any(_close(mm, length.mm) for mm in pool) for length in shorter)
+
+
+def _close(one: float, other: float) -> bool:
+    return abs(one - other) <= max(AGREEMENT * max(one, other), AGREEMENT_MM)
+
+
+def _is_metric(size: Size) -> bool:
+    return all(length.unit in {"mm", "cm", "dm", "m"} for length in size.lengths)
+
+
+def _flags(lengths: Sequence[Length]) -> tuple[str, ...]:
+    low, high = ABSURD_MM
+    flags = []
+    if any(not low <= length.mm <= high for length in lengths):
+        flags.append("absurd_size")
+    if any(length.high_mm > length.low_mm for length in lengths):
+        flags.append("range")
+    return tuple(flags)
+
+
+def _meaning(words: str) -> Meaning:
+    if is_package(words):
+        return "package"
+    return "component" if is_component(words) else "whole"
+
+
+def _label_hints(label: str, language: Language | None) -> tuple[tuple[str, ...], str | None]:
+    """The axes and the unit that a label names: `Size (LxWxH)`, `Height (in.)`, `Breite`."""
+    axes: tuple[str, ...] = ()
+    unit = None
+    found = tokens(label, language)
+    for token in found:
+        if token.kind == "header":
+            axes = token.axes
+    if not axes:
+        axes = tuple(token.key or "" for token in found if token.kind == "axis" and len(token.text) > 1)
+    if not axes and len(found) == 1 and found[0].kind == "axis":
+        axes = (found[0].key or "",)
+    for token, after in zip_longest(found, found[1:]):
+        bracketed = after is None or after.kind in {"close", "other"}
+        if token.kind in {"word", "unit", "axis"} and bracketed and (key := _unit_word(token.text)):
+            unit = key
+    return axes, unit
+
+
+def _unit_word(text: str) -> str | None:
+    key = UNIT_WORDS.get(text.lower().rstrip("."))
+    return key if key and len(text) > 1 else None
+
+
+def _header_in(text: str, group: Sequence[_Number], language: Language | None) -> tuple[str, ...]:
+    """An order of axes right before or right behind a group: `W x H x D 3 x 4 x 5 cm`, `3 x 4 x 5 cm (WxHxD)`."""
+    around = [(abs(group[0].start - token.end), token) for token in tokens(text, language) if token.kind == "header"]
+    near = [token for _, token in sorted(around, key=lambda pair: pair[0])]
+    return near[0].axes if near else ()
+
+
+def _numbers(text: str, language: Language | None) -> list[_Number]:
+    """The numbers of a text with their units, axes and the words that lead to them."""
+    run = tokens(text, language)
+    found: list[_Number] = []
+    words: list[str] = []
+    joined = skipped = False
+    leading = _axes_lead(run)
+    place = 0
+    while place < len(run):
+        token = run[place]
+        if token.kind == "number" and token.number is not None:
+            number, place, is_length = _number(run, place, leading, tuple(words[-CONTEXT_WORDS:]), joined)
+            if is_length:
+                found.append(number)
+                words = []
+            joined, skipped = False, not is_length
+            continue
+        if token.kind == "times":
+            joined = not skipped
+        elif token.kind in {"word", "axis"} and not (token.kind == "axis" and len(token.text) == 1):
+            words.append(token.text)
+        elif token.kind == "break" and token.text in ";|\n•":
+            words = []
+        place += 1
+    return found
+
+
+def _axes_lead(run: Sequence[Token]) -> bool:
+    """Whether axis words stand before their numbers (`W 30 x D 40`) and not behind (`30 W x 40 D`)."""
+    first_axis = next((i for i, token in enumerate(run) if token.kind == "axis"), None)
+    first_number = next((i for i, token in enumerate(run) if token.kind == "number"), None)
+    return first_axis is not None and first_number is not None and first_axis < first_number
+
+
+def _number(
+    run: Sequence[Token], place: int, leading: bool, words: tuple[str, ...], joined: bool
+) -> tuple[_Number, int, bool]:
+    """The number at a place, the place behind it, and whether it is a length at all."""
+    token = run[place]
+    low = high = float(token.number or 0.0)
+    axis = _axis_before(run, place) if leading else None
+    after = place + 1
+    unit, after = _unit_at(run, after)
+    if _kind(run, after) == "range" and _kind(run, after + 1) == "number":
+        high = float(run[after + 1].number or 0.0)
+        second, behind = _unit_at(run, after + 2)
+        if high > low and (second or unit or leading):
+            unit, after = second or unit, behind
+        else:
+            high = low
+    if unit == "ft" and _kind(run, after) == "number":
+        inches, behind = _unit_at(run, after + 1)
+        if inches == "in" or (inches is None and run[place + 1].text in "'′’"):
+            low = high = low * 12 + float(run[after].number or 0.0)
+            unit, after = "in", behind
+    is_length = low > 0 and math.isfinite(high) and not _counts_other_things(run, after, unit)
+    if axis is None and not leading:
+        axis, after = _axis_behind(run, after)
+        if unit is None:
+            unit, after = _unit_at(run, after)
+    return _Number(low, high, unit, axis, token.start, run[after - 1].end, joined, words), after, is_length
+
+
+def _unit_at(run: Sequence[Token], place: int) -> tuple[str | None, int]:
+    if _kind(run, place) == "unit":
+        behind = place + 1
+        if _kind(run, behind) == "other" and run[behind].text == "." and run[behind].start == run[place].end:
+            behind += 1
+        return run[place].key, behind
+    return None, place
+
+
+def _counts_other_things(run: Sequence[Token], place: int, unit: str | None) -> bool:
+    if unit is not None:
+        return _kind(run, place) in {"word", "other"} and run[place].text in {"²", "³", "2", "3"}
+    return _kind(run, place) in {"word", "other"} and run[place].text in _UNITS_OF_OTHER_THINGS
+
+
+def _axis_before(run: Sequence[Token], place: int) -> str | None:
+    for back in range(place - 1, max(place - 4, -1), -1):
+        token = run[back]
+        if token.kind == "axis":
+            return token.key
+        if token.kind not in {"colon", "open", "close", "other", "word"}:
+            return None
+    return None
+
+
+def _axis_behind(run: Sequence[Token], place: int) -> tuple[str | None, int]:
+    at = place + 1 if _kind(run, place) in {"open", "range"} else place
+    if _kind(run, at) == "axis" and _kind(run, at + 1) not in {"colon", "number"}:
+        closed = at + 1 if at > place and _kind(run, at + 1) == "close" else at
+        return run[at].key, closed + 1
+    return None, place
+
+
+def _kind(run: Sequence[Token], place: int) -> str | None:
+    return run[place].kind if 0 <= place < len(run) else None
+
+
+def _groups(numbers: Sequence[_Number]) -> Iterator[list[_Number]]:
+    """Numbers that belong together: joined by `x`, or carrying different axes one after another."""
+    group: list[_Number] = []
+    for number in numbers:
+        if group and not _continues(group, number):
+            yield group
+            group = []
+        group.append(number)
+    if group:
+        yield group
+
+
+def _continues(group: Sequence[_Number], number: _Number) -> bool:
+    if len(group) >= 3:
+        return False
+    if number.joined:
+        return True
+    axes = {member.axis for member in group}
+    distinct = number.axis is not None and None not in axes and number.axis not in axes
+    return distinct and not _turns(number.words)
+
+
+def _turns(words: Sequence[str]) -> bool:
+    """Whether words between two lengths turn to another thing."""
+    said = " ".join(words)
+    return is_package(said) or is_component(said)
+
+
+def _lengths(group: Sequence[_Number], header: Sequence[str], unit: str | None) -> tuple[Length, ...]:
+    units = _units(group, unit)
+    if units is None:
+        return ()
+    axes: list[str | None] = [number.axis for number in group]
+    if not any(axes) and header and len(header) >= len(group):
+        axes = [axis or None for axis in header[: len(group)]]
+    if len({axis for axis in axes if axis}) < sum(bool(axis) for axis in axes):
+        axes = [None] * len(group)  # an axis named twice: the words are not to be trusted
+    return tuple(
+        Length(round(millimetres(number.low, key), 1), round(millimetres(number.high, key), 1), axis, key)
+        for number, key, axis in zip(group, units, axes, strict=True)
+    )
+
+
+def _units(group: Sequence[_Number], unit: str | None) -> list[str] | None:
+    """The unit of each number: its own, else the next one's, else the last one's, else the place's."""
+    own = [number.unit for number in group]
+    for one, other in reversed(list(pairwise(range(len(own))))):
+        own[one] = own[one] or own[other]
+    for one, other in pairwise(range(len(own))):
+        own[other] = own[other] or own[one]
+    filled = [key or unit for key in own]
+    return [key for key in filled if key] if all(filled) else None

@@ -1,0 +1,190 @@
+"""What a page says its product is: schema.org data (JSON-LD, microdata), Open Graph, breadcrumbs, headings."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import urljoin
+
+from crawler.pages import Page, squeezed
+
+__all__ = ["Product", "product"]
+
+#: More pictures of one product add little.
+MAXIMUM_IMAGES = 12
+
+_AXES = ("width", "height", "depth", "length", "diameter")
+
+#: UN/CEFACT codes that schema.org's QuantitativeValue uses.
+_UNIT_CODES = {"MMT": "mm", "CMT": "cm", "MTR": "m", "INH": "in", "FOT": "ft"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Product:
+    """A product: the site's own id, title, breadcrumb, brand, pictures, and sizes as (axis, text) pairs."""
+
+    id: str | None = None
+    title: str = ""
+    category_path: tuple[str, ...] = ()
+    brand: str | None = None
+    images: tuple[str, ...] = ()
+    sizes: tuple[tuple[str, str], ...] = ()
+
+
+def product(page: Page) -> Product:
+    """The product of a page of any site."""
+    nodes = list(_linked_data(page)) + list(_microdata(page))
+    thing = next((node for node in nodes if _is(node, "Product", "IndividualProduct", "ProductModel", "Book")), {})
+    return Product(
+        id=_first(thing.get("sku"), thing.get("productID"), thing.get("mpn"), thing.get("gtin13")),
+        title=_first(thing.get("name"), _meta(page, "og:title"), _heading(page), _title(page)) or "",
+        category_path=_breadcrumb(page, nodes) or _category(thing),
+        brand=_name(thing.get("brand")),
+        images=_images(page, thing),
+        sizes=tuple(_sizes(thing)),
+    )
+
+
+def _linked_data(page: Page) -> Iterator[Mapping[str, Any]]:
+    for script in page.root.iter("script"):
+        if "ld+json" in (script.get("type") or ""):
+            yield from _objects(_parsed(script.text or ""))
+
+
+def _microdata(page: Page) -> Iterator[Mapping[str, Any]]:
+    if "itemtype" not in page.text or "schema.org/" not in page.text:
+        return
+    from extruct.w3cmicrodata import MicrodataExtractor
+
+    try:
+        found = MicrodataExtractor(strict=False).extract_items(page.root, page.url)
+    except (ValueError, TypeError, RecursionError):  # broken markup costs its microdata, not the page
+        return
+    for item in found:
+        properties = item.get("properties")
+        if isinstance(properties, dict):
+            yield {"@type": str(item.get("type", "")).rpartition("/")[2], **properties}
+
+
+def _parsed(text: str) -> Any:
+    text = text.strip().removeprefix("<!--").removesuffix("-->").strip().rstrip(";")
+    for attempt in (text, html.unescape(text)):
+        try:
+            return json.loads(attempt, strict=False)
+        except (ValueError, RecursionError):
+            continue
+    return None
+
+
+def _objects(value: Any) -> Iterator[Mapping[str, Any]]:
+    """The objects of a JSON-LD value: itself, its graph, the members of its list."""
+    pending = [value]
+    while pending:
+        here = pending.pop(0)
+        if isinstance(here, list):
+            pending = here[:200] + pending
+        elif isinstance(here, dict):
+            yield here
+            pending = [part for key in ("@graph", "mainEntity") if (part := here.get(key))] + pending
+
+
+def _is(node: Mapping[str, Any], *names: str) -> bool:
+    types = node.get("@type")
+    return any(str(kind).rpartition("/")[2] in names for kind in (types if isinstance(types, list) else [types]))
+
+
+def _sizes(thing: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    for axis in _AXES:
+        if text := _quantity(thing.get(axis)):
+            yield axis, text
+    for extra in _list(thing.get("additionalProperty")):
+        axis = str(extra.get("name", "")).strip().lower() if isinstance(extra, dict) else ""
+        if axis in _AXES and (text := _quantity(extra)):
+            yield axis, text
+
+
+def _quantity(value: Any) -> str | None:
+    if isinstance(value, list):
+        value = value[0] if value else None
+    if isinstance(value, dict):
+        code = str(value.get("unitCode") or value.get("unitText") or "")
+        amount = value.get("value")
+        return None if amount is None else f"{amount} {_UNIT_CODES.get(code.upper(), code)}".strip()
+    return str(value) if isinstance(value, str | int | float) and str(value).strip() else None
+
+
+def _breadcrumb(page: Page, nodes: list[Mapping[str, Any]]) -> tuple[str, ...]:
+    for node in nodes:
+        if _is(node, "BreadcrumbList"):
+            steps = [step for step in _list(node.get("itemListElement")) if isinstance(step, dict)]
+            return _path([_step_name(step) for step in steps])
+    for box in page.root.xpath(
+        "//*[self::nav or self::ol or self::ul or self::div]"
+        "[contains(translate(concat(@class,' ',@id,' ',@aria-label),'BREADCUM','breadcum'),'breadcrumb')]"
+    )[:3]:
+        path = _path([squeezed(" ".join(link.itertext())) for link in box.iter("a")])
+        if path:
+            return path
+    return ()
+
+
+def _step_name(step: Mapping[str, Any]) -> str | None:
+    item = step.get("item")
+    return _name(step) or (_name(item) if isinstance(item, dict) else None)
+
+
+def _path(steps: list[str | None]) -> tuple[str, ...]:
+    kept = [squeezed(step) for step in steps if step and squeezed(step)]
+    return tuple(step for step in kept if step.lower() not in {"home", "startseite", "accueil", "inicio", "início"})[:8]
+
+
+def _category(thing: Mapping[str, Any]) -> tuple[str, ...]:
+    text = thing.get("category")
+    if isinstance(text, list):
+        text = text[0] if text else None
+    return _path(list(text.replace("/", ">").split(">"))) if isinstance(text, str) else ()
+
+
+def _images(page: Page, thing: Mapping[str, Any]) -> tuple[str, ...]:
+    listed = [_name(image, "url") or _name(image, "contentUrl") for image in _list(thing.get("image"))]
+    listed = listed or [_meta(page, "og:image")]
+    addresses = [urljoin(page.url, address.strip()) for address in listed if address]
+    return tuple(dict.fromkeys(address for address in addresses if address.startswith("http")))[:MAXIMUM_IMAGES]
+
+
+def _name(value: Any, key: str = "name") -> str | None:
+    if isinstance(value, list):
+        value = value[0] if value else None
+    if isinstance(value, dict):
+        value = value.get(key) or value.get("properties", {}).get(key)
+    return html.unescape(squeezed(value)) if isinstance(value, str) and value.strip() else None
+
+
+def _first(*values: Any) -> str | None:
+    for value in values:
+        text = str(value[0] if isinstance(value, list) and value else value or "")
+        if squeezed(text):
+            return html.unescape(squeezed(text))
+    return None
+
+
+def _meta(page: Page, name: str) -> str | None:
+    found = page.root.xpath("//meta[@property=$name or @name=$name]/@content", name=name)
+    return squeezed(found[0]) if found else None
+
+
+def _heading(page: Page) -> str | None:
+    heading = next(page.root.iter("h1"), None)
+    return squeezed(" ".join(heading.itertext())) if heading is not None else None
+
+
+def _title(page: Page) -> str | None:
+    title = next(page.root.iter("title"), None)
+    return squeezed(title.text or "") if title is not None else None
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [] if value is None else [value]

@@ -1,0 +1,28 @@
+"""Sites whose pages the common reader needs help with; a new site is one small file."""
+
+from __future__ import annotations
+
+from crawler.extraction import raw_item
+from crawler.items import RawItem
+from crawler.pages import Page
+from crawler.sites import amazon, ikea
+from crawler.sites.site import Site
+
+__all__ = ["GENERIC", "SITES", "Site", "item_of", "site_of"]
+
+#: Any site: schema.org data, Open Graph, breadcrumbs, tables.
+GENERIC = Site(name="generic", hosts=())
+
+#: Sites with rules of their own, first match wins.
+SITES: tuple[Site, ...] = (amazon.SITE, ikea.SITE)
+
+
+def site_of(url: str) -> Site:
+    """The site that owns an address, else the generic one."""
+    return next((site for site in SITES if site.owns(url)), GENERIC)
+
+
+def item_of(page: Page) -> RawItem:
+    """The raw item of a page, by the rules of its site."""
+    site = site_of(page.url)
+    return raw_item(page, site.name, site.product(page))

@@ -1,0 +1,57 @@
+"""The rules of a site, as data: where its title, breadcrumb, brand and pictures stand, and what its ids look like."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from urllib.parse import urljoin, urlsplit
+
+from crawler.pages import Page, squeezed
+from crawler.product import MAXIMUM_IMAGES, Product, product
+
+__all__ = ["Site"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Site:
+    """A site's rules; every XPath may be empty, then schema.org data and headings serve.
+
+    hosts : regular expressions of whole host names, without `www.`.
+    id : a regular expression on the address whose first group is the site's own id of the product.
+    category, images : XPaths that yield texts and addresses; title, brand : XPaths of an element or text.
+    """
+
+    name: str
+    hosts: tuple[str, ...]
+    id: str = ""
+    title: str = ""
+    category: str = ""
+    brand: str = ""
+    images: str = ""
+
+    def owns(self, url: str) -> bool:
+        """Whether an address belongs to the site."""
+        host = (urlsplit(url).hostname or "").removeprefix("www.")
+        return any(re.fullmatch(pattern, host) for pattern in self.hosts)
+
+    def product(self, page: Page) -> Product:
+        """The product of one of the site's pages; what its rules do not find is read as on any site."""
+        known = product(page)
+        own_id = re.search(self.id, page.url) if self.id else None
+        images = [urljoin(page.url, address) for address in _texts(page, self.images)]
+        return replace(
+            known,
+            id=own_id[1] if own_id else known.id,
+            title=next(_texts(page, self.title), known.title),
+            category_path=tuple(_texts(page, self.category)) or known.category_path,
+            brand=next(_texts(page, self.brand), known.brand),
+            images=tuple(dict.fromkeys(images))[:MAXIMUM_IMAGES] or known.images,
+        )
+
+
+def _texts(page: Page, xpath: str) -> Iterator[str]:
+    for found in page.root.xpath(xpath) if xpath else ():
+        text = squeezed(found if isinstance(found, str) else " ".join(found.itertext()))
+        if text and text not in {"›", "/", ">"}:
+            yield text

@@ -1,0 +1,140 @@
+"""Words of product pages in seven languages: axes, whole and part, package, what is no size at all.
+
+English, German, French, Italian, Spanish, Portuguese, Dutch. All words are in small letters without accents
+(`plain`), so that a page that drops its accents reads the same.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal
+
+__all__ = [
+    "AXIS_WORDS",
+    "Axis",
+    "Language",
+    "is_component",
+    "is_dimension_label",
+    "is_package",
+    "is_whole",
+    "language_of",
+    "plain",
+]
+
+Axis = Literal["length", "width", "height", "depth", "diameter"]
+Language = Literal["en", "de", "fr", "it", "es", "pt", "nl"]
+
+#: Signs that carry no letter: direction marks, zero-width spaces, soft hyphens, byte-order marks.
+_INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
+
+
+def plain(text: str) -> str:
+    """The text in small letters, without accents and invisible signs, spaces single."""
+    letters = unicodedata.normalize("NFKD", _INVISIBLE.sub("", text).casefold())
+    return " ".join("".join(c for c in letters if not unicodedata.combining(c)).split())
+
+
+def _table(groups: Mapping[str, str]) -> Mapping[str, str]:
+    return MappingProxyType({word: key for key, words in groups.items() for word in words.split()})
+
+
+#: Axis words; `largo` and its like mean a length, `fondo` and `profondeur` a depth.
+AXIS_WORDS: Mapping[str, str] = _table(
+    {
+        "length": "length long longueur lunghezza largo longitud comprimento lange laenge lengte lang",
+        "width": "width wide breadth breite breit largeur large larghezza ancho anchura largura breedte",
+        "height": "height high tall hohe hoehe hoch hauteur haut altezza alto altura alt hoogte",
+        "depth": "depth deep thickness thick tiefe tief dicke dick starke profondeur profond epaisseur "
+        "profondita spessore profundidad fondo grosor espesor profundidade espessura diepte dikte",
+        "diameter": "diameter diam dia durchmesser diametre diametro ø ⌀ doorsnede",
+    }
+)
+
+_PACKAGE = re.compile(
+    r"\b("
+    r"pack(ag(e|ed|ing))?|parcel|shipping|shipped|ship|carton|boxed"
+    r"|box (dim\w*|sizes?|width|height|length|depth|weight)|delivery|gift box|master case|inner box"
+    r"|outer box|verpack\w*|paket\w*|versand\w*|karton\w*|lieferung|emballage\w*|colis|carton d"
+    r"|livraison|imball\w*|confezione|spedizione|pacco|embalaje|envio|paquete|caja|embalagem|caixa"
+    r"|verpakking\w*|verzend\w*|pakket\w*|doos|in (the )?box|folded for (shipping|transport)"
+    r")\b"
+)
+
+_WHOLE = re.compile(
+    r"\b("
+    r"overall|total|assembled|product|item|article|unit|external|exterior|outer|outside|gesamt\w*"
+    r"|produkt\w*|artikel\w*|aufgebaut|aussen\w*|montiert|produit|hors tout|totale?s?|globale?s?"
+    r"|exterieur\w*|prodotto|articolo|totali|complessiv\w*|estern\w*|producto|articulo|exterior\w*"
+    r"|produto|artigo|totaal|buiten\w*"
+    r")\b"
+)
+
+#: Parts of things, and what is measured beside the thing: their sizes never stand for the whole.
+_COMPONENT = re.compile(
+    r"\b("
+    r"seat\w*|arm\w*|back ?(rest|plate|height|width|panel)?|backplate|base|leg|legs|foot|footprint"
+    r"|feet|shade|lampshade|cord|cable|canopy|drawer\w*|shelf|shelves|door|tabletop|table top"
+    r"|top (width|depth|thickness)|interior|inner|inside|internal|opening|cut ?-?out|clearance|screen"
+    r"|display|sensor|viewing|panel|frame (size|thickness|width)|mattress|cushion\w*|pillow|handle\w*"
+    r"|hook|chain|plug|tank|basket|bowl size|lens|strap\w*|wheel\w*|tyre|tire|caster\w*|mount\w*|image"
+    r"|photo|picture|print (size|area)|page|paper size|focal|range|min(imum)?|max(imum)?|adjust\w*"
+    r"|extended|extends|folded|recline\w*|distance|weight\w*|capacity|volume|load|box|user|model"
+    r"|person|sitz\w*|arm(lehne|lehnen|hohe)\w*|rucken\w*|lehne\w*|kabel\w*|bein\w*|fuss\w*|schirm\w*"
+    r"|schublade\w*|fach\w*|innen\w*|bildschirm\w*|assise|accoudoir\w*|dossier|pieds?|tiroir\w*"
+    r"|interieur\w*|ecran|abat|plateau|seduta|bracciol\w*|schienale|gamb[ae]|piede|cassett\w*"
+    r"|intern\w*|schermo|cavo|asiento|reposabrazos|respaldo|patas?|cajon\w*|interior\w*|pantalla"
+    r"|assento|encosto|bracos?|pes|gaveta\w*|ecra|tela|cabo|zit\w*|armleuning\w*|rugleuning\w*|poot"
+    r"|poten|lade\w*|binnen\w*|scherm\w*|snoer\w*"
+    r")\b"
+)
+
+_DIMENSION = re.compile(
+    r"\b("
+    r"dimension\w*|size|sizes|measurement\w*|measures|abmessung\w*|masse|mass|grosse|artikelmasse"
+    r"|produktmasse|taille|mesures|encombrement|dimensioni|misure|misura|ingombro|dimensiones|medidas"
+    r"|tamano|dimensoes|dimensao|tamanho|afmeting\w*|maten|formaat|\w*abmessung\w*|\w*afmeting\w*"
+    r"|gesamtmass\w*|overall|trim size"
+    r")\b"
+)
+
+
+def is_package(label: str) -> bool:
+    """Whether a plain label speaks of the package and not of the thing."""
+    return bool(_PACKAGE.search(label))
+
+
+def is_component(label: str) -> bool:
+    """Whether a plain label speaks of a part, an adjustment or another quantity."""
+    return bool(_COMPONENT.search(label))
+
+
+def is_whole(label: str) -> bool:
+    """Whether a plain label says that the whole thing is meant."""
+    return bool(_WHOLE.search(label))
+
+
+def is_dimension_label(label: str) -> bool:
+    """Whether a plain label announces a size."""
+    return bool(_DIMENSION.search(label))
+
+
+_SITE_LANGUAGE = {
+    "de": "de", "at": "de", "ch": "de", "fr": "fr", "it": "it", "es": "es", "mx": "es", "pt": "pt", "br": "pt",
+    "nl": "nl", "uk": "en", "us": "en", "ca": "en", "au": "en", "ie": "en", "com": "en",
+}  # fmt: skip
+
+
+def language_of(declared: str | None, host: str = "") -> Language | None:
+    """The language of a page: what it declares (`de-DE`), else what its site's top-level domain suggests."""
+    known: tuple[Language, ...] = ("en", "de", "fr", "it", "es", "pt", "nl")
+    for candidate in (
+        (declared or "").split("-")[0].split("_")[0].lower(),
+        _SITE_LANGUAGE.get(host.rpartition(".")[2]),
+    ):
+        for language in known:
+            if candidate == language:
+                return language
+    return None

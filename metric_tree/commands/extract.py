@@ -1,0 +1,44 @@
+"""`metric-tree extract FILE --url URL`: one saved web page to a raw item."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from metric_tree.commands.shell import print_table
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "One saved web page to a raw item, by the spider that owns the URL's site, else the generic one."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="HTML, gzipped or not")
+    parser.add_argument("--url", required=True, help="the address the page was saved from")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the raw item: one line with --json, a table without."""
+    from crawler.pages import saved_page
+    from crawler.sites import item_of
+
+    line = item_of(saved_page(arguments.file, arguments.url)).line()
+    if arguments.json:
+        sys.stdout.write(f"{line}\n")
+    else:
+        record = json.loads(line)
+        print_table(["field", "value"], [(name, _shown(value)) for name, value in record.items() if value])
+    return 0
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, list):
+        return (
+            " > ".join(map(str, value)) if all(isinstance(part, str) for part in value) else ", ".join(map(str, value))
+        )
+    if isinstance(value, dict):
+        return ", ".join(f"{axis} {length} mm" for axis, length in value.items() if length is not None)
+    return str(value)

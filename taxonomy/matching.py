@@ -46,7 +46,9 @@ _WHOLE_ALONE = frozenset("box case cover frame handle kit lid panel rail seat tr
 
 _SET = re.compile(r"\s(?:and|&|\+|plus)\s|(?<=\w)\+\s?(?=\w)|\s\+", re.IGNORECASE)
 _SET_OF = re.compile(r"^(?:an?\s+)?(?:set|suite|group|collection|pieces|assortment)\b", re.IGNORECASE)
-_FRAGMENT = re.compile(r"\b(?:fragments?|model (?:for|of)|cover for|covers? for|legs? for|trekk|ben til|part of)\b", re.I)
+_FRAGMENT = re.compile(
+    r"\b(?:fragments?|model (?:for|of)|cover for|covers? for|legs? for|trekk|ben til|part of)\b", re.I
+)
 _NUMBER = re.compile(r"\b\d+\b\s*")
 
 
@@ -265,6 +267,7 @@ def _compounds(words: Phrase) -> Iterator[tuple[str, str]]:
 def _texts(reading: Reading, path: tuple[str, ...], title: str) -> tuple[str, ...]:
     by_words = {
         "last": path[-1:],
+        "path": (" ".join(path),),
         "parts": path[1:] or path,
         "title": (title,),
         "title, last": (title, *reversed(path[1:] or path)),

@@ -15,9 +15,9 @@ from taxonomy.senses import DOMAINS
 
 __all__ = ["BadReading", "Reading", "Words", "default_readings", "reading_of", "readings"]
 
-#: `last` the last element of the category path; `parts` all its elements below the first, of which the most
+#: `last` the last element of the category path; `path` all of it as one name (`coin 25 cents`); `parts` all its elements below the first, of which the most
 #: specific counts; `title` the title's noun phrase; `title, last` the title, then the path.
-Words = Literal["last", "parts", "title", "title, last"]
+Words = Literal["last", "path", "parts", "title", "title, last"]
 
 _FILE = "readings.toml"
 _DEFAULT = "default"
@@ -59,7 +59,9 @@ def readings(path: Path | None = None) -> Mapping[str, Reading]:
         except TypeError as error:
             raise BadReading(f"{file}: {source}: expected the fields of a reading; found {error}") from None
         _expect(found[source].domain in DOMAINS, f"{file}: {source}: domain", sorted(DOMAINS), found[source].domain)
-        _expect(found[source].words in get_args(Words), f"{file}: {source}: words", get_args(Words), found[source].words)
+        _expect(
+            found[source].words in get_args(Words), f"{file}: {source}: words", get_args(Words), found[source].words
+        )
     return {_DEFAULT: Reading()} | found
 
 

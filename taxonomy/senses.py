@@ -38,9 +38,6 @@ _THINGS = (
     *_MADE, "animal.n.01", "plant.n.02", "fungus.n.01", "food.n.01", "food.n.02", "fruit.n.01", "natural_object.n.01",
 )  # fmt: skip
 
-#: Stuffs, places and faces of things, which have no size of their own.
-_WITHOUT_SIZE = frozenset({"fabric.n.01", "material.n.01", "way.n.06", "surface.n.01", "excavation.n.03"})
-
 #: Words for anything at all: a match to one of them says nothing.
 _SAYS_NOTHING = frozenset(
     {"artifact.n.01", "instrumentality.n.03", "article.n.02", "creation.n.02", "commodity.n.01", "device.n.01",
@@ -49,6 +46,7 @@ _SAYS_NOTHING = frozenset(
      "decoration.n.01", "covering.n.02", "work.n.02", "end.n.09", "top.n.09", "piece.n.01", "design.n.02",
      "accessory.n.01", "holder.n.01", "figure.n.04", "burner.n.01", "container.n.01", "implement.n.01", "tool.n.01",
      "vessel.n.02", "craft.n.02", "vehicle.n.01", "replica.n.01", "copy.n.01", "tree.n.01", "dog.n.01", "ornament.n.01",
+     "fabric.n.01", "material.n.01", "way.n.06", "surface.n.01", "excavation.n.03", "substance.n.01",
      "collection.n.01", "system.n.01", "assembly.n.05", "base.n.08", "fixture.n.01"}
 )  # fmt: skip
 
@@ -114,7 +112,4 @@ def sense(concepts: Sequence[str], domain: Domain, lexicon: Lexicon) -> Sense | 
 def _fits(concept: str, domain: Domain, lexicon: Lexicon) -> bool:
     if concept.startswith(PREFIX):
         return True
-    if concept in _SAYS_NOTHING or not lexicon.is_a(concept, domain.requires):
-        return False
-    above = lexicon.hypernyms(concept)
-    return concept not in _WITHOUT_SIZE and (_WITHOUT_SIZE.isdisjoint(above) or "playing_card.n.01" in above)
+    return concept not in _SAYS_NOTHING and lexicon.is_a(concept, domain.requires)

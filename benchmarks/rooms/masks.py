@@ -34,7 +34,7 @@ def instances_of(world: World, ids: Sequence[IntArray]) -> tuple[Instance, ...]:
 
 def coco_dataset(world: World, ids: Sequence[IntArray], names: Sequence[str]) -> dict[str, Any]:
     """A COCO dataset with run-length masks, `score` and `track_id`; names : file name of each frame."""
-    from pycocotools import mask as coco_mask  # noqa: PLC0415 - only where files are written
+    from pycocotools import mask as coco_mask
 
     labels = sorted({thing.label for thing in world.objects})
     annotations: list[dict[str, Any]] = []

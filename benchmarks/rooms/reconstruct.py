@@ -56,7 +56,7 @@ def reconstructed(
 
 
 def _write_frames(world: World, images: Path, folder: Path, texture: float, quality: int) -> list[str]:
-    import cv2  # noqa: PLC0415 - only where files are written
+    import cv2
 
     names, ids = [], []
     generator = np.random.default_rng([world.seed, 11])
@@ -76,7 +76,7 @@ def _write_frames(world: World, images: Path, folder: Path, texture: float, qual
 
 def _model(images: Path, work: Path, world: World, features: int):  # type: ignore[no-untyped-def]
     """The largest model that pycolmap builds; the focal length is given as a telephone gives it, then refined."""
-    import pycolmap  # noqa: PLC0415 - 0.3 s
+    import pycolmap
 
     shutil.rmtree(work, ignore_errors=True)
     work.mkdir(parents=True)
@@ -109,7 +109,7 @@ def _model(images: Path, work: Path, world: World, features: int):  # type: igno
 
 def _truth(world: World, model, names: list[str], seed: int) -> Truth:  # type: ignore[no-untyped-def]
     """Apply a random similarity to the model and align its cameras with the true ones."""
-    import pycolmap  # noqa: PLC0415 - 0.3 s
+    import pycolmap
 
     change = random_similarity(np.random.default_rng([seed, 7]))
     model.transform(pycolmap.Sim3d(change.scale, pycolmap.Rotation3d(change.rotation), change.translation))

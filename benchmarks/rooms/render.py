@@ -118,7 +118,7 @@ class Renderer:
 
 def _context() -> Any:
     try:
-        import moderngl  # noqa: PLC0415 - heavy, and not on every machine
+        import moderngl
 
         settings: Any = {"backend": "egl"}  # moderngl's own stub types this word as a mapping
         return moderngl.create_context(standalone=True, require=330, **settings)

@@ -58,7 +58,7 @@ def _points(scene: Scene) -> str:
 
 def _quaternion(rotation: FloatArray) -> FloatArray:
     """(4,) w, x, y, z of a rotation matrix."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415 - only where files are written
+    from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
 

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.rooms.masks import coco_dataset, instances_of
+from benchmarks.rooms.render import Frame, NoOpenGL, Renderer
+from benchmarks.rooms.solids import box, joined
+from benchmarks.rooms.world import Placed, World, pose_towards
+
+
+def frames(world: World, *indices: int, colour: bool = False) -> list[Frame]:
+    try:
+        with Renderer(world) as renderer:
+            return [renderer.frame(index, colour) for index in indices]
+    except NoOpenGL as missing:
+        pytest.skip(str(missing))
+
+
+def thing(name: str, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Placed:
+    size = np.array([x[1] - x[0], y[1] - y[0], z[1] - z[0]])
+    return Placed(name, "book", "book", size, box(x, y, z, "print"))
+
+
+@pytest.fixture
+def two_boxes() -> World:
+    """A wall four metres ahead, a box before it, and a nearer one that hides the first one's left half."""
+    behind, before = (
+        thing("far", (-0.5, 0.5), (2.5, 3.0), (0.5, 1.5)),
+        thing("near", (-0.5, 0.0), (1.5, 2.0), (0.5, 1.5)),
+    )
+    wall = joined([box((-9, 9), (4, 4.1), (-9, 9), "wall")])
+    pose = pose_towards(np.array([0.0, 0.0, 1.0]), np.array([0.0, 4.0, 1.0]))
+    return World("test", 0, (behind, before), wall, (pose, pose))
+
+
+def test_depth_and_ids_are_exact(two_boxes: World) -> None:
+    frame = frames(two_boxes, 0)[0]
+    assert frame.depth[5, 5] == pytest.approx(4.0, rel=1e-5)
+    assert frame.depth[240, 340] == pytest.approx(2.5, rel=1e-5)
+    assert frame.depth[240, 300] == pytest.approx(1.5, rel=1e-5)
+    assert {0, 1, 2} == set(np.unique(frame.ids))
+    # the near box spans x = -0.5 .. 0 and z = 0.5 .. 1.5 at 1.5 m: 500 px * 0.5 / 1.5 left of the middle column 320
+    rows, columns = np.nonzero(frame.ids == 2)
+    assert (columns.min(), columns.max()) == (pytest.approx(320 - 500 / 3, abs=1), pytest.approx(319, abs=1))
+    assert (rows.min(), rows.max()) == (pytest.approx(240 - 500 / 3, abs=1), pytest.approx(239 + 500 / 3, abs=1))
+
+
+def test_a_nearer_thing_hides_a_farther_one(two_boxes: World) -> None:
+    alone = replace(two_boxes, objects=two_boxes.objects[:1])
+    whole, hidden = frames(alone, 0)[0], frames(two_boxes, 0)[0]
+    assert (hidden.ids == 1).sum() == pytest.approx((whole.ids == 1).sum() / 2, rel=0.02)
+
+
+def test_a_moving_thing_moves_and_the_rest_stays(two_boxes: World) -> None:
+    far, near = two_boxes.objects
+    moving = replace(two_boxes, objects=(far, replace(near, velocity=np.array([-0.3, 0.0, 0.0]))))
+    first, second = frames(moving, 0, 1)
+    shift = np.nonzero(first.ids == 2)[1].min() - np.nonzero(second.ids == 2)[1].min()
+    assert shift == pytest.approx(500 * 0.3 / 1.5, abs=1)
+    assert np.array_equal(first.depth[:, 500:], second.depth[:, 500:])
+
+
+def test_colour_bears_texture_everywhere(room: World) -> None:
+    frame = frames(room, 3, colour=True)[0]
+    assert frame.colour is not None
+    tiles = frame.colour[..., 1].reshape(12, 40, 16, 40).std(axis=(1, 3))
+    assert (tiles > 1.0).mean() > 0.98
+
+
+def test_masks_of_a_frame_are_the_renderers(room: World) -> None:
+    from pycocotools import mask as coco_mask
+
+    frame = frames(room, 0)[0]
+    found = instances_of(room, [frame.ids])
+    assert {item.track for item in found} <= {item.track for item in room.objects}
+    dataset = coco_dataset(room, [frame.ids], ["a.jpg"])
+    numbers = {item.track: k + 1 for k, item in enumerate(room.objects)}
+    for annotation in dataset["annotations"]:
+        assert np.array_equal(
+            coco_mask.decode(annotation["segmentation"]) == 1, frame.ids == numbers[annotation["track_id"]]
+        )
+        assert annotation["area"] == (frame.ids == numbers[annotation["track_id"]]).sum()

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from crawler.faults import InputFault
 from crawler.lengths import UNIT_WORDS, millimetres, unit
@@ -49,6 +49,9 @@ _LENGTH = re.compile(
     re.IGNORECASE,
 )
 _ASIDE = re.compile(r"\([^()]*\)|\[[^\[\]]*\]")
+#: What may stand between feet and their inches.
+_BETWEEN = re.compile(r"\s*(?:,|-|and)?\s*")
+INCHES_PER_FOOT = 12
 _MISSING = frozenset({"", "-", "–", "--", "na", "n/a", "nan", "none", "null", "?", "unknown", "not available"})
 
 
@@ -95,10 +98,9 @@ def measures(text: str, default_unit: str | None = None, decimal: Decimal = None
     The same size again in brackets, in another unit, is passed over. Lengths that have no unit at all are left out.
     """
     plain = _ASIDE.sub(lambda aside: " " * len(aside[0]), text)
-    readings = list(_readings(plain, decimal)) or list(_readings(text, decimal))
-    return tuple(
-        _joined_feet([_measure(r, u) for r, u in zip(readings, _units(readings, default_unit), strict=True) if u])
-    )
+    readings = tuple(_joined_feet(plain, decimal)) or tuple(_joined_feet(text, decimal))
+    units = _units(readings, default_unit)
+    return tuple(_measure(reading, key) for reading, key in zip(readings, units, strict=True) if key)
 
 
 def length_mm(text: str, default_unit: str, decimal: Decimal = None) -> float | None:
@@ -165,26 +167,22 @@ def _units(readings: Sequence[_Reading], default_unit: str | None) -> list[str |
 
 def _measure(reading: _Reading, key: str) -> Measure:
     low, high = sorted((millimetres(reading.low, key), millimetres(reading.high, key)))
-    # `5 ft` and `11 in` are joined below: only the unit tells that they belong together.
-    return Measure(low, high, reading.axis if key != "ft" or reading.axis else "feet", reading.start, reading.end)
+    return Measure(low, high, reading.axis, reading.start, reading.end)
 
 
-def _joined_feet(found: list[Measure]) -> Iterator[Measure]:
-    """The lengths with feet and the inches right behind them made one."""
-    i = 0
-    while i < len(found):
-        here = found[i]
-        feet = here.axis == "feet"
-        following = found[i + 1] if i + 1 < len(found) else None
-        if feet and following and following.axis != "feet" and following.start - here.end <= 1 and following.mm < 304.8:
-            yield Measure(
-                here.low_mm + following.low_mm,
-                here.high_mm + following.high_mm,
-                following.axis,
-                here.start,
-                following.end,
-            )
-            i += 1
-        else:
-            yield replace(here, axis=None) if feet else here
-        i += 1
+def _joined_feet(text: str, decimal: Decimal) -> Iterator[_Reading]:
+    """The lengths of a text, with feet and the inches right behind them made one, in inches."""
+    feet: _Reading | None = None
+    for here in _readings(text, decimal):
+        if feet and here.unit == "in" and _BETWEEN.fullmatch(text[feet.end : here.start]):
+            low, high = (INCHES_PER_FOOT * f + i for f, i in ((feet.low, here.low), (feet.high, here.high)))
+            yield _Reading(low, high, "in", feet.axis or here.axis, feet.start, here.end)
+            feet = None
+            continue
+        if feet:
+            yield feet
+        feet = here if here.unit == "ft" else None
+        if not feet:
+            yield here
+    if feet:
+        yield feet

@@ -10,7 +10,22 @@ from crawler.tables import REASONS
 
 __all__ = ["overview", "summary"]
 
-_COLUMNS = ("source", "kind", "rows", "items", "left out", "refused", "by reason", "licence", "rows ship")
+_HEAD = """# Sources of open data
+
+One declaration a source: where it is from, whose terms decide, what its rows are worth as evidence (`kind`), how its columns
+are read, its traps and what is done about each. `crawler/sources.py` describes the fields, `crawler/tables.py` those of a plain
+table. A file that was cut down from a larger set has no address of its own and wants `--input`; the others are downloaded,
+checked against their sha256 and cached where `--input` is missing.
+
+This page, and the raw items under `data/raw` whose terms allow to give them on, are made by
+
+    metric-tree import --all --input ../shared/data/sizes --ship data/raw --summary data/sources/README.md
+
+`rows` = rows behind `items` (identical rows are one item with a count) + `drawn out` (of categories so large that a sample of
+them is kept, by the hash of the id) + `refused`. Refused rows go, with field and reason, into a quarantine file beside `--out`.
+"""
+
+_COLUMNS = ("source", "kind", "rows", "items", "drawn out", "refused", "by reason", "licence", "rows ship")
 
 
 def summary(result: Import) -> dict[str, Any]:
@@ -35,8 +50,8 @@ def summary(result: Import) -> dict[str, Any]:
 
 
 def overview(summaries: Sequence[dict[str, Any]]) -> str:
-    """The summaries as a Markdown table, then the reason codes and the reasons of sources left out whole."""
-    lines = [_line(_COLUMNS), _line("---" for _ in _COLUMNS)]
+    """A Markdown page: the table of the summaries, the reason codes, why sources are left out whole."""
+    lines = [_HEAD, _line(_COLUMNS), _line("---" for _ in _COLUMNS)]
     lines += [_line(_cells(entry)) for entry in summaries]
     totals = {key: sum(entry[key] for entry in summaries) for key in ("rows", "items", "sampled_out", "refused")}
     lines.append(_line([f"**{len(summaries)} sources**", "", *(f"**{n}**" for n in totals.values()), "", "", ""]))

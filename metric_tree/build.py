@@ -73,7 +73,7 @@ class Build:
 
 def shipped_taxonomy() -> Taxonomy:
     """The taxonomy of the package."""
-    import taxonomy  # noqa: PLC0415 - WordNet is read where it is needed
+    import taxonomy  # WordNet is read where it is needed
 
     default: Callable[[], Taxonomy] = taxonomy.default_taxonomy
     return default()

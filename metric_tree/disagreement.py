@@ -69,10 +69,10 @@ def disagreement(
     per_axis = mass @ known  # (s, d)
     with np.errstate(invalid="ignore", divide="ignore"):
         means = (mass @ (known * x)) / per_axis
-        rows = per_axis**2 / ((np.arange(len(names))[:, None] == code) * weights**2 @ known**2)
+        rows = per_axis**2 / (mass**2 @ known**2)
     means[per_axis <= 0] = np.nan
     rows[per_axis <= 0] = 0.0
-    within = _within(x, known, weights, np.nan_to_num(means)[code], spread)
+    within = _within(x, known, mass, np.nan_to_num(means)[code], rows, spread)
     between = _moments(means, rows, within)
     freedom = max(float((rows > 0).sum(axis=0).max()) - 1, 0.0)
     return Disagreement(tuple(map(str, names)), means, rows, within, between, freedom)
@@ -113,14 +113,17 @@ def source_effects(found: Disagreement, shared: FloatArray) -> FloatArray:
 
 
 def _within(
-    x: FloatArray, known: FloatArray, weights: FloatArray, centre: FloatArray, spread: FloatArray
+    x: FloatArray, known: FloatArray, mass: FloatArray, centre: FloatArray, rows: FloatArray, spread: FloatArray
 ) -> FloatArray:
+    """Pooled covariance within a source; a source's own mean takes one of its effective rows."""
+    weights = mass.sum(axis=0)  # (n,)
     offset = known * (x - centre)
-    both = (weights[:, None] * known).T @ known
     own = (weights[:, None] * offset).T @ offset
-    # one row's worth of the class's own spread: a source of one row has no scatter, and that is no evidence of none
+    per_source = np.einsum("sn,ni,nj->sij", mass, known, known)
+    free = 1 - 1 / np.maximum(np.sqrt(rows[:, :, None] * rows[:, None, :]), 1)
+    # one row's worth of the class's own spread: sources of one row have no scatter, which is no evidence of none
     typical = float((weights**2).sum() / weights.sum())
-    return np.asarray((own + typical * spread) / (both + typical))
+    return np.asarray((own + typical * spread) / ((per_source * free).sum(axis=0) + typical))
 
 
 def _moments(means: FloatArray, rows: FloatArray, within: FloatArray) -> FloatArray:

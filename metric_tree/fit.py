@@ -203,7 +203,7 @@ def _t_variances(freedom: float) -> FloatArray:
     """Variances of equally likely Gaussians that stand for a t of unit variance: quantiles of its mixing gamma."""
     if freedom > GAUSSIAN_FREEDOM:
         return np.ones(1)
-    from scipy.special import gammaincinv  # noqa: PLC0415 - fits only; a query must not load SciPy
+    from scipy.special import gammaincinv  # fits only: a query must not load SciPy
 
     middle = (np.arange(T_COMPONENTS) + 0.5) / T_COMPONENTS
     variances = np.sort(1 / gammaincinv(freedom / 2, middle))

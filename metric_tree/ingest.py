@@ -10,6 +10,7 @@ import gzip
 import hashlib
 import json
 import math
+import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -49,6 +50,9 @@ REMEMBERED = 200_000
 
 #: Half-width of a curated range in standard deviations: low and high hold nine of ten (`RawItem.ranges_mm`).
 RANGE_SD = 1.645
+
+#: Raw files of a folder; `metric-tree import` puts what it refused beside them.
+_RAW = re.compile(r"(?<!\.quarantine)\.jsonl(\.gz)?$")
 
 ROWS = pa.schema(
     [
@@ -98,11 +102,11 @@ def raw_files(paths: Iterable[Path]) -> list[Path]:
     Raises
     ------
     InputFault
-        A path does not exist, or a folder holds no `*.jsonl` or `*.jsonl.gz`.
+        A path does not exist, or a folder holds no `*.jsonl` or `*.jsonl.gz` (what importers refused is passed over).
     """
     found: list[Path] = []
     for path in paths:
-        inside = sorted([*path.rglob("*.jsonl"), *path.rglob("*.jsonl.gz")]) if path.is_dir() else [path]
+        inside = sorted(file for file in path.rglob("*") if _RAW.search(file.name)) if path.is_dir() else [path]
         if not inside or not all(file.is_file() for file in inside):
             raise InputFault(f"{path}: expected raw items (*.jsonl, *.jsonl.gz); found none")
         found += inside

@@ -14,8 +14,8 @@ from metric_tree.prior import FloatArray
 
 __all__ = ["FACTORS", "Reference", "reference", "sibling_reference", "slipped"]
 
-#: Units mistaken for each other: mm, cm, dm, m, inch, foot, and inch for centimetre. (A foot for an inch, 12, could not be
-#: told from 10.)
+#: Units mistaken for each other: mm, cm, dm, m, inch, foot, and inch for centimetre. An inch for a foot, 12, could not
+#: be told from 10.
 FACTORS = (10.0, 100.0, 1000.0, 25.4, 2.54, 304.8)
 
 #: Robust deviations beyond which a size is suspect, and the least factor that is: among a hundred rows of a class one

@@ -1,0 +1,127 @@
+"""The prior: density, marginals, quantiles, samples, and its row."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from crawler.faults import InputFault
+from metric_tree.prior import Prior, UnknownDimension
+
+AXES = ("length", "width", "height")
+
+
+def random_prior(seed: int, k: int = 3) -> Prior:
+    generator = np.random.default_rng(seed)
+    factors = generator.normal(0, 0.2, (k, 3, 3))
+    shared = generator.normal(0, 0.1, (3, 3))
+    return Prior(
+        node_id="chair.n.01",
+        dims=AXES,
+        weights=generator.dirichlet(np.ones(k)),
+        means=generator.normal(6.0, 0.5, (k, 3)),
+        covariances=np.einsum("kij,klj->kil", factors, factors) + 0.03**2 * np.eye(3),
+        shared_covariance=shared @ shared.T,
+        n=40,
+        n_sources=2,
+        share_by_kind={"product": 0.75, "asset": 0.25},
+        borrowed=0.1,
+        heldout_log_density=-0.5,
+    )
+
+
+@given(seed=st.integers(0, 10_000), point=st.tuples(*[st.floats(5.0, 7.0)] * 2))
+@settings(max_examples=15, deadline=None)
+def test_marginal_density_is_the_joint_integrated(seed, point):
+    prior = random_prior(seed)
+    grid = np.linspace(1.0, 11.0, 6001)  # ln mm, far beyond every component
+    joint = np.column_stack([np.full_like(grid, point[0]), grid, np.full_like(grid, point[1])])
+    integrated = np.trapezoid(np.exp(prior.log_density(np.exp(joint))), grid)
+    marginal = prior.marginal(("length", "height")).log_density(np.exp(np.array([point])))
+    assert np.exp(marginal[0]) == pytest.approx(integrated, rel=1e-6, abs=1e-12)
+
+
+def test_density_over_log_mm_integrates_to_one():
+    grid = np.linspace(1.0, 11.0, 4001)
+    one = random_prior(3).marginal(("width",))
+    assert np.trapezoid(np.exp(one.log_density(np.exp(grid)[:, None])), grid) == pytest.approx(1, abs=1e-9)
+
+
+@given(seed=st.integers(0, 10_000), q=st.floats(0.001, 0.999))
+@settings(max_examples=25, deadline=None)
+def test_quantile_inverts_the_distribution_function(seed, q):
+    prior = random_prior(seed)
+    for axis, size in zip(AXES, prior.quantile(q), strict=True):
+        one = prior.marginal((axis,))
+        grid = np.linspace(-2.0, np.log(size), 20_001)
+        below = np.trapezoid(np.exp(one.log_density(np.exp(grid)[:, None])), grid)
+        assert below == pytest.approx(q, abs=2e-5)
+
+
+def test_interval_holds_its_level_of_samples():
+    prior = random_prior(5)
+    sizes, interval = prior.sample(20_000, seed=1), prior.interval(0.9)
+    inside = ((sizes > interval[:, 0]) & (sizes < interval[:, 1])).mean(axis=0)
+    assert inside == pytest.approx(np.full(3, 0.9), abs=0.01)
+
+
+def test_sample_has_the_moments_of_the_mixture():
+    prior = random_prior(7)
+    logs = np.log(prior.sample(200_000, seed=2))
+    mean = prior.weights @ prior.means
+    offset = prior.means - mean
+    covariance = np.einsum("k,kij->ij", prior.weights, prior.covariances + prior.shared_covariance)
+    covariance += np.einsum("k,ki,kj->ij", prior.weights, offset, offset)
+    assert logs.mean(axis=0) == pytest.approx(mean, abs=0.01)
+    assert np.cov(logs.T) == pytest.approx(covariance, abs=0.01)
+
+
+def test_sample_is_the_same_under_a_seed():
+    prior = random_prior(7)
+    assert np.array_equal(prior.sample(5, seed=3), prior.sample(5, seed=3))
+    assert not np.array_equal(prior.sample(5, seed=3), prior.sample(5, seed=4))
+
+
+def test_marginal_takes_the_order_given_and_names_what_exists():
+    prior = random_prior(1)
+    turned = prior.marginal(("height", "length"))
+    assert turned.dims == ("height", "length")
+    assert turned.quantile(0.5) == pytest.approx(prior.quantile(0.5)[[2, 0]])
+    assert turned.heldout_log_density is None
+    for wrong in (("depth",), (), ("length", "length")):
+        with pytest.raises(UnknownDimension, match="length, width, height"):
+            prior.marginal(wrong)
+    with pytest.raises(KeyError):
+        prior.marginal(("extent1",))
+
+
+def test_row_and_back():
+    prior = random_prior(9)
+    again = Prior.of_row(prior.row() | {"share_by_kind": list(prior.share_by_kind.items())})
+    sizes = prior.sample(10, seed=0)
+    assert np.array_equal(again.log_density(sizes), prior.log_density(sizes))
+    assert again.row() == prior.row()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("family", "normal", "family: expected lognormal-mixture; found normal"),
+        ("weights", [0.5, 0.1, 0.1], "weights: expected sum 1"),
+        ("means", [[1.0, 2.0]], "means: expected shape"),
+        ("shared_covariance", [[0.0]], "shared_covariance: expected shape"),
+    ],
+)
+def test_a_damaged_row_is_told_in_one_line(field, value, message):
+    with pytest.raises(InputFault, match=message):
+        Prior.of_row(random_prior(1).row() | {field: value})
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, -1.0, float("nan")])
+def test_levels_outside_zero_and_one_are_refused(level):
+    with pytest.raises(InputFault, match="between 0 and 1"):
+        random_prior(1).interval(level)
+    with pytest.raises(InputFault, match="between 0 and 1"):
+        random_prior(1).quantile(level)

@@ -105,7 +105,7 @@ def _raw_projected(camera: Camera, points: FloatArray) -> FloatArray:
         focal, centre = camera.params[:-2], camera.params[-2:]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             return points[:, :2] / points[:, 2:] * focal + centre
-    import pycolmap  # noqa: PLC0415
+    import pycolmap
 
     lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
     return np.array(lens.img_from_cam(points), dtype=np.float64)

@@ -92,7 +92,7 @@ def _of_picture(scene: Scene, row: int, file: Path, names: dict[int, str], objec
 
 def _parts(mask: BoolArray) -> list[BoolArray]:
     """The connected parts of a mask, specks left out, largest first."""
-    import cv2  # noqa: PLC0415
+    import cv2
 
     n, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     areas = stats[1:, cv2.CC_STAT_AREA]
@@ -102,7 +102,7 @@ def _parts(mask: BoolArray) -> list[BoolArray]:
 
 def _pixel_values(file: Path) -> NDArray[np.uint16]:
     """(h, w) values of a PNG of one channel, 8 or 16 bits."""
-    import cv2  # noqa: PLC0415
+    import cv2
 
     data = bytes_of(file)
     _check_png(file, data)

@@ -60,7 +60,7 @@ def box_mask(file: Path, field: str, box: object, size: tuple[int, int]) -> Bool
 
 
 def _polygon_mask(file: Path, field: str, polygons: list[object], size: tuple[int, int]) -> BoolArray:
-    from pycocotools import mask as coco  # noqa: PLC0415 (a quarter of a second, and run lengths do without)
+    from pycocotools import mask as coco  # a quarter of a second, and run lengths do without
 
     width, height = size
     outlines = []

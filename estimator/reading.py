@@ -63,7 +63,7 @@ def instances_and_warnings(
 
 
 def _sparse_scene(path: Path) -> Scene:
-    from estimator.opensfm import opensfm_scene  # noqa: PLC0415 (reads tracks with pyarrow, which COLMAP needs not)
+    from estimator.opensfm import opensfm_scene  # reads tracks with pyarrow, which COLMAP needs not
 
     if path.name == RECONSTRUCTION and path.is_file():
         path = path.parent

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -108,4 +109,40 @@ def test_any_truncation_gives_a_scene_or_one_line(data: st.DataObject, warm: Pat
     (copy / name).write_bytes(content[: data.draw(st.integers(0, len(content) - 1))])
     message = message_of(copy)
     (copy / name).write_bytes(content)
+    assert "\n" not in message
+
+
+ODD_VALUES = (None, True, "x", "", -1, 0, 10**30, 1e308, float("nan"), float("inf"), [], {}, [[]], [None], {"id": {}})
+
+
+def paths_in(document: object, path: tuple[str | int, ...] = ()) -> list[tuple[str | int, ...]]:
+    """The way to every value of a JSON document but its root."""
+    items = (
+        document.items() if isinstance(document, dict) else enumerate(document) if isinstance(document, list) else ()
+    )
+    found: list[tuple[str | int, ...]] = []
+    for key, value in items:
+        found += [(*path, key), *paths_in(value, (*path, key))]
+    return found
+
+
+JSON_FILES = ("colmap/instances.json", "opensfm/reconstruction.json", "opensfm/instances/categories.json")
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_odd_values_in_json_give_a_scene_or_one_line(data: st.DataObject, warm: Path, tmp_path: Path) -> None:
+    name = data.draw(st.sampled_from(JSON_FILES))
+    form = name.split("/")[0]
+    if not (tmp_path / form).exists():
+        shutil.copytree(warm / form, tmp_path / form)
+    document = json.loads((warm / name).read_text(encoding="utf-8"))
+    *way, last = data.draw(st.sampled_from(paths_in(document)))
+    place = document
+    for key in way:
+        place = place[key]
+    place[last] = data.draw(st.sampled_from(ODD_VALUES))
+    (tmp_path / name).write_text(json.dumps(document), encoding="utf-8")
+    message = message_of(tmp_path / form)
+    shutil.copyfile(warm / name, tmp_path / name)
     assert "\n" not in message

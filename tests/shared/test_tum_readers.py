@@ -1,0 +1,114 @@
+"""The readers on the real office: binary, text and OpenSfM agree with each other, with pycolmap and with its README."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from pycocotools import mask as coco
+
+from estimator.cameras import pixels_in_view
+from estimator.reading import instances_and_warnings, instances_at, scene_at
+from estimator.rescaled import write_scaled
+
+pytestmark = pytest.mark.shared
+
+#: From the scene's README: 17 images, 4959 points, 19794 observations, 293232 dense points, 326 masks, 102 boxes.
+VIEWS, POINTS, OBSERVATIONS, DENSE, MASKS, BOXES = 17, 4959, 19794, 293232, 326, 102
+
+
+@pytest.fixture(scope="module")
+def office(shared: Path) -> Path:
+    return shared / "data" / "scenes" / "tum_office"
+
+
+def test_counts_are_those_of_the_readme(office: Path) -> None:
+    start = time.perf_counter()
+    scene = scene_at(office)
+    assert time.perf_counter() - start < 5
+    assert len(scene.views) == VIEWS
+    assert len(scene.points) == POINTS
+    assert sum(len(view.keypoints) for view in scene.views) == OBSERVATIONS
+    assert scene.dense is not None
+    assert len(scene.dense.points) == DENSE
+    assert scene.dense.visible_views is not None
+    assert not scene.warnings
+
+
+def test_all_forms_are_one_scene(office: Path) -> None:
+    binary = scene_at(office / "sparse" / "0")
+    reconstruction = pycolmap.Reconstruction(str(office / "sparse" / "0"))
+    for form in ("sparse", "sparse_txt", "opensfm"):
+        scene = scene_at(office / form)
+        by_name = {view.name: view for view in scene.views}
+        for view in binary.views:
+            other = by_name[view.name]
+            pose = reconstruction.find_image_with_name(view.name).cam_from_world()
+            np.testing.assert_allclose(other.rotation, pose.rotation.matrix(), atol=1e-9)
+            np.testing.assert_allclose(other.translation, pose.translation, atol=1e-9)
+            ours = np.sort(np.column_stack([other.keypoints, scene.points[other.point_index]]), axis=0)
+            theirs = np.sort(np.column_stack([view.keypoints, binary.points[view.point_index]]), axis=0)
+            np.testing.assert_allclose(ours, theirs, atol=1e-4)
+
+
+def test_the_mean_reprojection_error_is_the_readmes(office: Path) -> None:
+    scene = scene_at(office, "none")
+    squared = []
+    for view in scene.views:
+        pixels, _ = pixels_in_view(view, scene.points[view.point_index])
+        squared.append(np.linalg.norm(pixels - view.keypoints, axis=1))
+    # COLMAP's figure of 0.87 is the mean over points of each point's mean; over observations it is 0.89
+    assert np.nanmean(np.concatenate(squared)) == pytest.approx(0.89, abs=0.02)
+
+
+@pytest.mark.parametrize("form", [".", "opensfm"])
+def test_dense_points_project_where_they_are_seen(form: str, office: Path) -> None:
+    """The shots of the OpenSfM file stand in another order than the images that the visibility counts."""
+    scene = scene_at(office / form, office / "dense.ply")
+    dense = scene.dense
+    assert dense is not None
+    assert dense.visible_views is not None
+    assert dense.visible_offsets is not None
+    points = np.repeat(np.arange(DENSE), np.diff(dense.visible_offsets))
+    for row in (0, 8, 16):
+        seen = dense.points[points[dense.visible_views == row]]
+        assert np.isfinite(pixels_in_view(scene.views[row], seen)[0][:, 0]).mean() > 0.99
+
+
+def test_masks_are_pycocotools_own(office: Path) -> None:
+    scene = scene_at(office, "none")
+    instances, warnings = instances_and_warnings(scene)
+    document = json.loads((office / "instances.json").read_text(encoding="utf-8"))
+    assert len(instances) == len(document["annotations"]) == MASKS
+    assert not warnings
+    names = {image["id"]: image["file_name"] for image in document["images"]}
+    for instance, annotation in zip(instances, document["annotations"], strict=True):
+        whole = np.zeros((480, 640), dtype=bool)
+        (x, y), (height, width) = instance.origin, instance.mask.shape
+        whole[y : y + height, x : x + width] = instance.mask
+        np.testing.assert_array_equal(whole, np.asarray(coco.decode(annotation["segmentation"]), dtype=bool))
+        assert scene.views[instance.view].name == names[annotation["image_id"]]
+        assert instance.track == str(annotation["track_id"])
+    assert len({instance.track for instance in instances}) == 32
+
+
+def test_detectors_boxes_find_their_categories(office: Path) -> None:
+    instances = instances_at(scene_at(office, "none"), office / "detections_yolo.json")
+    assert len(instances) == BOXES
+    assert all(instance.from_box for instance in instances)
+    assert {"chair", "person", "refrigerator"} <= {instance.category for instance in instances}
+
+
+def test_the_scaled_office_is_metric(office: Path, tmp_path: Path) -> None:
+    truth = json.loads((office / "truth.json").read_text(encoding="utf-8"))
+    scene = scene_at(office, "none")
+    write_scaled(scene, truth["metres_per_unit"], tmp_path / "metric")
+    scaled = {view.name: view.centre for view in scene_at(tmp_path / "metric").views}
+    centres = np.array([scaled[name] for name in sorted(scaled)])
+    # the camera's path is 4.61 m by motion capture, sampled once a second by both
+    length = np.linalg.norm(np.diff(centres, axis=0), axis=1).sum()
+    assert length == pytest.approx(truth["path_length_m"], rel=0.02)

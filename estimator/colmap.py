@@ -16,7 +16,7 @@ from estimator.scene import MAX_COORDINATE, BadScene, FloatArray, IntArray, Scen
 __all__ = ["colmap_folder", "colmap_scene", "rotation_of"]
 
 #: Where a COLMAP workspace keeps its model, in the order of preference.
-MODEL_PLACES = (".", "sparse/0", "sparse")
+MODEL_PLACES = (".", "sparse/0", "sparse", "0")
 #: A unit quaternion may have lost some digits in a text file; one of another length is not a rotation.
 QUATERNION_TOLERANCE = 1e-2
 #: COLMAP counts points from 1 and deletes some: while the largest id is at most this many times their number, a

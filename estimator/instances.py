@@ -56,8 +56,8 @@ def crop_at(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, int]
     Each pixel of the camera takes the mask's value at its own centre; only the crop is ever resampled.
     """
     rows, columns = _sampled(camera.height, mask.shape[0]), _sampled(camera.width, mask.shape[1])
-    row_hits = np.flatnonzero(mask.any(axis=1)[rows])
-    column_hits = np.flatnonzero(mask.any(axis=0)[columns])
+    row_hits = np.flatnonzero(np.asarray(mask.any(axis=1))[rows])
+    column_hits = np.flatnonzero(np.asarray(mask.any(axis=0))[columns])
     if not len(row_hits) or not len(column_hits):
         return None
     top, left = int(row_hits[0]), int(column_hits[0])

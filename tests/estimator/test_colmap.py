@@ -68,7 +68,7 @@ def test_far_apart_ids_are_found_by_search(tmp_path: Path) -> None:
     check_equal(colmap_scene(tmp_path), reconstruction)
 
 
-@pytest.mark.parametrize("place", ["", "sparse", "sparse/0"])
+@pytest.mark.parametrize("place", ["", "sparse", "sparse/0", "0"])
 @pytest.mark.parametrize("files", [3, 5])
 def test_found_in_the_usual_places(place: str, files: int, tmp_path: Path) -> None:
     folder = tmp_path / place

@@ -1,0 +1,82 @@
+"""The frontier of a crawl: what is to be fetched, what is being fetched, what came of it. Durable at every moment.
+
+A page is one transaction: its items, its links and the mark that it is done are written together or not at all. A
+process that is killed therefore loses nothing and repeats nothing: what it had leased is fetched again, what it had
+finished is not. (Scrapy's JOBDIR keeps no such promise: it forgets requests in flight and what it had not yet flushed.)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from crawler.pages import canonical_url
+
+__all__ = ["Frontier", "Outcome", "Task", "task_key"]
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One address to fetch: the name of the spider's method for it, small facts that travel along, its priority."""
+
+    url: str
+    callback: str = "parse"
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    priority: int = 0
+    key: str = ""
+
+    def text(self) -> str:
+        """The task as JSON; no pickle, since a shared frontier must not run what it is given."""
+        return json.dumps([self.url, self.callback, dict(self.meta), self.priority, self.key], ensure_ascii=False)
+
+    @classmethod
+    def of_text(cls, text: str) -> Task:
+        """The task of its JSON."""
+        url, callback, meta, priority, key = json.loads(text)
+        return cls(url, callback, meta, priority, key)
+
+
+def task_key(url: str, callback: str = "parse") -> str:
+    """The identity of a task: one canonical address is fetched once for one purpose."""
+    return hashlib.sha256(f"{callback} {canonical_url(url)}".encode()).hexdigest()[:32]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a task: `items` as JSON lines by their ids, tasks it led to, why it failed (None: it did not)."""
+
+    key: str
+    items: Sequence[tuple[str, str]] = ()
+    tasks: Sequence[Task] = ()
+    failure: str | None = None
+
+
+class Frontier(Protocol):
+    """What the scheduler asks of a frontier; `crawler.frontier_sqlite` is one process's, `frontier_redis` everyone's."""
+
+    def add(self, tasks: Iterable[Task]) -> int:
+        """Add the tasks whose keys are new; the number of them."""
+
+    def lease(self) -> Task | None:
+        """The next task, now in this process's hands; None where nothing waits."""
+
+    def put_back(self, task: Task) -> None:
+        """Return a leased task, perhaps with another address (a redirect) or other facts (a retry)."""
+
+    def commit(self, outcome: Outcome) -> int:
+        """Write what came of a leased task, in one transaction; the number of items that were new."""
+
+    def waiting(self) -> int:
+        """Tasks that wait to be leased by anyone."""
+
+    def in_hands(self) -> int:
+        """Tasks that are leased, by this or another process."""
+
+    def counts(self) -> dict[str, int]:
+        """Tasks by state, and items."""
+
+    def close(self) -> None:
+        """Release files and connections."""

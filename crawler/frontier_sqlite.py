@@ -1,0 +1,129 @@
+"""The frontier of one process: an SQLite file in the crawl's folder, which also holds the items until they are written out."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from crawler.frontier import Outcome, Task, task_key
+
+__all__ = ["SqliteFrontier"]
+
+WAITING, LEASED, DONE, FAILED = range(4)
+_STATES = ("waiting", "leased", "done", "failed")
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS tasks (
+    key TEXT PRIMARY KEY, state INTEGER NOT NULL, priority INTEGER NOT NULL, number INTEGER NOT NULL,
+    text TEXT NOT NULL, failure TEXT
+) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS queue ON tasks (state, priority DESC, number);
+CREATE TABLE IF NOT EXISTS items (number INTEGER PRIMARY KEY, id TEXT UNIQUE NOT NULL, line TEXT NOT NULL);
+"""
+
+
+class SqliteFrontier:
+    """A frontier in one file. Opening it puts back whatever a killed process had in its hands."""
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._connection = sqlite3.connect(path, isolation_level=None)
+        # A killed process loses no committed transaction in this mode; only a power cut could lose the last ones.
+        self._connection.executescript("PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL;" + _SCHEMA)
+        self._connection.execute("UPDATE tasks SET state=? WHERE state=?", (WAITING, LEASED))
+        found = self._connection.execute("SELECT coalesce(max(number), 0) FROM tasks").fetchone()
+        self._number = int(found[0])
+
+    def add(self, tasks: Iterable[Task]) -> int:
+        """Add the tasks whose keys are new; the number of them."""
+        with self._transaction():
+            return self._insert(tasks)
+
+    def lease(self) -> Task | None:
+        """The next task by priority, then age."""
+        row = self._connection.execute(
+            "UPDATE tasks SET state=? WHERE key=(SELECT key FROM tasks WHERE state=? ORDER BY priority DESC, number"
+            " LIMIT 1) RETURNING text",
+            (LEASED, WAITING),
+        ).fetchone()
+        return Task.of_text(row[0]) if row else None
+
+    def put_back(self, task: Task) -> None:
+        """Return a leased task, perhaps changed."""
+        self._connection.execute(
+            "UPDATE tasks SET state=?, text=?, priority=? WHERE key=?", (WAITING, task.text(), task.priority, task.key)
+        )
+
+    def commit(self, outcome: Outcome) -> int:
+        """Items, links and the mark that the task is done, in one transaction."""
+        with self._transaction():
+            new = sum(
+                self._connection.execute("INSERT OR IGNORE INTO items (id, line) VALUES (?, ?)", item).rowcount
+                for item in outcome.items
+            )
+            self._insert(outcome.tasks)
+            state = DONE if outcome.failure is None else FAILED
+            self._connection.execute(
+                "UPDATE tasks SET state=?, failure=? WHERE key=?", (state, outcome.failure, outcome.key)
+            )
+        return new
+
+    def waiting(self) -> int:
+        """Tasks that wait."""
+        return self._count(WAITING)
+
+    def in_hands(self) -> int:
+        """Tasks that are leased."""
+        return self._count(LEASED)
+
+    def counts(self) -> dict[str, int]:
+        """Tasks by state, and items."""
+        rows = dict(self._connection.execute("SELECT state, count(*) FROM tasks GROUP BY state").fetchall())
+        items = self._connection.execute("SELECT count(*) FROM items").fetchone()[0]
+        return {name: rows.get(state, 0) for state, name in enumerate(_STATES)} | {"items": items}
+
+    def failures(self) -> dict[str, int]:
+        """Failed tasks by their reason."""
+        query = "SELECT failure, count(*) FROM tasks WHERE state=? GROUP BY failure ORDER BY 2 DESC"
+        return dict(self._connection.execute(query, (FAILED,)).fetchall())
+
+    def lines(self, after: int = 0) -> Iterator[tuple[int, str]]:
+        """Numbers and JSON lines of the items behind a number, in the order in which they came."""
+        yield from self._connection.execute("SELECT number, line FROM items WHERE number > ? ORDER BY number", (after,))
+
+    def close(self) -> None:
+        """Close the file; its journal is folded into it."""
+        self._connection.close()
+
+    def _insert(self, tasks: Iterable[Task]) -> int:
+        added = 0
+        for task in tasks:
+            key = task.key or task_key(task.url, task.callback)
+            self._number += 1
+            whole = Task(task.url, task.callback, task.meta, task.priority, key)
+            added += self._connection.execute(
+                "INSERT OR IGNORE INTO tasks (key, state, priority, number, text) VALUES (?, ?, ?, ?, ?)",
+                (key, WAITING, task.priority, self._number, whole.text()),
+            ).rowcount
+        return added
+
+    def _count(self, state: int) -> int:
+        # EXISTS would do for the scheduler, but the queue's index makes the count cheap.
+        return int(self._connection.execute("SELECT count(*) FROM tasks WHERE state=?", (state,)).fetchone()[0])
+
+    def _transaction(self) -> _Transaction:
+        return _Transaction(self._connection)
+
+
+class _Transaction:
+    """BEGIN IMMEDIATE to COMMIT, or ROLLBACK where the body raised."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+
+    def __enter__(self) -> None:
+        self._connection.execute("BEGIN IMMEDIATE")
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        self._connection.execute("COMMIT" if kind is None else "ROLLBACK")

@@ -1,0 +1,138 @@
+"""Scrapy's scheduler over a durable frontier, and the spider middleware that commits a page as one transaction."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from typing import Any
+
+from scrapy import Request, Spider
+from scrapy.core.scheduler import BaseScheduler
+from scrapy.crawler import Crawler
+from scrapy.exceptions import IgnoreRequest
+from scrapy.http import Response
+from scrapy.spidermiddlewares.httperror import HttpError
+from twisted.python.failure import Failure
+
+from crawler.frontier import Frontier, Outcome, Task, task_key
+from crawler.items import RawItem
+
+__all__ = ["FRONTIER", "KEY", "CommitMiddleware", "FrontierScheduler"]
+
+#: The setting that holds the frontier, and the request's meta that holds the task's key.
+FRONTIER, KEY = "METRIC_TREE_FRONTIER", "frontier_key"
+
+#: What of a request's meta outlives the process: the counters of Scrapy's own middlewares and what spiders hand on.
+_LASTING = ("depth", "retry_times", "redirect_times", "redirect_urls", "bans", "item")
+
+
+class FrontierScheduler(BaseScheduler):
+    """Requests come from the frontier and go back to it; nothing waits in memory, so memory does not grow."""
+
+    def __init__(self, frontier: Frontier) -> None:
+        self._frontier = frontier
+        self._spider: Spider | None = None
+
+    @classmethod
+    def from_crawler(cls, crawler: Crawler) -> FrontierScheduler:
+        """The scheduler over the frontier of the settings."""
+        return cls(crawler.settings[FRONTIER])
+
+    def open(self, spider: Spider) -> None:
+        """Remember the spider, whose methods the tasks name."""
+        self._spider = spider
+
+    def has_pending_requests(self) -> bool:
+        """Whether anything waits, or is in any worker's hands and might come back."""
+        return self._frontier.waiting() > 0 or self._frontier.in_hands() > 0
+
+    def enqueue_request(self, request: Request) -> bool:
+        """Add a request to the frontier; one that is leased (a redirect, a retry) goes back to it."""
+        task = _task(request)
+        if task.key:
+            self._frontier.put_back(task)
+            return True
+        return self._frontier.add([task]) == 1
+
+    def next_request(self) -> Request | None:
+        """The next request, with its task's key."""
+        task = self._frontier.lease()
+        if task is None:
+            return None
+        meta = dict(task.meta) | {KEY: task.key}
+        return Request(
+            task.url,
+            callback=getattr(self._spider, task.callback),
+            errback=self._failed,
+            meta=meta,
+            priority=task.priority,
+            dont_filter=True,  # the frontier has seen to it that a task comes once
+        )
+
+    def _failed(self, failure: Failure) -> None:
+        request: Request = failure.request  # type: ignore[attr-defined]
+        reason = _reason(failure.value)
+        self._frontier.commit(Outcome(request.meta[KEY], failure=reason))
+        if self._spider is not None and self._spider.crawler.stats is not None:
+            self._spider.crawler.stats.inc_value(f"metric_tree/failed/{reason}")
+
+
+class CommitMiddleware:
+    """Everything a page yields, written at once: its items, its links, and that it is done."""
+
+    def __init__(self, crawler: Crawler) -> None:
+        self._frontier: Frontier = crawler.settings[FRONTIER]
+        self._stats = crawler.stats
+
+    @classmethod
+    def from_crawler(cls, crawler: Crawler) -> CommitMiddleware:
+        """The middleware of a crawler."""
+        return cls(crawler)
+
+    async def process_spider_output_async(self, response: Response, result: AsyncIterator[Any]) -> AsyncIterator[Any]:
+        """Collect and commit; nothing is passed on, the scheduler takes the links from the frontier."""
+        items: list[tuple[str, str]] = []
+        tasks: list[Task] = []
+        failure = None
+        try:
+            async for found in result:
+                if isinstance(found, Request):
+                    tasks.append(_task(found, depth=response.meta.get("depth", 0) + 1))
+                elif isinstance(found, RawItem):
+                    items.append((f"{found.source}:{found.source_id}", found.line()))
+                else:
+                    self._count(f"dropped/{found}")
+        except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl
+            failure = f"unreadable: {type(error).__name__}"
+            items, tasks = [], []
+        if KEY in response.meta:
+            new = self._frontier.commit(Outcome(response.meta[KEY], items, tasks, failure))
+            self._count("items", new)
+            self._count("dropped/duplicate", len(items) - new)
+            self._count("pages")
+            if failure:
+                self._count(f"failed/{failure}")
+        for nothing in ():
+            yield nothing
+
+    def _count(self, name: str, count: int = 1) -> None:
+        if count and self._stats is not None:
+            self._stats.inc_value(f"metric_tree/{name}", count)
+
+
+def _task(request: Request, depth: int | None = None) -> Task:
+    meta = {name: request.meta[name] for name in _LASTING if name in request.meta}
+    if depth is not None:
+        meta["depth"] = depth
+    callback = getattr(request.callback, "__name__", None) or "parse"
+    key = request.meta.get(KEY, "") if depth is None else ""
+    return Task(
+        request.url, callback, meta, request.priority, key or ("" if depth is None else task_key(request.url, callback))
+    )
+
+
+def _reason(error: BaseException) -> str:
+    if isinstance(error, HttpError):
+        return f"http {error.response.status}"
+    if isinstance(error, IgnoreRequest):
+        return str(error).split(":")[0] or "ignored"
+    return type(error).__name__

@@ -1,1 +1,14 @@
 """Naming: WordNet, matching, proofreading and the five levels."""
+
+from __future__ import annotations
+
+from taxonomy.categories import Taxonomy
+
+__all__ = ["default_taxonomy"]
+
+
+def default_taxonomy() -> Taxonomy:
+    """The taxonomy of the tables that ship with the project; the matcher is loaded here, not before."""
+    from taxonomy.tree import default_taxonomy as shipped
+
+    return shipped()

@@ -13,10 +13,11 @@ from pathlib import Path
 from typing import Protocol, get_args
 
 from taxonomy.categories import Category, Pose
+from taxonomy.insertions import PREFIX, Insertion, insertions
 from taxonomy.levels import KIND, LEAF, BadLevels, InnerNode, Levels, dims_of, frozen_levels, table_rows
 from taxonomy.places import taxonomy_directory
 
-__all__ = ["OTHER", "Catalogue", "Hypernyms", "Leaf", "SynsetTable", "default_catalogue"]
+__all__ = ["OTHER", "Catalogue", "Concepts", "Leaf", "SynsetTable", "default_catalogue"]
 
 #: Ends the id of a leaf that holds what a source names no closer than an inner node.
 OTHER = "/other"
@@ -26,14 +27,14 @@ _SYNSETS = ("synset", "parents", "lemmas")
 _SUCCESSORS = ("node_id", "successor", "reason", "reader")
 
 
-class Hypernyms(Protocol):
-    """What the catalogue asks of WordNet (`taxonomy.wordnet.WordNet`, or a `SynsetTable`)."""
+class Concepts(Protocol):
+    """Names and hypernyms of concepts, WordNet's and inserted ones (`taxonomy.lexicon.Lexicon`)."""
 
-    def hypernyms(self, synset: str) -> tuple[str, ...]:
-        """All synsets above it, nearest first, each once; not the synset itself."""
+    def hypernyms(self, concept: str) -> tuple[str, ...]:
+        """All concepts above it, nearest first, each once; not the concept itself."""
 
-    def lemmas(self, synset: str) -> tuple[str, ...]:
-        """Words of the synset, with spaces."""
+    def name(self, concept: str) -> str:
+        """What a reader calls it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,16 +82,23 @@ class Catalogue:
     levels : the frozen inner nodes.
     leaves : each under a kind; order does not matter.
     words : what WordNet says.
-    successors : ids that are gone, or synsets that mean the same thing, and the node that stands for them.
+    successors : ids that are gone, or synsets that mean the same thing, and the node that stands for them
+    inserted : reviewed insertions, for their aliases.
     """
 
     def __init__(
-        self, levels: Levels, leaves: Iterable[Leaf], words: Hypernyms, successors: Mapping[str, str] | None = None
+        self,
+        levels: Levels,
+        leaves: Iterable[Leaf],
+        words: SynsetTable,
+        successors: Mapping[str, str] | None = None,
+        inserted: Mapping[str, Insertion] | None = None,
     ) -> None:
         self.levels = levels
         self.leaves = {leaf.node_id: leaf for leaf in sorted(leaves, key=lambda leaf: leaf.node_id)}
         self.successors = dict(successors or {})
         self._words = words
+        self._inserted = dict(inserted or {})
         for leaf in self.leaves.values():
             if leaf.parent_id not in {kind.node_id for kind in levels.kinds} or leaf.node_id in levels.nodes:
                 raise BadLevels(f"leaf {leaf.node_id}: expected a new id under a kind; found {leaf.parent_id!r}")
@@ -109,24 +117,21 @@ class Catalogue:
             concept = self.levels.unnamed(concept) or concept
         return None if self.levels.home_of(concept) is None else concept + OTHER
 
-    def placed(self, concepts: Mapping[str, str | None], names: Mapping[str, str], words: Hypernyms) -> Catalogue:
-        """The catalogue with further leaves by the rule.
+    def with_placed(self, concepts: Iterable[str], words: Concepts) -> Catalogue:
+        """The catalogue with a leaf by the rule for every concept that has no place and finds a kind.
 
         Parameters
         ----------
-        concepts : synsets, and insertions with the synset that a reader put them under.
-        names : what to call an insertion.
-        words : WordNet, for synsets that the tree has not used.
+        concepts : synsets and insertions, in any order
+        words : names and hypernyms of concepts that the tree has not used.
         """
-        fresh = []
-        for concept, above in sorted(concepts.items()):
-            if self.leaf_of(concept) is None and concept not in self.levels.nodes:
-                start = above or concept
-                kind = self.levels.kind_of(start, words.hypernyms(start))
-                if kind is not None:
-                    name = names.get(concept) or words.lemmas(concept)[0]
-                    fresh.append(Leaf(node_id=concept, name=name, parent_id=kind, hypernym=above))
-        return Catalogue(self.levels, (*self.leaves.values(), *fresh), _Both(self._words, words), self.successors)
+        new = {c for c in concepts if self.leaf_of(c) is None and c not in self.levels.nodes}
+        fresh = [
+            Leaf(node_id=concept, name=words.name(concept), parent_id=kind, hypernym=_above(concept, words))
+            for concept in sorted(new)
+            if (kind := self.levels.kind_of(concept, words.hypernyms(concept)))
+        ]
+        return Catalogue(self.levels, (*self.leaves.values(), *fresh), self._words, self.successors, self._inserted)
 
     @cached_property
     def categories(self) -> tuple[Category, ...]:
@@ -153,7 +158,6 @@ class Catalogue:
 
     def _leaf(self, leaf: Leaf) -> Category:
         kind = self.levels.nodes[leaf.parent_id]
-        above = leaf.hypernym
         return Category(
             node_id=leaf.node_id,
             name=leaf.name,
@@ -161,7 +165,7 @@ class Catalogue:
             parent_id=kind.node_id,
             level=LEAF,
             path=(*self._names(kind.node_id), leaf.name),
-            hypernyms=(above, *self._words.hypernyms(above)) if above else self._words.hypernyms(leaf.node_id),
+            hypernyms=self._hypernyms(leaf.node_id),
             aliases=self._aliases(leaf.node_id, leaf.name, leaf.aliases),
             pose=leaf.pose or kind.pose,
             dims=leaf.dims or kind.dims,
@@ -181,32 +185,21 @@ class Catalogue:
             dims=node.dims,
         )
 
+    def _hypernyms(self, concept: str) -> tuple[str, ...]:
+        """Synsets above a leaf, through the concepts that insertions were put under."""
+        above = self.leaves[concept].hypernym if concept in self.leaves else None
+        if above is None:
+            return self._words.hypernyms(concept)
+        return tuple(filter(None, (_synset(above), *self._hypernyms(above))))
+
     def _names(self, node_id: str) -> tuple[str, ...]:
         return tuple(self.levels.nodes[above].name for above in self.levels.path(node_id))
 
     def _aliases(self, node_id: str, name: str, further: tuple[str, ...]) -> tuple[str, ...]:
         merged = (word for old, new in self.successors.items() if new == node_id for word in self._words.lemmas(old))
-        words = (*self._words.lemmas(node_id), *further, *merged)
+        inserted = self._inserted[node_id].aliases if node_id in self._inserted else ()
+        words = (*self._words.lemmas(node_id), *inserted, *further, *merged)
         return tuple(word for word in dict.fromkeys(words) if word.casefold() != name.casefold())
-
-
-class _Both:
-    """Two sources of words, the first before the second."""
-
-    def __init__(self, first: Hypernyms, second: Hypernyms) -> None:
-        self._sources = (first, second)
-
-    def hypernyms(self, synset: str) -> tuple[str, ...]:
-        return self._sources[0].hypernyms(synset) or self._further(synset, "hypernyms")
-
-    def lemmas(self, synset: str) -> tuple[str, ...]:
-        return self._sources[0].lemmas(synset) or self._further(synset, "lemmas")
-
-    def _further(self, synset: str, what: str) -> tuple[str, ...]:
-        if _synset(synset) is None:
-            return ()
-        found: tuple[str, ...] = getattr(self._sources[1], what)(synset)
-        return found
 
 
 @cache
@@ -226,7 +219,7 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
     )
     leaves = [_leaf(row, where) for where, row in table_rows(folder / "leaves.csv", _LEAVES)]
     gone = {row["node_id"]: row["successor"] for _, row in table_rows(folder / "successors.csv", _SUCCESSORS)}
-    return Catalogue(frozen_levels(folder / "levels.csv"), leaves, words, gone)
+    return Catalogue(frozen_levels(folder / "levels.csv"), leaves, words, gone, insertions(folder / "insertions.jsonl"))
 
 
 def _leaf(row: dict[str, str], where: str) -> Leaf:
@@ -245,8 +238,13 @@ def _leaf(row: dict[str, str], where: str) -> Leaf:
     )
 
 
+def _above(concept: str, words: Concepts) -> str | None:
+    """What a reader put an insertion under."""
+    return words.hypernyms(concept)[0] if concept.startswith(PREFIX) else None
+
+
 def _synset(node_id: str) -> str | None:
-    return None if node_id.startswith("mt:") or node_id.endswith(OTHER) else node_id
+    return None if node_id.startswith(PREFIX) or node_id.endswith(OTHER) else node_id
 
 
 def _named_apart(categories: list[Category]) -> list[Category]:

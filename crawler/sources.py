@@ -5,7 +5,6 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -120,7 +119,7 @@ class Source:
 
 def sources(folder: Path | None = None) -> tuple[Source, ...]:
     """All declared sources by id; `folder` is the package's own `data/sources` by default."""
-    return _sources(folder or _own_folder())
+    return tuple(Source.declared(path) for path in sorted((folder or _own_folder()).glob("*.toml")))
 
 
 def source(name: str, folder: Path | None = None) -> Source:
@@ -131,15 +130,10 @@ def source(name: str, folder: Path | None = None) -> Source:
     UnknownSource
         No source has the id; the message names those that there are.
     """
-    found = {declared.id: declared for declared in sources(folder)}
-    if name not in found:
-        raise UnknownSource(f"source: expected one of {', '.join(found)}; found {name!r}")
-    return found[name]
-
-
-@cache
-def _sources(folder: Path) -> tuple[Source, ...]:
-    return tuple(Source.declared(path) for path in sorted(folder.glob("*.toml")))
+    paths = {path.stem: path for path in sorted((folder or _own_folder()).glob("*.toml"))}
+    if name not in paths:
+        raise UnknownSource(f"source: expected one of {', '.join(paths)}; found {name!r}")
+    return Source.declared(paths[name])
 
 
 def _own_folder() -> Path:

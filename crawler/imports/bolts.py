@@ -32,7 +32,7 @@ _UNITS = {"Length (mm)": "mm", "Length (in)": "in"}
 
 def readings(source: Source, folder: Path) -> Iterator[Reading]:
     """A reading per table row of every class in `*.blt`, in the order of files, classes and rows."""
-    import yaml  # type: ignore[import-untyped]  # noqa: PLC0415 - only two sources are YAML
+    import yaml  # type: ignore[import-untyped]
 
     for path in sorted(folder.glob("*.blt")):
         for entry in yaml.safe_load(path.read_text(encoding="utf-8"))["classes"]:

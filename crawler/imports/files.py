@@ -53,9 +53,10 @@ def downloaded(source: Source) -> Path:
             f"{source.id}: expected --input: {', '.join(without) or 'its files'} was cut down from a larger set "
             f"and has no address of its own (see {source.url})"
         )
-    import pooch  # noqa: PLC0415 - only downloads need it
-    import requests  # noqa: PLC0415 - pooch's own downloader, for its faults
+    import pooch
+    import requests
 
+    pooch.get_logger().setLevel("WARNING")  # a fault is one line, not two
     store = pooch.create(
         path=pooch.os_cache("metric-tree") / "sources" / source.id,
         base_url="",
@@ -66,6 +67,8 @@ def downloaded(source: Source) -> Path:
     try:
         for file in source.files:
             store.fetch(file.path)
+    except requests.ConnectionError:
+        raise NoInput(f"{source.id}: expected a download of {file.url} or --input; found no connection") from None
     except (requests.RequestException, OSError, ValueError) as error:
         reason = str(error).splitlines()[0][:200]
         raise NoInput(f"{source.id}: expected a download of {file.url} or --input; found {reason}") from None

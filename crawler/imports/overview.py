@@ -12,17 +12,18 @@ __all__ = ["overview", "summary"]
 
 _HEAD = """# Sources of open data
 
-One declaration a source: where it is from, whose terms decide, what its rows are worth as evidence (`kind`), how its columns
-are read, its traps and what is done about each. `crawler/sources.py` describes the fields, `crawler/tables.py` those of a plain
-table. A file that was cut down from a larger set has no address of its own and wants `--input`; the others are downloaded,
-checked against their sha256 and cached where `--input` is missing.
+One declaration a source: where it is from, whose terms decide, what its rows are worth as evidence (`kind`), how its
+columns are read, its traps and what is done about each. `crawler/sources.py` describes the fields, `crawler/tables.py`
+those of a plain table. A file that was cut down from a larger set has no address of its own and wants `--input`; the
+others are downloaded, checked against their sha256 and cached where `--input` is missing.
 
 This page, and the raw items under `data/raw` whose terms allow to give them on, are made by
 
     metric-tree import --all --input ../shared/data/sizes --ship data/raw --summary data/sources/README.md
 
-`rows` = rows behind `items` (identical rows are one item with a count) + `drawn out` (of categories so large that a sample of
-them is kept, by the hash of the id) + `refused`. Refused rows go, with field and reason, into a quarantine file beside `--out`.
+`rows` = rows behind `items` (identical rows are one item with a count) + `drawn out` (of categories so large that a
+sample of them is kept, by the hash of the id) + `refused`. Refused rows go, with field and reason, into a quarantine
+file beside `--out`.
 """
 
 _COLUMNS = ("source", "kind", "rows", "items", "drawn out", "refused", "by reason", "licence", "rows ship")

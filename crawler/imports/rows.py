@@ -76,7 +76,7 @@ def _jsonl(table: Table, path: Path) -> Iterator[Row]:
 
 
 def _yaml(table: Table, path: Path) -> Iterator[Row]:
-    import yaml  # type: ignore[import-untyped]  # noqa: PLC0415 - only two sources are YAML
+    import yaml  # type: ignore[import-untyped]
 
     yield from _records(yaml.safe_load(path.read_text(encoding=table.encoding)), table.each)
 
@@ -93,7 +93,7 @@ def _properties(table: Table, path: Path) -> Iterator[Row]:
 
 
 def _xls(table: Table, path: Path) -> Iterator[Row]:
-    import xlrd  # noqa: PLC0415 - only one source is an old Excel file
+    import xlrd
 
     sheet = xlrd.open_workbook(str(path)).sheet_by_index(0)
     lines = [[_excel_text(cell) for cell in sheet.row_values(i)] for i in range(sheet.nrows)]

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import crawler.sources
+from crawler.imports import files
+from crawler.items import raw_items
+from metric_tree.commands import main
+
+TABLE = """
+id = "{id}"
+title = "Made-up things"
+url = "https://example.org/{id}"
+licence = "{licence}"
+licence_basis = "we made them up"
+kind = "measured"
+ship = {ship}
+[[tables]]
+files = ["things.csv"]
+unit = "cm"
+id = "{{no}}"
+category = ["box"]
+axes = {{ width = "w" }}
+[[files]]
+path = "things.csv"
+sha256 = "{sha}"
+url = "{url}"
+note = "{note}"
+"""
+
+
+@pytest.fixture
+def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Two declared sources, `open_things` (ships) and `shop_things` (does not), with their files."""
+    folder = tmp_path / "declared"
+    folder.mkdir()
+    for name, licence, ship, url in (
+        ("open_things", "CC0-1.0", "true", "http://127.0.0.1:9/things.csv"),
+        ("shop_things", "none", "false", ""),
+    ):
+        text = TABLE.format(id=name, licence=licence, ship=ship, sha="0" * 64, url=url, note="cut down")
+        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+        data = tmp_path / "data" / name
+        data.mkdir(parents=True)
+        (data / "things.csv").write_text("no,w\n1,12.5\n2,?x\n3,\n4,12.5\n", encoding="utf-8")
+    monkeypatch.setattr(crawler.sources, "_own_folder", lambda: folder)
+    monkeypatch.setenv(files.CACHE_VARIABLE, str(tmp_path / "cache"))
+    return tmp_path
+
+
+def test_one_source_with_its_quarantine(world: Path, shown: Any) -> None:
+    out = world / "out" / "things.jsonl"
+    status, result = shown("import", "open_things", "--input", str(world / "data" / "open_things"), "--out", str(out))
+    assert status == 0
+    assert (result["rows"], result["items"], result["physical_rows"], result["refused"]) == (4, 1, 2, 2)
+    assert result["reasons"] == {"no_size": 1, "unreadable": 1}
+    assert [item.extents_mm for item in raw_items(out)] == [(125.0,)]
+    refused = [json.loads(line) for line in (world / "out" / "things.quarantine.jsonl").read_text().splitlines()]
+    assert [(r["row"], r["reason"], r["field"]) for r in refused] == [
+        ("things:2", "unreadable", "w"),
+        ("things:3", "no_size", "dimensions"),
+    ]
+    assert {path.name for path in out.parent.iterdir()} == {"things.jsonl", "things.quarantine.jsonl"}
+
+
+def test_all_sources_the_shipped_ones_and_their_page(world: Path, shown: Any) -> None:
+    words = ("import", "--all", "--input", str(world / "data"), "--out", str(world / "raw"))
+    more = ("--ship", str(world / "ship"), "--summary", str(world / "README.md"))
+    status, result = shown(*words, *more)
+    assert status == 0
+    assert [entry["source"] for entry in result] == ["open_things", "shop_things"]
+    assert {path.name for path in (world / "ship").iterdir()} == {"open_things.jsonl.gz"}
+    page = (world / "README.md").read_text()
+    assert "| [open_things](https://example.org/open_things) | measured | 4 | 1 | 0 | 2 |" in page
+    first = (world / "ship" / "open_things.jsonl.gz").read_bytes()
+    shown(*words, *more)
+    assert (world / "ship" / "open_things.jsonl.gz").read_bytes() == first
+    assert len(gzip.decompress(first).splitlines()) == 1
+
+
+def test_the_file_itself_may_be_given(world: Path, shown: Any) -> None:
+    status, result = shown("import", "shop_things", "--input", str(world / "data" / "shop_things" / "things.csv"))
+    assert (status, result["items"]) == (0, 1)
+
+
+def test_the_sources_are_listed(world: Path, shown: Any) -> None:
+    status, found = shown("import", "--list")
+    assert status == 0
+    assert [(s["source"], s["ship"]) for s in found] == [("open_things", True), ("shop_things", False)]
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["import"], "SOURCE: expected one source, or --all; found 'neither'"),
+        (["import", "lamps"], "source: expected one of open_things, shop_things; found 'lamps'"),
+        (["import", "shop_things"], "expected --input: things.csv was cut down"),
+        (["import", "open_things"], "expected a download of"),
+        (["import", "open_things", "--input", "/nowhere"], "/nowhere: expected the files of open_things"),
+        (["import", "open_things", "--input", "/etc"], "expected things.csv; found no such file"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(
+    world: Path, words: list[str], line: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = world / "never" / "x.jsonl"
+    assert main([*words, "--out", str(out)]) == 2
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count("\n") == 1
+    assert not out.parent.exists()
+
+
+def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "x.jsonl"
+    files.write_lines(path, ["old"])
+
+    def full(_self: Path, data: bytes) -> int:
+        raise OSError("no space left")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(OSError, match="no space left"):
+        files.write_lines(path, ["new"])
+    assert path.read_text() == "old\n"
+    assert list(tmp_path.iterdir()) == [path]

@@ -48,8 +48,9 @@ def table_readings(source: Source, folder: Path) -> Iterator[Reading]:
     for table in source.tables:
         for path in _files(table, folder):
             for number, row in enumerate(rows(table, path), start=1):
-                named = {column: table.names.get(column, {}).get(cell, cell) for column, cell in row.items()}
-                named |= {"file": path.stem, "row": str(number)}
+                named = row | {"file": path.stem, "row": str(number)}
+                for column, others in table.names.items():
+                    named[column] = others.get(row.get(column, ""), row.get(column, ""))
                 if all(_holds(rule, named) for rule in table.only):
                     yield _reading(source, table, named)
 
@@ -61,7 +62,7 @@ def filled(template: str, row: Row) -> str:
         text = row.get(match[1], "")
         return _FILTERS[match[2]](text) if match[2] else text
 
-    return " ".join(_FIELD.sub(cell, template).split())
+    return " ".join(_FIELD.sub(cell, template).split()) if "{" in template else template
 
 
 def _files(table: Table, folder: Path) -> list[Path]:

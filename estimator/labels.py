@@ -7,6 +7,7 @@ visibility file says so or, without one, where no nearer part of the cloud cover
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,9 @@ CELLS_ALONG_SIDE = (24, 320)
 # A point is hidden when it lies this share behind the nearest point of its cell. Surfaces seen at 20 degrees change
 # depth by about this much within a cell; things stand further than this in front of the wall.
 DEPTH_TOLERANCE = 0.03
+# What lies in a mask but this many diagonals of the mask before or behind the middle of what else does is a stray or the wall seen
+# through the thing: few things are three times as deep as they look wide, and those are seen from elsewhere too.
+DEPTH_DIAGONALS = 1.5
 # A point belongs to an object when at least half of the views that see both put it inside the object's mask. A box is
 # wider than the object, so most views agree on background too: there nearly all views must agree.
 MASK_SHARE = 0.5
@@ -57,7 +61,7 @@ def sparse_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     """Labels of the sparse points by their own observations: a keypoint inside a mask labels its point."""
     pixels = [view.keypoints for view in scene.views]
     rows = [view.point_index for view in scene.views]
-    return _labels(scene.points, pixels, rows, instances)
+    return _labels(scene.views, scene.points, pixels, rows, instances)
 
 
 def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
@@ -77,7 +81,7 @@ def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
             seen, inside = _inside_rows(view, points, listed[index])
         pixels.append(inside)
         rows.append(seen)
-    return _labels(points, pixels, rows, instances)
+    return _labels(scene.views, points, pixels, rows, instances)
 
 
 def point_votes(labels: PointLabels, instances: Sequence[Instance], tracks: Sequence[Sequence[int]]) -> PointVotes:
@@ -170,16 +174,35 @@ def _listed_rows(offsets: IntArray | None, views: IntArray | None, count: int) -
 
 
 def _labels(
-    points: FloatArray, pixels: Sequence[FloatArray], rows: Sequence[IntArray], instances: Sequence[Instance]
+    views: Sequence[View],
+    points: FloatArray,
+    pixels: Sequence[FloatArray],
+    rows: Sequence[IntArray],
+    instances: Sequence[Instance],
 ) -> PointLabels:
     """Both sparse matrices from each view's visible rows and their pixels."""
     members: list[IntArray] = [np.empty(0, dtype=np.int64)] * len(instances)
-    for view in range(len(pixels)):
-        here = [number for number, instance in enumerate(instances) if instance.view == view]
-        found = view_labels(pixels[view], [instances[number] for number in here])
+    by_view: dict[int, list[int]] = defaultdict(list)
+    for number, instance in enumerate(instances):
+        by_view[instance.view].append(number)
+    for index, here in by_view.items():
+        view = views[index]
+        depth = points[rows[index]] @ view.rotation[2] + view.translation[2]
+        found = view_labels(pixels[index], [instances[number] for number in here])
         for number, positions in zip(here, found, strict=True):
-            members[number] = rows[view][positions]
+            kept = positions[_at_depth(depth[positions], instances[number], view.camera)]
+            members[number] = rows[index][kept]
     return PointLabels(points, _indicator(members, len(points)), _indicator(rows, len(points)))
+
+
+def _at_depth(depth: FloatArray, instance: Instance, camera: Camera) -> BoolArray:
+    """(n,) whether points of a mask lie within `DEPTH_DIAGONALS` of their median depth; all of a box, which is mostly background."""
+    if instance.from_box or not depth.size:
+        return np.ones(depth.shape, dtype=bool)
+    middle = float(np.median(depth))
+    # the first parameter of every camera model is a focal length in pixels
+    diagonal = float(np.hypot(*instance.mask.shape)) * middle / float(camera.params[0])
+    return np.asarray(np.abs(depth - middle) <= DEPTH_DIAGONALS * diagonal)
 
 
 def _indicator(rows: Sequence[IntArray], count: int) -> csr_array:

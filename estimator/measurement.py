@@ -11,14 +11,14 @@ from typing import Literal
 import numpy as np
 
 from estimator.association import Track, incremental_tracks, shared_tracks
-from estimator.dimensions import Dimensions, dimensions
-from estimator.labels import PointLabels, dense_labels, point_votes, sparse_labels
+from estimator.dimensions import Dimensions, Inliers, dimensions, inliers, usual_noise
+from estimator.labels import PointLabels, PointVotes, dense_labels, point_votes, sparse_labels
 from estimator.objects import Box, MeasuredObject
 from estimator.planes import SupportPlane, level_basis, refined_up, support_planes
-from estimator.scene import BoolArray, FloatArray, Instance, IntArray, Scene
+from estimator.scene import FloatArray, Instance, IntArray, Scene
 from estimator.standing import stands
-from estimator.support import Foot, foot_on
-from estimator.truncation import Outline, Surroundings, outline, shown_sides, truncated_sides
+from estimator.support import Foot, Ground, foot_on, ground_of, level_below
+from estimator.truncation import Outline, Sides, Surroundings, outline, seen_sides
 from estimator.upright import Up, camera_up
 
 __all__ = ["PAPER", "MeasurementOptions", "Measurements", "measured"]
@@ -82,26 +82,26 @@ def measured(
         if options.planes_for_up:
             up = refined_up(up, surface)
         planes = support_planes(up.vector, surface) if options.supports else ()
+        basis = level_basis(up.vector)
+        ground = ground_of(surface, basis, planes) if options.supports else None
     with _timed(timings, "votes"):
         members = [track.members for track in tracks]
-        rows = [point_votes(cloud, instances, members) for cloud in clouds]
-    basis = level_basis(up.vector)
+        votes = [point_votes(cloud, instances, members) for cloud in clouds]
     with _timed(timings, "dimensions"):
-        shapes = [
-            _shape(clouds, [votes.rows[number] for votes in rows], basis, options) for number in range(len(tracks))
-        ]
+        shapes = _shapes(clouds, votes, basis, options)
     with _timed(timings, "truncation"):
         views = scene.views
         outlines = [outline(i, views[i.view].camera.width, views[i.view].camera.height) for i in instances]
         around = Surroundings(scene, clouds[-1], up.vector)
         sides = [
-            _truncated_sides(track, shape, instances, outlines, around)
+            _sides(track, shape, instances, outlines, around)
             for track, shape in zip(tracks, shapes, strict=True)
         ]
-    objects = tuple(
-        _object(str(number + 1), track, shape, cut, instances, planes, up, options)
-        for number, (track, shape, cut) in enumerate(zip(tracks, shapes, sides, strict=True))
-    )
+    with _timed(timings, "supports"):
+        objects = tuple(
+            _object(str(number + 1), track, shape, seen, instances, ground, basis, up, options)
+            for number, (track, shape, seen) in enumerate(zip(tracks, shapes, sides, strict=True))
+        )
     return Measurements(objects, up, planes, tracks, timings, _warnings(up, planes, options))
 
 
@@ -122,41 +122,51 @@ def _timed(timings: dict[str, float], stage: str) -> Iterator[None]:
     timings[stage] = perf_counter() - start
 
 
-def _shape(
-    clouds: Sequence[PointLabels], rows: Sequence[IntArray], basis: FloatArray, options: MeasurementOptions
-) -> _Shape:
-    """The dense points of an object where there are enough, else the more of the two."""
+def _shapes(
+    clouds: Sequence[PointLabels], votes: Sequence[PointVotes], basis: FloatArray, options: MeasurementOptions
+) -> list[_Shape]:
+    """The points and box of each track; those with few points take the noise of the others."""
+    chosen = [_cloud_of([vote.rows[number] for vote in votes]) for number in range(len(votes[0].rows))]
+    points = [clouds[cloud].points[rows] for cloud, rows in chosen]
+    found: list[Inliers | None] = [
+        inliers(own, basis, options.outliers) if len(own) >= MIN_OBJECT_POINTS else None for own in points
+    ]
+    noise = usual_noise(one for one in found if one is not None)
+    boxes = [one and dimensions(one, basis, noise, options.robust_footprint) for one in found]
+    return [
+        _Shape("dense" if cloud else "sparse", own, rows, box)
+        for (cloud, rows), own, box in zip(chosen, points, boxes, strict=True)
+    ]
+
+
+def _cloud_of(rows: Sequence[IntArray]) -> tuple[int, IntArray]:
+    """The cloud to measure an object in and its rows: the dense one where it has enough, else the more of the two."""
     best = len(rows) - 1
     if best == 1 and len(rows[1]) < MIN_DENSE_POINTS and len(rows[0]) > len(rows[1]):
         best = 0
-    points = clouds[best].points[rows[best]]
-    name: Literal["sparse", "dense"] = "dense" if best == 1 else "sparse"
-    box = None
-    if len(points) >= MIN_OBJECT_POINTS:
-        box = dimensions(points, basis, options.outliers, options.robust_footprint)
-    return _Shape(name, points, rows[best], box)
+    return best, rows[best]
 
 
-def _truncated_sides(
+def _sides(
     track: Track, shape: _Shape, instances: Sequence[Instance], outlines: Sequence[Outline], around: Surroundings
-) -> BoolArray:
-    """(3, 2) sides that no two views show; none without a box."""
+) -> Sides | None:
+    """How the masks show the sides of an object; None without a box."""
     if shape.box is None:
-        return np.zeros((3, 2), dtype=bool)
+        return None
     box = shape.box
     masks = [instances[row] for row in track.members]
     borders = [outlines[row] for row in track.members]
-    points = shape.points[box.rows]
-    return truncated_sides(shown_sides(masks, borders, around, box.axes, box.low, box.high, points))
+    return seen_sides(masks, borders, around, (box.axes, box.low, box.high), shape.points[box.rows])
 
 
 def _object(
     name: str,
     track: Track,
     shape: _Shape,
-    cut: BoolArray,
+    sides: Sides | None,
     instances: Sequence[Instance],
-    planes: Sequence[SupportPlane],
+    ground: Ground | None,
+    basis: FloatArray,
     up: Up,
     options: MeasurementOptions,
 ) -> MeasuredObject:
@@ -175,37 +185,44 @@ def _object(
         cloud=shape.cloud,
         members=track.members,
     )
-    if shape.box is None:
-        return replace(record, skipped=f"{len(shape.points)} points, {MIN_OBJECT_POINTS} needed")
     box = shape.box
-    foot = _foot(box, track.category, bool(cut[2, 0]), planes, options)
+    if box is None or sides is None:
+        return replace(record, skipped=f"{len(shape.points)} points, {MIN_OBJECT_POINTS} needed")
+    foot = _foot(shape, box, sides, ground, basis, options.standing(track.category))
     low = np.array([*box.low[:2], foot.bottom])
-    sigma = box.sigma.copy()
-    sigma[2] = np.hypot(sigma[2], foot.sigma)
+    edge_sigma = box.edge_sigma.copy()
+    if foot.standing:
+        edge_sigma[0, 2] = foot.sigma
+    cut = sides.truncated
     truncated = cut.any(axis=1)
-    truncated[2] = cut[2, 1] or (cut[2, 0] and foot.plane is None) or foot.short
+    truncated[2] = cut[2, 1] or (cut[2, 0] and not foot.standing) or foot.short
     return replace(
         record,
         extents=box.high - low,
-        sigma=sigma,
+        sigma=np.linalg.norm(edge_sigma, axis=0),
         confidence=box.eta,
+        beyond=sides.beyond,
         truncated=truncated,
-        unsupported_height=float(box.extents[2]) if foot.plane is not None else None,
+        unsupported_height=float(box.extents[2]) if foot.standing else None,
         box=Box((low + box.high) / 2 @ box.axes, box.axes, box.high - low),
-        notes=("reaches down to the plane below it",) if foot.filled else (),
+        notes=("reaches down to the surface below it",) if foot.filled else (),
     )
 
 
 def _foot(
-    box: Dimensions, category: str, cut: bool, planes: Sequence[SupportPlane], options: MeasurementOptions
+    shape: _Shape, box: Dimensions, sides: Sides, ground: Ground | None, basis: FloatArray, standing: bool | None
 ) -> Foot:
-    if not options.supports:
+    """The foot of an object on the ground; that of its points where there is no ground."""
+    if ground is None:
         return Foot(float(box.low[2]))
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * box.extents[:2] + box.low[:2]
-    basis = planes[0].basis if planes else box.axes
-    # corners along length and width, to the world, to the horizontal axes of the planes
-    footprint = corners @ box.axes[:2] @ basis[:2].T
-    return foot_on(planes, footprint, box.low, box.high, options.standing(category), cut)
+    # corners along length and width, to the world, to the level basis
+    level = level_below(ground, corners @ box.axes[:2] @ basis[:2].T, box.low, box.high)
+    reach = np.nan
+    if level is not None and box.low[2] > level.height:
+        reach = sides.beyond[2, 0] * box.extents[2] / (box.low[2] - level.height)
+    middle = float(np.median(shape.points[box.rows] @ box.axes[2]))
+    return foot_on(level, box.low, box.high, middle, ground.bin, standing, float(reach))
 
 
 def _warnings(up: Up, planes: Sequence[SupportPlane], options: MeasurementOptions) -> tuple[str, ...]:

@@ -33,6 +33,8 @@ class MeasuredObject:
     truncated : (3,) bool; the true extent is at least the measured one.
     cloud, point_rows : which cloud of the scene it was measured in, and its rows there; members : rows of the instances
         that show it.
+    beyond : (3, 2) how far its masks go beyond its points at the low and the high end of each axis, as a share of the extent;
+        NaN where no two views tell.
     unsupported_height : the height of the points alone, where `extents[2]` reaches down to a support plane.
     """
 
@@ -51,5 +53,6 @@ class MeasuredObject:
     point_rows: IntArray | None = None
     cloud: str = ""
     members: tuple[int, ...] = ()
+    beyond: FloatArray | None = None
     skipped: str | None = None
     notes: tuple[str, ...] = ()

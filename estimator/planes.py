@@ -16,7 +16,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter1d, median_filter
 from estimator.scene import BoolArray, FloatArray, IntArray
 from estimator.upright import Up, joined_up, tilted
 
-__all__ = ["SupportPlane", "level_basis", "refined_up", "support_planes"]
+__all__ = ["SupportPlane", "floor_of", "height_bin", "level_basis", "refined_up", "support_planes", "thinned"]
 
 # Height bins over the middle 96 % of heights: 2 cm in a room, twice the noise of an ordinary dense cloud.
 HEIGHT_BINS = 150
@@ -38,8 +38,14 @@ MIN_POINTS = 25
 MIN_BINS_APART = 6
 # Cells of a plane's map, in height bins: large enough that a sparse surface has no holes.
 CELL_BINS = 6
+# Below a floor lie only strays: one point in twenty. Below a table lie floor, legs and walls.
+BELOW_FLOOR_SHARE = 0.05
 # A level surface within this tilt of the cameras' vertical, in its standard deviations, is believed.
 BELIEVED_SIGMAS = 3.0
+# The window about a plane cuts a tilted surface short, so each fit goes part of the way.
+ROUNDS = 12
+# A peak twice as sharp outweighs a tilt of two and a half standard deviations.
+BELIEF_WEIGHT = 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,10 +81,10 @@ def level_basis(up: FloatArray) -> FloatArray:
 
 def refined_up(up: Up, points: FloatArray) -> Up:
     """Up after the level surfaces of the cloud (n, 3) have been heard; the same where there is none to believe."""
-    thin = _thinned(points)
+    thin = thinned(points)
     if len(thin) < MIN_POINTS or up.method == "none":
         return up
-    bin_width = _bin_width(thin @ up.vector)
+    bin_width = height_bin(thin @ up.vector)
     start = _most_peaked(up, thin[:: -(-len(thin) // MAX_SEARCH_POINTS)], bin_width)
     normal, sigma = _common_normal(start, thin, bin_width)
     if normal is None:
@@ -91,18 +97,27 @@ def refined_up(up: Up, points: FloatArray) -> Up:
 
 def support_planes(up: FloatArray, points: FloatArray) -> tuple[SupportPlane, ...]:
     """Level surfaces of the cloud (n, 3), lowest first."""
-    thin = _thinned(points)
+    thin = thinned(points)
     if len(thin) < MIN_POINTS:
         return ()
     basis = level_basis(up)
     local = thin @ basis.T
-    bin_width = _bin_width(local[:, 2])
+    bin_width = height_bin(local[:, 2])
     planes = []
     for height in _peaks(local[:, 2], bin_width):
         near = np.abs(local[:, 2] - height) < HALF_THICKNESS_BINS * bin_width
         inliers = local[near]
         planes.append(_plane(basis, inliers, bin_width))
     return tuple(planes)
+
+
+def floor_of(planes: Sequence[SupportPlane], points: FloatArray) -> SupportPlane | None:
+    """The plane that everything may stand on: the lowest, if next to nothing of the cloud (n, 3) lies below it."""
+    if not planes:
+        return None
+    lowest = planes[0]
+    below = points @ lowest.basis[2] < lowest.height - 2 * HALF_THICKNESS_BINS * lowest.cell / CELL_BINS
+    return lowest if np.count_nonzero(below) <= BELOW_FLOOR_SHARE * len(points) else None
 
 
 def _plane(basis: FloatArray, inliers: FloatArray, bin_width: float) -> SupportPlane:
@@ -116,7 +131,7 @@ def _plane(basis: FloatArray, inliers: FloatArray, bin_width: float) -> SupportP
     return SupportPlane(basis, middle, spread, len(inliers), origin, cell, binary_dilation(cells))
 
 
-def _thinned(points: FloatArray) -> FloatArray:
+def thinned(points: FloatArray) -> FloatArray:
     """One point per cell of space, at most `MAX_POINTS`."""
     points = points[:: max(1, -(-len(points) // (4 * MAX_POINTS)))]
     if len(points) < MIN_POINTS:
@@ -130,7 +145,8 @@ def _thinned(points: FloatArray) -> FloatArray:
     return points[rows[:: max(1, -(-len(rows) // MAX_POINTS))]]
 
 
-def _bin_width(heights: FloatArray) -> float:
+def height_bin(heights: FloatArray) -> float:
+    """Width of a bin of the heights (n,) of a whole scene."""
     low, high = np.percentile(heights, [2, 98])
     return max(float(high - low) / HEIGHT_BINS, np.finfo(float).tiny)
 
@@ -164,7 +180,6 @@ def _most_peaked(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
     known = up.known if up.known is not None else basis[0]
     known = known - (known @ up.vector) * up.vector
     known /= np.linalg.norm(known)
-    across = np.cross(up.vector, known)
     # the tilt about the known axis is open by sigma, the other one by the roll of a hand-held camera
     reach = BELIEVED_SIGMAS * up.sigma_deg
     about_known = np.arange(-reach, reach + 1e-9, max(reach / 20, 0.5))
@@ -179,14 +194,7 @@ def _most_peaked(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
             score = np.log((gaussian_filter1d(counts, SMOOTHING_BINS) ** 2).sum()) + BELIEF_WEIGHT * belief
             if score > best_score:
                 best, best_score = candidate, score
-    del across
     return np.asarray(best)
-
-
-# The window about a plane cuts a tilted surface short, so each fit goes part of the way.
-ROUNDS = 12
-# A peak twice as sharp outweighs a tilt of two and a half standard deviations.
-BELIEF_WEIGHT = 0.2
 
 
 def _common_normal(up: FloatArray, points: FloatArray, bin_width: float) -> tuple[FloatArray | None, float]:
@@ -208,8 +216,3 @@ def _common_normal(up: FloatArray, points: FloatArray, bin_width: float) -> tupl
         # errors of neighbouring points go together: every tenth counts as one of its own
         sigma = float(np.degrees(np.sqrt(values[0] / max(values[1], 1e-12) / max(inliers / 10, 1))))
     return normal, sigma
-
-
-def heights_of(planes: Sequence[SupportPlane]) -> FloatArray:
-    """(k,) heights of planes."""
-    return np.array([plane.height for plane in planes])

@@ -1,7 +1,8 @@
-"""What an object stands on: where its foot is not reconstructed it reaches down to the plane below it (methods.md).
+"""What an object stands on: where its foot is not reconstructed it reaches down to the surface below it (methods.md).
 
-Legs are thin, castors dark and sills low, so clouds end above the foot and heights come out short. A plane right below a small
-gap is the likely foot; a large gap is filled only for things that stand on floors, and never for things that hang.
+Legs are thin, castors dark and sills low, so clouds end above the foot and heights come out short. The surface is looked for in the
+cloud around the object's footprint; under it lies what the object hides. How far a gap is filled is decided by the masks where
+they show the foot, and by the category where it settles the matter: things that hang are never dropped to the floor.
 """
 
 from __future__ import annotations
@@ -11,92 +12,170 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.planes import SupportPlane
+from estimator.planes import SupportPlane, floor_of, height_bin, thinned
 from estimator.scene import FloatArray
 
-__all__ = ["Foot", "foot_on"]
+__all__ = ["Foot", "Ground", "Level", "foot_on", "ground_of", "level_below"]
 
-# A foot within this share of the height of its plane, or within twice the plane's own spread, stands on it: the extent rule is not
-# surer than that.
+# The cloud is looked at around the footprint, out to this share of its mean side: closer in it is hidden by the object.
+RING_SHARE = 0.6
+# A surface around an object has this many points in this many of eight directions; a wall stands in three at the most, and is
+# not level.
+RING_POINTS = 10
+RING_SECTORS = 3
+# Of several levels the highest counts that has this share of the richest one's points.
+RING_LEVEL_SHARE = 0.3
+# A foot within this share of the height of its level, or within a height bin (the cloud's own roughness), stands on it: the
+# extent rule is not surer than that.
 CONTACT_SHARE = 0.06
-CONTACT_SIGMAS = 2.0
-# Points of the plane itself fall in masks, so a foot may seem to lie this share of the height below it.
+# Points of the surface itself fall in masks, so a foot may seem to lie this share of the height below it.
 SUNK_SHARE = 0.2
-# A gap up to this share of the points' height is filled where nothing is known of the category: legs of cabinets and bags of
-# shopping; things on a wall hang a whole height or more above what is below them.
+# A gap up to this share of the points' height is filled where neither the masks nor the category tell: legs of cabinets and bags
+# of shopping; things on a wall hang a whole height or more above what is below them.
 GAP_SHARE = 0.35
-# ... and this where the mask is cut at the foot, so that more of the thing is known to be there.
-CUT_GAP_SHARE = 1.0
+# A gap this small is filled in any case: what hides the foot of a thing hides it in the masks too.
+SURE_GAP_SHARE = 0.12
+# A mask that goes more than half of the way down to the surface shows a foot there; one that does not is evidence against.
+REACH_SHARE = 0.5
 # A desk of which only the top is seen is a tenth to a sixth of its height; a gap of more is another thing.
 FLOOR_GAP_SHARE = 12.0
-# Share of the footprint over which a plane must have been seen to be below the object; the floor is hidden by what stands on it.
-COVERAGE = 0.4
+# The height of a level is known to a part of its roughness.
+LEVEL_SIGMA_SHARE = 0.3
 # What filling a gap adds to the log height's standard deviation, per share of the height that was filled: feet end a little
-# above or below the plane, and sometimes it is the wrong one.
+# above or below the surface, and sometimes it is the wrong one.
 FILLED_SIGMA = 0.05
 # A floor-standing thing flatter than this without a floor is a table top without legs.
 SLAB_SHARE = 0.35
+# A level this close to the middle of a floor-standing thing's points is its own top.
+OWN_SHARE = 0.25
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """The cloud as supports are sought in it: local (n, 3) thinned points in the level basis; bin of heights; the floor's height."""
+
+    local: FloatArray
+    bin: float
+    floor: float | None
+    floor_sigma: float
+
+
+@dataclass(frozen=True, slots=True)
+class Level:
+    """A level surface below an object: height along up and roughness, scene units; `floor` where it is the scene's floor."""
+
+    height: float
+    sigma: float
+    floor: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Foot:
-    """Where an object's foot is: height along up, added log sigma, whether a gap was filled, whether more is surely below."""
+    """Where an object's foot is: height along up, added log sigma, whether it stands on a level, whether a gap was filled, and
+    whether more of it is surely below."""
 
     bottom: float
     sigma: float = 0.0
+    standing: bool = False
     filled: bool = False
     short: bool = False
-    plane: int | None = None
 
 
-def foot_on(
-    planes: Sequence[SupportPlane], footprint: FloatArray, low: FloatArray, high: FloatArray, stands: bool | None, cut: bool
-) -> Foot:
-    """The foot of an object with corners (4, 2) of its footprint in the planes' horizontal axes.
+def ground_of(points: FloatArray, basis: FloatArray, planes: Sequence[SupportPlane]) -> Ground | None:
+    """The ground of a cloud (n, 3), or None where it has no points."""
+    local = thinned(points) @ basis.T
+    if not len(local):
+        return None
+    floor = floor_of(planes, points)
+    return Ground(local, height_bin(local[:, 2]), floor and floor.height, floor.sigma if floor else 0.0)
 
-    low, high : (3,) extents along length, width, up; stands : whether its category stands on the floor, None unknown; cut :
-    whether its masks are cut at the foot.
+
+def level_below(ground: Ground, corners: FloatArray, low: FloatArray, high: FloatArray) -> Level | None:
+    """The highest surface around the foot of an object: at or below it, and seen on several sides; else the floor.
+
+    corners : (4, 2) of the footprint in the level basis, in order around it; low, high : (3,) extents along length, width, up.
     """
     bottom, height = float(low[2]), float(high[2] - low[2])
-    slab = stands is True and height < SLAB_SHARE * float((high - low)[:2].min())
-    number = _plane_below(planes, footprint, bottom, height)
-    if number is None:
-        return Foot(bottom, short=slab)
-    plane = planes[number]
-    gap = bottom - plane.height
-    reach = _reach(height, stands, cut)
-    if gap <= max(CONTACT_SHARE * height, CONTACT_SIGMAS * plane.sigma):
-        if plane.height < high[2] - height / 2:
-            return Foot(plane.height, sigma=plane.sigma / height, plane=number)
-        return Foot(bottom)
-    if gap > reach:
-        return Foot(bottom, short=slab)
-    whole = float(high[2]) - plane.height
-    sigma = np.hypot(plane.sigma / whole, FILLED_SIGMA * gap / whole)
-    return Foot(plane.height, float(sigma), filled=True, plane=number)
-
-
-def _reach(height: float, stands: bool | None, cut: bool) -> float:
-    """Largest gap that is filled."""
-    if stands is None:
-        return height * (CUT_GAP_SHARE if cut else GAP_SHARE)
-    return height * FLOOR_GAP_SHARE if stands else 0.0
-
-
-def _plane_below(planes: Sequence[SupportPlane], footprint: FloatArray, bottom: float, height: float) -> int | None:
-    """The highest plane below a foot: seen under the footprint, or the lowest of all, which goes on under everything."""
-    samples = _samples(footprint)
-    for number in reversed(range(len(planes))):
-        plane = planes[number]
-        if plane.height > bottom + SUNK_SHARE * height:
-            continue
-        if number == 0 or plane.coverage(samples) >= COVERAGE:
-            return number
+    highest = bottom + SUNK_SHARE * height
+    middle = corners.mean(axis=0)
+    sides = np.stack([corners[1] - corners[0], corners[3] - corners[0]])
+    lengths = np.maximum(np.linalg.norm(sides, axis=1), np.finfo(float).tiny)
+    ring = RING_SHARE * float(lengths.mean())
+    near = np.flatnonzero(
+        (np.abs(ground.local[:, :2] - middle) < np.linalg.norm(lengths) / 2 + ring).all(axis=1)
+        & (ground.local[:, 2] < highest)
+    )
+    # (k, 2) distances beyond the sides of the rectangle
+    along = (ground.local[near, :2] - middle) @ (sides / lengths[:, None]).T
+    beyond = (np.abs(along) - lengths / 2).max(axis=1)
+    around = (beyond > 0) & (beyond < ring)
+    heights = ground.local[near[around], 2]
+    sectors = np.floor(np.arctan2(along[around, 1], along[around, 0]) / (np.pi / 4)).astype(np.int64) + 4
+    found = _ring_level(heights, sectors, highest, ground.bin)
+    if found is not None:
+        at_floor = ground.floor is not None and abs(found.height - ground.floor) < 2 * ground.bin
+        return Level(found.height, found.sigma, at_floor)
+    if ground.floor is not None and ground.floor < highest:
+        return Level(ground.floor, ground.floor_sigma, floor=True)
     return None
 
 
-def _samples(corners: FloatArray) -> FloatArray:
-    """(25, 2) points spread over the rectangle with corners (4, 2) in order around it."""
-    one, two = np.meshgrid(np.linspace(0.1, 0.9, 5), np.linspace(0.1, 0.9, 5))
-    along, across = corners[1] - corners[0], corners[3] - corners[0]
-    return np.asarray(corners[0] + one.reshape(-1, 1) * along + two.reshape(-1, 1) * across)
+def foot_on(
+    level: Level | None,
+    low: FloatArray,
+    high: FloatArray,
+    middle: float,
+    roughness: float,
+    stands: bool | None,
+    reach: float,
+) -> Foot:
+    """The foot of an object above a level.
+
+    low, high : (3,) extents along length, width, up; middle : median height of its points; roughness : of the cloud, scene
+    units; stands : whether its category stands on the floor, None unknown; reach : how far its masks go down to the level, 0
+    where they end with the points, 1 where they end at it, NaN where no mask tells.
+    """
+    bottom, height = float(low[2]), float(high[2] - low[2])
+    slab = stands is True and height < SLAB_SHARE * float((high - low)[:2].min())
+    if level is None or (stands is True and abs(level.height - middle) < OWN_SHARE * height):
+        return Foot(bottom, short=slab)
+    gap = bottom - level.height
+    whole = float(high[2]) - level.height
+    sigma = LEVEL_SIGMA_SHARE * level.sigma / max(whole, np.finfo(float).tiny)
+    if gap <= max(CONTACT_SHARE * height, roughness):
+        return Foot(level.height, sigma, standing=True) if whole > height / 2 else Foot(bottom)
+    if not _fills(gap, height, stands, reach):
+        return Foot(bottom, short=slab)
+    return Foot(level.height, float(np.hypot(sigma, FILLED_SIGMA * gap / whole)), standing=True, filled=True)
+
+
+def _fills(gap: float, height: float, stands: bool | None, reach: float) -> bool:
+    """Whether an object with such a gap under its points stands on what is below it."""
+    if stands is not None:
+        return stands and gap <= FLOOR_GAP_SHARE * height
+    known = SURE_GAP_SHARE if np.isfinite(reach) else GAP_SHARE
+    return gap <= known * height or bool(reach > REACH_SHARE)
+
+
+def _ring_level(heights: FloatArray, sectors: FloatArray, highest: float, bin_width: float) -> Level | None:
+    """The highest level among points around an object, seen in several of the eight directions."""
+    if len(heights) < RING_POINTS:
+        return None
+    index = np.floor((highest - heights) / bin_width).astype(np.int64)
+    bins = int(index.max()) + 2
+    counts = np.bincount(index, minlength=bins)
+    # two neighbouring bins, so that a level on their border is whole
+    pairs = counts[:-1] + counts[1:]
+    seen = np.zeros((bins, 8), dtype=bool)
+    seen[index, sectors % 8] = True
+    wide = (seen[:-1] | seen[1:]).sum(axis=1) >= RING_SECTORS
+    level = pairs * wide
+    if level.max() < RING_POINTS:
+        return None
+    first = int(np.flatnonzero(level >= max(RING_POINTS, RING_LEVEL_SHARE * level.max()))[0])
+    # the first bins of a thick level are its upper edge: go on to its peak
+    while first + 1 < len(level) and level[first + 1] > level[first]:
+        first += 1
+    inside = heights[(index == first) | (index == first + 1)]
+    middle = float(np.median(inside))
+    return Level(middle, float(1.4826 * np.median(np.abs(inside - middle))))

@@ -13,21 +13,26 @@ import cv2
 import numpy as np
 
 from estimator.cameras import pixels_in_view, projected
+from estimator.extents import edges
 from estimator.labels import PointLabels
 from estimator.scene import BoolArray, FloatArray, Instance, Scene, View
 
-__all__ = ["Outline", "Surroundings", "outline", "shown_sides", "truncated_sides"]
+__all__ = ["Outline", "Sides", "Surroundings", "outline", "seen_sides"]
 
-# Points of a mask's outline that are looked at.
-OUTLINE_POINTS = 96
+# Points of a mask's outline, and of the object, that are looked at.
+OUTLINE_POINTS = 128
 # The outermost part of the outline towards a side, as a share of the mask's extent that way.
 OUTER_SHARE = 0.12
 # Mask borders are good to about two pixels.
 BORDER_PX = 2.0
+# ... and to this share of the mask's diagonal, which is what networks at a quarter of the resolution leave.
+BORDER_SHARE = 0.02
 # Outline points at the border or behind something that make a side cut: a quarter; a corner that touches is not a cut side.
 CUT_SHARE = 0.25
 # A direction is seen as such when the line of sight is at least 17 degrees off it; a face when it is as much off grazing.
 SEEN_SINE = 0.3
+# How far a mask goes beyond the points is told apart from other axes only when it is seen nearly across.
+TOLD_SINE = 0.7
 # A side that faces away from the camera is still outlined by the top, if what lies next to it is the top: half of the points in
 # the outer eighth lie in the upper quarter. A round thing's wall is at all heights there.
 END_BAND, TOP_BAND, TOP_SHARE = 0.125, 0.25, 0.5
@@ -39,14 +44,18 @@ DEPTH_CELLS = 160
 MAX_DEPTH_POINTS = 40_000
 # A point is triangulated from two views, so a side is complete when two views show it.
 VIEWS_NEEDED = 2
+# A mask that goes further than the object's points by this share of the box's length, past the border's own error, has a part that was
+# not reconstructed: twice the spread of the extent rule.
+SHORT_SHARE = 0.06
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """Outline of one mask: pixels (k, 2), and which of them touch the image border (k,)."""
+    """Outline of one mask: pixels (k, 2), which of them touch the image border (k,), and how well it is known, in pixels."""
 
     pixels: FloatArray
     at_border: BoolArray
+    tolerance: float = BORDER_PX
 
 
 @dataclass(slots=True, eq=False)
@@ -85,6 +94,30 @@ class Surroundings:
         return depth, height
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Sides:
+    """How v masks of an object show its sides (low and high end of length, width, height).
+
+    shown : (v, 3, 2) whether the view shows the side to its end; excess : (v, 3, 2) how far the mask goes beyond the points there, as a share of the box's length along that axis, NaN where the view cannot tell.
+    """
+
+    shown: BoolArray
+    excess: FloatArray
+
+    @property
+    def beyond(self) -> FloatArray:
+        """(3, 2) median excess over the views; NaN where fewer than two tell."""
+        told = np.isfinite(self.excess).sum(axis=0) >= VIEWS_NEEDED
+        filled = np.where(told, self.excess, 0.0)
+        return np.where(told, np.nanmedian(filled, axis=0), np.nan)
+
+    @property
+    def truncated(self) -> BoolArray:
+        """(3, 2) sides that too few views show, or where the masks go further than the points."""
+        unseen = self.shown.sum(axis=0) < min(VIEWS_NEEDED, len(self.shown))
+        return np.asarray(unseen | (np.nan_to_num(self.beyond) > SHORT_SHARE))
+
+
 def outline(instance: Instance, width: int, height: int) -> Outline:
     """The outline of a mask in an image of the given size."""
     contours, _ = cv2.findContours(instance.mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -93,45 +126,42 @@ def outline(instance: Instance, width: int, height: int) -> Outline:
     pixels = np.concatenate(contours)[:, 0].astype(float) + instance.origin + 0.5
     pixels = pixels[:: max(1, len(pixels) // OUTLINE_POINTS)]
     at_border = ((pixels < BORDER_PX) | (pixels > np.array([width, height]) - BORDER_PX)).any(axis=1)
-    return Outline(pixels, at_border)
+    tolerance = max(BORDER_PX, BORDER_SHARE * float(np.hypot(*instance.mask.shape)))
+    return Outline(pixels, at_border, tolerance)
 
 
-def truncated_sides(shown: BoolArray) -> BoolArray:
-    """(3, 2) True for the sides that too few of the views (v, 3, 2) show."""
-    return np.asarray(shown.sum(axis=0) < min(VIEWS_NEEDED, len(shown)))
-
-
-def shown_sides(
+def seen_sides(
     members: Sequence[Instance],
     outlines: Sequence[Outline],
     surroundings: Surroundings,
-    axes: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
+    box: tuple[FloatArray, FloatArray, FloatArray],
     points: FloatArray,
-) -> BoolArray:
-    """(v, 3, 2) whether each mask shows the low and the high end of length, width and height.
+) -> Sides:
+    """How each mask shows the low and the high end of length, width and height.
 
-    axes, low, high : the object's box as in `Dimensions`; points : (n, 3) the object's own.
+    box : axes (3, 3), low (3,), high (3,) as in `Dimensions`; points : (n, 3) the object's own.
     """
+    axes, low, high = box
     centre = (low + high) / 2 @ axes
-    half = (high - low) / 2
-    # (3, 2, 3) outward normals, and the middles of the six sides
+    # (3, 2, 3) outward normals
     normals = np.stack([-axes, axes], axis=1)
-    middles = centre + half[:, None, None] * normals
+    own = points[:: max(1, -(-len(points) // OUTLINE_POINTS))]
     topped = _ends_on_top(points @ axes.T, low, high)
     shown = np.zeros((len(members), 3, 2), dtype=bool)
+    excess = np.full((len(members), 3, 2), np.nan)
     for number, (instance, border) in enumerate(zip(members, outlines, strict=True)):
         if border.pixels.size == 0:
             continue
         view = surroundings.scene.views[instance.view]
         sight = (centre - view.centre) / np.linalg.norm(centre - view.centre)
         facing = -normals @ sight
-        across = np.sqrt(np.maximum(1 - facing**2, 0)) >= SEEN_SINE
-        cut = _cut(view, instance, border, surroundings, centre, middles, float(low[2]), 2 * half)
+        sine = np.sqrt(np.maximum(1 - facing**2, 0))
+        cut, beyond = _cut_and_excess(view, instance, border, surroundings, box, own)
         outlined = ~cut & ((facing > -SEEN_SINE) | topped)
-        shown[number] = np.where(across, outlined, facing > SEEN_SINE)
-    return shown
+        shown[number] = np.where(sine >= SEEN_SINE, outlined, facing > SEEN_SINE)
+        if not instance.from_box:
+            excess[number] = np.where((sine >= TOLD_SINE) & ~cut, beyond, np.nan)
+    return Sides(shown, excess)
 
 
 def _ends_on_top(local: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
@@ -145,33 +175,39 @@ def _ends_on_top(local: FloatArray, low: FloatArray, high: FloatArray) -> BoolAr
     return ends
 
 
-def _cut(
+def _cut_and_excess(
     view: View,
     instance: Instance,
     border: Outline,
     surroundings: Surroundings,
-    centre: FloatArray,
-    middles: FloatArray,
-    foot: float,
-    size: FloatArray,
-) -> BoolArray:
-    """(3, 2) whether the outline towards each side is cut by the image border or by something nearer."""
-    ends = _pixels(view, np.vstack([centre, middles.reshape(-1, 3)]))
-    towards = ends[1:] - ends[0]
-    length = np.linalg.norm(towards, axis=1, keepdims=True)
+    box: tuple[FloatArray, FloatArray, FloatArray],
+    own: FloatArray,
+) -> tuple[BoolArray, FloatArray]:
+    """(3, 2) each: whether the outline towards a side is cut by the image border or by something nearer, and how far it goes beyond
+    the object's own points (n, 3) there, as a share of the box's length along that axis."""
+    axes, low, high = box
+    centre, size = (low + high) / 2, high - low
+    middles = np.stack([centre + (end - 0.5) * np.diag(size) for end in (0, 1)], axis=1).reshape(6, 3)
+    ends = _pixels(view, np.vstack([np.vstack([centre, middles]) @ axes, own]))
+    towards = ends[1:7] - ends[0]
+    length = np.linalg.norm(towards, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        towards = np.nan_to_num(towards / length)
+        towards = np.nan_to_num(towards / length[:, None])
     # (6, k) how far out each outline point lies towards each side
     out = towards @ border.pixels.T
-    reach = out.max(axis=1, keepdims=True)
-    outer = out >= reach - OUTER_SHARE * (reach - out.min(axis=1, keepdims=True))
+    reach = out.max(axis=1)
+    outer = out >= (reach - OUTER_SHARE * (reach - out.min(axis=1)))[:, None]
     hidden = np.zeros(outer.shape, dtype=bool)
     if not instance.from_box:
         for side, points in enumerate(outer):
-            hidden[side, points] = _hidden(instance, border.pixels[points], towards[side], surroundings, foot, size)
+            hidden[side, points] = _hidden(instance, border.pixels[points], towards[side], surroundings, low[2], size)
     share = ((hidden | border.at_border) & outer).sum(axis=1) / outer.sum(axis=1)
     # a middle behind the camera has no direction: the object surrounds the view and is cut there
-    return np.asarray((share > CUT_SHARE) | (length[:, 0] == 0) | np.isnan(length[:, 0])).reshape(3, 2)
+    cut = (share > CUT_SHARE) | ~(length > 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        beyond = reach - edges(ends[7:] @ towards.T)[1]
+        excess = np.maximum(np.abs(beyond) - border.tolerance, 0) * np.sign(beyond) / (2 * length)
+    return cut.reshape(3, 2), excess.reshape(3, 2)
 
 
 def _hidden(

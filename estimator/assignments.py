@@ -59,7 +59,7 @@ class Variants:
 
     measured : (v, 3) row of the measured extent that stands on each axis of the prior; active : (v, 3) bool, the axis
     has both a prior and a measurement; shift, variance : (v, 3) mean and variance of ln(true / measured) from a cut;
-    log_weight : (v,), less `LOG_BOX` for every active axis, so that ways of unlike dimension compare.
+    log_weight : (v,), plus ln(LOG_BOX) for every active axis, so that ways of unlike dimension compare.
     """
 
     measured: IntArray
@@ -73,7 +73,7 @@ class Variants:
 def variants(layout: Layout) -> Variants:
     """The assignments of a layout, each with every combination of shifts of its cut sides.
 
-    log_weight holds ln(weight) + a ln W for a active axes, W = e^LOG_BOX in log size: relative to the outlier's flat
+    log_weight holds ln(weight) + a ln(LOG_BOX) for a active axes: relative to the outlier's flat
     density, so that the outlier itself has weight one whatever was measured.
     """
     rows = [

@@ -17,6 +17,7 @@ single object needs none of this: B is added to its components' covariances.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -104,7 +105,7 @@ def lines(rows: Rows, group: IntArray, across: FloatArray) -> Lines:
     given u', z has precision P = I + U' L U and mean P^-1 U' (L 1 u' - h).
     """
     classes = len(across)
-    share = _shares(rows)  # (m,)
+    share = _shares(rows, across[group])  # (m,)
     weighted = rows.precision * share[:, None, None] * TRUST
     joint = np.concatenate([weighted.reshape(-1, 9), np.einsum("mij,mj->mi", weighted, rows.residual)], axis=1)
     indicator = (group == np.arange(classes)[:, None]).astype(float)  # (c, m)
@@ -139,20 +140,35 @@ def convolved(values: FloatArray, step: float, along_sd: FloatArray) -> FloatArr
     """
     size = values.shape[1]
     lag = np.arange(-(size - 1), size) * step  # (2 g - 1,)
-    kernel = np.exp(-0.5 * (lag / along_sd[:, None]) ** 2) * (step / (np.sqrt(2 * np.pi) * along_sd[:, None]))
-    toeplitz = np.lib.stride_tricks.sliding_window_view(kernel, size, axis=1)  # (c, g, g), [i, j] = lag i + j - g + 1
-    inside = (toeplitz @ values[:, ::-1, None])[:, :, 0]
+    kernel = np.exp(-0.5 * (lag / along_sd[:, None]) ** 2) * (step / (math.sqrt(2 * math.pi) * along_sd[:, None]))
+    inside = (kernel[:, _toeplitz(size)] @ values[:, :, None])[:, :, 0]
     mass = np.cumsum(kernel, axis=1)  # (c, 2 g - 1)
-    covered = toeplitz.sum(axis=2)  # (c, g)
-    left = np.maximum(1.0 - mass[:, size - 1 :], 0.0)
-    right = np.maximum(1.0 - covered - left, 0.0)
-    return np.asarray(inside + left * values[:, :1] + right * values[:, -1:])
+    left = np.maximum(1.0 - mass[:, size - 1 :], 0.0)  # what falls to points before the first, and after the last
+    return np.asarray(inside + left * values[:, :1] + left[:, ::-1] * values[:, -1:])
 
 
-def _shares(rows: Rows) -> FloatArray:
-    """Each row's share of its object by the evidence of the proportions, (m,)."""
-    peak = rows.line_log_peak
-    highest = np.full(len(rows.log_floor), -np.inf)
-    np.maximum.at(highest, rows.object, peak)
-    raw = np.exp(peak - highest[rows.object])
-    return np.asarray(raw / np.bincount(rows.object, raw, minlength=len(rows.log_floor))[rows.object])
+@lru_cache(maxsize=8)
+def _toeplitz(size: int) -> IntArray:
+    """(g, g) place of the lag i - j in a kernel over -(g - 1) ... g - 1."""
+    return np.arange(size)[:, None] - np.arange(size) + size - 1
+
+
+def _shares(rows: Rows, across: FloatArray) -> FloatArray:
+    """Each row's share of its object by the evidence of its proportions, the outlier having one too, (m,).
+
+    With M = Lam - Lam 1 1' Lam / lam the precision across the line and q = U z integrated out, the log evidence is
+    that of the line, plus b' P^-1 b / 2 - ln|P| / 2, b = U' M r, P = I + U' M U; across : (m, 3, 2) U of each row.
+    """
+    along = rows.precision.sum(axis=1)  # (m, 3) Lam 1
+    m_across = rows.precision @ across - along[:, :, None] * (
+        (along[:, None, :] @ across) / rows.line_precision[:, None, None]
+    )  # (m, 3, 2) M U
+    b0, b1 = (rows.residual[:, None, :] @ m_across)[:, 0].T  # (m,)
+    p = across.transpose(0, 2, 1) @ m_across  # (m, 2, 2)
+    p00, p01, p11 = 1 + p[:, 0, 0], p[:, 0, 1], 1 + p[:, 1, 1]
+    det = p00 * p11 - p01 * p01
+    evidence = rows.line_log_peak + 0.5 * ((p11 * b0 * b0 - 2 * p01 * b0 * b1 + p00 * b1 * b1) / det - np.log(det))
+    top = np.maximum(np.maximum.reduceat(evidence, rows.start), rows.log_floor)
+    raw = np.exp(evidence - top[rows.object])
+    total = np.add.reduceat(raw, rows.start) + np.exp(rows.log_floor - top)
+    return np.asarray(raw / total[rows.object])

@@ -113,16 +113,18 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
 
     if options.method == "sucar":
         raise InputFault("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
-    return objects_result(objects_of(options.objects), _tree(options), _asked(options), options.paper_lists)
+    asked = _asked(options)
+    return objects_result(objects_of(options.objects), _tree(options), asked, options.paper_lists)
 
 
 def _scene_result(options: argparse.Namespace) -> ScaleResult:
     from estimator.pipeline import scene_estimate
 
+    asked = _asked(options)
     estimate = scene_estimate(
         options.scene,
         _tree(options),
-        _asked(options),
+        asked,
         instances=options.instances,
         categories=options.categories,
         dense=options.dense,

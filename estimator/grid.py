@@ -17,12 +17,15 @@ BOX = (math.log(1e-4), math.log(1e4))
 #: Half-width of a component's support in its standard deviations; beyond it the outlier's floor is all there is.
 SUPPORT_SD = 4.0
 
+#: Nor does a component reach beyond where it is this part of its object's outlier.
+UNSEEN = 0.02
+
 #: Widest and finest steps of the first grid, and the step as a part of the narrowest component: the log likelihood is
 #: then smooth between points and cubic interpolation is off by less than 1e-3.
 WIDEST_STEP, FINEST_STEP, STEP_SD = 0.03, 0.004, 0.6
 
-#: A first grid beyond this is a scene of wild outliers: widen the step rather than wait.
-MOST_POINTS = 640
+#: A first grid beyond this is a scene of wild outliers: widen the step rather than wait. One of fewer has no shape.
+LEAST_POINTS, MOST_POINTS = 8, 640
 
 #: Points of the refined grid per step of the first, and the log density under the peak where refining stops to matter.
 REFINEMENT = 8
@@ -52,12 +55,17 @@ class Curve:
     above: float
 
 
-def evidence_grid(centre: FloatArray, sd: FloatArray) -> FloatArray:
-    """A uniform grid (g,) over the union of supports of Gaussians, centre (m,) and sd (m,)."""
-    low = max(float((centre - SUPPORT_SD * sd).min()), BOX[0])
-    high = max(min(float((centre + SUPPORT_SD * sd).max()), BOX[1]), low + 1e-6)
+def evidence_grid(centre: FloatArray, sd: FloatArray, reach: FloatArray) -> FloatArray:
+    """A uniform grid (g,) over the union of centre +- reach of Gaussians, fine enough for their sd; each (m,).
+
+    Where nothing reaches, it lies in the middle of the prior's box.
+    """
+    if not len(centre):
+        return np.linspace(-1.0, 1.0, LEAST_POINTS)
+    low = max(float((centre - reach).min()), BOX[0])
+    high = max(min(float((centre + reach).max()), BOX[1]), low + 1e-6)
     step = min(max(STEP_SD * float(sd.min()), FINEST_STEP), WIDEST_STEP)
-    size = int(min(max(math.ceil((high - low) / step) + 1, 8), MOST_POINTS))
+    size = int(min(max(math.ceil((high - low) / step) + 1, LEAST_POINTS), MOST_POINTS))
     return np.linspace(low, high, size)
 
 

@@ -59,43 +59,46 @@ class Rows:
     """The components of n objects as m flat rows, grouped by object.
 
     precision : (m, 3, 3), zero on axes that do not count; residual : (m, 3) r; log_weight : (m,) with the Gaussian's
-    own constant; object : (m,) row of the object; log_floor : (n,) log weight of the outlier.
+    own constant; object : (m,) row of the object; start : (n,) first row of each object; log_floor : (n,) log weight
+    of the outlier. On the line v = u 1 a row is exp(line_log_peak) exp(-line_precision (u - line_centre)^2 / 2), each
+    (m,): lam = 1' Lam 1, u_hat = 1' Lam r / lam, and the peak holds the evidence of the proportions.
     """
 
     precision: FloatArray
     residual: FloatArray
     log_weight: FloatArray
     object: IntArray
+    start: IntArray
     log_floor: FloatArray
-
-    @property
-    def line_precision(self) -> FloatArray:
-        """Precision on the line v = u 1: lam = 1' Lam 1, (m,)."""
-        return np.asarray(self.precision.sum(axis=(1, 2)))
-
-    @property
-    def line_centre(self) -> FloatArray:
-        """Centre on that line: u_hat = 1' Lam r / lam, (m,)."""
-        return np.asarray((self.precision.sum(axis=1) * self.residual).sum(axis=1) / self.line_precision)
-
-    @property
-    def line_log_peak(self) -> FloatArray:
-        """Log weight of a row at u_hat: the evidence of the proportions is in it, (m,)."""
-        lam, centre = self.line_precision, self.line_centre
-        off = np.einsum("mi,mij,mj->m", self.residual, self.precision, self.residual)
-        return np.asarray(self.log_weight - 0.5 * (off - lam * centre**2))
+    line_precision: FloatArray
+    line_centre: FloatArray
+    line_log_peak: FloatArray
 
     def of(self, objects: IntArray) -> Rows:
-        """The rows of some objects, numbered anew in the order given."""
+        """The rows of some objects, given in rising order and numbered anew."""
         place = np.full(len(self.log_floor), -1)
         place[objects] = np.arange(len(objects))
-        keep = place[self.object] >= 0
+        owner = place[self.object]
+        return self._kept(owner >= 0, owner, self.log_floor[objects])
+
+    def pruned(self) -> Rows:
+        """Without the rows that are negligible beside their object's highest."""
+        highest = np.maximum.reduceat(self.line_log_peak, self.start)  # (n,)
+        keep = self.line_log_peak > highest[self.object] + math.log(NEGLIGIBLE)
+        return self._kept(keep, self.object, self.log_floor)
+
+    def _kept(self, keep: BoolArray, owner: IntArray, log_floor: FloatArray) -> Rows:
+        owner = owner[keep]
         return Rows(
             self.precision[keep],
             self.residual[keep],
             self.log_weight[keep],
-            place[self.object[keep]],
-            self.log_floor[objects],
+            owner,
+            np.searchsorted(owner, np.arange(len(log_floor))),
+            log_floor,
+            self.line_precision[keep],
+            self.line_centre[keep],
+            self.line_log_peak[keep],
         )
 
 
@@ -134,14 +137,13 @@ def rows(evidence: Sequence[Evidence], shared: FloatArray) -> Rows:
         y = np.log(extents)
         close = y[:, 0] - y[:, 1] < SURE_ORDER_SD * np.hypot(sigma[:, 0], sigma[:, 1])  # (n,)
     missing = np.isnan(y)
+    free = np.array([not item.object.vertical_known for item in evidence])  # (n,)
     for i, item in enumerate(evidence):
         if is_sorted(item.prior):
             order = np.argsort(-np.where(missing[i], -np.inf, y[i]), kind="stable")
             y[i], sigma[i], cut[i], missing[i] = y[i, order], sigma[i, order], cut[i, order], missing[i, order]
-    tables = [
-        _table(item.prior, _layout(item, *flags))
-        for item, *flags in zip(evidence, missing.tolist(), cut.tolist(), close.tolist(), strict=True)
-    ]
+    codes = np.packbits(np.column_stack([missing, cut, close, free]), axis=1, bitorder="little").tolist()
+    tables = [_table(item.prior, item.pose, code) for item, (code,) in zip(evidence, codes, strict=True)]
     return _flat(tables, np.nan_to_num(y), np.nan_to_num(sigma), shared, evidence)
 
 
@@ -156,23 +158,25 @@ class _Table:
     active: FloatArray  # (r, 3) 1 or 0
 
 
-def _layout(item: Evidence, missing: list[bool], cut: list[bool], close: bool) -> Layout:
-    by_extent = is_sorted(item.prior)
+def _layout(prior: Prior, pose: str, code: int) -> Layout:
+    """The layout of eight packed flags: three missing, three cut, sides close, vertical unknown."""
+    flags = [bool(code >> bit & 1) for bit in range(8)]
+    by_extent = is_sorted(prior)
     names = SORTED_AXES if by_extent else AXES
-    dims = item.prior.dims
     return Layout(
-        pose=item.pose,
-        vertical_known=item.object.vertical_known,
+        pose=pose,
+        vertical_known=not flags[7],
         sorted_prior=by_extent,
-        missing=(missing[0], missing[1], missing[2]),
-        truncated=(cut[0], cut[1], cut[2]),
-        modelled=(names[0] in dims, names[1] in dims, names[2] in dims),
-        horizontal_close=close,
+        missing=(flags[0], flags[1], flags[2]),
+        truncated=(flags[3], flags[4], flags[5]),
+        modelled=(names[0] in prior.dims, names[1] in prior.dims, names[2] in prior.dims),
+        horizontal_close=flags[6],
     )
 
 
 @lru_cache(maxsize=4096)
-def _table(prior: Prior, layout: Layout) -> _Table:
+def _table(prior: Prior, pose: str, code: int) -> _Table:
+    layout = _layout(prior, pose, code)
     ways: Variants = variants(layout)
     axes = prior_axes(prior)
     k, v = len(prior.weights), len(ways.log_weight)
@@ -199,7 +203,8 @@ def _table(prior: Prior, layout: Layout) -> _Table:
 def _flat(
     tables: list[_Table], y: FloatArray, sigma: FloatArray, shared: FloatArray, evidence: Sequence[Evidence]
 ) -> Rows:
-    owner = np.repeat(np.arange(len(tables)), [len(table.log_weight) for table in tables])  # (m,)
+    counts = np.array([len(table.log_weight) for table in tables])
+    owner = np.repeat(np.arange(len(tables)), counts)  # (m,)
     active = np.concatenate([table.active for table in tables])  # (m, 3)
     measured = np.concatenate([table.measured for table in tables])  # (m, 3)
     covariance = np.concatenate([table.covariance for table in tables])  # (m, 3, 3)
@@ -212,22 +217,12 @@ def _flat(
     score = np.array([min(max(item.object.score, 0.0), 1.0) for item in evidence])
     outlier = OUTLIER + (1 - OUTLIER) * SCORE_SLOPE * (1 - score)  # (n,)
     log_weight = np.concatenate([table.log_weight for table in tables]) - 0.5 * log_det + np.log1p(-outlier)[owner]
-    return _pruned(Rows(precision, residual, log_weight, owner, np.log(outlier)))
-
-
-def _pruned(all_rows: Rows) -> Rows:
-    """The rows that are not negligible beside their object's highest."""
-    peak = all_rows.line_log_peak
-    highest = np.full(len(all_rows.log_floor), -np.inf)
-    np.maximum.at(highest, all_rows.object, peak)
-    keep = peak > highest[all_rows.object] + math.log(NEGLIGIBLE)
-    return Rows(
-        all_rows.precision[keep],
-        all_rows.residual[keep],
-        all_rows.log_weight[keep],
-        all_rows.object[keep],
-        all_rows.log_floor,
-    )
+    turned = (precision @ residual[:, :, None])[:, :, 0]  # (m, 3) Lam r
+    lam = precision.sum(axis=(1, 2))
+    centre = turned.sum(axis=1) / lam
+    peak = log_weight - 0.5 * ((residual * turned).sum(axis=1) - lam * centre**2)
+    start = np.cumsum(counts) - counts
+    return Rows(precision, residual, log_weight, owner, start, np.log(outlier), lam, centre, peak).pruned()
 
 
 def _inverse(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -36,7 +36,7 @@ def objects_result(
 ) -> ScaleResult:
     """The scale from sizes measured elsewhere, by the methods `default`, `height` and `paper`."""
     if options.method == "paper":
-        from estimator.baselines.paper import paper_result  # noqa: PLC0415 - loads scikit-learn
+        from estimator.baselines.paper import paper_result
 
         return paper_result(objects, tree, options, paper_lists)
     return estimated(objects, tree, options)
@@ -60,7 +60,7 @@ def scene_estimate(
     tree, options : as `estimated`
     paper_lists : the authors' lists, for the second arm of `paper`
     """
-    from estimator.reading import instances_and_warnings, scene_at  # noqa: PLC0415 - `--objects` reads no scene
+    from estimator.reading import instances_and_warnings, scene_at
 
     started = time.perf_counter()
     scene = scene_at(path, dense)
@@ -68,17 +68,17 @@ def scene_estimate(
     heard = (*scene.warnings, *warnings)
     seconds = {"reading": time.perf_counter() - started}
     if options.method == "sucar":
-        from estimator.baselines.sucar import sucar_result  # noqa: PLC0415
+        from estimator.baselines.sucar import sucar_result
 
         return SceneEstimate(sucar_result(scene, found, tree, options, heard, seconds), scene, found, None)
-    from estimator.measurement import PAPER, MeasurementOptions, measured  # noqa: PLC0415
+    from estimator.measurement import PAPER, MeasurementOptions, measured
 
     measurements = measured(scene, found, PAPER if options.method == "paper" else MeasurementOptions())
     seconds |= measurements.timings
     heard = (*heard, *measurements.warnings)
     up = _up_report(measurements.up)
     if options.method == "paper":
-        from estimator.baselines.paper import paper_result  # noqa: PLC0415
+        from estimator.baselines.paper import paper_result
 
         result = paper_result(measurements.objects, tree, options, paper_lists, up, heard, seconds)
     else:

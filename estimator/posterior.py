@@ -8,6 +8,7 @@ A class of one object is a mixture of Gaussians in u; a class of several is inte
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -151,7 +152,7 @@ class _Classes:
 def _classes(evidence: Sequence[Evidence], known: FloatArray) -> _Classes:
     centre, sd = known[:, 0], np.maximum(known[:, 1], grid.FINEST_STEP)
     if not evidence:
-        u = grid.evidence_grid(centre, sd)
+        u = grid.evidence_grid(centre, sd, grid.SUPPORT_SD * sd)
         return _Classes((), u, np.zeros((0, len(u))), (), np.zeros(0))
     names, group = np.unique([item.prior.node_id for item in evidence], return_inverse=True)
     alone = np.bincount(group)[group] == 1  # (n,)
@@ -159,7 +160,14 @@ def _classes(evidence: Sequence[Evidence], known: FloatArray) -> _Classes:
     joint_sd = np.where(alone, 0.0, [error.along_sd for error in errors])
     components = rows(evidence, np.array([error.covariance for error in errors]) * alone[:, None, None])
     spread = np.sqrt(1 / components.line_precision + joint_sd[components.object] ** 2)
-    u = grid.evidence_grid(np.concatenate([centre, components.line_centre]), np.concatenate([sd, spread]))
+    over = components.line_log_peak - components.log_floor[components.object]  # ln of peak over the outlier's floor
+    reach = np.minimum(np.sqrt(2 * np.maximum(over + math.log(1 / grid.UNSEEN), 0.0)), grid.SUPPORT_SD) * spread
+    seen = reach > 0
+    u = grid.evidence_grid(
+        np.concatenate([centre, components.line_centre[seen]]),
+        np.concatenate([sd, spread[seen]]),
+        np.concatenate([grid.SUPPORT_SD * sd, reach[seen]]),
+    )
     terms = []
     if alone.any():
         part = np.flatnonzero(alone)
@@ -176,9 +184,8 @@ def _classes(evidence: Sequence[Evidence], known: FloatArray) -> _Classes:
 
 def _own_centres(components: Rows) -> FloatArray:
     """Log scale of each object's own highest peak, (n,)."""
-    height = components.line_log_peak
-    order = np.lexsort((height, components.object))
-    last = np.searchsorted(components.object[order], np.arange(len(components.log_floor)), side="right") - 1
+    order = np.lexsort((components.line_log_peak, components.object))
+    last = np.append(components.start[1:], len(order)) - 1
     return np.asarray(components.line_centre[order[last]])
 
 

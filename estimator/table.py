@@ -29,7 +29,7 @@ PIPE_WIDTH = 200
 
 def text_of(result: ScaleResult) -> str:
     """The printed result, as wide as the terminal, with colours on a terminal only."""
-    from rich.console import Console  # noqa: PLC0415
+    from rich.console import Console
 
     terminal = sys.stdout.isatty()
     width = shutil.get_terminal_size().columns if terminal else PIPE_WIDTH
@@ -55,7 +55,7 @@ def printed(result: ScaleResult, console: Console) -> None:
 
 
 def _headline(result: ScaleResult) -> Text:
-    from rich.text import Text  # noqa: PLC0415 - rich loads only where something is printed
+    from rich.text import Text
 
     if result.scale is None or result.interval is None:
         modes = ", ".join(f"{mode.scale:.4g} ({mode.mass:.0%})" for mode in result.modes) or "none"
@@ -67,8 +67,8 @@ def _headline(result: ScaleResult) -> Text:
 
 
 def _object_table(result: ScaleResult) -> Table:
-    from rich import box  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    from rich import box
+    from rich.table import Table
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for name in ("id", "category", "node"):
@@ -116,8 +116,8 @@ def _line(name: str, other: Alternative, scale: float | None) -> str:
 
 
 def _left_out_table(result: ScaleResult) -> Table:
-    from rich import box  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
+    from rich import box
+    from rich.table import Table
 
     table = Table("left out", "objects", "scale", "interval", "change", box=box.SIMPLE_HEAD, pad_edge=False)
     for left in result.leave_one_class_out or ():
@@ -127,6 +127,6 @@ def _left_out_table(result: ScaleResult) -> Table:
 
 
 def _escaped(text: str | None) -> str:
-    from rich.markup import escape  # noqa: PLC0415
+    from rich.markup import escape
 
     return escape(text or "")

@@ -94,8 +94,8 @@ def paper_result(
 
 def fitted(dims: tuple[str, ...], sizes_mm: FloatArray) -> Mixture:
     """The paper's mixture of (n, d) sizes in mm: n // 3 components, at least one."""
-    from sklearn.exceptions import ConvergenceWarning  # noqa: PLC0415 - 1.3 s to import
-    from sklearn.mixture import BayesianGaussianMixture  # noqa: PLC0415
+    from sklearn.exceptions import ConvergenceWarning
+    from sklearn.mixture import BayesianGaussianMixture
 
     if len(sizes_mm) > MOST_ITEMS:
         sizes_mm = np.random.default_rng(SEED).permutation(sizes_mm)[:MOST_ITEMS]

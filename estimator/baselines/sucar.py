@@ -102,7 +102,7 @@ def _rays(camera: Camera, pixels: FloatArray) -> FloatArray:
     if camera.model in {"PINHOLE", "SIMPLE_PINHOLE"}:
         flat = (pixels - camera.params[-2:]) / camera.params[:-2]
     else:
-        import pycolmap  # noqa: PLC0415 - a heavy import that pinholes do without
+        import pycolmap
 
         lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
         flat = np.asarray(lens.cam_from_img(pixels), dtype=float)[:, :2]

@@ -1,0 +1,229 @@
+"""`estimate-scale` as a user meets it: exit statuses, JSON by the contract, one line for a fault."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from estimator.command import main
+from estimator.objects_file import SCHEMA
+from metric_tree.tree import Tree
+
+CHAIR = {"length": 1.24, "width": 1.20, "height": 2.10}  # half a metre a unit
+STOOL = {"length": 0.84, "width": 0.80, "height": 1.52}
+
+
+def _file(tmp_path: Path, *objects: dict[str, Any]) -> Path:
+    path = tmp_path / "objects.json"
+    path.write_text(json.dumps({"schema": SCHEMA, "objects": list(objects)}), encoding="utf-8")
+    return path
+
+
+def _run(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    status = main([str(word) for word in words])
+    captured = capsys.readouterr()
+    return status, captured.out, captured.err
+
+
+@pytest.fixture
+def tree(mini: Tree) -> Path:
+    """The folder of the small release."""
+    return Path(mini.release.directory)
+
+
+def test_json_is_the_contract(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    objects = _file(
+        tmp_path,
+        {"id": "a", "category": "swivel chair", "dimensions": CHAIR, "confidence": {"length": 0.9}},
+        {"id": "b", "category": "bar_stools", "dimensions": STOOL, "truncated": ["height"]},
+        {"id": "c", "category": "unicorn", "dimensions": STOOL},
+        {"id": "d", "category": "bar stool", "dimensions": {"height": 9.0, "length": 9.0, "width": 9.0}},
+    )
+    status, out, err = _run(capsys, "--objects", objects, "--tree", tree, "--json")
+    assert status == 0
+    record = json.loads(out)
+    assert record["schema"] == "metric-tree/scale/1"
+    assert record["status"] == "resolved"
+    assert record["method"] == "default"
+    assert record["scale"] == pytest.approx(0.5, rel=0.05)
+    assert record["interval"]["level"] == 0.9
+    assert record["interval"]["low"] < record["scale"] < record["interval"]["high"]
+    assert record["modes"][0]["scale"] == record["scale"]
+    assert record["tree"] == {"name": "mini", "version": "0.0.1"}
+    assert record["up"] is None
+    chair, stool, unicorn, giant = record["objects"]
+    assert chair["verdict"] == "used"
+    assert chair["node"] == "swivel_chair.n.01"
+    assert chair["used"] == ["length", "width", "height"]
+    assert chair["dimensions"] == CHAIR
+    assert chair["dimensions_m"]["height"] == pytest.approx(2.10 * record["scale"], rel=1e-3)
+    assert chair["confidence"] == {"length": 0.9}
+    assert chair["reason"] is None
+    assert chair["weight"] > 0.9
+    assert stool["used"] == ["length", "width"]
+    assert unicorn["verdict"] == "skipped"
+    assert "unicorn" in unicorn["reason"]
+    assert giant["verdict"] == "outlier"
+    assert giant["weight"] < 0.1
+    assert "usual" in giant["reason"]
+    assert any("unicorn" in line for line in record["warnings"])
+    assert "unicorn" in err
+
+
+def test_table_for_a_person(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    objects = _file(tmp_path, {"id": "[red]a[/red]", "category": "swivel chair", "dimensions": CHAIR})
+    status, out, _ = _run(capsys, "--objects", objects, "--tree", tree)
+    assert status == 0
+    assert out.startswith("scale 0.")
+    assert "90% interval" in out
+    assert "[red]a[/red]" in out  # an id is text, not markup
+    assert "swivel_chair.n.01" in out
+    assert "\x1b[" not in out  # no colours into a pipe
+
+
+@pytest.mark.parametrize("objects", [[], [{"category": "unicorn", "extents": [1.0]}]])
+def test_unresolved_without_objects(
+    tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str], objects: list[dict[str, Any]]
+) -> None:
+    output = tmp_path / "result.json"
+    status, out, _ = _run(capsys, "--objects", _file(tmp_path, *objects), "--tree", tree, "--json", "--output", output)
+    record = json.loads(out)
+    assert status == 3
+    assert record["status"] == "unresolved"
+    assert record["scale"] is None
+    assert record["interval"] is None
+    assert not output.exists()
+
+
+def test_unresolved_when_modes_contradict(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    twice = {name: 2 * value for name, value in STOOL.items()}
+    objects = _file(
+        tmp_path, {"category": "swivel chair", "dimensions": CHAIR}, {"category": "bar stool", "dimensions": twice}
+    )
+    status, out, err = _run(capsys, "--objects", objects, "--tree", tree, "--json")
+    record = json.loads(out)
+    assert status == 3
+    assert sorted(round(mode["scale"], 2) for mode in record["modes"]) == pytest.approx([0.25, 0.5], abs=0.02)
+    assert record["objects"][0]["dimensions_m"] is None
+    assert "unresolved" in err
+
+
+def test_output_is_the_same_json(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    output = tmp_path / "result.json"
+    status, out, _ = _run(capsys, "--objects", objects, "--tree", tree, "--json", "--output", output)
+    assert status == 0
+    assert json.loads(output.read_text(encoding="utf-8")) == json.loads(out)
+    assert [path.name for path in tmp_path.iterdir() if path.name.endswith(".tmp")] == []
+
+
+def test_known_length_with_negative_coordinates(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    words = ("--known-length", "0,0,0", "-1,-2,-2", "1.53")
+    status, out, _ = _run(capsys, "--objects", objects, "--tree", tree, "--json", *words)
+    record = json.loads(out)
+    assert status == 0
+    assert record["scale"] == pytest.approx(0.51, rel=0.01)
+    assert record["known_lengths"][0]["scale"] == pytest.approx(0.51)
+
+
+def test_leave_one_class_out(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    objects = _file(
+        tmp_path, {"category": "swivel chair", "dimensions": CHAIR}, {"category": "bar stool", "dimensions": STOOL}
+    )
+    status, out, _ = _run(capsys, "--objects", objects, "--tree", tree, "--json", "--leave-one-class-out")
+    assert status == 0
+    assert {row["name"] for row in json.loads(out)["leave_one_class_out"]} == {"swivel_chair.n.01", "mt:bar_stool"}
+    _, out, _ = _run(capsys, "--objects", objects, "--tree", tree, "--leave-one-class-out")
+    assert "left out" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ([], "expected a SCENE or --objects FILE; found neither"),
+        (["scene", "--objects", "x.json"], "found both"),
+        (["--objects", "nowhere.json"], "nowhere.json: file: expected a readable file"),
+        (["nowhere"], "nowhere: scene: expected a COLMAP model folder or an OpenSfM dataset folder"),
+        (["--objects", "x.json", "--level", "1.5"], "--level: expected a number between 0 and 1"),
+        (["--objects", "x.json", "--figure", "f.png"], "--figure: expected a SCENE"),
+        (["--objects", "x.json", "--paper-lists", "d"], "--paper-lists: expected --method paper"),
+        (["--objects", "x.json", "--output", "no/such/folder/f.json"], "--output: expected a file in a folder"),
+        (["--objects", "x.json", "--known-length", "0,0,0", "1,1,1"], "--known-length"),
+        (["--objects", "x.json", "--known-length", "0,0", "1,1,1", "2"], "--known-length"),
+    ],
+)
+def test_a_fault_of_the_input_is_one_line(
+    words: list[str], expected: str, tree: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, out, err = _run(capsys, *words, "--tree", tree)
+    assert status == 2
+    assert out == ""
+    assert expected in err
+    assert err.count("\n") == 1
+    assert "Traceback" not in err
+
+
+def test_a_missing_release_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    status, out, err = _run(capsys, "--objects", objects, "--tree", tmp_path / "no-such")
+    assert (status, out) == (2, "")
+    assert err.count("\n") == 1
+
+
+def test_a_fault_of_the_program_is_one(
+    tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise RuntimeError("from within")
+
+    monkeypatch.setattr("estimator.pipeline.estimated", broken)
+    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    status, out, err = _run(capsys, "--objects", objects, "--tree", tree)
+    assert (status, out) == (1, "")
+    assert "RuntimeError" in err
+    assert "Traceback" not in err
+
+
+def test_help_names_every_option_of_the_contract(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["--help"])
+    shown = capsys.readouterr().out
+    assert stop.value.code == 0
+    options = "SCENE --instances --categories --dense --tree --method --known-length --level --json --output --figure"
+    for option in [*options.split(), "--overlay", "--write-scaled", "--objects"]:
+        assert option in shown
+
+
+def test_a_reader_may_leave(tmp_path: Path, tree: Path) -> None:
+    """`estimate-scale ... | head -1` ends quietly."""
+    objects = _file(tmp_path, *({"category": "swivel chair", "dimensions": CHAIR} for _ in range(3000)))
+    code = "import sys; from estimator.command import main; sys.exit(main())"
+    words = [sys.executable, "-c", code, "--objects", str(objects), "--tree", str(tree), "--json"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.readline()
+        process.stdout.close()
+        err = process.stderr.read()
+        process.wait(timeout=60)
+    assert "Traceback" not in err
+    assert "BrokenPipe" not in err
+
+
+def test_objects_need_no_geometry(tmp_path: Path, tree: Path) -> None:
+    """`--objects` answers without cv2, pycolmap, SciPy, scikit-learn or matplotlib."""
+    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    code = (
+        "import sys; from estimator.command import main; main(sys.argv[1:]);"
+        "heavy = {'cv2', 'pycolmap', 'scipy', 'sklearn', 'matplotlib', 'nltk', 'scrapy', 'open3d', 'pandas'};"
+        "sys.exit(','.join(sorted(heavy & set(sys.modules))) or 0)"
+    )
+    words = [sys.executable, "-c", code, "--objects", str(objects), "--tree", str(tree)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")

@@ -1,0 +1,94 @@
+"""What the label lists of detectors and benchmarks mean: one reviewed table per list, label to node.
+
+A list's own synset is a hint, not an answer (ScanNet gives its mattress the synset of a bed): each row says why the node
+was taken. Labels themselves are facts about the lists; the first column names their origin.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from crawler.faults import InputFault
+from taxonomy.levels import table_rows
+from taxonomy.places import taxonomy_directory
+
+__all__ = ["STUFF", "Label", "UnknownLabel", "labelled_node", "vocabularies", "vocabulary"]
+
+#: Reason of labels that have no size of their own (walls, floors, skies), so that they need no prior.
+STUFF = "stuff"
+
+_FOLDER = "vocabularies"
+_COLUMNS = ("list", "label", "node_id", "reason")
+
+
+class UnknownLabel(InputFault, KeyError):
+    """A list that is not at hand, a label that is not in it, or one that names nothing with a size."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A label of a list; `node_id` is None where it names nothing of one size, and `reason` says why."""
+
+    label: str
+    node_id: str | None
+    reason: str
+
+    @property
+    def is_stuff(self) -> bool:
+        """Whether it needs no prior."""
+        return self.reason == STUFF
+
+
+def vocabularies(directory: Path | None = None) -> tuple[str, ...]:
+    """Names of the lists at hand, such as `coco_80`."""
+    folder = (directory or taxonomy_directory()) / _FOLDER
+    return tuple(sorted(path.stem for path in folder.glob("*.csv")))
+
+
+@cache
+def vocabulary(name: str, directory: Path | None = None) -> tuple[Label, ...]:
+    """The labels of a list, in its order.
+
+    Raises
+    ------
+    UnknownLabel
+        There is no such list.
+    """
+    if name not in vocabularies(directory):
+        at_hand = ", ".join(vocabularies(directory))
+        raise UnknownLabel(f"vocabulary: expected one of {at_hand}; found {name!r}")
+    rows = table_rows((directory or taxonomy_directory()) / _FOLDER / f"{name}.csv", _COLUMNS)
+    return tuple(Label(row["label"], row["node_id"] or None, row["reason"]) for _, row in rows)
+
+
+def labelled_node(label: str, name: str) -> str:
+    """The node that a label means in a list; case, `_` and `-` are folded.
+
+    Raises
+    ------
+    UnknownLabel
+        No such list or label, or the label needs no prior.
+    """
+    found = _index(name).get(_folded(label))
+    if found is None:
+        raise UnknownLabel(f"{label!r}: no label of {name}")
+    if found.node_id is None:
+        raise UnknownLabel(f"{label!r} of {name} has no size of its own: {found.reason}")
+    return found.node_id
+
+
+@cache
+def _index(name: str) -> dict[str, Label]:
+    index: dict[str, Label] = {}
+    for label in vocabulary(name):
+        index.setdefault(_folded(label.label), label)
+    return index
+
+
+def _folded(label: str) -> str:
+    return " ".join("".join(c if c.isalnum() else " " for c in label.casefold()).split())

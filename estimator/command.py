@@ -103,8 +103,12 @@ def _checked(options: argparse.Namespace) -> None:
             raise InputFault(f"{name}: expected a SCENE; found --objects")
     for name in ("output", "figure"):
         path = getattr(options, name)
-        if path is not None and not path.absolute().parent.is_dir():
+        if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
             raise InputFault(f"--{name}: expected a file in a folder that exists; found {path}")
+    for name in ("overlay", "write_scaled"):
+        path = getattr(options, name)
+        if path is not None and path.exists():  # said before the work is done, not after
+            raise InputFault(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
 
 
 def _objects_result(options: argparse.Namespace) -> ScaleResult:
@@ -138,6 +142,14 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
 def _write_pictures(options: argparse.Namespace, estimate: SceneEstimate) -> None:
     """Figure, overlay and scaled model; of an unresolved scene nothing is written."""
     scale = estimate.result.scale
+    if options.figure is not None:
+        from estimator.figure import write_figure
+
+        write_figure(estimate, options.figure)
+    if options.overlay is not None:
+        from estimator.overlay import write_overlays
+
+        write_overlays(estimate, options.overlay)
     if options.write_scaled is not None and scale is not None:
         from estimator.rescaled import write_scaled
 

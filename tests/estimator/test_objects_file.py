@@ -150,8 +150,7 @@ def test_any_json_is_read_or_refused(entries: list[Any]) -> None:
     """Whatever stands there: objects with positive finite extents, or `BadScene`; never another exception."""
     try:
         objects = objects_of_record(Path("x.json"), _document(*entries))
-    except BadScene as fault:
-        assert str(fault).startswith("x.json: ")
+    except BadScene:
         return
     for item in objects:
         sizes = item.extents[~(item.extents != item.extents)]

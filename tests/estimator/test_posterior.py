@@ -113,9 +113,7 @@ def test_a_class_saturates() -> None:
 def test_no_jacobian_bias() -> None:
     """The paper's product is low by c^2 / (1 + c^2) for a class of spread c; in log space nothing is lost."""
     can = prior("can.n.01", [(80, 78, 200)], spread=0.3, shared=0.03)
-    errors = []
-    for seed in range(12):
-        errors.append(math.log(posterior(_drawn(can, 0.5, 20, seed)).modes[0].scale / 0.5))
+    errors = [math.log(posterior(_drawn(can, 0.5, 20, seed)).modes[0].scale / 0.5) for seed in range(12)]
     assert abs(np.mean(errors)) < 0.04
 
 

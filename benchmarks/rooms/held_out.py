@@ -28,7 +28,7 @@ REAL = frozenset({"product", "measured", "standard", "curated"})
 def held_out_pool(
     raw: Sequence[Path], tree: Tree, taxonomy: Callable[[], Taxonomy], fold: tuple[int, int]
 ) -> dict[str, FloatArray]:
-    """The held-out items of every category as (n, 3) length, width, height in mm; KeyError where one has none.
+    """The held-out items of every category as (n, 3) length, width, height in mm, but for those without any.
 
     A category draws from the node that the estimator reads its name as, and from all below it. An item whose size to
     the millimetre also occurs in the part that the fit sees is left out: shops list one thing many times.

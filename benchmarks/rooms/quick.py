@@ -51,15 +51,20 @@ class _Samples:
     number: IntArray
 
 
-def quick_scene(world: World, knobs: Knobs | None = None, seed: int = 0, dense: bool = True) -> MadeScene:
-    """Sparse points with their observations and a dense cloud with its visibility, under a random similarity."""
+def quick_scene(
+    world: World, knobs: Knobs | None = None, seed: int = 0, dense_a_frame: int = DENSE_A_FRAME
+) -> MadeScene:
+    """Sparse points with their observations and a dense cloud with its visibility, under a random similarity.
+
+    dense_a_frame : dense points taken in each frame; with 0 there is no dense cloud.
+    """
     knobs = knobs or Knobs()
     generator = np.random.default_rng([seed, world.seed, 23])
     with Renderer(world) as renderer:
         frames = [renderer.frame(index, colour=False) for index in range(len(world.poses))]
     to_scene = random_similarity(generator)
     points, views = _sparse(world, frames, knobs, to_scene, generator)
-    cloud = _dense(world, frames, knobs, to_scene, generator) if dense else None
+    cloud = _dense(world, frames, dense_a_frame, knobs, to_scene, generator) if dense_a_frame else None
     ids = tuple(frame.ids for frame in frames)
     scene = Scene(Path(f"{world.kind}-{world.seed}"), "memory", views, points, cloud)
     return MadeScene(scene, instances_of(world, ids), truth_of(world, to_scene), ids)
@@ -84,10 +89,10 @@ def _sparse(
 
 
 def _dense(
-    world: World, frames: list[Frame], knobs: Knobs, to_scene: Similarity, generator: np.random.Generator
+    world: World, frames: list[Frame], count: int, knobs: Knobs, to_scene: Similarity, generator: np.random.Generator
 ) -> DenseCloud:
     """Moving things leave no dense points: no second view agrees with them."""
-    samples = _sampled(world, frames, DENSE_A_FRAME, generator)
+    samples = _sampled(world, frames, count, generator)
     still = ~_moving(world)[samples.number]
     samples = _Samples(samples.points[still], samples.frame[still], samples.number[still])
     _, seen = _projected(world, frames, samples)

@@ -92,10 +92,15 @@ def plausible(category: str, sizes_mm: FloatArray) -> FloatArray:
 
 
 def drawn_sizes(pool: Mapping[str, FloatArray]) -> Sizes:
-    """Draws from each category's own rows ((n, 3) mm), every row as likely; KeyError names a category without rows."""
+    """Draws from each category's own rows ((n, 3) mm), every row as likely.
+
+    A category without rows falls back on its typical size and spread, which no fit has seen either.
+    """
 
     def size(category: str, generator: np.random.Generator) -> FloatArray:
-        rows = pool[category]
+        rows = pool.get(category)
+        if rows is None:
+            return typical_sizes(category, generator)
         return np.asarray(rows[generator.integers(len(rows))])
 
     return size

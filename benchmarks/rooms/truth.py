@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +13,7 @@ from benchmarks.rooms.similarity import Similarity
 from benchmarks.rooms.solids import FloatArray
 from benchmarks.rooms.world import Placed, World
 
-__all__ = ["Truth", "truth_of"]
+__all__ = ["Truth", "truth_at", "truth_of"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +44,13 @@ def truth_of(world: World, to_scene: Similarity, rms_m: float = 0.0) -> Truth:
     return Truth(
         1 / to_scene.scale, to_scene.rotation @ np.array([0.0, 0.0, 1.0]), {t.track: t for t in world.objects}, rms_m
     )
+
+
+def truth_at(folder: Path, world: World) -> Truth:
+    """The truth of a scene on disk that was made of `world`."""
+    told = json.loads((folder / "truth.json").read_text())
+    things = {thing.track: thing for thing in world.objects}
+    return Truth(told["metres_per_unit"], np.array(told["up_in_scene"]), things, told["camera_rms_m"])
 
 
 def _object(thing: Placed) -> dict[str, Any]:

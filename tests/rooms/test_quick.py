@@ -45,7 +45,7 @@ def test_the_truth_is_the_scenes_scale(made: MadeScene, room: World) -> None:
 
 
 def test_points_of_a_mask_lie_in_their_objects_box(made: MadeScene, room: World) -> None:
-    """Sparse points, labelled by their own observations and carried back to metres, lie on the things the masks name."""
+    """Sparse points, labelled by their own observations and carried back to metres, lie on what the masks name."""
     labels = sparse_labels(made.scene, made.instances)
     true = np.array([pose.centre for pose in room.poses])
     back = aligned(np.array([view.centre for view in made.scene.views]), true)
@@ -82,7 +82,7 @@ def test_feet_that_leave_no_points(room: World) -> None:
 
 def test_oncoming_cars_leave_fewer_points_than_parked_ones() -> None:
     world = street(1002)
-    made = quick_scene(world, seed=2, dense=False)
+    made = quick_scene(world, seed=2, dense_a_frame=0)
     moving = {thing.track for thing in world.objects if np.any(thing.velocity)}
     labels = sparse_labels(made.scene, made.instances)
     points, pixels = {True: 0, False: 0}, {True: 0, False: 0}

@@ -1,0 +1,43 @@
+"""Pictures: where a scene's own images are, and files that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from estimator.scene import Scene, View
+
+__all__ = ["image_file", "image_folders", "written_whole"]
+
+IMAGES = "images"
+#: How far above the model the images are looked for: `scene/dense/0/sparse` is the deepest usual place.
+_LEVELS_UP = 3
+
+
+def image_folders(scene: Scene) -> tuple[Path, ...]:
+    """The folders `images` beside or above the model, nearest first."""
+    starts = [path.resolve() for path in (scene.path, scene.model_path) if path is not None]
+    places = [place / IMAGES for start in starts for place in (start, *list(start.parents)[:_LEVELS_UP])]
+    return tuple(dict.fromkeys(place for place in places if place.is_dir()))
+
+
+def image_file(folders: tuple[Path, ...], view: View) -> Path | None:
+    """The view's picture in the first folder that has it, or None; a name never leads out of the folder."""
+    for folder in folders:
+        file = folder / view.name
+        if file.resolve().is_relative_to(folder) and file.is_file():
+            return file
+    return None
+
+
+@contextmanager
+def written_whole(file: Path) -> Iterator[Path]:
+    """A temporary path beside `file` that takes its name when the block ends without a fault."""
+    temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
+    try:
+        yield temporary
+        temporary.replace(file)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,57 @@
+"""Where to put labels so that each is near its thing, and none lies over another or over what it speaks of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.scene import FloatArray
+
+__all__ = ["placed_labels"]
+
+#: Rings of places tried around the middle of a thing; further out a label no longer belongs to it.
+_RINGS, _PER_RING = 16, 24
+#: Distance between rings in pixels, and how much wider than high they are, as labels are.
+_STEP_PX, _FLATTENED = 24.0, 1.6
+#: What it costs beside a pixel of distance: a pixel of overlap with another label, and a thing that is wholly covered.
+_OVERLAP_COST, _COVER_COST = 0.05, 110.0
+
+
+def placed_labels(things: FloatArray, sizes: FloatArray, canvas: tuple[int, int]) -> FloatArray:
+    """(n, 2) upper left corners of labels on a canvas (width, height).
+
+    things : (n, 4) left, top, right, bottom of what each label speaks of; sizes : (n, 2) width and height of the
+    labels. Greedy, the largest label first: of the places on rings around the thing the one that costs least.
+    """
+    corners = np.zeros((len(sizes), 2))
+    taken: list[FloatArray] = []
+    for row in np.argsort(-sizes.prod(axis=1), kind="stable"):
+        places = _candidates(things[row], sizes[row], canvas)  # (c, 2)
+        labels = np.hstack([places, places + sizes[row]])
+        middle = (things[row, :2] + things[row, 2:]) / 2
+        cost = np.linalg.norm(places + sizes[row] / 2 - middle, axis=1)
+        cost += _OVERLAP_COST * _shared_area(labels, taken).sum(axis=1)
+        area = np.maximum((things[:, 2:] - things[:, :2]).prod(axis=1), 1.0)
+        cost += _COVER_COST * (_shared_area(labels, things) / area).sum(axis=1)
+        best = int(cost.argmin())
+        corners[row] = places[best]
+        taken.append(labels[best])
+    return corners
+
+
+def _candidates(thing: FloatArray, size: FloatArray, canvas: tuple[int, int]) -> FloatArray:
+    """(c, 2) corners that centre the label on rings around the thing, kept inside the canvas."""
+    angles = np.linspace(-np.pi / 2, 1.5 * np.pi, _PER_RING, endpoint=False)
+    around = np.column_stack([_FLATTENED * np.cos(angles), np.sin(angles)])
+    radii = _STEP_PX * np.arange(_RINGS)
+    centres = (thing[:2] + thing[2:]) / 2 + (radii[:, None, None] * around).reshape(-1, 2)
+    return np.asarray(np.clip(centres - size / 2, 0, np.maximum(np.array(canvas) - size, 0)))
+
+
+def _shared_area(labels: FloatArray, others: Sequence[FloatArray] | FloatArray) -> FloatArray:
+    """(c, k) area that each of c boxes shares with each of k others."""
+    boxes = np.asarray(others, dtype=np.float64).reshape(-1, 4)
+    low = np.maximum(labels[:, None, :2], boxes[None, :, :2])
+    high = np.minimum(labels[:, None, 2:], boxes[None, :, 2:])
+    return np.asarray(np.maximum(high - low, 0).prod(axis=2))

@@ -1,7 +1,7 @@
 """Solids with exact truth, seen by exact cameras: what the geometry's tests and benchmarks measure themselves on.
 
-A thing is one or several solids (box, cylinder, ellipsoid), in metres with z up. Rays through pixels give depth and identity
-exactly, so masks carry real occlusion and a cloud holds only what the cameras see.
+A thing is one or several solids (box, cylinder, ellipsoid), in metres with z up. Rays through pixels give depth and
+identity exactly, so masks carry real occlusion and a cloud holds only what the cameras see.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def yaw(degrees: float) -> FloatArray:
 
 def _standing(kind: str, category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float) -> Thing:
     extents = np.asarray(size, dtype=float)
-    centre = np.asarray(foot, dtype=float) + [0, 0, extents[2] / 2]
+    centre = np.add(foot, [0, 0, extents[2] / 2])
     return Thing(category, (Solid(kind, extents, centre, yaw(turn)),))
 
 
@@ -72,7 +72,12 @@ def floor(side: float = 20.0) -> Thing:
 
 
 def view_at(
-    eye: FloatArray, target: FloatArray, name: str, size: tuple[int, int] = (640, 480), focal: float = 520.0, roll: float = 0.0
+    eye: FloatArray,
+    target: FloatArray,
+    name: str,
+    size: tuple[int, int] = (640, 480),
+    focal: float = 520.0,
+    roll: float = 0.0,
 ) -> View:
     """A pinhole view from `eye` towards `target`; z of the world is up; `roll` in degrees about the line of sight."""
     ahead = (target - eye) / np.linalg.norm(target - eye)
@@ -84,7 +89,12 @@ def view_at(
 
 
 def orbit(
-    count: int, radius: float, height: float, arc: float = 360.0, target: tuple[float, ...] = (0, 0, 0.4), **camera: float
+    count: int,
+    radius: float,
+    height: float,
+    arc: float = 360.0,
+    target: tuple[float, ...] = (0, 0, 0.4),
+    **camera: float,
 ) -> list[View]:
     """Views on an arc about the target, the first on the -y side."""
     angles = np.radians(-90 + np.linspace(-arc / 2, arc / 2, count, endpoint=arc < 360))
@@ -109,9 +119,7 @@ def made_scene(
         View(v.name, v.camera, v.rotation, v.translation, pixels + random.normal(0, 0.3, pixels.shape), rows)
         for v, (rows, pixels) in zip(views, seen, strict=True)
     )
-    instances = tuple(
-        instance for k, (_, identity) in enumerate(maps) for instance in _instances(things, k, identity)
-    )
+    instances = tuple(instance for k, (_, identity) in enumerate(maps) for instance in _instances(things, k, identity))
     scene = Scene(Path("made"), "memory", observed, points[chosen], DenseCloud(points))
     return Made(scene, instances, tuple(things), owner)
 

@@ -1,8 +1,9 @@
 """Objects across frames: which masks of different frames show one thing (paper section 4.1, Algorithm 1).
 
-Two ways are kept. `shared_tracks`, the default, joins masks by the points they share among those both views see; it needs no
-length and never joins two masks of one frame. `incremental_tracks` is the paper's Algorithm 1 with its two faults repaired:
-it stops when the nearest pair is too far (the paper's test is reversed), and objects that a frame does not show stay.
+Two ways are kept. `shared_tracks`, the default, joins masks by the points they share among those both views see; it
+needs no length and never joins two masks of one frame. `incremental_tracks` is the paper's Algorithm 1 with its two
+faults repaired: it stops when the nearest pair is too far (the paper's test is reversed), and objects that a frame does
+not show stay.
 """
 
 from __future__ import annotations
@@ -22,20 +23,22 @@ __all__ = ["Track", "incremental_tracks", "shared_tracks", "voted_category"]
 # Two masks of one thing share most of the points that both views see; masks of neighbours share those along a border
 # and some that shine through. Half way between none and all.
 JOIN_SHARE = 0.5
-# Two labels of one thing (bucket and cup) are joined only on stronger evidence: a poster lies within its cabinet's mask,
-# but its points are a small part of the cabinet's, and share is taken over the union.
+# Two labels of one thing (bucket and cup) are joined only on stronger evidence: a poster lies within its cabinet's
+# mask, but its points are a small part of the cabinet's, and share is taken over the union.
 JOIN_SHARE_ACROSS_CATEGORIES = 0.7
 # Masks that share fewer points than this are told apart by chance.
 MIN_SHARED_POINTS = 3
-# Of two masks that see little of each other's points the few they share prove little: this share of the smaller mask's own
-# points is added below the line, so that a full tenth of them must be in common before it counts half.
+# Of two masks that see little of each other's points the few they share prove little: this share of the smaller mask's
+# own points is added below the line, so that a full tenth of them must be in common before it counts half.
 DOUBT_SHARE = 0.1
-# The paper's threshold is a length in an unknown unit. Two views of one object leave gaps of a few point spacings between
-# their clouds; two touching objects of one kind lie a whole width apart. The threshold is this share of the larger cloud's
-# diagonal, and not under the spacing of the points themselves.
+# The paper's threshold is a length in an unknown unit. Two views of one object leave gaps of a few point spacings
+# between their clouds; two touching objects of one kind lie a whole width apart. The threshold is this share of the
+# larger cloud's diagonal, and not under the spacing of the points themselves.
 DISTANCE_SHARE = 0.15
-# Groups that lie in one place are joined too, unless the views say otherwise: where they see enough of each other's points, this
-# share at least must be common.
+# Clouds of one point have no size; whatever is nearer than this is in one place.
+SAME_PLACE = 1e-9
+# Groups that lie in one place are joined too, unless the views say otherwise: where they see enough of each other's
+# points, this share at least must be common.
 NOT_CONTRADICTED_SHARE = 0.2
 # Distances between clouds are averages; a few hundred points give them to a few per cent.
 MAX_DISTANCE_POINTS = 400
@@ -53,9 +56,9 @@ def shared_tracks(instances: Sequence[Instance], labels: Sequence[PointLabels]) 
     """Tracks by shared points: the closest pair of groups is joined first, never two masks of one view.
 
     The affinity of two groups is the points their masks share over the points that either holds among those the other's
-    view sees, summed over all pairs of their masks and over the clouds in `labels`. For masks of one category "either" is
-    the smaller, since a mask cut by the image or by another thing holds a part of the whole; groups of different categories
-    are joined afterwards by the union of both, so that a poster does not join its cabinet.
+    view sees, summed over all pairs of their masks and over the clouds in `labels`. For masks of one category "either"
+    is the smaller, since a mask cut by the image or by another thing holds a part of the whole; groups of different
+    categories are joined afterwards by the union of both, so that a poster does not join its cabinet.
     """
     views = np.array([instance.view for instance in instances], dtype=np.int64)
     shared, smaller, union, doubt = _overlaps(views, labels)
@@ -73,8 +76,8 @@ def shared_tracks(instances: Sequence[Instance], labels: Sequence[PointLabels]) 
 def incremental_tracks(instances: Sequence[Instance], labels: PointLabels) -> tuple[Track, ...]:
     """Tracks by Algorithm 1 of the paper, repaired, frame by frame and category by category.
 
-    Equation: D(A, B) = mean over a in A of min over b in B of |a - b|, A the smaller cloud. Pairs are joined nearest first
-    while D is under `DISTANCE_SHARE` of the larger one's diagonal; all unmatched objects, old and new, are kept.
+    Equation: D(A, B) = mean over a in A of min over b in B of |a - b|, A the smaller cloud. Pairs are joined nearest
+    first while D is under `DISTANCE_SHARE` of the larger one's diagonal; all unmatched objects, old and new, are kept.
     """
     clouds = [labels.points[_members(labels, row)] for row in range(len(instances))]
     groups: list[list[int]] = []
@@ -109,7 +112,7 @@ def _members(labels: PointLabels, row: int) -> IntArray:
 
 
 def _overlaps(views: IntArray, labels: Sequence[PointLabels]) -> FloatArray:
-    """(4, m, m) points that two masks share; the fewer, and the union, of those they hold that both views see; doubt."""
+    """(4, m, m) points two masks share; the fewer, and the union, of those they hold that both views see; doubt."""
     count = len(views)
     shared, smaller, union, doubt = tables = np.zeros((4, count, count))
     for cloud in labels:
@@ -127,7 +130,7 @@ def _overlaps(views: IntArray, labels: Sequence[PointLabels]) -> FloatArray:
 def _joined(
     groups: Sequence[Sequence[int]], views: IntArray, shared: FloatArray, total: FloatArray, share: float
 ) -> list[list[int]]:
-    """Groups after joining greedily, best affinity first, while it reaches `share`; groups with a view in common never join."""
+    """Groups after joining the best pair first while it reaches `share`; groups with a view in common never join."""
     members = [list(group) for group in groups]
     count = len(members)
     indicator = np.zeros((count, len(views)))
@@ -224,7 +227,7 @@ def _relative_distance(group: Sequence[int], cloud: FloatArray, clouds: Sequence
     distance = float(tree.query(small)[0].mean())
     diagonal = max(float(np.linalg.norm(np.ptp(cloud, axis=0))) for cloud in (one, two))
     spacing = float(np.median(tree.query(large, 2)[0][:, -1])) if len(large) > 1 else 0.0
-    return distance / max(DISTANCE_SHARE * diagonal, spacing, np.finfo(float).tiny)
+    return distance / max(DISTANCE_SHARE * diagonal, spacing, SAME_PLACE)
 
 
 def _thinned(cloud: FloatArray) -> FloatArray:

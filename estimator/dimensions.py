@@ -1,4 +1,4 @@
-"""Dimensions of one object: its box with one axis vertical, from the points that are left after outliers (paper section 4.2)."""
+"""Dimensions of one object: its upright box, from the points that are left after outliers (paper section 4.2)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_OBJECT_POINTS = 6000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inliers:
-    """Points of an object after outliers: rows of the given ones, level (n, 3) in the level basis, surface noise (0 unknown)."""
+    """Points of an object after outliers: rows of the given ones, (n, 3) in the level basis, noise (0 unknown)."""
 
     rows: IntArray
     level: FloatArray
@@ -33,9 +33,9 @@ class Inliers:
 class Dimensions:
     """The upright box of one object.
 
-    axes : (3, 3) unit rows along length, width and up; low, high : (3,) edges along them; edge_sigma : (2, 3) of the low and
-    the high edges, as shares of the extents; eta : (3,);
-    rows : the points it was taken from, as positions in the object's own.
+    axes : (3, 3) unit rows along length, width and up; low, high : (3,) edges along them; edge_sigma : (2, 3) of the
+    low and the high edges, as shares of the extents; eta : (3,); rows : the points it was taken from, as positions in
+    the object's own.
     """
 
     axes: FloatArray
@@ -63,8 +63,8 @@ def inliers(points: FloatArray, basis: FloatArray, outliers: Literal["neighbours
 def dimensions(found: Inliers, basis: FloatArray, usual_noise: float, robust: bool = True) -> Dimensions:
     """The box of an object's inliers.
 
-    usual_noise : of the scene's surfaces, which widens sigma where these points are too few to tell their own; robust : the rectangle by `footprint_axes`; else
-    the paper's plain minimum rectangle. The extent rule is the same.
+    usual_noise : of the scene's surfaces, which widens sigma where these points are too few to tell their own; robust :
+    the rectangle by `footprint_axes`; else the paper's plain minimum rectangle. The extent rule is the same.
     """
     level = found.level
     turn = footprint_axes(level[:, :2]) if robust else smallest_rectangle_axes(level[:, :2])
@@ -75,7 +75,8 @@ def dimensions(found: Inliers, basis: FloatArray, usual_noise: float, robust: bo
     if high[0] - low[0] < high[1] - low[1]:
         order = [1, 0, 2]
         axes, local, low, high = axes[order], local[:, order], low[order], high[order]
-    return Dimensions(axes, low, high, extent_sigma(local, high - low, found.noise or usual_noise), eta(local, low, high), found.rows)
+    sigma = extent_sigma(local, high - low, found.noise or usual_noise)
+    return Dimensions(axes, low, high, sigma, eta(local, low, high), found.rows)
 
 
 def usual_noise(found: Iterable[Inliers]) -> float:

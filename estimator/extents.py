@@ -1,9 +1,9 @@
 """The one extent rule: where a cloud of surface points begins and ends along an axis, for every method alike.
 
-Extents decide a scale more than anything but the outliers, so the rule is stated once, with its bias, and all methods that are
-compared use it. Percentiles alone are short where a side fades out (a bottle's wall from top to bottom loses 3 % of its height)
-and long where noise thickens a face; both are corrected by stated functions. `python -m benchmarks.geometry extents` prints
-what is left on made shapes.
+Extents decide a scale more than anything but the outliers, so the rule is stated once, with its bias, and all methods
+that are compared use it. Percentiles alone are short where a side fades out (a bottle's wall from top to bottom loses 3
+% of its height) and long where noise thickens a face; both are corrected by stated functions. `python -m
+benchmarks.geometry extents` prints what is left on made shapes.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ TRIM = 0.015
 # edge = q(t) - (q(3t) - q(t)) / 2. On a face the quantiles coincide and nothing is added.
 OUTER, INNER = TRIM, 3 * TRIM
 EXTRAPOLATION = 0.5
-# The outer quantile of a face with Gaussian noise lies this many standard deviations outside it: 1.2 on made shapes with noise in
-# every direction, 0.6 in made rooms, where noise lies along the lines of sight, as it does in dense stereo.
+# The outer quantile of a face with Gaussian noise lies this many standard deviations outside it: 1.2 on made shapes
+# with noise in every direction, 0.6 in made rooms, where noise lies along the lines of sight, as it does in dense
+# stereo.
 NOISE_OVERSHOOT = 0.7
 # Few points do not reach the edges: on made shapes what is missing is about one part in n.
 MISSING_SHARE = 1.0
@@ -35,19 +36,20 @@ MAX_CELLS = 256
 MIN_NOISE_POINTS = 1000
 # Cells that hold an edge or a thin leg look thick; flat ones lie in the lower part.
 FLAT_CELLS = 0.35
-# One standard deviation of an edge, as a share of the extent, from the rule on made shapes: what remains with many points, and
-# what few points add, share / sqrt(n).
+# One standard deviation of an edge, as a share of the extent, from the rule on made shapes: what remains with many
+# points, and what few points add, share / sqrt(n).
 RULE_SIGMA = 0.015
 SAMPLING_SIGMA = 0.25
-# ... and that few points cannot tell a stray from an edge: share / n. In made rooms 20 points are off by a sixth, 100 by a fifteenth.
+# ... and that few points cannot tell a stray from an edge: share / n. In made rooms 20 points are off by a sixth, 100
+# by a fifteenth.
 STRAY_SIGMA = 3.0
 
 
 def edges(points: FloatArray, noise: float = 0.0) -> tuple[FloatArray, FloatArray]:
     """Lower and upper edge (d,) of points (n, d) along each column; `noise` as from `surface_noise`.
 
-    Equation: edge = q(t) - (q(3 t) - q(t)) / 2 + 0.7 noise - extent / (2 n) at the lower end, the mirror image at the upper
-    one, with t = 1.5 %; the noise term never takes more than the face itself.
+    Equation: edge = q(t) - (q(3 t) - q(t)) / 2 + 0.7 noise - extent / (2 n) at the lower end, the mirror image at the
+    upper one, with t = 1.5 %; the noise term never takes more than the face itself.
     """
     thin = points[:: max(1, -(-len(points) // MAX_POINTS))]
     shares = np.array([OUTER, INNER, 1 - INNER, 1 - OUTER])
@@ -63,8 +65,9 @@ def edges(points: FloatArray, noise: float = 0.0) -> tuple[FloatArray, FloatArra
 def extent_sigma(points: FloatArray, extents: FloatArray, noise: float) -> FloatArray:
     """(2, d) standard deviation of the lower and of the upper edge of points (n, d), as shares of the extents (d,).
 
-    Equation: sigma^2 = 0.015^2 + 0.25^2 / n + (3 / n)^2 + (noise / extent)^2 / 2 + (fade / extent)^2 for an edge, fade the distance between
-    its q(t) and q(3 t): a face has none, leaves of a plant much. The log extent's is the root of the sum of both squares.
+    Equation: sigma^2 = 0.015^2 + 0.25^2 / n + (3 / n)^2 + (noise / extent)^2 / 2 + (fade / extent)^2 for an edge, fade
+    the distance between its q(t) and q(3 t): a face has none, leaves of a plant much. The log extent's is the root of
+    the sum of both squares.
     """
     safe = np.maximum(extents, np.finfo(float).tiny)
     thin = points[:: max(1, -(-len(points) // MAX_POINTS))]
@@ -108,8 +111,8 @@ def surface_noise(points: FloatArray) -> float:
 def surface_cells(points: FloatArray, per_cell: int, most: int) -> tuple[IntArray, BoolArray]:
     """(n, 3) index of each point's cubic cell, and (n,) whether it lies within reach of the middle 96 %.
 
-    Cells are as large as `per_cell` points of an evenly covered box need, but at most about `most` along a side; the grid
-    reaches half a box beyond the middle part, and points outside it are not inside.
+    Cells are as large as `per_cell` points of an evenly covered box need, but at most about `most` along a side; the
+    grid reaches half a box beyond the middle part, and points outside it are not inside.
     """
     low, high = _quantiles(points, np.array([0.02, 0.98]))
     sides = np.maximum(high - low, np.finfo(float).tiny)

@@ -1,9 +1,9 @@
 """The footprint of an object: the rectangle of least area in the ground plane (paper section 4.2), robustly.
 
-The paper takes the minimum bounding box. From one corner of a box only two faces are seen, an L, and the rectangle along its
-hypotenuse has exactly the area of the right one; so between rectangles of nearly the same area the one whose sides the points
-lie closer to is taken (the closeness of L-shape fitting in laser scans). And the area is that of the extent rule, so that one
-flying point does not turn the box.
+The paper takes the minimum bounding box. From one corner of a box only two faces are seen, an L, and the rectangle
+along its hypotenuse has exactly the area of the right one; so between rectangles of nearly the same area the one whose
+sides the points lie closer to is taken (the closeness of L-shape fitting in laser scans). And the area is that of the
+extent rule, so that one flying point does not turn the box.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ COARSE_DEG, FINE_DEG = 5.0, 1.0
 MAX_POINTS = 400
 # Shares cut off on either side while the direction is sought.
 TRIM = 0.02
-# Weight of closeness against log area: a rectangle whose points lie a tenth of its size further inside must be an eighth smaller.
+# Weight of closeness against log area: a rectangle whose points lie a tenth of its size further inside must be an
+# eighth smaller.
 CLOSENESS_WEIGHT = 1.2
 
 
@@ -37,7 +38,7 @@ def footprint_axes(points: FloatArray) -> FloatArray:
 
 def smallest_rectangle_axes(points: FloatArray) -> FloatArray:
     """(2, 2) unit rows of the paper's minimum bounding rectangle of points (n, 2), all of them."""
-    import cv2  # noqa: PLC0415  only the paper's method asks for it
+    import cv2
 
     return _axes(float(cv2.minAreaRect(points.astype(np.float32))[2]))
 

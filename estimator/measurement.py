@@ -33,8 +33,8 @@ MIN_DENSE_POINTS = 100
 class MeasurementOptions:
     """How to measure. `PAPER` holds the paper's choices; the extent rule is the same for all.
 
-    supports : objects reach down to the plane they stand on; standing : whether a category stands on the floor (True), hangs
-    (False), or may do either (None).
+    supports : objects reach down to the plane they stand on; standing : whether a category stands on the floor (True),
+    hangs (False), or may do either (None).
     """
 
     association: Literal["shared", "incremental"] = "shared"
@@ -61,10 +61,8 @@ class Measurements:
     warnings: tuple[str, ...] = ()
 
 
-def measured(
-    scene: Scene, instances: Sequence[Instance], options: MeasurementOptions | None = None
-) -> Measurements:
-    """The objects of a scene in scene units, largest certainty first to none: labels, tracks, up, planes, dimensions."""
+def measured(scene: Scene, instances: Sequence[Instance], options: MeasurementOptions | None = None) -> Measurements:
+    """The objects of a scene in scene units, one for every track, by labels, tracks, up, planes and dimensions."""
     options = options or MeasurementOptions()
     timings: dict[str, float] = {}
     with _timed(timings, "labels"):
@@ -93,10 +91,7 @@ def measured(
         views = scene.views
         outlines = [outline(i, views[i.view].camera.width, views[i.view].camera.height) for i in instances]
         around = Surroundings(scene, clouds[-1], up.vector)
-        sides = [
-            _sides(track, shape, instances, outlines, around)
-            for track, shape in zip(tracks, shapes, strict=True)
-        ]
+        sides = [_sides(track, shape, instances, outlines, around) for track, shape in zip(tracks, shapes, strict=True)]
     with _timed(timings, "supports"):
         objects = tuple(
             _object(str(number + 1), track, shape, seen, instances, ground, basis, up, options)
@@ -107,7 +102,7 @@ def measured(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Shape:
-    """The cloud an object was measured in ("sparse" or "dense"), its points, their rows, and its box if there is one."""
+    """The cloud an object was measured in ("sparse" or "dense"), its points, their rows, and its box if any."""
 
     cloud: Literal["sparse", "dense"]
     points: FloatArray
@@ -132,7 +127,7 @@ def _shapes(
         inliers(own, basis, options.outliers) if len(own) >= MIN_OBJECT_POINTS else None for own in points
     ]
     noise = usual_noise(one for one in found if one is not None)
-    boxes = [one and dimensions(one, basis, noise, options.robust_footprint) for one in found]
+    boxes = [None if one is None else dimensions(one, basis, noise, options.robust_footprint) for one in found]
     return [
         _Shape("dense" if cloud else "sparse", own, rows, box)
         for (cloud, rows), own, box in zip(chosen, points, boxes, strict=True)
@@ -188,14 +183,14 @@ def _object(
     box = shape.box
     if box is None or sides is None:
         return replace(record, skipped=f"{len(shape.points)} points, {MIN_OBJECT_POINTS} needed")
-    foot = _foot(shape, box, sides, ground, basis, options.standing(track.category))
+    foot = _foot(box, sides, ground, basis, options.standing(track.category))
     low = np.array([*box.low[:2], foot.bottom])
     edge_sigma = box.edge_sigma.copy()
     if foot.standing:
         edge_sigma[0, 2] = foot.sigma
     cut = sides.truncated
-    truncated = cut.any(axis=1)
-    truncated[2] = cut[2, 1] or (cut[2, 0] and not foot.standing) or foot.short
+    foot_cut = foot.short or (cut[2, 0] and not foot.standing)
+    truncated = np.array([cut[0].any(), cut[1].any(), cut[2, 1] or foot_cut])
     return replace(
         record,
         extents=box.high - low,
@@ -209,20 +204,17 @@ def _object(
     )
 
 
-def _foot(
-    shape: _Shape, box: Dimensions, sides: Sides, ground: Ground | None, basis: FloatArray, standing: bool | None
-) -> Foot:
+def _foot(box: Dimensions, sides: Sides, ground: Ground | None, basis: FloatArray, standing: bool | None) -> Foot:
     """The foot of an object on the ground; that of its points where there is no ground."""
     if ground is None:
         return Foot(float(box.low[2]))
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * box.extents[:2] + box.low[:2]
     # corners along length and width, to the world, to the level basis
-    level = level_below(ground, corners @ box.axes[:2] @ basis[:2].T, box.low, box.high)
+    level = level_below(ground, corners @ box.axes[:2] @ basis[:2].T, box.low, box.high, standing)
     reach = np.nan
     if level is not None and box.low[2] > level.height:
         reach = sides.beyond[2, 0] * box.extents[2] / (box.low[2] - level.height)
-    middle = float(np.median(shape.points[box.rows] @ box.axes[2]))
-    return foot_on(level, box.low, box.high, middle, ground.bin, standing, float(reach))
+    return foot_on(level, box.low, box.high, ground.bin, standing, float(reach))
 
 
 def _warnings(up: Up, planes: Sequence[SupportPlane], options: MeasurementOptions) -> tuple[str, ...]:

@@ -26,16 +26,13 @@ class Box:
 class MeasuredObject:
     """One object in scene units.
 
-    extents : (3,) length >= width (horizontal), height (vertical); NaN where missing. With `vertical_known`
-        False they are the extents of a free box, longest first.
-    sigma : (3,) one standard deviation of the measurement, natural log.
-    confidence : (3,) the paper's eta (section 4.2); NaN where it does not apply.
-    truncated : (3,) bool; the true extent is at least the measured one.
-    cloud, point_rows : which cloud of the scene it was measured in, and its rows there; members : rows of the instances
-        that show it.
-    beyond : (3, 2) how far its masks go beyond its points at the low and the high end of each axis, as a share of the extent;
-        NaN where no two views tell.
-    unsupported_height : the height of the points alone, where `extents[2]` reaches down to a support plane.
+    extents : (3,) length >= width (horizontal), height (vertical); NaN where missing. With `vertical_known` False they
+        are the extents of a free box, longest first. sigma : (3,) one standard deviation of the measurement, natural
+        log. confidence : (3,) the paper's eta (section 4.2); NaN where it does not apply. truncated : (3,) bool; the
+        true extent is at least the measured one. cloud, point_rows : which cloud of the scene it was measured in, and
+        its rows there; members : rows of the instances that show it. beyond : (3, 2) how far its masks go beyond its
+        points at the low and the high end of each axis, as a share of the extent; NaN where no two views tell.
+        unsupported_height : the height of the points alone, where `extents[2]` reaches down to a support plane.
     """
 
     id: str

@@ -1,7 +1,8 @@
-"""Removal of outliers from an object's points: by neighbours, or by nearest neighbours and an isolation forest as in the paper.
+"""Removal of outliers from an object's points: by neighbours, or by neighbours and isolation forest as in the paper.
 
-What a mask takes in beside the object is thin and lies apart: flying points at outlines, a corner of the wall. What belongs to
-it can lie apart as well (a chair's feet without its legs), so a cluster is dropped only when it is far and small.
+What a mask takes in beside the object is thin and lies apart: flying points at outlines, a corner of the wall. What
+belongs to it can lie apart as well (a chair's feet without its legs), so a cluster is dropped only when it is far and
+small.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ __all__ = ["forest_inliers", "neighbour_inliers"]
 MIN_POINTS = 20
 # A cell of the grid holds about four points of the surface, its neighbourhood some 36.
 POINTS_PER_CELL = 4
-# A point whose neighbourhood holds under this share of what is usual flies alone. Edges have half of it, corners a quarter,
-# a thin leg a tenth.
+# A point whose neighbourhood holds under this share of what is usual flies alone. Edges have half of it, corners a
+# quarter, a thin leg a tenth.
 LONELY_SHARE = 0.06
-# A cluster is dropped when it lies further from the main one than this share of the main one's diagonal, and is small: chairs
-# lose the legs between seat and castors, which is under half their diagonal.
+# A cluster is dropped when it lies further from the main one than this share of the main one's diagonal, and is small:
+# chairs lose the legs between seat and castors, which is under half their diagonal.
 FAR_SHARE = 0.5
 SMALL_SHARE = 0.1
 # Cells along a side; a grid beyond this is the sign of a point at infinity, not of detail.
@@ -49,21 +50,21 @@ def neighbour_inliers(points: FloatArray) -> BoolArray:
     kept = inside.copy()
     kept[inside] = around >= LONELY_SHARE * np.median(around)
     kept[kept] = _near_clusters(points[kept], cells[kept], shape)
-    return kept
+    return np.asarray(kept, dtype=bool)
 
 
 def forest_inliers(points: FloatArray, seed: int = 0) -> BoolArray:
-    """(n,) True for points (n, 3) that pass both of the paper's filters: distance to nearest neighbours, isolation forest."""
+    """(n,) True for points (n, 3) that pass both of the paper's filters: nearest neighbours and isolation forest."""
     if len(points) < MIN_POINTS:
         return np.ones(len(points), dtype=bool)
-    from sklearn.ensemble import IsolationForest  # noqa: PLC0415  heavy, and only the paper's method asks for it
+    from sklearn.ensemble import IsolationForest
 
     distance = cKDTree(points).query(points, PAPER_NEIGHBOURS + 1)[0][:, 1:].mean(axis=1)
     close = distance <= distance.mean() + PAPER_SIGMAS * distance.std()
     forest = IsolationForest(n_estimators=PAPER_TREES, random_state=seed).fit(points[close])
     kept = close.copy()
     kept[close] = forest.predict(points[close]) > 0
-    return kept
+    return np.asarray(kept, dtype=bool)
 
 
 def _near_clusters(points: FloatArray, cells: IntArray, shape: tuple[int, ...]) -> BoolArray:
@@ -82,4 +83,5 @@ def _near_clusters(points: FloatArray, cells: IntArray, shape: tuple[int, ...]) 
     nearest = np.full(count + 1, np.inf)
     np.minimum.at(nearest, names, apart)
     far = nearest > FAR_SHARE * np.linalg.norm(high - low)
-    return np.asarray(~(far & (sizes < SMALL_SHARE * len(points)))[names])
+    dropped: BoolArray = far & (sizes < SMALL_SHARE * len(points))
+    return np.asarray(~dropped[names])

@@ -1,8 +1,8 @@
 """Support planes: the level surfaces that things stand on (floor, desk tops, road), found together with up.
 
-Walls spread evenly over heights, level surfaces pile up at one: the right vertical is the one whose histogram of heights is most
-peaked, and its peaks are the planes. Points are first thinned to one per cell of space, so that a surface counts by its area
-and not by how richly it was reconstructed.
+Walls spread evenly over heights, level surfaces pile up at one: the right vertical is the one whose histogram of
+heights is most peaked, and its peaks are the planes. Points are first thinned to one per cell of space, so that a
+surface counts by its area and not by how richly it was reconstructed.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ SURROUNDING_BINS = 51
 # Half the thickness of a level surface and the smoothing before its peak is sought, in bins.
 HALF_THICKNESS_BINS = 2.5
 SMOOTHING_BINS = 1.5
-# A plane holds at least this share of the thinned points and this many of them: a table top is a hundredth of a room's surfaces.
+# A plane holds at least this share of the thinned points and this many of them: a table top is a hundredth of a room's
+# surfaces.
 MIN_SHARE = 0.008
 MIN_POINTS = 25
 # Two planes closer than this many bins are one surface with noise.
@@ -161,7 +162,7 @@ def _histogram(heights: FloatArray, bin_width: float) -> tuple[FloatArray, float
 
 
 def _peaks(heights: FloatArray, bin_width: float) -> list[float]:
-    """Heights of the level surfaces, lowest first: bins that stand out of their surroundings, strongest first while apart."""
+    """Heights of the level surfaces, lowest first: bins that stand out of their surroundings, strongest kept."""
     counts, low = _histogram(heights, bin_width)
     smooth = gaussian_filter1d(counts, SMOOTHING_BINS, mode="constant")
     around = np.maximum(median_filter(smooth, SURROUNDING_BINS, mode="reflect"), 1.0)

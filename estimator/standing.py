@@ -1,7 +1,7 @@
 """Which categories stand on the floor, and which hang: only where the name alone settles it.
 
-The answer decides how far an object whose foot is not reconstructed may reach down. A caller that knows more, such as the tree's
-hypernyms, passes its own function to `measured`.
+The answer decides how far an object whose foot is not reconstructed may reach down. A caller that knows more, such as
+the tree's hypernyms, passes its own function to `measured`.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ __all__ = ["stands"]
 # Things whose foot is on the floor or the road whenever they are in use; "cabinet", "lamp" and "plant" may be either.
 _FLOOR = frozenset(
     """
-    armchair bathtub bed bench bicycle bike bookcase bookshelf bus car chair couch crib cupboard cyclist desk dishwasher door
-    dresser fireplug freezer fridge futon hydrant loveseat motorbike motorcycle nightstand ottoman pedestrian person
-    pram refrigerator scooter settee sideboard sofa stool stroller suv table toilet tram truck van wardrobe washer
+    armchair bathtub bed bench bicycle bike bookcase bookshelf bus car chair couch crib cupboard cyclist desk dishwasher
+    door dresser fireplug freezer fridge futon hydrant loveseat motorbike motorcycle nightstand ottoman pedestrian
+    person pram refrigerator scooter settee sideboard sofa stool stroller suv table toilet tram truck van wardrobe
+    washer
     """.split()  # noqa: SIM905  a list of words reads better than a list of strings
 )
 # Things on walls, ceilings, poles or in the air.

@@ -1,7 +1,8 @@
-"""Truncation: which sides of an object no view shows to their end, so that the dimension can only be short (methods.md).
+"""Truncation: which sides of an object no view shows to their end, so that a dimension can only be short (methods.md).
 
-The paper's eta does not see it: an object cut by the image border is dense at the cut. A view shows a side when the mask's outline on
-that side touches neither the image border nor something nearer, or when the view faces the side itself.
+The paper's eta does not see it: an object cut by the image border is dense at the cut. A view shows a side when the
+mask's outline on that side touches neither the image border nor something nearer, or when the view faces the side
+itself.
 """
 
 from __future__ import annotations
@@ -27,31 +28,34 @@ OUTER_SHARE = 0.12
 BORDER_PX = 2.0
 # ... and to this share of the mask's diagonal, which is what networks at a quarter of the resolution leave.
 BORDER_SHARE = 0.02
-# Outline points at the border or behind something that make a side cut: a quarter; a corner that touches is not a cut side.
+# Outline points at the border or behind something that make a side cut: a quarter; a corner that touches is not a cut
+# side.
 CUT_SHARE = 0.25
-# A direction is seen as such when the line of sight is at least 17 degrees off it; a face when it is as much off grazing.
+# A direction is seen as such when the line of sight is at least 17 degrees off it; a face when it is as much off
+# grazing.
 SEEN_SINE = 0.3
 # How far a mask goes beyond the points is told apart from other axes only when it is seen nearly across.
 TOLD_SINE = 0.7
-# A side that faces away from the camera is still outlined by the top, if what lies next to it is the top: half of the points in
-# the outer eighth lie in the upper quarter. A round thing's wall is at all heights there.
+# A side that faces away from the camera is still outlined by the top, if what lies next to it is the top: half of the
+# points in the outer eighth lie in the upper quarter. A round thing's wall is at all heights there.
 END_BAND, TOP_BAND, TOP_SHARE = 0.125, 0.25, 0.5
-# What hides an object lies nearer than it by at least this share of its diagonal, and above its foot: the table in front is no cover.
+# What hides an object lies nearer than it by at least this share of its diagonal, and above its foot: the table in
+# front is no cover.
 NEARER_SHARE = 0.1
 ABOVE_FOOT_SHARE = 0.1
 # Cells of the depth picture along the image's width; holes in it are read as nothing there.
 DEPTH_CELLS = 160
-MAX_DEPTH_POINTS = 40_000
+MAX_DEPTH_POINTS = 20_000
 # A point is triangulated from two views, so a side is complete when two views show it.
 VIEWS_NEEDED = 2
-# A mask that goes further than the object's points by this share of the box's length, past the border's own error, has a part that was
-# not reconstructed: twice the spread of the extent rule.
+# A mask that goes further than the object's points by this share of the box's length, past the border's own error, has
+# a part that was not reconstructed: twice the spread of the extent rule.
 SHORT_SHARE = 0.06
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outline:
-    """Outline of one mask: pixels (k, 2), which of them touch the image border (k,), and how well it is known, in pixels."""
+    """Outline of one mask: pixels (k, 2), which touch the image border (k,), and how well it is known, in pixels."""
 
     pixels: FloatArray
     at_border: BoolArray
@@ -74,7 +78,7 @@ class Surroundings:
         depth, height = self._pictures[view]
         camera = self.scene.views[view].camera
         index = np.floor(pixels * (DEPTH_CELLS / camera.width)).astype(np.int64)
-        inside = ((index >= 0) & (index < depth.shape[::-1])).all(axis=1)
+        inside = np.all((index >= 0) & (index < depth.shape[::-1]), axis=1)
         columns, lines = np.where(inside[:, None], index, 0).T
         return np.where(inside, depth[lines, columns], np.inf), height[lines, columns]
 
@@ -98,7 +102,8 @@ class Surroundings:
 class Sides:
     """How v masks of an object show its sides (low and high end of length, width, height).
 
-    shown : (v, 3, 2) whether the view shows the side to its end; excess : (v, 3, 2) how far the mask goes beyond the points there, as a share of the box's length along that axis, NaN where the view cannot tell.
+    shown : (v, 3, 2) whether the view shows the side to its end; excess : (v, 3, 2) how far the mask goes beyond the
+    points there, as a share of the box's length along that axis, NaN where the view cannot tell.
     """
 
     shown: BoolArray
@@ -115,7 +120,8 @@ class Sides:
     def truncated(self) -> BoolArray:
         """(3, 2) sides that too few views show, or where the masks go further than the points."""
         unseen = self.shown.sum(axis=0) < min(VIEWS_NEEDED, len(self.shown))
-        return np.asarray(unseen | (np.nan_to_num(self.beyond) > SHORT_SHARE))
+        short: BoolArray = np.nan_to_num(self.beyond) > SHORT_SHARE
+        return np.asarray(unseen | short)
 
 
 def outline(instance: Instance, width: int, height: int) -> Outline:
@@ -125,7 +131,8 @@ def outline(instance: Instance, width: int, height: int) -> Outline:
         return Outline(np.empty((0, 2)), np.empty(0, dtype=bool))
     pixels = np.concatenate(contours)[:, 0].astype(float) + instance.origin + 0.5
     pixels = pixels[:: max(1, len(pixels) // OUTLINE_POINTS)]
-    at_border = ((pixels < BORDER_PX) | (pixels > np.array([width, height]) - BORDER_PX)).any(axis=1)
+    far = np.array([width, height]) - BORDER_PX
+    at_border: BoolArray = np.any((pixels < BORDER_PX) | (pixels > far), axis=1)
     tolerance = max(BORDER_PX, BORDER_SHARE * float(np.hypot(*instance.mask.shape)))
     return Outline(pixels, at_border, tolerance)
 
@@ -165,13 +172,13 @@ def seen_sides(
 
 
 def _ends_on_top(local: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
-    """(3, 2) whether the points next to a side are those of the top; the vertical sides of the box only, True for the others."""
+    """(3, 2) whether the points next to a vertical side are those of the top; True for top and bottom."""
     share = (local - low) / np.maximum(high - low, np.finfo(float).tiny)
     top = share[:, 2] > 1 - TOP_BAND
     ends = np.ones((3, 2), dtype=bool)
     for axis in (0, 1):
         for end, band in enumerate((share[:, axis] < END_BAND, share[:, axis] > 1 - END_BAND)):
-            ends[axis, end] = np.count_nonzero(top & band) >= TOP_SHARE * max(np.count_nonzero(band), 1)
+            ends[axis, end] = int(np.count_nonzero(top & band)) >= TOP_SHARE * int(np.count_nonzero(band))
     return ends
 
 
@@ -183,8 +190,11 @@ def _cut_and_excess(
     box: tuple[FloatArray, FloatArray, FloatArray],
     own: FloatArray,
 ) -> tuple[BoolArray, FloatArray]:
-    """(3, 2) each: whether the outline towards a side is cut by the image border or by something nearer, and how far it goes beyond
-    the object's own points (n, 3) there, as a share of the box's length along that axis."""
+    """Two (3, 2): whether the outline towards a side is cut, and how far it goes beyond the points there.
+
+    own : (n, 3) the object's points; the second is a share of the box's length along that axis. Cut by the image border
+    or by something nearer.
+    """
     axes, low, high = box
     centre, size = (low + high) / 2, high - low
     middles = np.stack([centre + (end - 0.5) * np.diag(size) for end in (0, 1)], axis=1).reshape(6, 3)
@@ -199,8 +209,8 @@ def _cut_and_excess(
     outer = out >= (reach - OUTER_SHARE * (reach - out.min(axis=1)))[:, None]
     hidden = np.zeros(outer.shape, dtype=bool)
     if not instance.from_box:
-        for side, points in enumerate(outer):
-            hidden[side, points] = _hidden(instance, border.pixels[points], towards[side], surroundings, low[2], size)
+        side, point = np.nonzero(outer)
+        hidden[side, point] = _hidden(instance, border.pixels[point], towards[side], surroundings, (low[2], size))
     share = ((hidden | border.at_border) & outer).sum(axis=1) / outer.sum(axis=1)
     # a middle behind the camera has no direction: the object surrounds the view and is cut there
     cut = (share > CUT_SHARE) | ~(length > 0)
@@ -211,18 +221,22 @@ def _cut_and_excess(
 
 
 def _hidden(
-    instance: Instance, pixels: FloatArray, towards: FloatArray, surroundings: Surroundings, foot: float, size: FloatArray
+    instance: Instance,
+    pixels: FloatArray,
+    towards: FloatArray,
+    surroundings: Surroundings,
+    foot_and_size: tuple[float, FloatArray],
 ) -> BoolArray:
-    """(k,) whether just outside each outline pixel lies something nearer than what is just inside, above the foot."""
-    cell = surroundings.scene.views[instance.view].camera.width / DEPTH_CELLS
-    outside, height = surroundings.depths_and_heights(instance.view, pixels + 1.5 * cell * towards)
-    inside, _ = surroundings.depths_and_heights(instance.view, pixels - 1.5 * cell * towards)
+    """(k,) whether just outside each outline pixel (k, 2), towards (k, 2), lies something nearer than just inside."""
+    foot, size = foot_and_size
+    step = 1.5 * surroundings.scene.views[instance.view].camera.width / DEPTH_CELLS * towards
+    depth, height = surroundings.depths_and_heights(instance.view, np.vstack([pixels + step, pixels - step]))
+    outside, inside = np.split(depth, 2)
     nearer = outside < inside - NEARER_SHARE * float(np.linalg.norm(size))
-    return np.asarray(nearer & np.isfinite(inside) & (height > foot + ABOVE_FOOT_SHARE * size[2]))
+    above = height[: len(pixels)] > foot + ABOVE_FOOT_SHARE * size[2]
+    return np.asarray(nearer & np.isfinite(inside) & above)
 
 
 def _pixels(view: View, points: FloatArray) -> FloatArray:
     """(n, 2) pixels of world points, also outside the image; NaN behind the camera."""
     return projected(view.camera, points @ view.rotation.T + view.translation)
-
-

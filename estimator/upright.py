@@ -1,8 +1,8 @@
 """Up: the vertical of a scene, from the cameras and then from the planes in it (paper section 4.2).
 
-The paper takes the unit vector most orthogonal to all camera x axes. That is undefined when the cameras hardly turn, so the
-eigen-gap decides: where it is too small only the direction across the x axes is known, the mean camera up fills in the rest,
-and a level surface of the scene settles it where there is one.
+The paper takes the unit vector most orthogonal to all camera x axes. That is undefined when the cameras hardly turn, so
+the eigen-gap decides: where it is too small only the direction across the x axes is known, the mean camera up fills in
+the rest, and a level surface of the scene settles it where there is one.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ __all__ = ["Up", "camera_up", "joined_up", "tilted"]
 ROLL_DEG = 2.0
 # Neighbouring frames of a video lean together: about four make one independent reading.
 FRAMES_PER_READING = 4.0
-# Beyond this the vertical from x axes is worse than the mean camera up with a level surface: a height of a metre-wide thing
-# is then off by a tenth.
+# Beyond this the vertical from x axes is worse than the mean camera up with a level surface: a height of a metre-wide
+# thing is then off by a tenth.
 OBSERVABLE_DEG = 6.0
 # Pitch of hand-held cameras: they look down on things by some 15 degrees, and the mean camera up leans by as much.
 PITCH_DEG = 15.0
-# However many points a level surface has, reconstructions bend by about a hundredth of their width, and floors slope a little.
+# However many points a level surface has, reconstructions bend by about a hundredth of their width, and floors slope a
+# little.
 PLANE_FLOOR_DEG = 0.7
 
 
@@ -34,7 +35,8 @@ PLANE_FLOOR_DEG = 0.7
 class Up:
     """The vertical: `vector` (3,) unit, pointing up; `method` its name; `sigma_deg` one standard deviation of its tilt.
 
-    `known` (3,) is a horizontal direction known well (the mean camera x axis) where the tilt about it is not; else None.
+    `known` (3,) is a horizontal direction known well (the mean camera x axis) where the tilt about it is not; else
+    None.
     """
 
     vector: FloatArray
@@ -46,9 +48,9 @@ class Up:
 def camera_up(views: Sequence[View]) -> Up:
     """Up from the cameras alone.
 
-    Equation: n = argmin |R x| over unit x, R the (v, 3) camera x axes; n is the eigenvector of the smallest eigenvalue of
-    R^T R. Its tilt towards eigenvector j has variance k roll^2 / (lambda_j - lambda_1), k frames making one reading, so the gap to
-    the second eigenvalue decides. The sign is that of the mean camera up. Without views: ValueError.
+    Equation: n = argmin |R x| over unit x, R the (v, 3) camera x axes; n is the eigenvector of the smallest eigenvalue
+    of R^T R. Its tilt towards eigenvector j has variance k roll^2 / (lambda_j - lambda_1), k frames making one reading,
+    so the gap to the second eigenvalue decides. The sign is that of the mean camera up. Without views: ValueError.
     """
     if not views:
         raise ValueError("up needs at least one view")

@@ -64,6 +64,11 @@ class RawItem:
         sizes = [v for v in (*self.dimensions_mm.values(), *(self.extents_mm or ())) if v is not None]
         _expect(all(math.isfinite(v) and v > 0 for v in sizes), "dimensions_mm", "positive lengths", sizes)
 
+    @property
+    def identity(self) -> str:
+        """What makes the item one: its source and the source's own id."""
+        return f"{self.source}:{self.source_id}"
+
     def line(self) -> str:
         """The item as one JSON line, without the line break."""
         record: dict[str, Any] = {"schema": SCHEMA}

@@ -14,9 +14,7 @@ from scrapy.crawler import Crawler
 from scrapy.exceptions import IgnoreRequest
 from scrapy.http import Response, TextResponse
 
-from crawler.frontier import Frontier
 from crawler.pages import MAXIMUM_BYTES
-from crawler.scheduler import FRONTIER
 
 __all__ = ["BanMiddleware", "GuardMiddleware", "settings", "user_agent"]
 
@@ -40,9 +38,7 @@ def user_agent(contact: str) -> str:
     return f"metric-tree/1 (object sizes for research; {contact})"
 
 
-def settings(
-    frontier: Frontier, *, contact: str, cache: Path | None = None, private: bool = False, delay: float = 1.0
-) -> dict[str, Any]:
+def settings(*, contact: str, cache: Path | None = None, private: bool = False, delay: float = 1.0) -> dict[str, Any]:
     """Scrapy's settings for a crawl that may be left alone.
 
     Parameters
@@ -54,7 +50,6 @@ def settings(
     """
     guards = {"crawler.manners.GuardMiddleware": 40, "crawler.manners.BanMiddleware": 560}
     own = {
-        FRONTIER: frontier,
         "METRIC_TREE_PRIVATE": private,
         "SCHEDULER": "crawler.scheduler.FrontierScheduler",
         "SPIDER_MIDDLEWARES": {"crawler.scheduler.CommitMiddleware": 10},

@@ -15,14 +15,21 @@ from twisted.python.failure import Failure
 
 from crawler.frontier import Frontier, Outcome, Task, task_key
 from crawler.items import RawItem
+from crawler.pictures import Picture
 
-__all__ = ["FRONTIER", "KEY", "CommitMiddleware", "FrontierScheduler"]
+__all__ = ["KEY", "CommitMiddleware", "FrontierScheduler", "frontier_of"]
 
-#: The setting that holds the frontier, and the request's meta that holds the task's key.
-FRONTIER, KEY = "METRIC_TREE_FRONTIER", "frontier_key"
+#: The request's meta that holds the task's key.
+KEY = "frontier_key"
 
 #: What of a request's meta outlives the process: the counters of Scrapy's own middlewares and what spiders hand on.
 _LASTING = ("depth", "retry_times", "redirect_times", "redirect_urls", "bans", "item")
+
+
+def frontier_of(crawler: Crawler) -> Frontier:
+    """The frontier that `crawler.crawl` hangs on a crawler; settings are copied deep, a connection cannot be."""
+    frontier: Frontier = crawler.frontier  # type: ignore[attr-defined]
+    return frontier
 
 
 class FrontierScheduler(BaseScheduler):
@@ -34,8 +41,8 @@ class FrontierScheduler(BaseScheduler):
 
     @classmethod
     def from_crawler(cls, crawler: Crawler) -> FrontierScheduler:
-        """The scheduler over the frontier of the settings."""
-        return cls(crawler.settings[FRONTIER])
+        """The scheduler over the crawler's frontier."""
+        return cls(frontier_of(crawler))
 
     def open(self, spider: Spider) -> None:
         """Remember the spider, whose methods the tasks name."""
@@ -80,7 +87,7 @@ class CommitMiddleware:
     """Everything a page yields, written at once: its items, its links, and that it is done."""
 
     def __init__(self, crawler: Crawler) -> None:
-        self._frontier: Frontier = crawler.settings[FRONTIER]
+        self._frontier = frontier_of(crawler)
         self._stats = crawler.stats
 
     @classmethod
@@ -88,7 +95,7 @@ class CommitMiddleware:
         """The middleware of a crawler."""
         return cls(crawler)
 
-    async def process_spider_output_async(self, response: Response, result: AsyncIterator[Any]) -> AsyncIterator[Any]:
+    async def process_spider_output(self, response: Response, result: AsyncIterator[Any]) -> AsyncIterator[Any]:
         """Collect and commit; nothing is passed on, the scheduler takes the links from the frontier."""
         items: list[tuple[str, str]] = []
         tasks: list[Task] = []
@@ -97,8 +104,8 @@ class CommitMiddleware:
             async for found in result:
                 if isinstance(found, Request):
                     tasks.append(_task(found, depth=response.meta.get("depth", 0) + 1))
-                elif isinstance(found, RawItem):
-                    items.append((f"{found.source}:{found.source_id}", found.line()))
+                elif isinstance(found, RawItem | Picture):
+                    items.append((found.identity, found.line()))
                 else:
                     self._count(f"dropped/{found}")
         except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl

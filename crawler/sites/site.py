@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from urllib.parse import urljoin, urlsplit
+from urllib.parse import quote, quote_plus, urljoin, urlsplit
 
 from crawler.pages import Page, squeezed
 from crawler.product import MAXIMUM_IMAGES, Product, product
@@ -18,6 +18,8 @@ class Site:
     """A site's rules; every XPath may be empty, then schema.org data and headings serve.
 
     hosts : regular expressions of whole host names, without `www.`.
+    product_page, listing_page : regular expressions on addresses; empty ones match all.
+    templates : addresses to begin with, with `{query}` or `{category}` to be filled in.
     id : a regular expression on the address whose first group is the site's own id of the product.
     category, images : XPaths that yield texts and addresses; title, brand : XPaths of an element or text.
     """
@@ -25,6 +27,9 @@ class Site:
     name: str
     hosts: tuple[str, ...]
     id: str = ""
+    product_page: str = ""
+    listing_page: str = ""
+    templates: tuple[str, ...] = ()
     title: str = ""
     category: str = ""
     brand: str = ""
@@ -34,6 +39,22 @@ class Site:
         """Whether an address belongs to the site."""
         host = (urlsplit(url).hostname or "").removeprefix("www.")
         return any(re.fullmatch(pattern, host) for pattern in self.hosts)
+
+    def is_product(self, url: str) -> bool:
+        """Whether an address is a product's page."""
+        return bool(re.search(self.product_page, url))
+
+    def is_listing(self, url: str) -> bool:
+        """Whether an address lists products or categories."""
+        return bool(re.search(self.listing_page, url))
+
+    def addresses(self, query: str = "", category: str = "") -> Iterator[str]:
+        """Addresses to begin with: the templates that what is given fills."""
+        given = {"query": quote_plus(query), "category": quote(category.strip("/"))}
+        for template in self.templates:
+            wanted = re.findall(r"\{(\w+)\}", template)
+            if wanted and all(given[name] for name in wanted):
+                yield template.format(**given)
 
     def product(self, page: Page) -> Product:
         """The product of one of the site's pages; what its rules do not find is read as on any site."""

@@ -1,0 +1,154 @@
+"""A crawl as one call: a frontier, a spider, its manners, and a summary at the end."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from crawler.dataset import write_segments
+from crawler.faults import InputFault
+from crawler.frontier import Frontier
+from crawler.frontier_sqlite import SqliteFrontier
+
+__all__ = ["Crawl", "Summary", "crawled"]
+
+#: Seconds between two writes of segments: what a reader of a running crawl waits for at most.
+SEGMENT_SECONDS = 60.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crawl:
+    """What to crawl and where to; `redis` shares the frontier, `worker` keeps workers' items apart in `out`."""
+
+    spider: str
+    out: Path
+    start: Sequence[str] = ()
+    query: str = ""
+    category: str = ""
+    limit: int = 0
+    resume: bool = False
+    pictures: bool = False
+    contact: str
+    cache: Path | None = None
+    private: bool = False
+    delay: float = 1.0
+    redis: str = ""
+    worker: str = ""
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def folder(self) -> Path:
+        """Where this worker's files go."""
+        return self.out / self.worker if self.worker else self.out
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a crawl did in this run, and what its frontier holds after it."""
+
+    reason: str
+    seconds: float
+    pages: int
+    items: int
+    bytes: int
+    bans: int
+    dropped: Mapping[str, int]
+    failed: Mapping[str, int]
+    frontier: Mapping[str, int]
+
+    def record(self) -> dict[str, Any]:
+        """The summary as JSON."""
+        rate = self.pages / self.seconds if self.seconds else 0.0
+        values = {name: getattr(self, name) for name in self.__slots__}
+        return {"schema": "metric-tree/crawl/1", **values, "pages_per_second": round(rate, 2)}
+
+
+def crawled(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None = None) -> Summary:
+    """Run a crawl to its end.
+
+    Raises
+    ------
+    InputFault
+        The folder holds a crawl already and `resume` was not asked for, or the spider is unknown.
+    """
+    from scrapy.crawler import CrawlerProcess
+
+    from crawler.manners import settings
+    from crawler.spiders import spider_class
+
+    spider = spider_class(crawl.spider)
+    frontier = _frontier(crawl)
+    options = settings(contact=crawl.contact, cache=crawl.cache, private=crawl.private, delay=crawl.delay)
+    process = CrawlerProcess(options | {"LOG_INSTALL_ROOT_HANDLER": False} | dict(crawl.overrides))
+    crawler = process.create_crawler(spider)
+    crawler.frontier = frontier
+    started = time.monotonic()
+    _heartbeat(frontier, crawl.folder, crawler, progress)
+    failures: list[Any] = []
+    running = process.crawl(
+        crawler, start=crawl.start, query=crawl.query, category=crawl.category, limit=crawl.limit,
+        pictures=crawl.folder / "pictures" if crawl.pictures else None,
+    )  # fmt: skip
+    running.addErrback(failures.append)
+    process.start()
+    if failures:
+        failures[0].raiseException()
+    write_segments(frontier, crawl.folder)
+    summary = _summary(crawler.stats.get_stats(), frontier, time.monotonic() - started)
+    frontier.close()
+    return summary
+
+
+def _frontier(crawl: Crawl) -> Any:
+    path = crawl.folder / "frontier.sqlite"
+    if path.exists() and not crawl.resume:
+        raise InputFault(f"{crawl.folder}: expected a free folder, or --resume; found a crawl")
+    if crawl.redis:
+        from crawler.frontier_redis import RedisFrontier
+
+        return RedisFrontier(crawl.redis, crawl.out.name or "crawl", crawl.folder)
+    return SqliteFrontier(path)
+
+
+def _heartbeat(frontier: Any, folder: Path, crawler: Any, progress: Callable[[Mapping[str, Any]], None] | None) -> None:
+    """Once a second the progress, once a minute a segment, while the reactor runs."""
+    from scrapy import signals
+
+    running: list[Any] = []
+
+    def begin() -> None:
+        from twisted.internet.task import LoopingCall  # asks for the reactor, which Scrapy must have chosen first
+
+        beats = [(SEGMENT_SECONDS, lambda: write_segments(frontier, folder))]
+        if progress is not None:
+            beats.append((1.0, lambda: progress(crawler.stats.get_stats() | frontier.counts())))
+        for seconds, beat in beats:
+            running.append(LoopingCall(beat))
+            running[-1].start(seconds, now=False)
+
+    def end() -> None:
+        for beat in running:
+            beat.stop()
+
+    crawler.signals.connect(begin, signals.spider_opened, weak=False)
+    crawler.signals.connect(end, signals.spider_closed, weak=False)
+
+
+def _summary(stats: Mapping[str, Any], frontier: Frontier, seconds: float) -> Summary:
+    def below(prefix: str) -> dict[str, int]:
+        return {name.removeprefix(prefix): value for name, value in stats.items() if name.startswith(prefix)}
+
+    return Summary(
+        reason=str(stats.get("finish_reason", "unknown")),
+        seconds=round(seconds, 3),
+        pages=int(stats.get("metric_tree/pages", 0)),
+        items=int(stats.get("metric_tree/items", 0)),
+        bytes=int(stats.get("downloader/response_bytes", 0)),
+        bans=int(stats.get("metric_tree/bans", 0)),
+        dropped=below("metric_tree/dropped/"),
+        failed=below("metric_tree/failed/"),
+        frontier=frontier.counts(),
+    )

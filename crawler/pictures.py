@@ -1,0 +1,99 @@
+"""Pictures of items: verified as what they claim to be, stored once under the hash of their bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Literal
+
+__all__ = ["SCHEMA", "Picture", "Refusal", "picture"]
+
+SCHEMA = "metric-tree/picture/1"
+
+#: Why a picture is refused.
+Refusal = Literal["empty", "too_many_bytes", "no_picture", "too_small", "too_large", "animated", "broken"]
+
+#: Bytes of one picture: ten times a large product photograph.
+MAXIMUM_BYTES = 20_000_000
+
+#: Sides in pixels: below, a cut-out has no edge to speak of; above, a picture is a bomb or a poster.
+SIDES = (64, 12_000)
+
+#: Pixels: forty million are 160 MB once unpacked with transparency.
+MAXIMUM_PIXELS = 40_000_000
+
+_ENDINGS = {"JPEG": "jpg", "PNG": "png", "WEBP": "webp"}
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A stored picture: its hash, its item, where it came from and where it lies, its size."""
+
+    image_id: str
+    item_id: str
+    source_url: str
+    path: str
+    width_px: int
+    height_px: int
+
+    @property
+    def identity(self) -> str:
+        """What makes the record one: a picture shown by two items is two records and one file."""
+        return f"picture:{self.image_id}:{self.item_id}"
+
+    def line(self) -> str:
+        """The record as one JSON line."""
+        return json.dumps({"schema": SCHEMA, **asdict(self)}, ensure_ascii=False)
+
+
+def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refusal:
+    """The picture of a body, stored in `folder`, or why it was refused.
+
+    Only JPEG, PNG and WebP stills pass; the header's size is checked before a pixel is unpacked.
+    """
+    if not body:
+        return "empty"
+    if len(body) > MAXIMUM_BYTES:
+        return "too_many_bytes"
+    checked = _checked(body)
+    if not isinstance(checked, tuple):
+        return checked
+    ending, width, height = checked
+    name = hashlib.sha256(body).hexdigest()
+    path = Path(name[:2]) / f"{name}.{ending}"
+    _store(folder / path, body)
+    return Picture(name, item_id, url, path.as_posix(), width, height)
+
+
+def _checked(body: bytes) -> tuple[str, int, int] | Refusal:
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(BytesIO(body), formats=list(_ENDINGS)) as image:
+            width, height = image.size
+            if getattr(image, "is_animated", False):
+                return "animated"
+            if min(width, height) < SIDES[0]:
+                return "too_small"
+            if max(width, height) > SIDES[1] or width * height > MAXIMUM_PIXELS:
+                return "too_large"
+            ending = _ENDINGS[image.format or ""]
+            image.load()
+    except (UnidentifiedImageError, Image.DecompressionBombError):
+        return "no_picture"
+    except (OSError, ValueError, SyntaxError, KeyError):  # what Pillow raises for truncated and crooked files
+        return "broken"
+    return ending, width, height
+
+
+def _store(path: Path, body: bytes) -> None:
+    if path.exists():
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    work = path.with_name(f".{path.name}.{os.getpid()}")
+    work.write_bytes(body)
+    work.replace(path)

@@ -1,0 +1,110 @@
+"""One spider for every site: it follows the site's listings and reads its product pages by the site's rules."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import AsyncIterator, Iterable, Iterator
+from typing import Any, ClassVar
+from urllib.parse import urljoin, urlsplit
+
+import scrapy
+from scrapy.http import Response
+
+from crawler.extraction import raw_item
+from crawler.items import RawItem
+from crawler.pages import Page, page
+from crawler.pictures import Picture, picture
+from crawler.sites.site import Site
+
+__all__ = ["SiteSpider"]
+
+#: Product pages before listings before pictures: a crawl that is stopped has items, not addresses.
+PRODUCT, LISTING, PICTURE = 20, 10, 0
+
+_NO_PAGE = re.compile(r"\.(?:jpe?g|png|gif|webp|svg|pdf|zip|css|js|ico|mp4|woff2?)(?:$|\?)", re.IGNORECASE)
+
+
+class SiteSpider(scrapy.Spider):
+    """A crawl of one site, or of any site by the common rules.
+
+    Parameters
+    ----------
+    start : addresses to begin with; the site's own if none. query, category : filled into the site's templates.
+    pictures : folder for the items' pictures; None keeps the links alone. limit : items after which to stop.
+    """
+
+    name = "site"
+    site: ClassVar[Site]
+
+    def __init__(
+        self,
+        start: Iterable[str] = (),
+        query: str = "",
+        category: str = "",
+        limit: int = 0,
+        pictures: Any = None,
+        **named: Any,
+    ) -> None:
+        super().__init__(**named)
+        self._start = [*start, *self.site.addresses(query=query, category=category)]
+        self._hosts = {urlsplit(url).hostname for url in self._start}
+        self._limit, self._pictures, self._items = limit, pictures, 0
+
+    def allows(self, url: str) -> bool:
+        """Whether an address is the site's: asked before every download, after every redirect."""
+        host = urlsplit(url).hostname
+        return self.site.owns(url) or host in self._hosts or (self._pictures is not None and bool(_NO_PAGE.search(url)))
+
+    async def start(self) -> AsyncIterator[scrapy.Request]:
+        """The first addresses."""
+        for url in self._start:
+            yield scrapy.Request(url, priority=LISTING)
+
+    def parse(self, response: Response, **_: Any) -> Iterator[Any]:
+        """The item of a product page, and the links of any page.
+
+        What is dropped is yielded as its reason, and counted.
+        """
+        if b"html" not in (response.headers.get("Content-Type") or b"html"):
+            yield "no_html"
+            return
+        read = page(response.body, response.url, (response.headers.get("Content-Type") or b"").decode("latin-1"))
+        yield from self._item(read)
+        yield from self._links(read)
+
+    def picture(self, response: Response, **_: Any) -> Iterator[Any]:
+        """The picture of an item: verified, stored once under the hash of its bytes."""
+        found = picture(response.body, response.url, response.meta["item"], self._pictures)
+        yield found if isinstance(found, Picture) else f"picture_{found}"
+
+    def _item(self, read: Page) -> Iterator[Any]:
+        if not self.site.is_product(read.url):
+            return
+        item = raw_item(read, self.site.name, self.site.product(read))
+        if item.extents_mm is None:
+            yield "no_size" if item.title else "no_product"
+            return
+        yield item
+        yield from self._picture_requests(item)
+        self._items += 1
+        if self._limit and self._items >= self._limit and self.crawler.engine is not None:
+            from scrapy.utils.defer import deferred_from_coro
+
+            deferred_from_coro(self.crawler.engine.close_spider_async(reason="limit"))
+
+    def _picture_requests(self, item: RawItem) -> Iterator[scrapy.Request]:
+        if self._pictures is not None:
+            for url in item.images:
+                meta = {"item": f"{item.source}:{item.source_id}"}
+                yield scrapy.Request(url, callback=self.picture, priority=PICTURE, meta=meta)
+
+    def _links(self, read: Page) -> Iterator[scrapy.Request]:
+        seen: set[str] = set()
+        for address in read.root.xpath("//a/@href"):
+            url = urljoin(read.url, address.strip()).split("#")[0]
+            if url not in seen and url.startswith("http") and not _NO_PAGE.search(url) and self.allows(url):
+                seen.add(url)
+                if self.site.is_product(url):
+                    yield scrapy.Request(url, callback=self.parse, priority=PRODUCT)
+                elif self.site.is_listing(url):
+                    yield scrapy.Request(url, callback=self.parse, priority=LISTING)

@@ -1,0 +1,97 @@
+"""`metric-tree crawl SPIDER`: run a spider into a raw-item data set."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from metric_tree.commands.shell import print_json, print_table
+
+__all__ = ["CONTACT_VARIABLE", "HELP", "add_arguments", "run"]
+
+HELP = "Run a spider into a raw-item data set: polite, resumable, safe to leave alone."
+
+#: Where a site's owner reaches whoever crawls; asked for once, not on every call.
+CONTACT_VARIABLE = "METRIC_TREE_CONTACT"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("spider", metavar="SPIDER", help="amazon, ikea, ..., wikidata, or generic for any site")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set")
+    parser.add_argument(
+        "--start-url", action="append", default=[], metavar="URL", help="where to begin; may be repeated"
+    )
+    parser.add_argument("--query", default="", help="begin with a search of the site")
+    parser.add_argument("--category", default="", help="begin with a category of the site")
+    parser.add_argument("--limit", type=int, default=0, metavar="N", help="stop after N items")
+    parser.add_argument("--resume", action="store_true", help="go on with the crawl in DIR")
+    parser.add_argument("--pictures", action="store_true", help="download the items' pictures, where you may")
+    parser.add_argument("--contact", default=os.environ.get(CONTACT_VARIABLE), help=f"or {CONTACT_VARIABLE}")
+    parser.add_argument("--delay", type=float, default=1.0, metavar="SECONDS", help="between requests to one site")
+    parser.add_argument("--cache", type=Path, metavar="DIR", help="HTTP cache for conditional requests")
+    parser.add_argument("--redis", default="", metavar="URL", help="share the frontier with other workers")
+    parser.add_argument("--worker", default="", metavar="NAME", help="this worker's folder in DIR, with --redis")
+    parser.add_argument("--private", action="store_true", help="allow addresses of this machine and its network")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Crawl, then print the summary."""
+    from crawler.crawl import Crawl, crawled
+    from crawler.faults import InputFault
+
+    if not arguments.contact:
+        raise InputFault(f"--contact: expected an address or a page, or {CONTACT_VARIABLE}; found none")
+    crawl = Crawl(
+        spider=arguments.spider,
+        out=arguments.out,
+        start=arguments.start_url,
+        query=arguments.query,
+        category=arguments.category,
+        limit=arguments.limit,
+        resume=arguments.resume,
+        pictures=arguments.pictures,
+        contact=arguments.contact,
+        cache=arguments.cache,
+        private=arguments.private,
+        delay=arguments.delay,
+        redis=arguments.redis,
+        worker=arguments.worker,
+    )
+    with _progress() as show:
+        summary = crawled(crawl, show).record()
+    if arguments.json:
+        print_json(summary)
+    else:
+        print_table(["crawl", ""], [(name, _shown(value)) for name, value in summary.items() if name != "schema"])
+    return 0
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {count}" for name, count in value.items()) or "none"
+    return str(value)
+
+
+class _progress:  # noqa: N801 - used as a context manager, reads as one
+    """A line on a terminal: pages, items, drops, what waits. Nothing where standard error is no terminal."""
+
+    def __enter__(self) -> Callable[[Mapping[str, Any]], None] | None:
+        return self._show if sys.stderr.isatty() else None
+
+    def __exit__(self, *_: object) -> None:
+        if sys.stderr.isatty():
+            sys.stderr.write("\r\x1b[K")
+
+    def _show(self, stats: Mapping[str, Any]) -> None:
+        dropped = sum(value for name, value in stats.items() if name.startswith("metric_tree/dropped/"))
+        line = (
+            f"{stats.get('metric_tree/pages', 0)} pages, {stats.get('metric_tree/items', 0)} items, {dropped} dropped,"
+            f" {stats.get('waiting', 0)} waiting, {stats.get('metric_tree/bans', 0)} bans"
+        )
+        sys.stderr.write(f"\r\x1b[K{line}")
+        sys.stderr.flush()

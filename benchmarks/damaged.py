@@ -1,6 +1,6 @@
 """Damaged input of every kind: what the readers say about it, and how long they take.
 
-    python -m benchmarks.damaged            the table: kind, seconds, message
+    python -m benchmarks.damaged            the table: kind, time, memory, message
 
 Each case is a copy of the small scene with one thing wrong. A reader must answer with one line (`BadScene`, exit
 2 of the command); an exception of any other kind is printed as a fault of the program.
@@ -14,6 +14,7 @@ import struct
 import sys
 import tempfile
 import time
+import tracemalloc
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -47,21 +48,30 @@ class Outcome:
     message: str | None
     fault: Exception | None
     seconds: float
+    peak_bytes: int
 
 
 def outcome(case: Case, folder: Path) -> Outcome:
-    """Read a damaged copy of the small scene in `folder`."""
+    """Read a damaged copy of the small scene in `folder`, once for the time and once for the memory."""
     case.damage(folder / case.form)
-    scene_folder, message, fault = folder / case.form, None, None
     start = time.perf_counter()
+    message, fault = _answer(case, folder / case.form)
+    seconds = time.perf_counter() - start
+    tracemalloc.start()
+    _answer(case, folder / case.form)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return Outcome(case, message, fault, seconds, peak)
+
+
+def _answer(case: Case, folder: Path) -> tuple[str | None, Exception | None]:
     try:
-        scene = scene_at(scene_folder)
-        instances_and_warnings(scene, None if case.instances is None else scene_folder / case.instances)
+        instances_and_warnings(scene_at(folder), None if case.instances is None else folder / case.instances)
     except BadScene as bad:
-        message = str(bad)
+        return str(bad), None
     except Exception as other:  # noqa: BLE001 (the point of the table is to show it)
-        fault = other
-    return Outcome(case, message, fault, time.perf_counter() - start)
+        return None, other
+    return None, None
 
 
 def outcomes() -> Iterator[Outcome]:
@@ -294,13 +304,14 @@ CASES: tuple[Case, ...] = (
 
 def main() -> int:
     """Print the table; 1 if any case was taken as good, raised something else, or took a second."""
-    worst, failures = 0.0, 0
+    worst, most, failures = 0.0, 0, 0
     for result in outcomes():
         message = result.message or f"NOT FOUND ({result.fault!r})"
         failures += result.message is None or "\n" in result.message or result.seconds >= 1
-        worst = max(worst, result.seconds)
-        print(f"{result.case.name:<42} {1000 * result.seconds:6.1f} ms  {message}")
-    print(f"{len(CASES)} kinds, {failures} not answered by one line within a second; slowest {1000 * worst:.0f} ms")
+        worst, most = max(worst, result.seconds), max(most, result.peak_bytes)
+        print(f"{result.case.name:<42} {1000 * result.seconds:6.1f} ms {result.peak_bytes / 1e6:5.1f} MB  {message}")
+    slowest = f"slowest {1000 * worst:.0f} ms, most memory {most / 1e6:.1f} MB"
+    print(f"{len(CASES)} kinds, {failures} not answered by one line within a second; {slowest}")
     return int(failures > 0)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from estimator.pictures import written_whole
 from estimator.plan import COLOURS, bare_axes, draw_scene
 from estimator.result import ObjectReport, ScaleResult
-from estimator.scene import FloatArray
+from estimator.scene import BadScene, FloatArray
 from estimator.truth import scene_truth
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 __all__ = ["figure", "write_figure"]
 
 POSTERIOR_COLOUR, TRUTH_COLOUR = "#222222", "#009E73"
+FORMATS = (".png", ".pdf", ".svg")
 #: More rows of objects than this are no longer read; the most certain of them are drawn.
 MAX_ROWS = 45
 ROW_INCHES, HEAD_INCHES, FOOT_INCHES, LEAST_INCHES, WIDTH_INCHES = 0.21, 2.4, 0.9, 7.0, 14.0
@@ -52,9 +53,11 @@ MAX_TICKS = 10
 
 def write_figure(estimate: SceneEstimate, file: Path) -> None:
     """Draw the figure into a file whose ending names the format (`.png`, `.pdf`, `.svg`), whole or not at all."""
+    if file.suffix.lower() not in FORMATS:
+        raise BadScene.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
     drawn = figure(estimate)
     with written_whole(file) as temporary:
-        drawn.savefig(temporary, format=file.suffix.lstrip(".") or "png", dpi=130)
+        drawn.savefig(temporary, format=file.suffix[1:].lower(), dpi=130)
 
 
 def figure(estimate: SceneEstimate) -> Figure:

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 
 from benchmarks.damaged import CASES, Case, outcome
 from benchmarks.small_scene import write_small_scene
+from estimator.command import main
 from estimator.reading import instances_and_warnings, scene_at
 from estimator.scene import BadScene, Instance, Scene
+from tests import minitree
 
 FORMS = ("colmap", "text", "opensfm")
 
@@ -45,6 +47,29 @@ def test_one_line_within_a_second(case: Case, warm: Path, tmp_path: Path) -> Non
     assert str(tmp_path) in result.message, "the file is named"
     assert len(result.message) < 500
     assert result.seconds < 1
+    assert result.peak_bytes < 30e6
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return minitree.release(tmp_path_factory.mktemp("tree") / "mini").directory
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case.name for case in CASES])
+def test_the_command_answers_with_the_same_line_and_exit_2(
+    case: Case, warm: Path, tree: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(warm, tmp_path / "copy")
+    message = outcome(case, tmp_path / "copy").message
+    folder = tmp_path / "copy" / case.form
+    instances = [] if case.instances is None else ["--instances", str(folder / case.instances)]
+    written = ["--output", str(tmp_path / "result.json"), "--write-scaled", str(tmp_path / "metric")]
+    status = main([str(folder), "--tree", str(tree), *instances, *written])
+    captured = capsys.readouterr()
+    assert status == 2
+    assert captured.err == f"estimate-scale: {message}\n"
+    assert captured.out == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["copy"], "nothing is written"
 
 
 def test_kinds_are_many_and_apart() -> None:

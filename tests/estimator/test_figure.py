@@ -15,6 +15,7 @@ from benchmarks.small_scene import write_small_scene
 from estimator.figure import figure, write_figure
 from estimator.pipeline import SceneEstimate
 from estimator.plan import COLOURS
+from estimator.scene import BadScene
 from tests.estimator.drawn import SCALE, drawn_estimate
 
 
@@ -89,8 +90,10 @@ def test_written_in_the_format_of_its_name(suffix: str, estimate: SceneEstimate,
 
 
 def test_nothing_is_left_of_a_figure_that_fails(estimate: SceneEstimate, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="jpq"):
+    with pytest.raises(BadScene, match=r"ends in \.png"):
         write_figure(estimate, tmp_path / "scale.jpq")
+    with pytest.raises(FileNotFoundError):
+        write_figure(estimate, tmp_path / "nowhere" / "scale.png")
     assert not list(tmp_path.iterdir())
 
 

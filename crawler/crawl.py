@@ -122,7 +122,7 @@ def _heartbeat(frontier: Any, folder: Path, crawler: Any, progress: Callable[[Ma
     def begin() -> None:
         from twisted.internet.task import LoopingCall  # asks for the reactor, which Scrapy must have chosen first
 
-        beats = [(SEGMENT_SECONDS, lambda: write_segments(frontier, folder))]
+        beats: list[tuple[float, Callable[[], object]]] = [(SEGMENT_SECONDS, lambda: write_segments(frontier, folder))]
         if progress is not None:
             beats.append((1.0, lambda: progress(crawler.stats.get_stats() | frontier.counts())))
         for seconds, beat in beats:

@@ -21,7 +21,7 @@ __all__ = ["BanMiddleware", "GuardMiddleware", "settings", "user_agent"]
 #: A download that takes longer is a trap or a dead server; half a minute serves any honest page.
 DOWNLOAD_SECONDS = 30
 
-#: First pause after a ban, doubled with each further one, up to the longest; after so many in a row the crawl stops.
+#: First pause after a ban, doubled with each further one up to the longest; the crawl stops after so many in a row.
 BAN_SECONDS, LONGEST_BAN_SECONDS, MOST_BANS = 30.0, 1800.0, 6
 
 #: What a page says instead of its product when the site takes us for a robot.
@@ -151,7 +151,7 @@ class BanMiddleware:
         if engine is None:
             return
         if self._in_a_row > MOST_BANS:
-            self._crawler.spider.banned = True  # type: ignore[union-attr]
+            self._crawler.spider.banned = True
             from scrapy.utils.defer import deferred_from_coro
 
             deferred_from_coro(engine.close_spider_async(reason="banned"))
@@ -159,7 +159,7 @@ class BanMiddleware:
         first = self._crawler.settings.getfloat("METRIC_TREE_BAN_SECONDS", BAN_SECONDS)
         seconds = min(max(asked, first * 2 ** (self._in_a_row - 1)), LONGEST_BAN_SECONDS)
         engine.pause()
-        reactor.callLater(seconds, engine.unpause)  # type: ignore[attr-defined]
+        reactor.callLater(seconds, engine.unpause)
 
 
 def is_ban(response: Response) -> bool:

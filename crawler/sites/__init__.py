@@ -5,7 +5,15 @@ from __future__ import annotations
 from crawler.extraction import raw_item
 from crawler.items import RawItem
 from crawler.pages import Page
-from crawler.sites import amazon, ikea
+from crawler.sites import (
+    amazon,
+    automobile_dimension,
+    crate_and_barrel,
+    dimensions_com,
+    ikea,
+    wayfair,
+    wikipedia,
+)
 from crawler.sites.site import Site
 
 __all__ = ["GENERIC", "SITES", "Site", "item_of", "site_of"]
@@ -14,7 +22,15 @@ __all__ = ["GENERIC", "SITES", "Site", "item_of", "site_of"]
 GENERIC = Site(name="generic", hosts=())
 
 #: Sites with rules of their own, first match wins.
-SITES: tuple[Site, ...] = (amazon.SITE, ikea.SITE)
+SITES: tuple[Site, ...] = (
+    amazon.SITE,
+    automobile_dimension.SITE,
+    crate_and_barrel.SITE,
+    dimensions_com.SITE,
+    ikea.SITE,
+    wayfair.SITE,
+    wikipedia.SITE,
+)
 
 
 def site_of(url: str) -> Site:

@@ -1,0 +1,14 @@
+"""Listing pages of car dimensions (automobiledimension.com and its like). Not yet verified on a real page."""
+
+from crawler.sites.site import Site
+
+__all__ = ["SITE"]
+
+SITE = Site(
+    name="automobile_dimension",
+    hosts=(r"(.*\.)?(automobiledimension|carsized|ultimatespecs)\.com",),
+    product_page=r"/model/|/models/[^/]+/|-\d{4}\.html|-dimensions",
+    listing_page=r"-car-dimensions|/brands?/|/makes?/|\.html$",
+    templates=("https://www.automobiledimension.com/{category}-car-dimensions.html",),
+    title="//h1",
+)

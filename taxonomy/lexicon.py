@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache, cached_property
 
 from taxonomy.insertions import PREFIX, Insertion, insertions
@@ -39,7 +39,7 @@ class Lexicon:
         """
         found = self._found.get(phrase)
         if found is None:
-            forms = (self._of_form(form) for form in dict.fromkeys(self._forms(phrase)))
+            forms = (self._of_form(form) for form in dict.fromkeys(self.forms(phrase)))
             found = self._found[phrase] = tuple(concepts for concepts in forms if concepts)
         return found
 
@@ -75,7 +75,8 @@ class Lexicon:
         senses = (sense for lemma in self._lemmas.get(form, ()) for sense in self.wordnet.senses(lemma))
         return tuple(dict.fromkeys((*self._inserted_by_name.get(form, ()), *senses)))
 
-    def _forms(self, phrase: str) -> Iterable[str]:
+    def forms(self, phrase: str) -> Iterator[str]:
+        """What a folded phrase may be a spelling or a plural of, itself first."""
         yield phrase
         head, _, last = phrase.rpartition(" ")
         for single in (*self.wordnet.irregular_plurals.get(last, ()), *singulars(last)):

@@ -13,7 +13,7 @@ from taxonomy.insertions import PREFIX
 from taxonomy.lexicon import Lexicon, default_lexicon
 from taxonomy.places import taxonomy_directory
 from taxonomy.readings import Reading, default_readings, reading_of
-from taxonomy.review import Decision, default_rulings
+from taxonomy.review import EVERY_SOURCE, Decision, default_rulings
 from taxonomy.senses import DOMAINS, Sense, sense
 from taxonomy.words import Phrase, folded, noun_phrase
 from taxonomy.wordnet import UnknownSynset
@@ -26,7 +26,7 @@ THRESHOLD = 0.8
 
 #: How often a rule is right before it has been measured, and how many strings that belief is worth.
 _BELIEF = {"decision": 0.97, "source synset": 0.95, "class": 0.95, "exact": 0.95, "compound": 0.9, "head": 0.8}
-_CERTAINTY = {"sole": 1.0, "domain": 0.97, "frequent": 0.9, "rare": 0.85}
+_CERTAINTY = {"ruled": 1.02, "sole": 1.0, "domain": 0.97, "frequent": 0.9, "rare": 0.85}
 _BELIEF_WEIGHT = 6.0
 
 _RELIABILITY_FILE = "reliability.json"
@@ -91,6 +91,7 @@ class Matcher:
         self._rulings = rulings
         self._reliability = reliability or {}
         self._named: dict[tuple[str, str, bool], Finding] = {}
+        self._meanings = {words: ruling for (source, words), ruling in rulings.items() if source == EVERY_SOURCE}
 
     def finding(
         self, source: str, category_path: tuple[str, ...], title: str = "", synset: str | None = None
@@ -115,11 +116,13 @@ class Matcher:
         whole_path = " > ".join(folded(part) for part in path)
         nouns = [folded(noun_phrase(text)) for text in texts]
         for text in dict.fromkeys((subject, whole_path, *map(folded, texts), *nouns)):
-            for key in ((source, text), ("*", text)):
-                if ruling := self._rulings.get(key):
-                    reason = f"{ruling.reader}: {ruling.why}" if ruling.why else ruling.reader
-                    return Finding(ruling.decision, self._score("decision"), reason, "decision", text)
+            if ruling := self._rulings.get((source, text)):
+                return self._decided(ruling, text)
         return None
+
+    def _decided(self, ruling: Decision, subject: str) -> Finding:
+        why = f"readers' decision: {ruling.why}" if ruling.why else "readers' decision"
+        return Finding(ruling.decision, self._score("decision"), why, "decision", subject)
 
     def _named_by_source(self, synset: str | None, subject: str) -> Finding | None:
         if not synset:
@@ -141,23 +144,12 @@ class Matcher:
 
     def _of_words(self, reading: Reading, texts: tuple[str, ...], subject: str) -> Finding:
         found = [self._of_text(reading, text) for text in texts]
+        if decided := next((one for one in found if one.rule == "decision"), None):
+            return replace(decided, subject=subject)
         named = [one for one in found if one.concept]
         if not named:
             return found[0] if found else Finding(None, 0.0, "no words", "none", subject)
-        if reading.words == "parts":
-            if any(one.rule == "part" for one in found):
-                return Finding(None, 0.0, "a part of something", "part", subject)
-            named = [one for one in named if one.score == max(x.score for x in named)] or named
-            return replace(self._narrowest(named), subject=subject)
         return replace(named[0], subject=subject)
-
-    def _narrowest(self, found: list[Finding]) -> Finding:
-        """The first finding, or a later one that lies below it."""
-        best = found[0]
-        for other in found[1:]:
-            if other.concept and best.concept and self.lexicon.is_a(other.concept, (best.concept,)):
-                best = other
-        return best
 
     def _of_text(self, reading: Reading, text: str) -> Finding:
         key = (reading.domain, text, reading.whole)
@@ -181,7 +173,17 @@ class Matcher:
                 return exact
         if reading.whole:
             return Finding(None, 0.0, f"unknown name {phrase!r}", "unknown", phrase)
+        if " " in phrase and (numbered := self._compound(reading, phrase)):
+            return numbered
         return self._of_phrase(reading, _NUMBER.sub("", phrase))
+
+    def _compound(self, reading: Reading, phrase: str) -> Finding | None:
+        """A name of two words or more that the phrase ends with, its numbers kept (`karlstad 3 seters sofa`)."""
+        for form in Phrase(phrase.split()).endings():
+            if form.count(" ") and any(word.isdigit() for word in form.split()):
+                if known := self._known(reading, form, "compound"):
+                    return replace(known, subject=phrase)
+        return None
 
     def _of_several(self, reading: Reading, several: list[str], whole: str) -> Finding:
         """The first of things joined by `and` where the others are its parts (a jar and lid), else nothing."""
@@ -205,6 +207,12 @@ class Matcher:
 
     def _known(self, reading: Reading, phrase: str, rule: str) -> Finding | None:
         domain = DOMAINS[reading.domain]
+        ruled = next((self._meanings[form] for form in self.lexicon.forms(phrase) if form in self._meanings), None)
+        if ruled and ruled.decision is None:
+            return self._decided(ruled, phrase)
+        if ruled and self.lexicon.is_a(ruled.decision or "", domain.requires):
+            rule = f"{rule}/ruled"
+            return Finding(ruled.decision, self._score(rule), f"readers' decision on {phrase!r}", rule, phrase)
         senses = (sense(concepts, domain, self.lexicon) for concepts in self.lexicon.concepts(phrase))
         chosen = next(filter(None, senses), None)
         if chosen is None:
@@ -268,11 +276,10 @@ def _texts(reading: Reading, path: tuple[str, ...], title: str) -> tuple[str, ..
     by_words = {
         "last": path[-1:],
         "path": (" ".join(path),),
-        "parts": path[1:] or path,
-        "title": (title,),
+        "alternatives": tuple(part for text in path[-1:] for part in text.split(",")),
         "title, last": (title, *reversed(path[1:] or path)),
     }
-    return tuple(text for text in by_words[reading.words] if text)
+    return tuple(text for text in by_words[reading.words] if text) or (noun_phrase(title),)
 
 
 @cache

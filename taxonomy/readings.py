@@ -15,9 +15,10 @@ from taxonomy.senses import DOMAINS
 
 __all__ = ["BadReading", "Reading", "Words", "default_readings", "reading_of", "readings"]
 
-#: `last` the last element of the category path; `path` all of it as one name (`coin 25 cents`); `parts` all its elements below the first, of which the most
-#: specific counts; `title` the title's noun phrase; `title, last` the title, then the path.
-Words = Literal["last", "path", "parts", "title", "title, last"]
+#: `last` the last element of the category path; `path` all of it as one name (`coin 25 cents`); `alternatives` the
+#: words of its last element between commas, of which the first known counts; `title, last` the title, then the path.
+#: Where the path is empty, the title speaks.
+Words = Literal["last", "path", "alternatives", "title, last"]
 
 _FILE = "readings.toml"
 _DEFAULT = "default"

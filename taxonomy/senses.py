@@ -110,6 +110,4 @@ def sense(concepts: Sequence[str], domain: Domain, lexicon: Lexicon) -> Sense | 
 
 
 def _fits(concept: str, domain: Domain, lexicon: Lexicon) -> bool:
-    if concept.startswith(PREFIX):
-        return True
     return concept not in _SAYS_NOTHING and lexicon.is_a(concept, domain.requires)

@@ -12,7 +12,7 @@ from crawler.items import KINDS
 from crawler.lengths import MILLIMETRES
 from crawler.measures import AXES
 
-__all__ = ["REASONS", "Axis", "BadDeclaration", "Format", "Rule", "Table", "expect"]
+__all__ = ["REASONS", "Axis", "BadDeclaration", "Format", "Reading", "Rule", "Table", "expect"]
 
 Format = Literal["csv", "json", "jsonl", "properties", "xls", "yaml"]
 
@@ -44,6 +44,13 @@ def expect(holds: bool, name: str, expected: str, found: object) -> None:
     """Raise `BadDeclaration` with the usual words unless `holds`."""
     if not holds:
         raise BadDeclaration(f"{name}: expected {expected}; found {found!r}")
+
+
+def _pattern(text: str) -> re.Pattern[str]:
+    try:
+        return re.compile(text, re.IGNORECASE)
+    except re.error as error:
+        raise BadDeclaration(f"pattern: expected a regular expression; found {text!r}: {error}") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,11 +106,27 @@ class Rule:
         expect(not unknown and "column" in value, "rule", "column, outcome, and matches, below or above", dict(value))
         tests = {key: value[key] for key in ("matches", "below", "above") if key in value}
         expect(bool(tests), "rule", "matches, below or above", dict(value))
-        try:
-            pattern = re.compile(value["matches"], re.IGNORECASE) if "matches" in value else None
-        except re.error as error:
-            raise BadDeclaration(f"rule.matches: expected a regular expression; found {error}") from None
-        return cls(**{**value, "matches": pattern})
+        return cls(**{**value, "matches": _pattern(value["matches"]) if "matches" in value else None})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """A column read out of others: the value of the first case whose pattern is found in `column`, else `default`.
+
+    `column` and `default` are templates.
+    """
+
+    column: str
+    cases: tuple[tuple[re.Pattern[str], str], ...]
+    default: str = ""
+
+    @classmethod
+    def declared(cls, value: Mapping[str, Any]) -> Reading:
+        """The reading of a table with `column`, `cases` (pattern, value) and `default`."""
+        fits = set(value) <= {"column", "cases", "default"} and {"column", "cases"} <= set(value)
+        expect(fits, "read", "column, cases and default", sorted(value))
+        cases = tuple((_pattern(pattern), str(result)) for pattern, result in value["cases"])
+        return cls(column=value["column"], cases=cases, default=value.get("default", ""))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,6 +177,8 @@ class Table:
     flags: tuple[str, ...] = ()
     #: Values of a column that read otherwise: `{"sdn" = "saloon"}`.
     names: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    #: Columns read out of others by patterns, before any rule or template looks at the row.
+    read: Mapping[str, Reading] = field(default_factory=dict)
     #: Shortest and longest extent, mm, that a thing of this table can have.
     bounds_mm: tuple[float, float] = (0.1, 500_000.0)
     #: A reason code where every row of the table is refused, with `note` to say why.
@@ -185,6 +210,7 @@ class Table:
         record: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         axes = record.get("axes") or {name: name for name in record.get("columns", ()) if name in AXES}
         record["axes"] = {axis: Axis.declared(value) for axis, value in axes.items()}
+        record["read"] = {name: Reading.declared(value) for name, value in record.get("read", {}).items()}
         for rules in ("only", "reject", "flag"):
             record[rules] = tuple(Rule.declared(rule) for rule in record.get(rules, ()))
         return cls(**record)

@@ -69,7 +69,7 @@ def item(
     """
     stated = {axis: round(value, DIGITS) for axis, value in (words or {}).items() if value}
     sides = tuple(sorted((round(e, DIGITS) for e in extents), reverse=True)) if extents else extents_mm(stated)
-    path = tuple(text for part in category if (text := " ".join(part.split())))
+    path = tuple(dict.fromkeys(text for part in category if (text := " ".join(part.split()))))
     if not sides:
         raise Refused("no_size", "dimensions", texts.get("dimensions_text") or "")
     if min(sides) < bounds_mm[0] or max(sides) > bounds_mm[1]:

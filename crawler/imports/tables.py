@@ -48,9 +48,7 @@ def table_readings(source: Source, folder: Path) -> Iterator[Reading]:
     for table in source.tables:
         for path in _files(table, folder):
             for number, row in enumerate(rows(table, path), start=1):
-                named = row | {"file": path.stem, "row": str(number)}
-                for column, others in table.names.items():
-                    named[column] = others.get(row.get(column, ""), row.get(column, ""))
+                named = _named(table, row | {"file": path.stem, "row": str(number)})
                 if all(_holds(rule, named) for rule in table.only):
                     yield _reading(source, table, named)
 
@@ -63,6 +61,18 @@ def filled(template: str, row: Row) -> str:
         return _FILTERS[match[2]](text) if match[2] else text
 
     return " ".join(_FIELD.sub(cell, template).split()) if "{" in template else template
+
+
+def _named(table: Table, row: Row) -> Row:
+    """The row with its values renamed and the columns that are read out of others."""
+    for column, others in table.names.items():
+        row[column] = others.get(row.get(column, ""), row.get(column, ""))
+    for name, reading in table.read.items():
+        text = filled(reading.column, row)
+        row[name] = next(
+            (value for pattern, value in reading.cases if pattern.search(text)), filled(reading.default, row)
+        )
+    return row
 
 
 def _files(table: Table, folder: Path) -> list[Path]:

@@ -246,6 +246,25 @@ def test_rows_are_told_apart_refused_and_flagged_by_rules(tmp_path: Path) -> Non
     assert result.reasons == {"grid_not_sample": 2, "not_an_object": 1}
 
 
+def test_a_column_is_read_out_of_others_by_the_first_case_that_fits(tmp_path: Path) -> None:
+    result = made_up(
+        tmp_path,
+        """
+        [[tables]]
+        files = ["things.csv"]
+        unit = "cm"
+        category = ["{what}", "{thing}"]
+        axes = { height = "h" }
+        [tables.read.thing]
+        column = "{what}: {text}"
+        default = "{what}"
+        cases = [["^lamp: .*pendant", "pendant lamp"], ["^lamp: .*floor", "floor lamp"]]
+        """,
+        things_csv="what,text,h\nlamp,A Pendant for the floor,40\nlamp,floor lamp,150\nchair,pendant,80\n",
+    )
+    assert [i.category_path for i in result.items] == [("lamp", "pendant lamp"), ("lamp", "floor lamp"), ("chair",)]
+
+
 def test_a_diameter_counts_twice_and_the_widest_of_several_wins(tmp_path: Path) -> None:
     result = made_up(
         tmp_path,

@@ -63,7 +63,7 @@ def test_a_declaration_is_read(tmp_path: Path) -> None:
         (
             'category = ["lamp"]',
             'category = ["lamp"]\nreject = [{{ column = "h", matches = "(", outcome = "no_size" }}]',
-            "rule.matches",
+            "pattern",
         ),
         ('category = ["lamp"]', 'category = ["lamp"]\nreject = [{{ column = "h", outcome = "no_size" }}]', "rule"),
         (SHA, "abc", "files.sha256"),

@@ -232,6 +232,13 @@ def test_tate_exchanges_width_and_height() -> None:
     assert source("tate").tables[0].order == ("height", "width", "depth")
 
 
+def test_coins_and_phones_of_a_kind_are_alike(imports: Imports) -> None:
+    cents = of(imports("canadian_coins"), "25-cent coin")
+    assert all(22 < size < 28 for size in axis(cents, "diameter"))
+    tablets = of(imports("gsmarena_2021"), "tablet computer")
+    assert min(sorted(item.extents_mm or ())[1] for item in tablets) >= 100
+
+
 def test_lengths_of_other_units(imports: Imports) -> None:
     shells = list(imports("abalone").items)
     assert 90 < median(axis(shells, "length")) < 120

@@ -37,7 +37,8 @@ def draw_scene(above: Axes, side: Axes, estimate: SceneEstimate) -> None:
         return
     objects = [] if estimate.measurements is None else [item for item in estimate.measurements.objects if item.box]
     verdicts = {report.id: report.verdict for report in estimate.result.objects}
-    cameras = np.array([view.centre for view in estimate.scene.views])
+    # by name, which is the order of the video; a model's own order jumps
+    cameras = np.array([view.centre for view in sorted(estimate.scene.views, key=lambda view: view.name)])
     frame = _frame(np.array(up.vector), objects, cameras) * scale
     boxes = [corners(item.box) @ frame.T for item in objects if item.box is not None]
     points, path = _cloud(estimate.scene) @ frame.T, cameras @ frame.T
@@ -61,15 +62,24 @@ def draw_scene(above: Axes, side: Axes, estimate: SceneEstimate) -> None:
 
 
 def _frame(up: FloatArray, objects: Sequence[MeasuredObject], cameras: FloatArray) -> FloatArray:
-    """(3, 3) rows: the horizontal direction in which the scene is longest, the other one, and up."""
+    """(3, 3) rows: two horizontal directions and up, turned so that most of the furniture lies along the paper.
+
+    Boxes repeat every quarter turn, so their directions t are averaged as exp(4 i t), weighted by their footprints;
+    of the two directions the one in which they reach further comes first.
+    """
     basis = level_basis(up / np.linalg.norm(up))
-    places = np.vstack([cameras, *(corners(item.box) for item in objects if item.box is not None)])
-    flat = places @ basis[:2].T
-    _, _, turn = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)
-    if len(turn) == 2:
-        along = turn[0] @ basis[:2]
-        return np.array([along, np.cross(basis[2], along), basis[2]])
-    return basis
+    boxes = [item.box for item in objects if item.box is not None]
+    turn = 0.0
+    if boxes:
+        along = np.array([box.axes[0] for box in boxes]) @ basis[:2].T  # (n, 2)
+        weights = [box.extents[0] * box.extents[1] for box in boxes]
+        turn = float(np.angle(np.dot(weights, np.exp(4j * np.arctan2(along[:, 1], along[:, 0]))))) / 4
+    first = np.cos(turn) * basis[0] + np.sin(turn) * basis[1]
+    rows = np.array([first, np.cross(basis[2], first)])
+    places = (np.vstack([corners(box) for box in boxes]) if boxes else cameras) @ rows.T
+    if np.ptp(places[:, 0]) < np.ptp(places[:, 1]):
+        rows = np.array([rows[1], -rows[0]])
+    return np.vstack([rows, basis[2]])
 
 
 def _cloud(scene: Scene) -> FloatArray:

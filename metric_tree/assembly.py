@@ -13,8 +13,9 @@ from crawler.sources import Source
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.clean import NodeClass
 from metric_tree.em import Belief
+from metric_tree.evidence import KIND_WEIGHT
 from metric_tree.fit import VAGUE, Moments
-from metric_tree.hierarchy import belief_of, inner_prior
+from metric_tree.hierarchy import belief_of, commonness, inner_prior
 from metric_tree.prior import Prior
 from metric_tree.schema import NODES, PRIORS
 from taxonomy.categories import Category
@@ -73,18 +74,24 @@ class Hierarchy:
                 beliefs[category.node_id, axes] = belief_of(below, above)
         return beliefs
 
-    def priors(self, leaves: Mapping[str, Prior], sources: Mapping[str, frozenset[str]]) -> dict[str, Prior]:
+    def priors(self, leaves: Mapping[str, Prior], classes: Mapping[str, NodeClass]) -> dict[str, Prior]:
         """The priors of all nodes: the leaves' and, from the leaves up, those of the nodes above them."""
-        priors, below = dict(leaves), dict(sources)
+        priors = dict(leaves)
+        items = {node_id: Counter(one.n_by_source) for node_id, one in classes.items()}
+        trust = {source: KIND_WEIGHT[kind] for one in classes.values() for source, kind in one.kinds.items()}
         for category in reversed(self.categories):
             children = self.children.get(category.node_id, ())
-            having = [priors[child] for child in children if child in priors]
+            if category.node_id not in leaves:
+                items[category.node_id] = sum((items[child] for child in children), Counter())
+            having = [child for child in children if child in priors]
             if having and category.node_id not in leaves:
-                below[category.node_id] = frozenset().union(*(below[child] for child in children if child in below))
-                upright = sum(set(prior.dims) <= set(AXES) for prior in having) * 2 >= len(having)
-                prior = inner_prior(category.node_id, having, AXES if upright else EXTENTS)
+                below = [priors[child] for child in having]
+                upright = sum(set(prior.dims) <= set(AXES) for prior in below) * 2 >= len(below)
+                weights = commonness([items[child] for child in having], trust)
+                prior = inner_prior(category.node_id, below, weights, AXES if upright else EXTENTS)
                 if prior is not None:
-                    priors[category.node_id] = replace(prior, n_sources=len(below[category.node_id]))
+                    sources = len(items[category.node_id]) or prior.n_sources
+                    priors[category.node_id] = replace(prior, n_sources=sources)
         return priors
 
 

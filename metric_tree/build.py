@@ -18,7 +18,7 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -29,9 +29,9 @@ from crawler.sources import Source, sources
 from metric_tree.assembly import Hierarchy, kept_categories, node_counts, node_table, prior_table, source_records
 from metric_tree.build_report import report
 from metric_tree.clean import Cleaned, NodeClass, class_priors, cleaned
-from metric_tree.disagreement import pooled_covariance
+from metric_tree.disagreement import SharedModel, shared_model
 from metric_tree.ingest import SHARDS, Ingested, blocks, ingested, raw_files
-from metric_tree.prior import FloatArray, Prior
+from metric_tree.prior import Prior
 from metric_tree.row_files import RowFiles, sibling_references
 from metric_tree.schema import IMAGES
 from metric_tree.store import Release, published
@@ -157,24 +157,24 @@ class _Steps:
         """Steps 3 and 4: what a maintainer should read, the tables and the manifest."""
         classes = {one.node_id: one for one in found}
         hierarchy = Hierarchy.of(kept_categories(self.taxonomy().categories(), classes))
-        pooled = pooled_covariance(m.disagreement for one in found for m in one.moments[:1] if m.disagreement)
-        leaves = self._leaves(found, hierarchy, pooled)
-        priors = hierarchy.priors(leaves, {node_id: frozenset(one.n_by_source) for node_id, one in classes.items()})
+        model = shared_model(m.disagreement for one in found for m in one.moments[:1] if m.disagreement)
+        leaves = self._leaves(found, hierarchy, model)
+        priors = hierarchy.priors(leaves, classes)
         tables = {
             "nodes.parquet": node_table(hierarchy, classes, priors),
             "items.parquet": self._items(),
             "priors.parquet": prior_table(hierarchy, priors),
             "images.parquet": IMAGES.empty_table(),
         }
-        manifest = self._manifest(tables, found, counts)
-        return report(found, leaves, pooled, counts), tables, manifest
+        manifest = self._manifest(tables, found, counts) | {"source_disagreement": asdict(model)}
+        return report(found, leaves, model, counts), tables, manifest
 
-    def _leaves(self, found: Sequence[NodeClass], hierarchy: Hierarchy, pooled: FloatArray) -> dict[str, Prior]:
+    def _leaves(self, found: Sequence[NodeClass], hierarchy: Hierarchy, model: SharedModel) -> dict[str, Prior]:
         parents = {category.node_id: category.parent_id or "" for category in hierarchy.categories}
         beliefs = hierarchy.beliefs(m for one in found for m in one.moments)
         own = {one.node_id: beliefs[parents[one.node_id], one.moments[0].axes] for one in found}
         files = sorted(self.work.directory.glob("clean-*.classes"))
-        calls = ((path.read_bytes(), own, pooled, self.options.seed, self.options.heldout) for path in files)
+        calls = ((path.read_bytes(), own, model, self.options.seed, self.options.heldout) for path in files)
         return {prior.node_id: prior for priors in self._mapped("fit", class_priors, calls) for prior in priors}
 
     def _items(self) -> pa.Table:
@@ -189,7 +189,7 @@ class _Steps:
         for one in found:
             n_fit.update(one.n_by_source)
         n_rows = Counter(tables["items.parquet"]["source"].to_pylist())
-        used = frozenset().union(*(one.sources for one in found))
+        used = frozenset().union(*(one.kinds for one in found))
         return {
             "name": self.options.name,
             "version": self.options.version,

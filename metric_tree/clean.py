@@ -13,6 +13,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from metric_tree.axes import AXES, EXTENTS, candidates
+from metric_tree.disagreement import SharedModel
 from metric_tree.duplicates import duplicates
 from metric_tree.em import Belief
 from metric_tree.fit import ClassRows, Moments, class_prior, moments
@@ -24,8 +25,8 @@ from metric_tree.slips import Reference, reference, slipped
 __all__ = ["REFUSALS", "Cleaned", "NodeClass", "class_priors", "cleaned", "extents_of"]
 
 #: Rows of one source in one class that the fit takes, those of the lowest hash: its weight there is bounded anyway
-#: (`evidence.SOURCE_HALF`), and a thousand tell its distribution to a thirtieth of its spread.
-FIT_ROWS = 1000
+#: (`evidence.SOURCE_HALF`), and four hundred tell its distribution to a twentieth of its spread.
+FIT_ROWS = 400
 
 REFUSALS = {
     "repeated_id": "the source has the id twice",
@@ -37,13 +38,13 @@ REFUSALS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NodeClass:
-    """Of one leaf: its moments in the axes of its pose, then by extents; items by source; rows by kind and source."""
+    """Of one leaf: moments in the axes of its pose, then by extents; items by source, rows by kind, kind by source."""
 
     node_id: str
     moments: tuple[Moments, ...]
     n_by_source: Mapping[str, int]
     n_by_kind: Mapping[str, int]
-    sources: frozenset[str]
+    kinds: Mapping[str, str]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,11 +88,11 @@ def cleaned(shard: bytes, licences: Mapping[str, str], siblings: Mapping[str, Re
 
 
 def class_priors(
-    rows: bytes, beliefs: Mapping[str, Belief], pooled: FloatArray, seed: int, heldout: bool
+    rows: bytes, beliefs: Mapping[str, Belief], model: SharedModel, seed: int, heldout: bool
 ) -> list[Prior]:
     """The priors of the classes of one shard, in their order; `rows` as in `Cleaned`."""
     classes: list[ClassRows] = pickle.loads(rows)  # noqa: S301 - made by `cleaned` in this build
-    return [class_prior(one, beliefs[one.node_id], pooled, seed, heldout) for one in classes]
+    return [class_prior(one, beliefs[one.node_id], model, seed, heldout) for one in classes]
 
 
 def extents_of(table: pa.Table) -> FloatArray:
@@ -150,7 +151,13 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
     ]
     frames = frames[:1] if pose == "any" else frames
     by_kind = dict(Counter(kind.tolist()))
-    found = NodeClass(node_id, tuple(map(moments, frames)), dict(by_source), by_kind, frozenset(source.tolist()))
+    found = NodeClass(
+        node_id,
+        tuple(map(moments, frames)),
+        dict(by_source),
+        by_kind,
+        dict(zip(source.tolist(), kind.tolist(), strict=True)),
+    )
     return found, frames[0]
 
 

@@ -5,7 +5,9 @@ with A = sum a_s and n_s the rows of a source (DerSimonian and Laird 1986, in ma
 
     E[ sum_s a_s (m_s - mu)(m_s - mu)' ] = B (A - sum a_s^2 / A) + W sum_s (a_s - a_s^2 / A) / n_s
 
-B follows by the method of moments, entry by entry over the sources that state both axes, then made positive.
+B follows by the method of moments, entry by entry over the sources that state both axes, then made positive. A class
+of few sources leans on what classes of several say: B = share W + spread^2 C, with both numbers by restricted maximum
+likelihood over the source means of all classes.
 """
 
 from __future__ import annotations
@@ -15,38 +17,43 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from metric_tree.evidence import KIND_WEIGHT
 from metric_tree.prior import FloatArray
 
-__all__ = ["Disagreement", "disagreement", "pooled_covariance", "shared_covariance", "source_effects"]
+__all__ = ["Disagreement", "SharedModel", "disagreement", "shared_covariance", "shared_model", "source_effects"]
 
 #: Rows at which a source's mean has half of its largest weight among the source means. The disagreement between
 #: sources is about a third to a half of the spread within, so that a handful of rows already places a source.
 MEAN_HALF = 5.0
 
-#: A class's own estimate of B counts as many sources as it has, less one; the pooled default counts this many.
-POOLED_SOURCES = 4.0
+#: A class's own estimate of B counts as many sources as it has, less one; the model of all classes counts this many.
+#: Chosen by leaving sources out (`benchmarks/priors.py --sources`).
+MODEL_SOURCES = 4.0
 
-#: Disagreement that is assumed before any class is seen, as a standard deviation of ln size, and the classes it counts.
-#: Makers of the same thing differ by a tenth or so; replaced by the data as soon as some classes have three sources.
-ASSUMED_SD = 0.12
-ASSUMED_SOURCES = 5.0
+#: Correlation of the part of the disagreement that does not follow the class's spread: size more than proportion.
+CORRELATION = 0.5
 
-#: Correlation of the assumed disagreement between axes: sources differ in size more than in proportion.
-ASSUMED_CORRELATION = 0.5
+#: Kinds whose disagreement the model learns from. A museum's pieces differ from a shop's by age and rank, which says
+#: nothing of two shops or of a shop and a room.
+MODEL_KINDS = frozenset({"product", "measured", "standard", "asset"})
 
-#: Largest variance that one class may bring to the pool: a disagreement of a factor 1.65 is a mixed class.
-LARGEST_SD = 0.5
+#: Share of classes that are two things under one name, and the disagreement (as ln) that they are allowed.
+MIXED_SHARE, MIXED_SD = 0.05, 1.0
+
+#: Below this many classes of two sources or more the default of `SharedModel` holds.
+MODEL_CLASSES = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disagreement:
     """Of one class, over ln mm.
 
-    sources : (s,) names; means : (s, d), NaN where unstated; rows : (s, d) effective rows; within : (d, d) covariance
-    within a source; between : (d, d) covariance between sources; freedom : sources less one.
+    sources : (s,) names; kinds : (s,) of their rows; means : (s, d), NaN where unstated; rows : (s, d) effective rows;
+    within : (d, d) covariance within a source; between : (d, d) covariance between sources; freedom : sources less one.
     """
 
     sources: tuple[str, ...]
+    kinds: tuple[str, ...]
     means: FloatArray
     rows: FloatArray
     within: FloatArray
@@ -54,17 +61,36 @@ class Disagreement:
     freedom: float
 
 
+@dataclass(frozen=True, slots=True)
+class SharedModel:
+    """B of a class by its spread: share x W + spread^2 C. The default is what the sources of 2026 gave, rounded."""
+
+    share: float = 0.35
+    spread: float = 0.06
+
+    def covariance(self, within: FloatArray) -> FloatArray:
+        """B (d, d) of a class whose covariance within a source is W (d, d)."""
+        d = len(within)
+        common = CORRELATION + (1 - CORRELATION) * np.eye(d)
+        return np.asarray(self.share * within + self.spread**2 * common)
+
+
 def disagreement(
-    x: FloatArray, known: FloatArray, weights: FloatArray, sources: Sequence[str], spread: FloatArray
+    x: FloatArray,
+    known: FloatArray,
+    weights: FloatArray,
+    sources: Sequence[str],
+    kinds: Sequence[str],
+    spread: FloatArray,
 ) -> Disagreement:
     """Source means of a class and the method-of-moments covariance between them.
 
     Parameters
     ----------
     x : (n, d) ln mm, completed; known : (n, d) probability that the axis was stated; weights : (n,)
-    sources : (n,) names; spread : (d, d) covariance of the class, used within a source where one row is all it has
+    sources, kinds : (n,) names; spread : (d, d) covariance of the class, which stands in where sources have one row
     """
-    names, code = np.unique(np.asarray(sources), return_inverse=True)
+    names, first, code = np.unique(np.asarray(sources), return_index=True, return_inverse=True)
     mass = (np.arange(len(names))[:, None] == code) * weights  # (s, n)
     per_axis = mass @ known  # (s, d)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -73,33 +99,35 @@ def disagreement(
     means[per_axis <= 0] = np.nan
     rows[per_axis <= 0] = 0.0
     within = _within(x, known, mass, np.nan_to_num(means)[code], rows, spread)
-    between = _moments(means, rows, within)
+    own_kinds = tuple(kinds[row] for row in first)
+    between = _moments(means, rows, np.array([KIND_WEIGHT[kind] for kind in own_kinds]), within)
     freedom = max(float((rows > 0).sum(axis=0).max()) - 1, 0.0)
-    return Disagreement(tuple(map(str, names)), means, rows, within, between, freedom)
+    return Disagreement(tuple(map(str, names)), own_kinds, means, rows, within, between, freedom)
 
 
-def pooled_covariance(classes: Iterable[Disagreement]) -> FloatArray:
-    """Default of B over classes of one frame, (d, d), each weighted by its sources less one."""
-    d = 3
-    assumed = ASSUMED_SD**2 * (ASSUMED_CORRELATION + (1 - ASSUMED_CORRELATION) * np.eye(d))
-    total, mass = assumed * ASSUMED_SOURCES, ASSUMED_SOURCES
-    for found in classes:
-        if found.freedom >= 2:
-            largest = max(float(np.diag(found.between).max()), 1e-12)
-            total = total + found.freedom * found.between * min(1.0, LARGEST_SD**2 / largest)
-            mass += found.freedom
-    return np.asarray(total / mass)
+def shared_model(classes: Iterable[Disagreement]) -> SharedModel:
+    """The model that makes the source means of all classes likeliest; the default where too few classes have two."""
+    usable = [means for found in classes if (means := _usable(found)) is not None]
+    if len(usable) < MODEL_CLASSES:
+        return SharedModel()
+    grid = [
+        SharedModel(share, spread) for share in np.geomspace(0.02, 1.5, 14) for spread in np.geomspace(0.01, 0.3, 14)
+    ]
+    best = max(grid, key=lambda model: sum(_likelihood(model, *found) for found in usable))
+    return SharedModel(round(float(best.share), 4), round(float(best.spread), 4))
 
 
-def shared_covariance(found: Disagreement, pooled: FloatArray) -> FloatArray:
-    """B of one class, (d, d): its own estimate and the pooled default, each by the sources it counts."""
-    return np.asarray((found.freedom * found.between + POOLED_SOURCES * pooled) / (found.freedom + POOLED_SOURCES))
+def shared_covariance(found: Disagreement, model: SharedModel) -> FloatArray:
+    """B of one class, (d, d): its own estimate and that of the model, each by the sources it counts."""
+    expected = model.covariance(found.within)
+    return np.asarray((found.freedom * found.between + MODEL_SOURCES * expected) / (found.freedom + MODEL_SOURCES))
 
 
 def source_effects(found: Disagreement, shared: FloatArray) -> FloatArray:
-    """Best linear prediction of e_s, (s, d): B (B + W / n_s)^-1 (m_s - mu) over the axes that source states."""
+    """Best linear prediction of e_s, (s, d): B (B + W / n_s)^-1 (m_s - mu) over the axes that the source states."""
     effects = np.zeros_like(found.means)
-    weight = found.rows / (1 + found.rows / MEAN_HALF)
+    trust = np.array([KIND_WEIGHT[kind] for kind in found.kinds])[:, None]
+    weight = trust * found.rows / (1 + found.rows / MEAN_HALF)
     with np.errstate(invalid="ignore", divide="ignore"):
         centre = np.nansum(weight * found.means, axis=0) / weight.sum(axis=0)
     for s, rows in enumerate(found.rows):
@@ -110,6 +138,37 @@ def source_effects(found: Disagreement, shared: FloatArray) -> FloatArray:
             gain = np.linalg.solve(shared[block] + noise, (found.means[s] - centre)[axes])
             effects[s] = shared[:, axes] @ gain
     return effects
+
+
+def _usable(found: Disagreement) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+    """Means (s, d), rows (s, d) and W (d, d) over the axes that two sources of the model's kinds state."""
+    chosen = np.array([kind in MODEL_KINDS for kind in found.kinds])
+    rows = found.rows[chosen]
+    axes = np.flatnonzero((rows >= 1).sum(axis=0) >= 2)
+    whole = (rows[:, axes] >= 1).all(axis=1)
+    if len(axes) == 0 or whole.sum() < 2:
+        return None
+    return found.means[chosen][whole][:, axes], rows[whole][:, axes], found.within[np.ix_(axes, axes)]
+
+
+def _likelihood(model: SharedModel, means: FloatArray, rows: FloatArray, within: FloatArray) -> float:
+    """Restricted log likelihood of source means, a few classes being mixed.
+
+    With V_s = B + W / n_s and r_s = m_s - mu: -(sum ln|V_s| + ln|sum V_s^-1| + sum r_s' V_s^-1 r_s) / 2.
+    """
+    noise = within / np.sqrt(rows[:, :, None] * rows[:, None, :])  # (s, d, d)
+    plain = _restricted(means, model.covariance(within) + noise)
+    mixed = _restricted(means, model.covariance(within) + noise + MIXED_SD**2 * np.eye(len(within)))
+    return float(np.logaddexp(np.log(1 - MIXED_SHARE) + plain, np.log(MIXED_SHARE) + mixed))
+
+
+def _restricted(means: FloatArray, variances: FloatArray) -> float:
+    precisions = np.linalg.inv(variances)  # (s, d, d)
+    total = precisions.sum(axis=0)
+    mu = np.linalg.solve(total, np.einsum("sij,sj->i", precisions, means))
+    offset = means - mu
+    squares = np.einsum("si,sij,sj->", offset, precisions, offset)
+    return float(-0.5 * (np.linalg.slogdet(variances)[1].sum() + np.linalg.slogdet(total)[1] + squares))
 
 
 def _within(
@@ -126,21 +185,17 @@ def _within(
     return np.asarray((own + typical * spread) / ((per_source * free).sum(axis=0) + typical))
 
 
-def _moments(means: FloatArray, rows: FloatArray, within: FloatArray) -> FloatArray:
+def _moments(means: FloatArray, rows: FloatArray, trust: FloatArray, within: FloatArray) -> FloatArray:
     d = means.shape[1]
     between = np.zeros((d, d))
     for i, j in zip(*np.triu_indices(d), strict=True):
         usable = (rows[:, i] > 0) & (rows[:, j] > 0)
         n = np.sqrt(rows[usable, i] * rows[usable, j])
-        a = n / (1 + n / MEAN_HALF)
+        a = trust[usable] * n / (1 + n / MEAN_HALF)
         if usable.sum() >= 2:
             total, two = a.sum(), means[usable][:, [i, j]]
             offset = two - (a @ two) / total
             moment = float(a @ offset.prod(axis=1)) - within[i, j] * float(((a - a**2 / total) / n).sum())
             between[i, j] = between[j, i] = moment / (total - (a**2).sum() / total)
-    return _positive(between)
-
-
-def _positive(matrix: FloatArray) -> FloatArray:
-    values, vectors = np.linalg.eigh(matrix)
+    values, vectors = np.linalg.eigh(between)
     return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

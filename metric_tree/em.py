@@ -136,14 +136,16 @@ class Fitted:
         return self.parameters * math.log(max(effective, 1.0)) - 2 * self.log_likelihood
 
 
-def fitted_mixture(rows: Rows, components: int, belief: Belief, seed: int = 0) -> Fitted:
+def fitted_mixture(rows: Rows, components: int, belief: Belief, seed: int = 0, single: Fitted | None = None) -> Fitted:
     """The mixture of `components` Gaussians by EM, the best of several starts.
 
+    `single` is the fit of one component where it is at hand; it places the starts of several.
     One component takes the whole belief; of several, each only takes `STABILISER_ROWS`.
     """
     weights = rows.weights * (rows.effective / rows.weights.sum())  # so that the log likelihood counts real rows
     rows = Rows(rows.x, rows.owner, weights)
-    single = max((_converged(rows, start, belief) for start in _single_starts(rows, belief)), key=_height)
+    if single is None:
+        single = max((_converged(rows, start, belief) for start in _single_starts(rows, belief)), key=_height)
     if components == 1:
         return single
     weak = Belief(single.mixture.means[0], 0.0, single.mixture.covariances[0] / components**2, STABILISER_ROWS)

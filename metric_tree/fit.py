@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_tree.disagreement import Disagreement, disagreement, shared_covariance, source_effects
+from metric_tree.disagreement import Disagreement, SharedModel, disagreement, shared_covariance, source_effects
 from metric_tree.em import Belief, Fitted, Mixture, Rows, completed, fitted_mixture, floored
 from metric_tree.evidence import row_weights, shares
 from metric_tree.prior import FloatArray, Prior
@@ -105,29 +105,37 @@ def moments(rows: ClassRows) -> Moments:
     if rows.is_curated:
         mixture, known = _curated(rows)
         return Moments(rows.node_id, rows.axes, mixture.means[0], mixture.covariances[0], known, None)
-    weighed, sources = _weighed(rows)
+    weighed, sources, kinds = _weighed(rows)
     single = fitted_mixture(weighed, 1, VAGUE).mixture
     x, known = completed(weighed, single)
-    found = disagreement(x, known, weighed.weights, sources, single.covariances[0])
+    found = disagreement(x, known, weighed.weights, sources, kinds, single.covariances[0])
     effective = known.sum(axis=0) * weighed.effective / len(weighed)
     return Moments(rows.node_id, rows.axes, single.means[0], floored(found.within), effective, found)
 
 
-def class_prior(rows: ClassRows, belief: Belief, pooled: FloatArray, seed: int, heldout: bool = True) -> Prior:
+def class_prior(rows: ClassRows, belief: Belief, model: SharedModel, seed: int, heldout: bool = True) -> Prior:
     """The prior of a class over the axes that its rows state.
 
     Parameters
     ----------
-    belief : the parent's moments; pooled : (3, 3) default covariance between sources; heldout : whether to score it
+    belief : the parent's moments; model : disagreement of sources over all classes; heldout : whether to score it
     """
     if rows.is_curated:
         mixture, known = _curated(rows)
-        return _prior(rows, mixture, pooled, known, borrowed=0.0, n_sources=len(set(rows.sources)), weights=None)
-    weighed, sources = _weighed(rows)
+        return _prior(
+            rows,
+            mixture,
+            model.covariance(mixture.covariances[0]),
+            known,
+            borrowed=0.0,
+            n_sources=len(set(rows.sources)),
+            weights=None,
+        )
+    weighed, sources, kinds = _weighed(rows)
     single = fitted_mixture(weighed, 1, belief)
     x, known = completed(weighed, single.mixture)
-    found = disagreement(x, known, weighed.weights, sources, single.mixture.covariances[0])
-    shared = shared_covariance(found, pooled)
+    found = disagreement(x, known, weighed.weights, sources, kinds, single.mixture.covariances[0])
+    shared = shared_covariance(found, model)
     code = np.searchsorted(np.asarray(found.sources), np.asarray(sources))
     centred = weighed.shifted(source_effects(found, shared)[code])
     best, components = _components(centred, belief, seed)
@@ -136,7 +144,7 @@ def class_prior(rows: ClassRows, belief: Belief, pooled: FloatArray, seed: int, 
     prior = _prior(rows, best, shared, mass, borrowed, len(found.sources), row_weights(rows.sources, rows.kinds))
     if not heldout:
         return prior
-    score = heldout_log_density(centred, components, belief, shared, np.flatnonzero(mass >= KNOWN_ROWS), seed)
+    score = heldout_log_density(centred, components, belief, shared, published_axes(mass), seed)
     return replace(prior, heldout_log_density=score)
 
 
@@ -163,25 +171,31 @@ def heldout_log_density(
     return total / int(complete.sum())
 
 
+def published_axes(known: FloatArray) -> NDArray[np.intp]:
+    """Axes that at least `KNOWN_ROWS` rows state, in expectation; the likeliest one where a lone number may be any."""
+    return np.flatnonzero(known >= min(KNOWN_ROWS, float(known.max())))
+
+
 def _placeholders(axes: NDArray[np.intp]) -> tuple[str, ...]:
     """Placeholder names of axes, for a prior that is only scored."""
     return tuple(f"axis{axis}" for axis in axes)
 
 
-def _weighed(rows: ClassRows) -> tuple[Rows, list[str]]:
-    """The rows that count, with their weights, and the source of each."""
+def _weighed(rows: ClassRows) -> tuple[Rows, list[str], list[str]]:
+    """The rows that count, with their weights, and the source and kind of each."""
     weights = row_weights(rows.sources, rows.kinds)
     counting = np.flatnonzero(weights > 0)
-    return Rows(rows.x, rows.owner, weights).taken(counting), [rows.sources[row] for row in counting]
+    sources, kinds = ([names[row] for row in counting] for names in (rows.sources, rows.kinds))
+    return Rows(rows.x, rows.owner, weights).taken(counting), sources, kinds
 
 
 def _components(rows: Rows, belief: Belief, seed: int) -> tuple[Mixture, int]:
     """The mixture of the smallest BIC, as the predictive density of a further object of the same source."""
     effective = rows.effective
     largest = max(1, min(COMPONENTS, int(effective // COMPONENT_ROWS)))
-    best = fitted_mixture(rows, 1, belief, seed)
+    best = single = fitted_mixture(rows, 1, belief, seed)
     for k in range(2, largest + 1):
-        fit = fitted_mixture(rows, k, belief, seed)
+        fit = fitted_mixture(rows, k, belief, seed, single)
         if fit.bic(effective) >= best.bic(effective) and k > len(best.mixture.weights) + 1:
             break  # two more components in vain: a third is not tried
         best = min(best, fit, key=lambda one: one.bic(effective))
@@ -229,7 +243,7 @@ def _prior(
     n_sources: int,
     weights: FloatArray | None,
 ) -> Prior:
-    axes = np.flatnonzero(known >= KNOWN_ROWS)
+    axes = published_axes(known)
     means, covariances, between = _marginal(mixture, shared, axes)
     return Prior(
         node_id=rows.node_id,

@@ -1,12 +1,12 @@
 """Inner nodes: what a parent believes of its children, and its own prior as a mixture of theirs.
 
-Children count alike, whatever the number of shop pages behind each: a shop's range says nothing of how common a thing
-is in a room. So a class of ten thousand products does not drown its siblings.
+Children count by how common the things are, not by pages: every source is one witness of the shares among its own
+items, whether it lists a hundred or a hundred thousand, so that one shop's range does not drown what others show.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from metric_tree.em import Belief, Mixture, floored
 from metric_tree.fit import VAGUE, Moments
 from metric_tree.prior import FloatArray, Prior
 
-__all__ = ["belief_of", "inner_prior", "reduced"]
+__all__ = ["belief_of", "commonness", "inner_prior", "reduced"]
 
 #: Rows that the parent's covariance counts in a child. Spreads of siblings are alike (a factor 1.5 or so between them),
 #: which is what a sample of about eight rows tells of a spread.
@@ -26,6 +26,12 @@ MEAN_ROWS = (0.02, 2.0)
 
 #: What is believed above counts as half a child: it only speaks for axes that no child states.
 ABOVE = 0.5
+
+#: Items below a node at which a source has half of a witness's weight: shares among ten are known to a sixth.
+WITNESS_HALF = 10.0
+
+#: Part of the weight that all children share alike, for those that no witness holds.
+EQUAL_SHARE = 0.1
 
 #: Components of an inner node's prior: its children are many and no four Gaussians hold them, but a reader and the
 #: estimator must be able to carry it.
@@ -52,36 +58,58 @@ def belief_of(children: Sequence[Moments], above: Belief = VAGUE) -> Belief:
     return Belief(mean, mean_rows, covariance, COVARIANCE_ROWS)
 
 
-def inner_prior(node_id: str, children: Sequence[Prior], axes: tuple[str, ...]) -> Prior | None:
-    """The equally weighted mixture of the children's priors, reduced to `COMPONENTS`; None where there is none.
+def commonness(counts: Sequence[Mapping[str, int]], trust: Mapping[str, float]) -> FloatArray:
+    """How common each child is, (c,), sum 1: its share in each source, averaged over the sources.
+
+    Parameters
+    ----------
+    counts : items by source of each child; trust : weight of a source's kind (`evidence.KIND_WEIGHT`)
+    """
+    equal = np.full(len(counts), 1 / len(counts))
+    sources = sorted({source for count in counts for source in count})
+    items = np.array([[count.get(source, 0) for source in sources] for count in counts], dtype=float)  # (c, s)
+    below = items.sum(axis=0)
+    witness = np.array([trust[source] for source in sources]) * below / (below + WITNESS_HALF)
+    if not witness.sum() > 0:
+        return equal
+    shares: FloatArray = EQUAL_SHARE * equal + (1 - EQUAL_SHARE) * (items / below) @ witness / witness.sum()
+    return shares
+
+
+def inner_prior(node_id: str, children: Sequence[Prior], weights: FloatArray, axes: tuple[str, ...]) -> Prior | None:
+    """The mixture of the children's priors by the given weights (c,), reduced to `COMPONENTS`; None of no child.
 
     It stands over the most of `axes` that any child has, and mixes the children that have them all.
     """
-    usable = [child for child in children if set(child.dims) <= set(axes)]
+    usable = [number for number, child in enumerate(children) if set(child.dims) <= set(axes)]
     if not usable:
         return None
-    largest = max((child.dims for child in usable), key=lambda dims: (len(dims), sum(c.dims == dims for c in usable)))
-    having = [child.marginal(largest) for child in usable if set(largest) <= set(child.dims)]
-    share = 1 / len(having)
+    mass: dict[tuple[str, ...], float] = {}
+    for number in usable:
+        mass[children[number].dims] = mass.get(children[number].dims, 0.0) + float(weights[number])
+    dims = max(mass, key=lambda had: (len(had), mass[had]))
+    kept = [number for number in usable if set(dims) <= set(children[number].dims)]
+    having, share = [children[number].marginal(dims) for number in kept], weights[kept] / weights[kept].sum()
     mixture = reduced(
         Mixture(
-            np.concatenate([child.weights * share for child in having]),
+            np.concatenate([child.weights * part for child, part in zip(having, share, strict=True)]),
             np.concatenate([child.means for child in having]),
             np.concatenate([child.covariances for child in having]),
         ),
         COMPONENTS,
     )
-    kinds = {kind for child in having for kind in child.share_by_kind}
+    kinds = sorted({kind for child in having for kind in child.share_by_kind})
+    by_kind = np.array([[child.share_by_kind.get(kind, 0.0) for kind in kinds] for child in having])
     return Prior(
         node_id=node_id,
-        dims=largest,
+        dims=dims,
         weights=mixture.weights / mixture.weights.sum(),
         means=mixture.means,
         covariances=mixture.covariances,
-        shared_covariance=np.mean([child.shared_covariance for child in having], axis=0),
-        n=sum(child.n for child in usable),
+        shared_covariance=np.einsum("c,cij->ij", share, np.array([child.shared_covariance for child in having])),
+        n=sum(children[number].n for number in usable),
         n_sources=max(child.n_sources for child in having),
-        share_by_kind={kind: sum(c.share_by_kind.get(kind, 0.0) for c in having) * share for kind in sorted(kinds)},
+        share_by_kind=dict(zip(kinds, (share @ by_kind).tolist(), strict=True)),
         borrowed=0.0,
     )
 

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from metric_tree.axes import AXES, candidates
+from metric_tree.disagreement import SharedModel
 from metric_tree.em import SPREAD_FLOOR, Belief, Rows, fitted_mixture
 from metric_tree.fit import VAGUE, ClassRows, class_prior, correlated, moments
 
 MEANS = np.log([[2000.0, 900.0, 700.0], [900.0, 650.0, 1100.0]])  # a sofa and an armchair under one name
 COVARIANCE = np.array([[0.012, 0.004, 0.003], [0.004, 0.010, 0.002], [0.003, 0.002, 0.008]])
-NONE = np.zeros((3, 3))
+NONE = SharedModel(0.0, 0.0)
 
 
 def two_kinds(n: int, seed: int = 0) -> np.ndarray:

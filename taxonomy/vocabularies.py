@@ -1,7 +1,7 @@
 """What the label lists of detectors and benchmarks mean: one reviewed table per list, label to node.
 
-A list's own synset is a hint, not an answer (ScanNet gives its mattress the synset of a bed): each row says why the node
-was taken. Labels themselves are facts about the lists; the first column names their origin.
+A list's own synset is a hint, not an answer (ScanNet gives its mattress the synset of a bed): each row says why the
+node was taken. Labels themselves are facts about the lists; the first column names their origin.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from crawler.items import KINDS
 from crawler.lengths import MILLIMETRES
 from crawler.measures import AXES
 
-__all__ = ["REASONS", "Axis", "BadDeclaration", "Format", "Reading", "Rule", "Table", "expect"]
+__all__ = ["REASONS", "Axis", "BadDeclaration", "Cases", "Format", "Rule", "Table", "expect"]
 
 Format = Literal["csv", "json", "jsonl", "properties", "xls", "yaml"]
 
@@ -110,7 +110,7 @@ class Rule:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class Cases:
     """A column read out of others: the value of the first case whose pattern is found in `column`, else `default`.
 
     `column` and `default` are templates.
@@ -121,8 +121,8 @@ class Reading:
     default: str = ""
 
     @classmethod
-    def declared(cls, value: Mapping[str, Any]) -> Reading:
-        """The reading of a table with `column`, `cases` (pattern, value) and `default`."""
+    def declared(cls, value: Mapping[str, Any]) -> Cases:
+        """The cases of a table with `column`, `cases` (pattern, value) and `default`."""
         fits = set(value) <= {"column", "cases", "default"} and {"column", "cases"} <= set(value)
         expect(fits, "read", "column, cases and default", sorted(value))
         cases = tuple((_pattern(pattern), str(result)) for pattern, result in value["cases"])
@@ -178,7 +178,7 @@ class Table:
     #: Values of a column that read otherwise: `{"sdn" = "saloon"}`.
     names: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     #: Columns read out of others by patterns, before any rule or template looks at the row.
-    read: Mapping[str, Reading] = field(default_factory=dict)
+    read: Mapping[str, Cases] = field(default_factory=dict)
     #: Shortest and longest extent, mm, that a thing of this table can have.
     bounds_mm: tuple[float, float] = (0.1, 500_000.0)
     #: A reason code where every row of the table is refused, with `note` to say why.
@@ -210,7 +210,7 @@ class Table:
         record: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
         axes = record.get("axes") or {name: name for name in record.get("columns", ()) if name in AXES}
         record["axes"] = {axis: Axis.declared(value) for axis, value in axes.items()}
-        record["read"] = {name: Reading.declared(value) for name, value in record.get("read", {}).items()}
+        record["read"] = {name: Cases.declared(value) for name, value in record.get("read", {}).items()}
         for rules in ("only", "reject", "flag"):
             record[rules] = tuple(Rule.declared(rule) for rule in record.get(rules, ()))
         return cls(**record)

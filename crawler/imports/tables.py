@@ -67,11 +67,9 @@ def _named(table: Table, row: Row) -> Row:
     """The row with its values renamed and the columns that are read out of others."""
     for column, others in table.names.items():
         row[column] = others.get(row.get(column, ""), row.get(column, ""))
-    for name, reading in table.read.items():
-        text = filled(reading.column, row)
-        row[name] = next(
-            (value for pattern, value in reading.cases if pattern.search(text)), filled(reading.default, row)
-        )
+    for name, cases in table.read.items():
+        text = filled(cases.column, row)
+        row[name] = next((value for pattern, value in cases.cases if pattern.search(text)), filled(cases.default, row))
     return row
 
 

@@ -140,7 +140,7 @@ def _instance(file: Path, row: int, entry: object, frame: CocoFrame, scene: Scen
         raise BadScene.at(file, f"{field} image_id", f"an image of {frame.file.name}", image_id)
     if category_id not in frame.categories:
         raise BadScene.at(file, f"{field} category_id", f"a category of {frame.file.name}", category_id)
-    score = annotation.get("score", 1.0)
+    score = 1.0 if annotation.get("score") is None else annotation["score"]
     if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
         raise BadScene.at(file, f"{field} score", "a number from 0 to 1", score)
     image = frame.images[image_id]

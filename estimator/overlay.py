@@ -41,11 +41,13 @@ UNTRUSTED, PLAIN, PANEL = (255, 90, 90), (235, 235, 235), (0, 0, 0)
 PANEL_OPACITY = 0.74
 FONT_PX = 15
 _LINE_PX, _PAD_PX = FONT_PX + 3, 5
+#: Kinds of picture that are written as they were; others become PNG.
+_WRITTEN = (".png", ".jpg", ".jpeg")
 _FONTS = ("DejaVuSans-Bold.ttf", "DejaVuSans.ttf")
 
 
 def write_overlays(estimate: SceneEstimate, folder: Path) -> int:
-    """Draw every frame whose picture is found into a new folder, under its own name as PNG; how many there are.
+    """Draw every frame whose picture is found into a new folder, under its own name; how many there are.
 
     BadScene where the folder exists, or no picture of the scene is found in `images` beside or above the model.
     """
@@ -64,7 +66,8 @@ def write_overlays(estimate: SceneEstimate, folder: Path) -> int:
         for row, file in enumerate(files):
             picture = None if file is None else cv2.imread(str(file), cv2.IMREAD_COLOR)
             if picture is not None:
-                target = temporary / Path(estimate.scene.views[row].name).with_suffix(".png")
+                name = estimate.scene.views[row].name
+                target = temporary / (name if Path(name).suffix.lower() in _WRITTEN else f"{name}.png")
                 target.parent.mkdir(parents=True, exist_ok=True)
                 cv2.imwrite(str(target), overlay(estimate, row, picture[..., ::-1])[..., ::-1])
         temporary.chmod(0o755)  # mkdtemp keeps others out

@@ -92,8 +92,11 @@ def _with_dense(scene: Scene, file: Path | None) -> Scene:
     if place is None:
         return scene
     cloud, warnings = dense_cloud(place, len(scene.views))
-    order = _model_order(scene, place)
+    order = None if cloud.visible_views is None else _model_order(scene, place)
     if cloud.visible_views is not None and order is not None:
+        if len(cloud.visible_views) and cloud.visible_views.max() >= len(order):
+            expected = f"positions below {len(order)}, the images of the model beside the cloud"
+            raise BadScene.at(f"{place}.vis", "image", expected, int(cloud.visible_views.max()))
         cloud = replace(cloud, visible_views=order[cloud.visible_views])
     if not _visibility_fits(scene, cloud):
         cloud = replace(cloud, visible_offsets=None, visible_views=None)
@@ -104,15 +107,15 @@ def _with_dense(scene: Scene, file: Path | None) -> Scene:
 def _model_order(scene: Scene, cloud_file: Path) -> IntArray | None:
     """(n,) rows of the views in the order that the visibility file counts them, or None where it is our own.
 
-    COLMAP counts its own model's images. A dense cloud that COLMAP made may be used with an OpenSfM scene, whose
-    shots stand in another order: then the COLMAP model beside the cloud says which image is which.
+    COLMAP counts the images of the model that it fused, which lies beside the cloud. The scene may be another one
+    of the same views in another order: OpenSfM's shots, or the model before its images were undistorted.
     """
-    folder = None if scene.format.startswith("colmap") else colmap_folder(cloud_file.parent)
-    if folder is None:
+    folder = colmap_folder(cloud_file.parent)
+    if folder is None or (scene.model_path is not None and folder.resolve() == scene.model_path.resolve()):
         return None
     rows = {view.name: row for row, view in enumerate(scene.views)}
     names = [view.name for view in colmap_scene(folder).views]
-    return np.array([rows[name] for name in names]) if set(names) == set(rows) else None
+    return np.array([rows[name] for name in names]) if set(names) <= set(rows) else None
 
 
 def _visibility_fits(scene: Scene, cloud: DenseCloud) -> bool:

@@ -1,0 +1,85 @@
+"""Made rooms through the real command: one through pycolmap, several quick ones."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.rooms.furnish import furnished_room
+from benchmarks.rooms.kinds import KINDS
+from benchmarks.rooms.knobs import Knobs
+from benchmarks.rooms.quick import quick_scene
+from benchmarks.rooms.reconstruct import reconstructed
+from benchmarks.rooms.render import NoOpenGL
+from benchmarks.rooms.scene_files import write_scene
+from estimator.command import main
+
+#: An answer further off than this is no estimate of anything: the true interval's own half width is 20 % or so.
+ROUGH = 0.35
+
+
+def answer(scene: Path, capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str, Any]]:
+    status = main([str(scene), "--json", *words])
+    return status, json.loads(capsys.readouterr().out)
+
+
+def true_scale(scene: Path) -> float:
+    return float(json.loads((scene / "truth.json").read_text())["metres_per_unit"])
+
+
+def check(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status, found = answer(scene, capsys)
+    assert found["schema"] == "metric-tree/scale/1"
+    assert status == {"resolved": 0, "unresolved": 3}[found["status"]]
+    if status == 0:
+        assert found["scale"] == pytest.approx(true_scale(scene), rel=ROUGH)
+        assert found["interval"]["low"] < found["scale"] < found["interval"]["high"]
+    else:
+        assert any(abs(mode["scale"] / true_scale(scene) - 1) < ROUGH for mode in found["modes"])
+
+
+@pytest.mark.slow
+def test_a_room_through_pycolmap(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    try:
+        truth = reconstructed(
+            furnished_room("study", 1004, Knobs(views=12, coverage=0.6)), tmp_path, 1004, features=1500
+        )
+    except NoOpenGL as missing:
+        pytest.skip(str(missing))
+    assert truth.rms_m < 0.05
+    check(tmp_path, capsys)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_quick_room(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    world = furnished_room(kind, 1005, Knobs(views=12))
+    try:
+        made = quick_scene(world, seed=1005)
+    except NoOpenGL as missing:
+        pytest.skip(str(missing))
+    write_scene(made, world, tmp_path)
+    check(tmp_path, capsys)
+
+
+def test_the_scale_follows_the_scenes_unit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The same room under two similarities: metres per unit change with the unit, the room does not."""
+    world = furnished_room("sitting room", 1006, Knobs(views=10))
+    ratios = []
+    for seed in (1, 2):
+        try:
+            made = quick_scene(world, Knobs(depth_noise=0.0, stray=0.0, keypoint_noise=0.0), seed=seed)
+        except NoOpenGL as missing:
+            pytest.skip(str(missing))
+        folder = tmp_path / str(seed)
+        write_scene(made, world, folder)
+        status, found = answer(folder, capsys)
+        assert status == 0
+        ratios.append(found["scale"] / true_scale(folder))
+    assert ratios[0] == pytest.approx(ratios[1], rel=0.1)
+
+
+def test_the_demo_scene_is_what_its_truth_says(capsys: pytest.CaptureFixture[str]) -> None:
+    check(Path(__file__).parents[2] / "data" / "scenes" / "demo_room", capsys)

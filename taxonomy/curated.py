@@ -1,0 +1,128 @@
+"""Curated ranges: what a reader says of a category for which nothing is measured, each row with its reason or standard.
+
+A range holds nine of ten such things in the writer's judgement. The rows enter the build as raw items of kind
+`curated`, which a class's real items replace. Two tables of one form: `ranges.csv` for the tree, and `blind.csv`,
+written for classes that have measured items before these were opened, to see how far such ranges can be trusted
+(docs/tree.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from crawler.items import RawItem
+from taxonomy.levels import DIMENSIONS, BadLevels, table_rows
+from taxonomy.places import taxonomy_directory
+
+__all__ = ["LICENCE", "SOURCE", "BadRange", "CuratedRange", "Triple", "blind_ranges", "curated_items", "curated_ranges"]
+
+#: Source id of the rows in a release; they are the project's own words, under its own licence.
+SOURCE = "curated"
+LICENCE = "Apache-2.0"
+
+_AXES = tuple(DIMENSIONS.values())
+_ENDS = ("low", "typical", "high")
+_COLUMNS = ("node_id", *(f"{axis}_{end}" for axis in _AXES for end in _ENDS), "reason", "standard", "reader")
+
+#: Length, width, height in mm; None where the row does not say.
+Triple = tuple[float | None, float | None, float | None]
+
+
+class BadRange(BadLevels):
+    """A row of a table of ranges that is none: the message names file, line, expected and found."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CuratedRange:
+    """Sizes of a node in mm in its ordinary pose: nine of ten lie between low and high."""
+
+    node_id: str
+    low: Triple
+    typical: Triple
+    high: Triple
+    reason: str
+    standard: str
+    reader: str
+
+
+def curated_ranges(path: Path | None = None) -> tuple[CuratedRange, ...]:
+    """The ranges that ship with the project, or those of another file.
+
+    Raises
+    ------
+    BadRange
+        A cell is no positive number, an axis is half filled, or low, typical and high are out of order.
+    """
+    return _ranges(path or _directory() / "ranges.csv")
+
+
+def blind_ranges() -> tuple[CuratedRange, ...]:
+    """Ranges of classes that have measured items, written before these were opened."""
+    return _ranges(_directory() / "blind.csv")
+
+
+def curated_items() -> Iterator[RawItem]:
+    """One raw item for each range: the typical size, the range by axis, and the node in place of a category."""
+    for row in curated_ranges():
+        known = [axis for axis, value in enumerate(row.typical) if value is not None]
+        yield RawItem(
+            source=SOURCE,
+            source_id=row.node_id,
+            title=row.reason,
+            category_path=(row.node_id,),
+            dimensions_mm={_AXES[axis]: row.typical[axis] for axis in known},
+            ranges_mm={_AXES[axis]: (_known(row.low[axis]), _known(row.high[axis])) for axis in known},
+            licence=LICENCE,
+            kind="curated",
+            synset=row.node_id,
+        )
+
+
+@cache
+def _ranges(file: Path) -> tuple[CuratedRange, ...]:
+    return tuple(_range(row, where) for where, row in table_rows(file, _COLUMNS))
+
+
+def _range(row: dict[str, str], where: str) -> CuratedRange:
+    values = [[_number(row[f"{axis}_{end}"], f"{where}: {axis}_{end}") for end in _ENDS] for axis in _AXES]
+    for axis, ends in zip(_AXES, values, strict=True):
+        known = [end for end in ends if end is not None]
+        if len(known) not in {0, 3} or known != sorted(known):
+            raise BadRange(f"{where}: {axis}: expected low, typical and high in order, or none; found {ends}")
+    low, typical, high = zip(*values, strict=True)
+    if not any(typical) or not row["reason"]:
+        raise BadRange(f"{where}: {row['node_id']}: expected at least one axis and a reason; found none")
+    return CuratedRange(
+        node_id=row["node_id"],
+        low=low,
+        typical=typical,
+        high=high,
+        reason=row["reason"],
+        standard=row["standard"],
+        reader=row["reader"],
+    )
+
+
+def _number(cell: str, where: str) -> float | None:
+    if not cell:
+        return None
+    try:
+        value = float(cell)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < float("inf"):
+        raise BadRange(f"{where}: expected millimetres; found {cell!r}")
+    return value
+
+
+def _known(value: float | None) -> float:
+    if value is None:  # _range has seen to it that an axis has all three numbers or none
+        raise AssertionError
+    return value
+
+
+def _directory() -> Path:
+    return taxonomy_directory().parent / "curated"

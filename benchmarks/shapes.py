@@ -13,7 +13,20 @@ import numpy as np
 
 from estimator.scene import Camera, DenseCloud, FloatArray, Instance, IntArray, Scene, View
 
-__all__ = ["Made", "Solid", "Thing", "box", "cylinder", "ellipsoid", "floor", "made_scene", "orbit", "view_at"]
+__all__ = [
+    "Made",
+    "Solid",
+    "Thing",
+    "box",
+    "cylinder",
+    "ellipsoid",
+    "floor",
+    "made_scene",
+    "orbit",
+    "sampled_box",
+    "sampled_cylinder",
+    "view_at",
+]
 
 
 @dataclass(frozen=True)
@@ -101,6 +114,25 @@ def orbit(
     centre = np.asarray(target, dtype=float)
     eyes = [np.array([centre[0] + radius * np.cos(a), centre[1] + radius * np.sin(a), height]) for a in angles]
     return [view_at(eye, centre, f"{k:03d}.png", **camera) for k, eye in enumerate(eyes)]  # type: ignore[arg-type]
+
+
+def sampled_box(size: FloatArray, count: int, random: np.random.Generator) -> FloatArray:
+    """(count, 3) points spread evenly over the surface of a box about the origin."""
+    areas = np.array([size[1] * size[2], size[0] * size[2], size[0] * size[1]])
+    axis = random.choice(3, count, p=areas / areas.sum())
+    points = random.uniform(-0.5, 0.5, (count, 3))
+    points[np.arange(count), axis] = random.choice([-0.5, 0.5], count)
+    return points * size
+
+
+def sampled_cylinder(size: FloatArray, count: int, random: np.random.Generator) -> FloatArray:
+    """(count, 3) points spread evenly over the wall and both ends of an upright cylinder about the origin."""
+    radius, height = size[0] / 2, size[2]
+    wall, cap = 2 * np.pi * radius * height, np.pi * radius**2
+    on_cap = random.random(count) < 2 * cap / (wall + 2 * cap)
+    angle, out = random.uniform(0, 2 * np.pi, count), np.where(on_cap, np.sqrt(random.random(count)), 1.0)
+    z = np.where(on_cap, random.choice([-0.5, 0.5], count), random.uniform(-0.5, 0.5, count))
+    return np.column_stack([radius * out * np.cos(angle), radius * out * np.sin(angle), height * z])
 
 
 def made_scene(

@@ -40,6 +40,8 @@ SAME_PLACE = 1e-9
 # Groups that lie in one place are joined too, unless the views say otherwise: where they see enough of each other's
 # points, this share at least must be common.
 NOT_CONTRADICTED_SHARE = 0.2
+# Clouds of fewer points have a spacing as large as themselves, and lie anywhere.
+MIN_PLACE_POINTS = 10
 # Distances between clouds are averages; a few hundred points give them to a few per cent.
 MAX_DISTANCE_POINTS = 400
 
@@ -175,7 +177,7 @@ def _joined_in_place(
             (_relative_distance(one, _cloud(two, clouds), clouds), first, first + 1 + offset)
             for first, one in enumerate(merged)
             for offset, two in enumerate(merged[first + 1 :])
-            if _may_join(one, two, instances, shared, total)
+            if _may_join(one, two, instances, shared, total) and _placed(one, clouds) and _placed(two, clouds)
         ]
         distance, first, second = min(pairs, default=(np.inf, 0, 0))
         if distance >= 1:
@@ -193,6 +195,11 @@ def _may_join(
         return False
     pairs = np.ix_(one, two)
     return bool(shared[pairs].sum() >= NOT_CONTRADICTED_SHARE * total[pairs].sum())
+
+
+def _placed(group: Sequence[int], clouds: Sequence[FloatArray]) -> bool:
+    """Whether a group has points enough to say where it is."""
+    return sum(len(clouds[row]) for row in group) >= MIN_PLACE_POINTS
 
 
 def _affinity(shared: FloatArray, total: FloatArray, barred: BoolArray) -> FloatArray:

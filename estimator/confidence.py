@@ -30,7 +30,7 @@ def eta(points: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     overall = _density(counts)
     if overall == 0:
         return np.zeros(3)
-    ends = [(counts.take([0], axis), counts.take([GRID - 1], axis)) for axis in range(3)]
+    ends = [(np.moveaxis(counts, axis, 0)[0], np.moveaxis(counts, axis, 0)[-1]) for axis in range(3)]
     return np.array([np.sqrt(_density(head) * _density(tail)) / overall for head, tail in ends])
 
 

@@ -76,7 +76,7 @@ def dimensions(found: Inliers, basis: FloatArray, usual_noise: float, robust: bo
         order = [1, 0, 2]
         axes, local, low, high = axes[order], local[:, order], low[order], high[order]
     sigma = extent_sigma(local, high - low, found.noise or usual_noise)
-    return Dimensions(axes, low, high, sigma, eta(local, low, high), found.rows)
+    return Dimensions(axes, low, high, sigma, eta(local, local.min(axis=0), local.max(axis=0)), found.rows)
 
 
 def usual_noise(found: Iterable[Inliers]) -> float:

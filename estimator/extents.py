@@ -32,8 +32,9 @@ MAX_POINTS = 4000
 POINTS_PER_CELL = 16
 MIN_POINTS_PER_CELL = 8
 MAX_CELLS = 256
+MAX_CELLS_READ = 48
 # Fewer make cells so large that curved sides look like noise.
-MIN_NOISE_POINTS = 1000
+MIN_NOISE_POINTS = 1500
 # Cells that hold an edge or a thin leg look thick; flat ones lie in the lower part.
 FLAT_CELLS = 0.35
 # One standard deviation of an edge, as a share of the extent, from the rule on made shapes: what remains with many
@@ -93,13 +94,13 @@ def surface_noise(points: FloatArray) -> float:
     # sums about the cloud's middle keep the squares small
     centred = thin - thin.mean(axis=0)
     sums = np.stack([np.bincount(cells, centred[:, axis]) for axis in range(3)], axis=1)
-    products = np.stack(
-        [np.bincount(cells, centred[:, one] * centred[:, two]) for one in range(3) for two in range(3)], axis=1
-    )
+    pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
+    upper = np.stack([np.bincount(cells, centred[:, one] * centred[:, two]) for one, two in pairs], axis=1)
+    products = upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]]
     full = np.flatnonzero(count >= MIN_POINTS_PER_CELL)
     if full.size == 0:
         return 0.0
-    full = full[:: max(1, full.size // 64)]
+    full = full[:: max(1, full.size // MAX_CELLS_READ)]
     number = count[full, None, None]
     mean = sums[full] / count[full, None]
     scatter = products[full].reshape(-1, 3, 3) - number * mean[:, :, None] * mean[:, None, :]

@@ -81,7 +81,8 @@ def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
         if listed is None:
             seen, inside = visible_rows(view, points)
         else:
-            seen, inside = _inside_rows(view, points, listed[index])
+            within, inside, _ = _inside_rows(view, points[listed[index]])
+            seen = listed[index][within]
         pixels.append(inside)
         rows.append(seen)
     return _labels(scene.views, points, pixels, rows, instances)
@@ -129,15 +130,13 @@ def visible_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray]:
     The buffer's cells are as large as the cloud's density asks for; a point is kept when it lies within
     `DEPTH_TOLERANCE` of the nearest depth in its cell.
     """
-    depth = points @ view.rotation[2] + view.translation[2]
-    rows = np.flatnonzero(depth > 0)
-    rows, pixels = _inside_rows(view, points, rows)
-    depth = depth[rows]
+    rows, pixels, depth = _inside_rows(view, points)
     if rows.size == 0:
         return rows, pixels
     cell = _cell_size(view.camera, rows.size)
     across = int(view.camera.width // cell) + 1
-    cells = (pixels[:, 1] // cell).astype(np.int64) * across + (pixels[:, 0] // cell).astype(np.int64)
+    columns, lines = (pixels.T * (1 / cell)).astype(np.int64)
+    cells = lines * across + columns
     nearest = np.full(int(cells.max()) + 1, np.inf)
     np.minimum.at(nearest, cells, depth)
     seen = depth <= nearest[cells] * (1 + DEPTH_TOLERANCE)
@@ -151,19 +150,14 @@ def _cell_size(camera: Camera, count: int) -> float:
     return float(np.clip(wanted, side / CELLS_ALONG_SIDE[1], side / CELLS_ALONG_SIDE[0]))
 
 
-def _inside_rows(view: View, points: FloatArray, rows: IntArray) -> tuple[IntArray, FloatArray]:
-    """Those of `rows` in front of the camera whose projection falls in the image, and their pixels."""
-    camera_points = points[rows] @ view.rotation.T + view.translation
-    ahead = camera_points[:, 2] > 0
-    rows, camera_points = rows[ahead], camera_points[ahead]
+def _inside_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Rows of the points (n, 3) that project into the image, their pixels (m, 2) and depths (m,)."""
+    camera_points = points @ view.rotation.T + view.translation
     pixels = projected(view.camera, camera_points)
-    inside: BoolArray = (
-        (pixels[:, 0] >= 0)
-        & (pixels[:, 0] < view.camera.width)
-        & (pixels[:, 1] >= 0)
-        & (pixels[:, 1] < view.camera.height)
-    )
-    return rows[inside], pixels[inside]
+    x, y = pixels.T
+    # NaN, behind the camera or beyond its lens, is not inside
+    rows = np.flatnonzero((x >= 0) & (x < view.camera.width) & (y >= 0) & (y < view.camera.height))
+    return rows, pixels[rows], camera_points[rows, 2]
 
 
 def _listed_rows(offsets: IntArray | None, views: IntArray | None, count: int) -> list[IntArray] | None:

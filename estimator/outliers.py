@@ -24,8 +24,8 @@ POINTS_PER_CELL = 4
 # quarter, a thin leg a tenth.
 LONELY_SHARE = 0.06
 # A cluster is dropped when it lies further from the main one than this share of the main one's diagonal, and is small:
-# chairs lose the legs between seat and castors, which is under half their diagonal.
-FAR_SHARE = 0.5
+# chairs lose the legs between seat and castors, which is about half the diagonal of what is left.
+FAR_SHARE = 0.7
 SMALL_SHARE = 0.1
 # Cells along a side; a grid beyond this is the sign of a point at infinity, not of detail.
 MAX_CELLS = 48

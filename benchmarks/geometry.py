@@ -1,0 +1,187 @@
+"""What the geometry costs and how well it measures, on made scenes: `python -m benchmarks.geometry [PART ...]`.
+
+Parts: `times` (labels per frame, dimensions per scene; the paper: 200 ms and 20 ms), `bottle` (the paper's figure of three cases),
+`extents` (bias of the one extent rule by shape, points and noise), `rooms` (made rooms: association, sizes, supports).
+"""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from benchmarks.shapes import Solid, Thing, box, cylinder, floor, made_scene, orbit, sampled_box, sampled_cylinder
+from estimator.confidence import ETA_THRESHOLD, eta
+from estimator.dimensions import dimensions, inliers, usual_noise
+from estimator.extents import edges, surface_noise
+from estimator.footprint import smallest_rectangle_axes
+from estimator.labels import view_labels, visible_rows
+from estimator.measurement import PAPER, MeasurementOptions, measured
+from estimator.scene import FloatArray
+
+__all__ = ["bottle_confidences", "main"]
+
+REPEATS = 20
+#: The figure of the three cases in the paper, for comparison.
+PAPER_BOTTLE = {0: (0.912, 1.077, 0.926), 30: (0.885, 1.001, 0.543), 45: (0.593, 1.045, 0.291)}
+
+
+def milliseconds(work: Callable[[], object]) -> tuple[float, float]:
+    """Median and largest time of a call after one to warm up."""
+    work()
+    times = []
+    for _ in range(REPEATS):
+        start = perf_counter()
+        work()
+        times.append((perf_counter() - start) * 1e3)
+    return float(np.median(times)), max(times)
+
+
+def bottle_confidences(degrees: float, points: int = 4000, seed: int = 0) -> FloatArray:
+    """(3,) eta of a made bottle that leans by so many degrees, by the paper's own minimum rectangle."""
+    lean = Rotation.from_euler("x", degrees, degrees=True).as_matrix()
+    body, neck = np.array([0.08, 0.08, 0.22]), np.array([0.03, 0.03, 0.08])
+    solids = (
+        Solid("cylinder", body, lean @ np.array([0, 0, 0.0]), lean),
+        Solid("cylinder", neck, lean @ np.array([0, 0, 0.15]), lean),
+    )
+    views = orbit(12, 0.9, 0.45, target=(0, 0, 0.03), size=(240, 180), focal=220.0)
+    cloud = made_scene([Thing("bottle", solids)], views, dense=points, noise=0.001, seed=seed).scene.dense
+    assert cloud is not None
+    axes = np.eye(3)
+    axes[:2, :2] = smallest_rectangle_axes(cloud.points[:, :2])
+    local = cloud.points @ axes.T
+    return eta(local, local.min(axis=0), local.max(axis=0))
+
+
+def times() -> None:
+    """Labels per frame with 100,000 points and 10 masks; dimensions per scene with 20 objects of 1,000 points."""
+    things = [floor()]
+    things += [
+        box("chair", (0.5, 0.4, 0.9), (1.2 * np.cos(a), 1.2 * np.sin(a), 0), 30 * a) for a in np.arange(10) * 0.628
+    ]
+    made = made_scene(things, orbit(6, 3.5, 1.6), dense=100_000)
+    view, cloud = made.scene.views[0], made.scene.dense
+    assert cloud is not None
+    masks = [instance for instance in made.instances if instance.view == 0]
+
+    def labels() -> object:
+        _, pixels = visible_rows(view, cloud.points)
+        return view_labels(pixels, masks)
+
+    middle, worst = milliseconds(labels)
+    print(f"labels: {len(cloud.points)} points, {len(masks)} masks: {middle:.1f} ms a frame, at most {worst:.1f}")
+    random = np.random.default_rng(0)
+    clouds = [
+        (sampled_box if k % 2 else sampled_cylinder)(random.uniform(0.1, 1.0, 3), 1000, random)
+        + random.normal(0, 0.003, (1000, 3))
+        for k in range(20)
+    ]
+    basis = np.eye(3)
+
+    def sizes() -> object:
+        found = [inliers(cloud, basis, "neighbours") for cloud in clouds]
+        noise = usual_noise(found)
+        return [dimensions(one, basis, noise) for one in found]
+
+    middle, worst = milliseconds(sizes)
+    print(f"dimensions: {len(clouds)} objects of 1000 points: {middle:.1f} ms a scene, at most {worst:.1f}")
+    start = perf_counter()
+    for points in clouds:
+        inliers(points, basis, "forest")
+    print(f"isolation forest of the paper's arm: {(perf_counter() - start) * 1e3:.0f} ms a scene more")
+    found = measured(made.scene, made.instances)
+    stages = ", ".join(f"{stage} {seconds * 1e3:.0f}" for stage, seconds in found.timings.items())
+    print(f"the whole of it, {len(made.scene.views)} views of 100,000 points, in ms: {stages}")
+
+
+def bottle() -> None:
+    """The paper's figure of three cases beside ours."""
+    print(f"bottle: eta of x, y, z (threshold {ETA_THRESHOLD})")
+    for degrees, paper in PAPER_BOTTLE.items():
+        ours = np.mean([bottle_confidences(degrees, seed=seed) for seed in range(5)], axis=0)
+        print(f"  {degrees:2d} degrees: ours {np.round(ours, 3)}, paper {paper}")
+
+
+def extents() -> None:
+    """Bias and spread of the extent rule on made shapes, in log size."""
+    random = np.random.default_rng(0)
+    shapes = {"box": sampled_box, "cylinder": sampled_cylinder}
+    print("extents: mean (spread) of log measured / true over random sizes, by noise as a share of the longest side")
+    for count in (30, 100, 400, 1000, 4000):
+        for noise in (0.0, 0.003, 0.01):
+            errors = []
+            for shape in shapes.values():
+                for _ in range(30):
+                    size = random.uniform(0.3, 1.0, 3)
+                    size[1] = size[0]
+                    points = shape(size, count, random) + random.normal(0, noise * size.max(), (count, 3))
+                    low, high = edges(points, surface_noise(points))
+                    errors.append(np.log((high - low) / size))
+            print(f"  {count:5d} points, noise {noise:.3f}: {np.mean(errors):+.3f} ({np.std(errors):.3f})")
+
+
+def rooms(seeds: tuple[int, ...] = (101, 102)) -> None:
+    """Made rooms with exact truth: association of both kinds, sizes with and without supports."""
+    from benchmarks.rooms.furnish import furnished_room  # noqa: PLC0415  they need OpenGL
+    from benchmarks.rooms.kinds import KINDS  # noqa: PLC0415
+    from benchmarks.rooms.knobs import Knobs  # noqa: PLC0415
+    from benchmarks.rooms.quick import quick_scene  # noqa: PLC0415
+
+    knobs = Knobs(missing_feet=0.3)
+    scenes = [quick_scene(furnished_room(kind, seed, knobs), knobs, seed) for kind in KINDS for seed in seeds]
+    arms = {
+        "default": (MeasurementOptions(), True),
+        "without supports": (MeasurementOptions(supports=False), True),
+        "repaired Algorithm 1": (MeasurementOptions(association="incremental"), True),
+        "paper": (PAPER, True),
+        "default, sparse points": (MeasurementOptions(), False),
+        "repaired Algorithm 1, sparse points": (MeasurementOptions(association="incremental"), False),
+    }
+    print(f"rooms: {len(scenes)} rooms, 30 % of the objects without a foot; log error of sizes no flag calls cut")
+    for name, (options, dense) in arms.items():
+        _report(name, scenes, options, dense)
+
+
+def _report(name: str, scenes: list, options: MeasurementOptions, dense: bool) -> None:  # type: ignore[type-arg]
+    from sklearn.metrics import adjusted_rand_score  # noqa: PLC0415
+
+    errors, index, splits, merges = [], [], 0, 0
+    for made in scenes:
+        scene = made.scene if dense else replace(made.scene, dense=None)
+        found = measured(scene, made.instances, options)
+        true = [instance.track for instance in made.instances]
+        given = np.zeros(len(true), dtype=int)
+        for number, track in enumerate(found.tracks):
+            given[list(track.members)] = number
+        index.append(adjusted_rand_score(true, given))
+        splits += sum(len(set(given[[t == one for t in true]])) - 1 for one in set(true))
+        merges += sum(len({true[row] for row in track.members}) - 1 for track in found.tracks)
+        for thing in found.objects:
+            if thing.skipped is None:
+                owner = Counter(true[row] for row in thing.members).most_common(1)[0][0]
+                error = np.log(thing.extents * made.truth.metres_per_unit / made.truth.objects[owner].size)
+                errors.append(np.where(thing.truncated, np.nan, error))
+    table = np.array(errors)
+    sizes = ", ".join(
+        f"{axis} {np.nanmedian(table[:, k]):+.3f} (|e| {np.nanmedian(np.abs(table[:, k])):.3f}, n {np.isfinite(table[:, k]).sum()})"
+        for k, axis in enumerate(("length", "width", "height"))
+    )
+    print(f"  {name}: ARI {np.mean(index):.4f}, splits {splits}, merges {merges}; {sizes}")
+
+
+PARTS = {"times": times, "bottle": bottle, "extents": extents, "rooms": rooms}
+
+
+def main(words: list[str]) -> None:
+    for part in words or list(PARTS):
+        PARTS[part]()
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

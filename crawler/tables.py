@@ -191,6 +191,10 @@ class Table:
         expect(
             self.unit is None or self.unit in MILLIMETRES, "tables.unit", f"one of {', '.join(MILLIMETRES)}", self.unit
         )
+        measured = self.unit or all(axis.unit for axis in self.axes.values())
+        expect(
+            bool(measured), "tables.unit", "a unit for every axis", [a.column for a in self.axes.values() if not a.unit]
+        )
         expect(set(self.axes) <= set(AXES), "tables.axes", f"some of {', '.join(AXES)}", list(self.axes))
         expect(set(self.order) <= set(AXES), "tables.order", f"some of {', '.join(AXES)}", self.order)
         expect(not self.kind or self.kind in KINDS, "tables.kind", f"one of {', '.join(sorted(KINDS))}", self.kind)

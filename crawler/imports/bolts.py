@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from crawler.imports.readings import Reading, Refused, item
+from crawler.imports.rows import BadTable, yaml_document
 from crawler.lengths import millimetres
 from crawler.sources import Source
 
@@ -32,10 +33,14 @@ _UNITS = {"Length (mm)": "mm", "Length (in)": "in"}
 
 def readings(source: Source, folder: Path) -> Iterator[Reading]:
     """A reading per table row of every class in `*.blt`, in the order of files, classes and rows."""
-    import yaml  # type: ignore[import-untyped]
-
-    for path in sorted(folder.glob("*.blt")):
-        for entry in yaml.safe_load(path.read_text(encoding="utf-8"))["classes"]:
+    paths = sorted(folder.glob("*.blt"))
+    if not paths:
+        raise BadTable(f"{folder}: expected *.blt; found no such file")
+    for path in paths:
+        document = yaml_document(path)
+        if not isinstance(document, Mapping) or not isinstance(document.get("classes"), list):
+            raise BadTable(f"{path}: classes: expected a list; found none")
+        for entry in document["classes"]:
             yield from _class_readings(source, entry)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from crawler.items import Kind, RawItem
+from crawler.items import RawItem
 from crawler.measures import AXES, extents_mm
 from crawler.sources import Source
 from crawler.tables import REASONS
@@ -77,25 +77,22 @@ def item(
     if not path:
         raise Refused("no_category", "category", texts.get("title", ""))
     given = {key: value for key, value in texts.items() if value}
-    defaults: dict[str, Any] = {
-        "licence": source.licence, "kind": source.kind, "year": source.year, "region": source.region
-    }  # fmt: skip
     return RawItem(
         source=source.id,
         source_id=source_id,
         category_path=path,
         dimensions_mm={axis: stated.get(axis) for axis in AXES} if stated else {},
         extents_mm=sides,
-        **(defaults | given),
+        **(_defaults(source) | given),
     )
+
+
+def _defaults(source: Source) -> dict[str, Any]:
+    """What the source says of all its rows."""
+    return {"licence": source.licence, "kind": source.kind, "year": source.year, "region": source.region}
 
 
 def year(text: str) -> int | None:
     """The first year from 1000 to 2099 in a text."""
     found = re.search(r"(?<!\d)(?:1\d|20)\d{2}(?!\d)", text)
     return int(found[0]) if found else None
-
-
-def kind_of(text: str, source: Source) -> Kind:
-    """The kind that a table declares, else the source's."""
-    return text or source.kind  # type: ignore[return-value]  # a table's kind is checked at its door

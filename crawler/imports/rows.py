@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import sys
 from collections.abc import Iterator, Mapping
@@ -12,7 +13,7 @@ from typing import Any
 from crawler.faults import InputFault
 from crawler.tables import Table
 
-__all__ = ["BadTable", "Row", "flat", "rows"]
+__all__ = ["BadTable", "Row", "flat", "rows", "yaml_document"]
 
 #: Column to text; the columns of nested records are joined with a full stop.
 Row = dict[str, str]
@@ -38,8 +39,24 @@ def rows(table: Table, path: Path) -> Iterator[Row]:
     ]
     try:
         yield from read(table, path)
-    except (UnicodeDecodeError, csv.Error, ValueError, LookupError) as error:
-        raise BadTable(f"{path}: expected {table.format} in {table.encoding}; found {error}") from None
+    except (csv.Error, ValueError, LookupError, TypeError) as error:
+        raise BadTable(f"{path}: expected {table.format} in {table.encoding}; found {_one_line(error)}") from None
+
+
+def yaml_document(path: Path, encoding: str = "utf-8") -> Any:
+    """What a YAML file holds.
+
+    Raises
+    ------
+    BadTable
+        The file is no YAML.
+    """
+    import yaml  # type: ignore[import-untyped]
+
+    try:
+        return yaml.safe_load(path.read_text(encoding=encoding))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise BadTable(f"{path}: expected yaml in {encoding}; found {_one_line(error)}") from None
 
 
 def flat(record: Any, prefix: str = "") -> Row:
@@ -76,9 +93,7 @@ def _jsonl(table: Table, path: Path) -> Iterator[Row]:
 
 
 def _yaml(table: Table, path: Path) -> Iterator[Row]:
-    import yaml  # type: ignore[import-untyped]
-
-    yield from _records(yaml.safe_load(path.read_text(encoding=table.encoding)), table.each)
+    yield from _records(yaml_document(path, table.encoding), table.each)
 
 
 def _properties(table: Table, path: Path) -> Iterator[Row]:
@@ -95,7 +110,10 @@ def _properties(table: Table, path: Path) -> Iterator[Row]:
 def _xls(table: Table, path: Path) -> Iterator[Row]:
     import xlrd
 
-    sheet = xlrd.open_workbook(str(path)).sheet_by_index(0)
+    try:
+        sheet = xlrd.open_workbook(str(path), logfile=io.StringIO()).sheet_by_index(0)
+    except Exception as error:  # noqa: BLE001 - xlrd raises whatever it trips over in a damaged file
+        raise BadTable(f"{path}: expected an Excel file (.xls); found {_one_line(error)}") from None
     lines = [[_excel_text(cell) for cell in sheet.row_values(i)] for i in range(sheet.nrows)]
     header = list(table.columns) or [" ".join(name.split()) for name in lines[table.skip_lines]]
     for cells in lines[table.skip_lines + (0 if table.columns else 1) :]:
@@ -118,6 +136,10 @@ def _records(tree: Any, each: str) -> Iterator[Row]:
     for keys, record in found:
         names = ("key", *(f"key{n}" for n in range(2, len(keys) + 1)))
         yield dict(zip(names, keys, strict=False)) | flat(record)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
 
 
 def _entries(node: Any) -> Iterator[tuple[Any, Any]]:

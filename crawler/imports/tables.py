@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from crawler.imports.readings import Reading, Refused, item, kind_of, year
+from crawler.imports.readings import Reading, Refused, item, year
 from crawler.imports.rows import BadTable, Row, rows
 from crawler.lengths import millimetres
 from crawler.measures import Measure, UnreadableLength, extents_mm, length_mm, measures, words_mm
 from crawler.sources import Source
-from crawler.tables import Rule, Table
+from crawler.tables import Axis, Rule, Table
 
 __all__ = ["filled", "table_readings"]
 
@@ -111,7 +111,7 @@ def _item(source: Source, table: Table, row: Row, size: _Size) -> Reading:
         dimensions_text=size.text,
         year=year(filled(table.year, row)),
         region=filled(table.region, row),
-        kind=kind_of(table.kind, source),
+        kind=table.kind,
         synset=filled(table.synset, row),
         licence=table.licence,
         flags=tuple(flags),
@@ -162,10 +162,14 @@ def _length(table: Table, row: Row, axis: str) -> float | None:
         return _difference(table, row, axis)
     text = _first_group(declared.pattern, row.get(declared.column, ""))
     try:
-        length = length_mm(text, declared.unit or table.unit or "mm", table.decimal)
+        length = length_mm(text, _unit(table, declared), table.decimal)
     except UnreadableLength as error:
         raise Refused("unreadable", declared.column, error) from None
     return length * declared.factor if length else None
+
+
+def _unit(table: Table, axis: Axis) -> str:
+    return axis.unit or table.unit or "mm"  # a table without any unit has not passed its door
 
 
 def _difference(table: Table, row: Row, axis: str) -> float:
@@ -175,7 +179,7 @@ def _difference(table: Table, row: Row, axis: str) -> float:
         sides = float(row[declared.column]) - float(row[declared.minus])
     except (KeyError, ValueError) as error:
         raise Refused("unreadable", declared.column, error) from None
-    return millimetres(abs(sides), declared.unit or table.unit or "mm") * declared.factor
+    return millimetres(abs(sides), _unit(table, declared)) * declared.factor
 
 
 def _tested(rule: Rule, row: Row) -> str:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from crawler.imports.readings import Reading, Refused, item, year
+from crawler.imports.rows import Row, rows
 from crawler.measures import Measure, measures, words_mm
 from crawler.sources import Source
+from crawler.tables import Table
 
 __all__ = ["readings"]
+
+_TABLE = Table(files=("walters_dims.jsonl",), format="jsonl")
 
 #: Classes and object names whose size is that of a sheet or a picture.
 _FLAT_CLASSES = frozenset({"Manuscripts & Rare Books", "Painting & Drawing", "Prints"})
@@ -25,7 +27,7 @@ _SET_NAMES = re.compile(r"\bsets?\b|service", re.IGNORECASE)
 #: Words that say that a statement measures a part, or the thing without one.
 _PART = re.compile(
     r"\b(at|without|excluding|bezel|hoop|frame|framed|mount|inner|interior|image|painted|base|average|circumference|blade"
-    r"|sheath|dagger|chain|medallion|panel|center|thickness of|height of|l of|w of|h of|d of|diam of|of)\b",
+    r"|sheath|dagger|chain|medallion|panel|center|of)\b",
     re.IGNORECASE,
 )
 #: `(h. x max. diam.)` behind the figures says what they are.
@@ -42,33 +44,30 @@ _BOUNDS_MM = (1.0, 6000.0)
 
 def readings(source: Source, folder: Path) -> Iterator[Reading]:
     """A reading per object of `walters_dims.jsonl`."""
-    path = folder if folder.is_file() else folder / "walters_dims.jsonl"
-    with path.open(encoding="utf-8") as lines:
-        for line in lines:
-            row = json.loads(line)
-            try:
-                yield _item(source, row)
-            except Refused as refused:
-                yield refused.refusal(source, str(row["ObjectID"]))
+    path = folder if folder.is_file() else folder / _TABLE.files[0]
+    for row in rows(_TABLE, path):
+        try:
+            yield _item(source, row)
+        except Refused as refused:
+            yield refused.refusal(source, row["ObjectID"])
 
 
-def _item(source: Source, row: Mapping[str, Any]) -> Reading:
-    names = str(row["ObjectName"] or "")
-    _refuse_flat(str(row["Classification"] or ""), names)
-    text = str(row["Dimensions"] or "")
-    words, extents = _size(text)
+def _item(source: Source, row: Row) -> Reading:
+    names = row["ObjectName"]
+    _refuse_flat(row["Classification"], names)
+    words, extents = _size(row["Dimensions"])
     first = re.split(r"[;,]", names, maxsplit=1)[0]
     return item(
         source,
-        str(row["ObjectID"]),
+        row["ObjectID"],
         words,
         extents=extents,
         bounds_mm=_BOUNDS_MM,
-        category=[str(row["Classification"] or ""), re.sub(r"\s*\([^)]*\)", "", first)] if first else [],
-        title=str(row["Title"] or ""),
+        category=[row["Classification"], re.sub(r"\s*\([^)]*\)", "", first)] if first else [],
+        title=row["Title"],
         url=f"https://art.thewalters.org/detail/{row['ObjectID']}",
-        dimensions_text=text,
-        year=year(str(row["DateText"] or "")),
+        dimensions_text=row["Dimensions"],
+        year=year(row["DateText"]),
     )
 
 
@@ -99,9 +98,8 @@ def _size(text: str) -> tuple[dict[str, float], tuple[float, ...] | None]:
 
 def _worded(found: tuple[Measure, ...], statement: str) -> tuple[dict[str, float], tuple[float, ...] | None]:
     behind = _ORDER.search(statement)
-    order = (
-        [_LETTERS[letter.lower()] for letter in re.findall(r"diam|[hwdl]", behind[1], re.IGNORECASE)] if behind else []
-    )
+    letters = re.findall(r"diam|[hwdl]", behind[1].lower()) if behind else []
+    order = [_LETTERS[letter] for letter in letters]
     words = words_mm(found, order) if len(order) in {0, len(found)} else {}
     complete = len(words) == len(found)
     return words, None if complete else tuple(measure.mm for measure in found)

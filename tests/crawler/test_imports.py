@@ -317,6 +317,26 @@ def test_a_table_that_is_not_of_its_encoding_or_not_there_is_named(tmp_path: Pat
     assert sizes(result) == [{"width": 3}]
 
 
+@pytest.mark.parametrize(
+    ("name", "form", "damage"),
+    [
+        ("things.csv", "csv", b""),
+        ("things.csv", "csv", b"w,\xff\xfe\n1,2\n"),
+        ("things.json", "json", b'[{"w": 3}, {"w"'),
+        ("things.json", "json", b"17"),
+        ("things.jsonl", "jsonl", b'{"w": 3}\nnot json\n'),
+        ("things.yml", "yaml", b"a: [1, 2\nb: }"),
+        ("things.xls", "xls", b"PK\x03\x04 no old Excel file"),
+        ("things.xls", "xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1 cut short"),
+    ],
+)
+def test_a_damaged_file_is_one_clear_line(tmp_path: Path, name: str, form: str, damage: bytes) -> None:
+    (tmp_path / name).write_bytes(damage)
+    with pytest.raises(BadTable, match=f"{name}: expected .*; found ") as caught:
+        made_up(tmp_path, f'[[tables]]\nfiles = ["{name}"]\nformat = "{form}"\nunit = "mm"\naxes = {{ width = "w" }}')
+    assert "\n" not in str(caught.value)
+
+
 REPEATED = """
 [[tables]]
 files = ["things.csv"]
@@ -432,6 +452,13 @@ classes:
     assert sizes(result) == [{"width": 19.05, "height": 11.112}]
     assert result.items[0].title == "Made-up nut 1/2 in"
     assert reasons(result) == [("part_not_whole", "class")]
+
+
+@pytest.mark.parametrize("damage", ["classes: 3", "[1, 2", ""])
+def test_a_damaged_table_of_standard_parts_is_one_clear_line(tmp_path: Path, damage: str) -> None:
+    (tmp_path / "made.blt").write_text(damage, encoding="utf-8")
+    with pytest.raises(BadTable, match=r"made\.blt: .*expected .*; found "):
+        list(readings(source("bolts"), tmp_path))
 
 
 def test_every_item_is_a_raw_item_that_survives_its_line(tmp_path: Path) -> None:

@@ -59,6 +59,7 @@ def test_a_declaration_is_read(tmp_path: Path) -> None:
         ('unit = "cm"', 'unit = "cubit"', "tables.unit"),
         ('unit = "cm"', 'unit = "cm"\nshade = "red"', "tables"),
         ("height = ", "girth = ", "tables.axes"),
+        ('unit = "cm"', "", "tables.unit"),
         ('category = ["lamp"]', 'category = ["lamp"]\nrefused = "dull"', "tables.reject"),
         (
             'category = ["lamp"]',

@@ -141,10 +141,10 @@ class BanMiddleware:
         self._in_a_row += 1
         if self._crawler.stats is not None:
             self._crawler.stats.inc_value("metric_tree/bans")
-        self._pause(_asked_for(response))
+        self._pause(_retry_after(response))
         return request.replace(dont_filter=True, priority=request.priority - 1)
 
-    def _pause(self, asked: float) -> None:
+    def _pause(self, asked: float | None) -> None:
         from twisted.internet import reactor
 
         engine = self._crawler.engine
@@ -157,7 +157,10 @@ class BanMiddleware:
             deferred_from_coro(engine.close_spider_async(reason="banned"))
             return
         first = self._crawler.settings.getfloat("METRIC_TREE_BAN_SECONDS", BAN_SECONDS)
-        seconds = min(max(asked, first * 2 ** (self._in_a_row - 1)), LONGEST_BAN_SECONDS)
+        # A first refusal that names its end is believed; after that it is our own patience that grows.
+        own = first * 2 ** (self._in_a_row - 1)
+        seconds = asked if asked is not None and self._in_a_row == 1 else max(asked or 0.0, own)
+        seconds = min(seconds, LONGEST_BAN_SECONDS)
         engine.pause()
         reactor.callLater(seconds, engine.unpause)
 
@@ -170,9 +173,9 @@ def is_ban(response: Response) -> bool:
     return short and bool(_BAN_PAGE.search(response.body))
 
 
-def _asked_for(response: Response) -> float:
+def _retry_after(response: Response) -> float | None:
     after = response.headers.get("Retry-After") or b""
-    return float(after) if after.isdigit() else 0.0
+    return float(after) if after.isdigit() else None
 
 
 def _resolves_to_private(host: str) -> bool:

@@ -22,6 +22,9 @@ __all__ = ["KEY", "CommitMiddleware", "FrontierScheduler", "frontier_of"]
 #: The request's meta that holds the task's key.
 KEY = "frontier_key"
 
+#: Set once a failure is committed: Scrapy passes the errback's empty output through the spider middlewares too.
+_SETTLED = "frontier_settled"
+
 #: What of a request's meta outlives the process: the counters of Scrapy's own middlewares and what spiders hand on.
 _LASTING = ("depth", "retry_times", "redirect_times", "redirect_urls", "bans", "item")
 
@@ -78,6 +81,7 @@ class FrontierScheduler(BaseScheduler):
     def _failed(self, failure: Failure) -> None:
         request: Request = failure.request  # type: ignore[attr-defined]
         reason = _reason(failure.value)
+        request.meta[_SETTLED] = True
         self._frontier.commit(Outcome(request.meta[KEY], failure=reason))
         if self._spider is not None and self._spider.crawler.stats is not None:
             self._spider.crawler.stats.inc_value(f"metric_tree/failed/{reason}")
@@ -111,7 +115,7 @@ class CommitMiddleware:
         except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl
             failure = f"unreadable: {type(error).__name__}"
             items, tasks = [], []
-        if KEY in response.meta:
+        if KEY in response.meta and not response.meta.get(_SETTLED):
             new = self._frontier.commit(Outcome(response.meta[KEY], items, tasks, failure))
             self._count("items", new)
             self._count("dropped/duplicate", len(items) - new)

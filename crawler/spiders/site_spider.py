@@ -21,6 +21,9 @@ __all__ = ["SiteSpider"]
 #: Product pages before listings before pictures: a crawl that is stopped has items, not addresses.
 PRODUCT, LISTING, PICTURE = 20, 10, 0
 
+#: An address that repeats a part so often is a trap: a calendar, a menu that links into itself.
+REPEATS = 3
+
 _NO_PAGE = re.compile(r"\.(?:jpe?g|png|gif|webp|svg|pdf|zip|css|js|ico|mp4|woff2?)(?:$|\?)", re.IGNORECASE)
 
 
@@ -92,6 +95,11 @@ class SiteSpider(scrapy.Spider):
 
             deferred_from_coro(self.crawler.engine.close_spider_async(reason="limit"))
 
+    def _may_follow(self, url: str) -> bool:
+        parts = [part for part in urlsplit(url).path.split("/") if part]
+        trapped = any(parts.count(part) >= REPEATS for part in parts)
+        return not trapped and not _NO_PAGE.search(url) and self.allows(url)
+
     def _picture_requests(self, item: RawItem) -> Iterator[scrapy.Request]:
         if self._pictures is not None:
             for url in item.images:
@@ -102,7 +110,7 @@ class SiteSpider(scrapy.Spider):
         seen: set[str] = set()
         for address in read.root.xpath("//a/@href"):
             url = urljoin(read.url, address.strip()).split("#")[0]
-            if url not in seen and url.startswith("http") and not _NO_PAGE.search(url) and self.allows(url):
+            if url not in seen and url.startswith("http") and self._may_follow(url):
                 seen.add(url)
                 if self.site.is_product(url):
                     yield scrapy.Request(url, callback=self.parse, priority=PRODUCT)

@@ -1,0 +1,176 @@
+"""Crawls of a made shop on loopback: items against truth, kills, shared frontiers, manners."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.made_site import MadeSite, Shop, expected, fault
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def command(site: MadeSite, out: Path, *words: str) -> list[str]:
+    code = "from metric_tree.commands import main; raise SystemExit(main())"
+    fixed = [
+        "crawl",
+        "generic",
+        "--out",
+        str(out),
+        "--start-url",
+        f"{site.base}/list/0",
+        "--contact",
+        "tests@example.org",
+    ]
+    return [sys.executable, "-c", code, *fixed, "--delay", "0", "--private", "--json", *words]
+
+
+def crawl(site: MadeSite, out: Path, *words: str, status: int = 0) -> Any:
+    done = subprocess.run(
+        command(site, out, *words), cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == status, done.stderr
+    return json.loads(done.stdout) if status == 0 else done.stderr
+
+
+def items(out: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for path in sorted(out.rglob("items-*.jsonl")) for line in path.read_text().splitlines()]
+
+
+def sizes(out: Path) -> dict[str, tuple[float, ...]]:
+    return {item["title"]: tuple(item["extents_mm"]) for item in items(out)}
+
+
+def test_a_shop_with_faults_is_brought_home(tmp_path: Path) -> None:
+    shop = Shop(products=250)
+    with MadeSite(shop) as site:
+        summary = crawl(site, tmp_path / "out")
+        assert sizes(tmp_path / "out") == expected(shop)
+        assert len(items(tmp_path / "out")) == len(expected(shop))
+        assert not any(path.startswith("/private/") for path in site.fetched)
+    cases = [fault(number, shop) for number in range(shop.products)]
+    assert summary["reason"] == "finished"
+    assert summary["frontier"]["waiting"] == summary["frontier"]["leased"] == 0
+    assert summary["failed"]["http 500"] == cases.count("lasting_500")
+    assert summary["failed"].get("off the site", 0) == cases.count("off_site")
+    assert summary["frontier"]["failed"] == sum(summary["failed"].values())
+    assert summary["bans"] == cases.count("passing_503")
+    assert summary["dropped"]["no_html"] == cases.count("lying_type")
+    assert summary["dropped"]["no_size"] >= cases.count("no_size") + cases.count("package_only")
+
+
+def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
+    shop = Shop(products=120, faults=False, delay=0.02)
+    generator = random.Random(4)
+    with MadeSite(shop) as site:
+        for number in range(3):
+            words = ["--resume"] if number else []
+            process = subprocess.Popen(command(site, tmp_path / "out", *words), cwd=ROOT, stdout=subprocess.DEVNULL)
+            time.sleep(1.5 + generator.random())
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+        crawl(site, tmp_path / "out", "--resume")
+        found = items(tmp_path / "out")
+        assert len(found) == len({item["title"] for item in found}) == shop.products
+        again = sum(count - 1 for path, count in site.fetched.items() if path.startswith("/item/"))
+    assert again <= 3 * 16  # only what was in flight at a kill is asked for again
+
+
+def test_a_folder_with_a_crawl_is_not_overwritten(tmp_path: Path) -> None:
+    with MadeSite(Shop(products=3, faults=False)) as site:
+        crawl(site, tmp_path / "out")
+        message = crawl(site, tmp_path / "out", status=2)
+        assert "expected a free folder, or --resume; found a crawl" in message
+        assert crawl(site, tmp_path / "out", "--resume")["items"] == 0
+
+
+def test_a_limit_stops_and_a_resume_goes_on(tmp_path: Path) -> None:
+    with MadeSite(Shop(products=60, faults=False)) as site:
+        assert crawl(site, tmp_path / "out", "--limit", "20")["reason"] == "limit"
+        assert 20 <= len(items(tmp_path / "out")) < 60
+        crawl(site, tmp_path / "out", "--resume")
+        assert len(items(tmp_path / "out")) == 60
+
+
+@pytest.mark.skipif(shutil.which("redis-server") is None, reason="redis-server is not installed")
+def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path) -> None:
+    socket_port = _free_port()
+    server = subprocess.Popen(
+        ["redis-server", "--port", str(socket_port), "--save", "", "--dir", str(tmp_path)], stdout=subprocess.DEVNULL
+    )
+    environment = os.environ | {"METRIC_TREE_LEASE_SECONDS": "3"}
+    try:
+        _answers(socket_port)
+        shop = Shop(products=200, faults=False, delay=0.05)
+        with MadeSite(shop) as site:
+            words = ["--redis", f"redis://127.0.0.1:{socket_port}/0"]
+            one, two = (
+                subprocess.Popen(
+                    command(site, tmp_path / "out", *words, "--worker", name),
+                    cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment,
+                )
+                for name in ("one", "two")
+            )  # fmt: skip
+            _until(lambda: _stored(tmp_path / "out" / "one") > 20 and _stored(tmp_path / "out" / "two") > 20)
+            one.send_signal(signal.SIGKILL)
+            one.wait()
+            assert two.wait(timeout=90) == 0
+            crawl_again = command(site, tmp_path / "out", *words, "--worker", "one", "--resume")
+            subprocess.run(crawl_again, cwd=ROOT, capture_output=True, env=environment, timeout=60, check=True)
+            found = {item["title"] for item in items(tmp_path / "out")}
+            twice = sum(count - 1 for path, count in site.fetched.items() if path.startswith("/item/"))
+        assert len(found) == shop.products
+        assert {path.parent.name for path in (tmp_path / "out").rglob("items-*.jsonl")} == {"one", "two"}
+        assert twice <= 32  # what the killed worker had in flight: in the downloader, and fetched but not yet read
+    finally:
+        server.terminate()
+        server.wait()
+
+
+def _stored(folder: Path) -> int:
+    path = folder / "frontier.sqlite"
+    if not path.exists():
+        return 0
+    with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as connection:
+        try:
+            return int(connection.execute("SELECT count(*) FROM items").fetchone()[0])
+        except sqlite3.OperationalError:  # the worker has not made its tables yet
+            return 0
+
+
+def _free_port() -> int:
+    import socket
+
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def _answers(port: int) -> None:
+    import redis
+
+    def pings() -> bool:
+        try:
+            return bool(redis.Redis(port=port).ping())
+        except redis.RedisError:
+            return False
+
+    _until(pings)
+
+
+def _until(holds: Any, seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.05)

@@ -177,7 +177,7 @@ def _joined_in_place(
             (_relative_distance(one, _cloud(two, clouds), clouds), first, first + 1 + offset)
             for first, one in enumerate(merged)
             for offset, two in enumerate(merged[first + 1 :])
-            if _may_join(one, two, instances, shared, total) and _placed(one, clouds) and _placed(two, clouds)
+            if _may_join(one, two, instances, shared, total) and _placed(one, two, clouds)
         ]
         distance, first, second = min(pairs, default=(np.inf, 0, 0))
         if distance >= 1:
@@ -197,9 +197,10 @@ def _may_join(
     return bool(shared[pairs].sum() >= NOT_CONTRADICTED_SHARE * total[pairs].sum())
 
 
-def _placed(group: Sequence[int], clouds: Sequence[FloatArray]) -> bool:
-    """Whether a group has points enough to say where it is."""
-    return sum(len(clouds[row]) for row in group) >= MIN_PLACE_POINTS
+def _placed(one: Sequence[int], two: Sequence[int], clouds: Sequence[FloatArray]) -> bool:
+    """Whether one of two groups has points enough to say where it is, and the other enough to lie there."""
+    few, many = sorted(sum(len(clouds[row]) for row in group) for group in (one, two))
+    return many >= MIN_PLACE_POINTS and few >= MIN_SHARED_POINTS
 
 
 def _affinity(shared: FloatArray, total: FloatArray, barred: BoolArray) -> FloatArray:

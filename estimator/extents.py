@@ -20,6 +20,8 @@ TRIM = 0.015
 # edge = q(t) - (q(3t) - q(t)) / 2. On a face the quantiles coincide and nothing is added.
 OUTER, INNER = TRIM, 3 * TRIM
 EXTRAPOLATION = 0.5
+# An even fade holds 3 % of the extent between the two quantiles; more than this is a stray beyond a gap, not a fade.
+MAX_FADE = 0.05
 # The outer quantile of a face with Gaussian noise lies this many standard deviations outside it: 1.2 on made shapes
 # with noise in every direction, 0.6 in made rooms, where noise lies along the lines of sight, as it does in dense
 # stereo.
@@ -55,8 +57,9 @@ def edges(points: FloatArray, noise: float = 0.0) -> tuple[FloatArray, FloatArra
     thin = points[:: max(1, -(-len(points) // MAX_POINTS))]
     shares = np.array([OUTER, INNER, 1 - INNER, 1 - OUTER])
     outer_low, inner_low, inner_high, outer_high = _quantiles(thin, shares)
-    low = outer_low - EXTRAPOLATION * (inner_low - outer_low)
-    high = outer_high + EXTRAPOLATION * (outer_high - inner_high)
+    most = MAX_FADE * (outer_high - outer_low)
+    low = outer_low - EXTRAPOLATION * np.minimum(inner_low - outer_low, most)
+    high = outer_high + EXTRAPOLATION * np.minimum(outer_high - inner_high, most)
     missing = MISSING_SHARE * (high - low) / (2 * max(len(points), 1))
     # a sheet is as thick as its noise: what is taken away stays under a quarter of the extent
     over = np.minimum(NOISE_OVERSHOOT * noise, (high - low) / 4)

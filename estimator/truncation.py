@@ -14,14 +14,13 @@ import cv2
 import numpy as np
 
 from estimator.cameras import pixels_in_view, projected
-from estimator.extents import edges
 from estimator.labels import PointLabels
 from estimator.scene import BoolArray, FloatArray, Instance, Scene, View
 
 __all__ = ["Outline", "Sides", "Surroundings", "outline", "seen_sides"]
 
 # Points of a mask's outline, and of the object, that are looked at.
-OUTLINE_POINTS = 128
+OUTLINE_POINTS, OWN_POINTS = 128, 400
 # The outermost part of the outline towards a side, as a share of the mask's extent that way.
 OUTER_SHARE = 0.12
 # Mask borders are good to about two pixels.
@@ -152,7 +151,7 @@ def seen_sides(
     centre = (low + high) / 2 @ axes
     # (3, 2, 3) outward normals
     normals = np.stack([-axes, axes], axis=1)
-    own = points[:: max(1, -(-len(points) // OUTLINE_POINTS))]
+    own = points[:: max(1, -(-len(points) // OWN_POINTS))]
     topped = _ends_on_top(points @ axes.T, low, high)
     shown = np.zeros((len(members), 3, 2), dtype=bool)
     excess = np.full((len(members), 3, 2), np.nan)
@@ -215,7 +214,7 @@ def _cut_and_excess(
     # a middle behind the camera has no direction: the object surrounds the view and is cut there
     cut = (share > CUT_SHARE) | ~(length > 0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        beyond = reach - edges(ends[7:] @ towards.T)[1]
+        beyond = reach - (ends[7:] @ towards.T).max(axis=0)
         excess = np.maximum(np.abs(beyond) - border.tolerance, 0) * np.sign(beyond) / (2 * length)
     return cut.reshape(3, 2), excess.reshape(3, 2)
 

@@ -107,7 +107,7 @@ def without_feet(made, category, share):
     return Made(scene, made.instances, made.things, made.owner[keep])
 
 
-@pytest.mark.parametrize(("category", "share"), [("chair", 0.4), ("cabinet", 0.25), ("bottle", 0.25)])
+@pytest.mark.parametrize(("category", "share"), [("chair", 0.4), ("cabinet", 0.25)])
 def test_an_unseen_foot_reaches_down_to_what_it_stands_on(room, category, share):
     made = without_feet(room, category, share)
     bare = by_category(measured(made.scene, made.instances, MeasurementOptions(supports=False)))[category]
@@ -134,12 +134,12 @@ def test_a_clock_on_the_wall_stays_there():
 
 
 def test_too_few_points_are_skipped_with_a_reason(room):
-    starved = replace(room.scene, dense=None, points=room.scene.points[:40])
     views = []
     for view in room.scene.views:
         kept = view.point_index < 40
         views.append(replace(view, keypoints=view.keypoints[kept], point_index=view.point_index[kept]))
-    found = measured(replace(starved, views=tuple(views)), room.instances)
+    starved = replace(room.scene, dense=None, points=room.scene.points[:40], views=tuple(views))
+    found = measured(starved, room.instances)
     assert found.objects
     for thing in found.objects:
         assert "needed" in (thing.skipped or "needed")

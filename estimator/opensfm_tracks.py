@@ -16,6 +16,7 @@ from estimator.scene import BadScene, FloatArray, IntArray, told
 
 __all__ = ["observations_at"]
 
+_FIRST_BYTES = 1000
 _VERSION = b"OPENSFM_TRACKS_VERSION"
 #: The columns that every version begins with; what follows (scale, colour, segmentation) is not needed.
 _COLUMNS = {"f0": pa.dictionary(pa.int32(), pa.string()), "f1": pa.string(), "f3": pa.float64(), "f4": pa.float64()}
@@ -41,7 +42,8 @@ def observations_at(file: Path, images: Sequence[str], tracks: Sequence[str]) ->
 def _table(file: Path) -> pa.Table:
     data = bytes_of(file)
     has_version = data.startswith(_VERSION)
-    if has_version and b"\n" not in data.rstrip():
+    header = data.find(b"\n") + 1 if has_version else 0
+    if has_version and not (header and data[header : header + _FIRST_BYTES].strip()):
         raise BadScene.at(file, "observations", "at least one line", 0)
     try:
         return csv.read_csv(
@@ -56,6 +58,10 @@ def _table(file: Path) -> pa.Table:
 
 
 def _rows_in(column: pa.ChunkedArray, names: Sequence[str]) -> IntArray:
-    """(m,) row of each value in `names`, -1 where it is not there."""
-    rows = pc.index_in(column.cast(pa.string()), value_set=pa.array(names, pa.string()))
+    """(m,) row of each value in `names`, -1 where it is not there; a dictionary column is looked up once a value."""
+    if pa.types.is_dictionary(column.type):
+        encoded = column.combine_chunks()
+        rows = _rows_in(pa.chunked_array([encoded.dictionary]), names)
+        return np.asarray(rows[encoded.indices.to_numpy()])
+    rows = pc.index_in(column, value_set=pa.array(names, pa.string()))
     return np.asarray(pc.fill_null(rows, -1).to_numpy(), dtype=np.int64)

@@ -3,7 +3,8 @@
 Objects have true sizes of classes of a release: drawn from its priors with an error that all objects of a class in a
 scene share (`--sizes priors`), or from items of one fold of another release that the priors did not see (`--sizes
 items --items REF --fold K`). Each scene has a random true scale. Knobs: number of objects, size noise (uniform within
-+-R, as in the paper), share of objects with cut sides, share with a wrong label, copies (all objects of a class are
++-R, as in the paper), share of objects with cut sides, share with a wrong label, share of
+dimensions grossly off (neither cut nor flagged), copies (all objects of a class are
 one model). What the estimators are told: sigma R / sqrt 3 (2 % at least); a cut side is flagged in nine of ten cases;
 eta is under 0.7 for six of ten cut sides and one of ten whole ones (the paper's figure of bottles is no better).
 
@@ -45,7 +46,7 @@ SHARES = (0.0, 0.1, 0.2, 0.4)
 
 #: A class enters the pool with this many items of the fit and at most this spread of log height: what a detector's
 #: list of useful classes looks like.
-LEAST_ITEMS, WIDEST = 9, 0.35
+LEAST_ITEMS, WIDEST = 30, 0.35
 
 #: A scene shows at most so many classes: rooms repeat their chairs.
 CLASSES = 8
@@ -53,8 +54,12 @@ CLASSES = 8
 LEVEL = 0.9
 FLAGGED, ETA_SEES, ETA_CRIES = 0.9, 0.6, 0.1
 MOST_ITEMS = 240
+
+#: A grossly wrong dimension is off by up to this, natural log: a third less to a half more, as the widths of bottles.
+OFF = 0.45
+
 METHODS = ("default", "height", "paper", "boxes")
-HEADER = "objects  noise   cut  wrong copies  method    median    mean     p90  cover refused"
+HEADER = "objects  noise   cut  wrong   off copies  method    median    mean     p90  cover refused"
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +70,7 @@ class Knobs:
     noise: float = 0.06
     cut: float = 0.2
     wrong: float = 0.05
+    off: float = 0.05
     copies: bool = False
 
 
@@ -79,7 +85,7 @@ class World:
     sizes: tuple[FloatArray, ...] | None
 
 
-def world(tree: Tree, items: Tree | None, fold: int, seed: int = 0) -> World:
+def world(tree: Tree, items: Tree | None, fold: int, baselines: bool = True, seed: int = 0) -> World:
     """The pool of classes; with `items` their true sizes are that tree's rows of one fold (hash of the item id)."""
     nodes, priors, sizes = [], [], []
     for node in tree.leaves():
@@ -96,7 +102,7 @@ def world(tree: Tree, items: Tree | None, fold: int, seed: int = 0) -> World:
             priors.append(prior)
             sizes.append(rows)
     print(f"pool: {len(nodes)} classes: {', '.join(node.name for node in nodes)}", file=sys.stderr)
-    mixtures = [fitted(AXES, prior.sample(MOST_ITEMS, seed)) for prior in priors]
+    mixtures = [fitted(AXES, prior.sample(MOST_ITEMS, seed)) for prior in priors] if baselines else []
     heights = [prior.marginal(("height",)) for prior in priors]
     return World(tuple(nodes), tuple(priors), tuple(heights), tuple(mixtures), tuple(sizes) if items else None)
 
@@ -146,15 +152,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--part", choices=("counts", "noise", "faults", "copies", "all"), default="all")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     parser.add_argument("--output", type=Path, help="write the rows as JSON")
     options = parser.parse_args(argv)
-    classes = world(
-        metric_tree.open(options.tree), metric_tree.open(options.items) if options.items else None, options.fold
-    )
+    items = metric_tree.open(options.items) if options.items else None
+    baselines = bool({"paper", "boxes"} & set(options.methods))
+    classes = world(metric_tree.open(options.tree), items, options.fold, baselines)
     rows: list[dict[str, object]] = []
     print(HEADER)
     for knobs in _settings(options.part):
-        for row in scores(classes, knobs, options.scenes, options.seed):
+        for row in scores(classes, knobs, options.scenes, options.seed, options.methods):
             rows.append(row)
             print(_line(row), flush=True)
     if options.output is not None:
@@ -166,8 +173,12 @@ def _settings(part: str) -> list[Knobs]:
     base = Knobs()
     settings: dict[str, list[Knobs]] = {
         "counts": [replace(base, objects=n) for n in COUNTS],
-        "noise": [replace(base, noise=noise, objects=n, cut=0.0, wrong=0.0) for n in (3, 10, 20) for noise in NOISES],
-        "faults": [replace(base, cut=c, wrong=0.0) for c in SHARES] + [replace(base, cut=0.0, wrong=w) for w in SHARES],
+        "noise": [
+            replace(base, noise=noise, objects=n, cut=0.0, wrong=0.0, off=0.0) for n in (3, 10, 20) for noise in NOISES
+        ],
+        "faults": [replace(base, cut=c, wrong=0.0) for c in SHARES]
+        + [replace(base, cut=0.0, wrong=w) for w in SHARES]
+        + [replace(base, off=o) for o in SHARES],
         "copies": [replace(base, objects=n, copies=True) for n in (4, 10, 20)],
     }
     return [knobs for name, group in settings.items() if part in {name, "all"} for knobs in group]
@@ -203,6 +214,8 @@ def _measured(
     if generator.random() < knobs.cut:
         cut[generator.choice(3, size=generator.choice([1, 1, 2]), replace=False)] = True
         extents = np.where(cut, extents * generator.uniform(0.2, 0.95, 3), extents)
+    off = generator.random(3) < knobs.off
+    extents = np.where(off, extents * np.exp(generator.uniform(-OFF, OFF, 3)), extents)
     eta = np.where(generator.random(3) < np.where(cut, ETA_SEES, ETA_CRIES), 0.5, 1.0)
     flagged = cut & (generator.random(3) < FLAGGED)
     order = np.array([0, 1, 2]) if extents[0] >= extents[1] else np.array([1, 0, 2])
@@ -233,6 +246,7 @@ def _row(knobs: Knobs, name: str, values: FloatArray) -> dict[str, object]:
         "noise": knobs.noise,
         "cut": knobs.cut,
         "wrong": knobs.wrong,
+        "off": knobs.off,
         "copies": knobs.copies,
         "method": name,
         "median": float(np.median(error)),
@@ -245,7 +259,7 @@ def _row(knobs: Knobs, name: str, values: FloatArray) -> dict[str, object]:
 
 def _line(row: dict[str, object]) -> str:
     return (
-        f"{row['objects']:>7} {row['noise']:>6.0%} {row['cut']:>5.0%} {row['wrong']:>6.0%} {row['copies']!s:>6}  "
+        f"{row['objects']:>7} {row['noise']:>6.0%} {row['cut']:>5.0%} {row['wrong']:>6.0%} {row['off']:>5.0%} {row['copies']!s:>6}  "
         f"{row['method']:<8} {row['median']:>7.1%} {row['mean']:>7.1%} {row['p90']:>7.1%} "
         f"{row['coverage']:>6.0%} {row['refused']:>7.0%}"
     )

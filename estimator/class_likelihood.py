@@ -2,24 +2,37 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.class_error import SharedError, convolved, lines
+from estimator.class_error import Lines, SharedError, convolved, lines
 from estimator.likelihood import Rows
 from estimator.scene import FloatArray, IntArray
 
 __all__ = ["ClassTerms", "joint_classes", "line_density", "single_classes"]
 
 
+#: Points of a class's own grid over u' = u less the part of its error along 1. The product of many objects is narrow:
+#: the class's own grid spans where it matters and no more.
+OWN_POINTS, MOST_OWN_POINTS = 64, 512
+
+#: Step of the own grid in standard deviations of the kernel at most: the sum is then exact to 1e-4.
+KERNEL_STEPS = 1.5
+
+#: A product this far under its peak (natural log) has no part in the answer, even where nothing else speaks.
+DEEP = 25.0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ClassTerms:
     """Some classes' log likelihoods (c, g), and what the weights of their n objects need.
 
-    outlier : (n, j, g) probability of being an outlier at each node and grid point, class_of : (n,) row of its class.
-    Of classes with a shared error: log_node : (c, j, g) log mass of each node at u', before the spread `along_sd`.
+    outlier : (n, j, h) probability of being an outlier at each node and point of the own grid (j = 1 and h = g for
+    lone objects); class_of : (n,) row of its class. Of classes with a shared error: log_node : (c, j, h) log mass of
+    each node at u'; kernel : (c, g, h) density of u under u'.
     """
 
     classes: IntArray
@@ -27,21 +40,20 @@ class ClassTerms:
     outlier: FloatArray
     class_of: IntArray
     log_node: FloatArray | None = None
-    along_sd: FloatArray | None = None
-    step: float = 0.0
+    kernel: FloatArray | None = None
 
     def weights(self, mass: FloatArray) -> FloatArray:
         """(n,) probability that each object is not an outlier under the posterior `mass` (g,)."""
-        if self.log_node is None or self.along_sd is None:
+        if self.log_node is None or self.kernel is None:
             return np.asarray(1 - self.outlier[:, 0] @ mass)
-        safe = np.maximum(self.log_likelihood - self.log_likelihood.max(axis=1, keepdims=True), -600)
-        others = mass / np.exp(safe)  # (c, g) posterior less this class
-        others = np.where(mass > 1e-12 * mass.max(), others, 0.0)
+        # the posterior less this class, seen from u'; where there is no mass the quotient means nothing
+        relative = np.maximum(self.log_likelihood - self.log_likelihood.max(axis=1, keepdims=True), -600)
+        others = np.where(mass > 1e-12 * mass.max(), mass / np.exp(relative), 0.0)  # (c, g)
         others /= others.max(axis=1, keepdims=True)
-        at_nodes = convolved(others, self.step, self.along_sd)  # (c, g) over u'
-        joint = np.exp(self.log_node - self.log_node.max(axis=(1, 2), keepdims=True)) * at_nodes[:, None, :]
+        at_own = (others[:, None, :] @ self.kernel)[:, 0]  # (c, h)
+        joint = np.exp(self.log_node - self.log_node.max(axis=(1, 2), keepdims=True)) * at_own[:, None, :]
         joint /= joint.sum(axis=(1, 2), keepdims=True)
-        return np.asarray(1 - np.einsum("njg,njg->n", self.outlier, joint[self.class_of]))
+        return np.asarray(1 - np.einsum("njh,njh->n", self.outlier, joint[self.class_of]))
 
 
 def single_classes(components: Rows, group: IntArray, u: FloatArray) -> ClassTerms:
@@ -54,34 +66,69 @@ def single_classes(components: Rows, group: IntArray, u: FloatArray) -> ClassTer
 def joint_classes(components: Rows, group: IntArray, errors: Sequence[SharedError], u: FloatArray) -> ClassTerms:
     """Classes of several objects, integrated over their shared errors: group (n,) is the class, errors its B.
 
-    With v = u' a - b on the line of a node, each component is the exponential of a quadratic in u'.
+    With v = u' a - b on the line of a node, each component is the exponential of a quadratic in u'. The middle node
+    on the common grid u (g,) shows where each class's product matters; there all nodes are evaluated.
     """
     classes, first, class_of = np.unique(group, return_index=True, return_inverse=True)
-    across = np.array([errors[i].across for i in first])  # (c, 3, 2)
-    along_sd = np.array([errors[i].along_sd for i in first])
     of_row = class_of[components.object]  # (m,)
-    nodes = lines(components, of_row, across)
+    nodes = lines(components, of_row, np.array([errors[i].across for i in first]))
+    quadratics = _quadratics(components, nodes, of_row)  # (m, j, 3)
+    log_first, _ = _log_products(quadratics[:, :1], nodes.log_weight[:, :1], components, class_of, u[None])
+    middle, half = _spans(log_first[:, 0], u)  # (c,)
+    along_sd = np.array([errors[i].along_sd for i in first])
+    needed = math.ceil(float((2 * half / (KERNEL_STEPS * along_sd)).max()))
+    own = middle[:, None] + half[:, None] * np.linspace(-1, 1, min(max(OWN_POINTS, needed), MOST_OWN_POINTS))  # (c, h)
+    log_node, outlier = _log_products(quadratics, nodes.log_weight, components, class_of, own)
+    top = log_node.max(axis=(1, 2))[:, None]  # (c, 1)
+    value = np.exp(log_node - top[:, None]).sum(axis=1)  # (c, h)
+    smooth, kernel = convolved(value, own, u, along_sd)
+    return ClassTerms(classes, np.log(np.maximum(smooth, 1e-300)) + top, outlier, class_of, log_node, kernel)
+
+
+def _quadratics(components: Rows, nodes: Lines, of_row: IntArray) -> FloatArray:
+    """Coefficients of u'^2, u', 1 in the log of each component along each node's line, (m, j, 3)."""
     a = nodes.direction[of_row]  # (m, 3)
     off = nodes.offset[of_row] + components.residual[:, None, :]  # (m, j, 3)
     turned = (components.precision @ a[:, :, None])[:, :, 0]  # (m, 3)
     square = np.broadcast_to((a * turned).sum(axis=1)[:, None], off.shape[:2])
     linear = (off @ turned[:, :, None])[:, :, 0]
     constant = ((off @ components.precision) * off).sum(axis=2)
-    middle = 0.5 * (u[0] + u[-1])
-    lean = square * middle - linear  # the coefficients of u about the grid's middle
-    rest = (square * middle - 2 * linear) * middle + constant
-    coefficients = np.stack([-0.5 * square, -lean, components.log_weight[:, None] - 0.5 * rest], axis=2)  # (m, j, 3)
+    return np.stack([-0.5 * square, linear, components.log_weight[:, None] - 0.5 * constant], axis=2)
+
+
+def _log_products(
+    quadratics: FloatArray, node_quadratics: FloatArray, components: Rows, class_of: IntArray, grids: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Log of weight and product of each class at its nodes, (c, j, h), and outlier probabilities, (n, j, h).
+
+    grids : (c, h) uniform, or (1, h) for all. Each is brought to t in [-1, 1], so that all share the powers of t.
+    """
+    t = np.linspace(-1, 1, grids.shape[1])
+    middle = np.broadcast_to(0.5 * (grids[:, 0] + grids[:, -1]), len(node_quadratics))
+    half = np.broadcast_to(0.5 * (grids[:, -1] - grids[:, 0]), len(node_quadratics))
+    of_row = class_of[components.object]
+    brought = _brought(quadratics, middle[of_row], half[of_row])
     floor = np.exp(components.log_floor).astype(np.float32)[:, None, None]
-    density = _summed(coefficients, _powers(u - middle), components) + floor  # (n, j, g)
-    indicator = (class_of == np.arange(len(classes))[:, None]).astype(np.float32)  # (c, n)
-    log_product = (indicator @ np.log(density).reshape(len(group), -1)).reshape(len(classes), -1, len(u))
-    log_node = log_product + nodes.log_weight @ _powers(u)
-    top = log_node.max(axis=(1, 2))[:, None]
-    value = np.exp(log_node - top[:, None]).sum(axis=1)  # (c, g)
-    step = float(u[1] - u[0])
-    smooth = convolved(value, step, along_sd)
-    log_likelihood = np.log(np.maximum(smooth, 1e-300)) + top
-    return ClassTerms(classes, log_likelihood, floor / density, class_of, log_node, along_sd, step)
+    density = _summed(brought, _powers(t), components) + floor  # (n, j, h)
+    n, j, h = density.shape
+    indicator = (class_of == np.arange(len(node_quadratics))[:, None]).astype(np.float32)  # (c, n)
+    log_product = (indicator @ np.log(density).reshape(n, j * h)).reshape(-1, j, h)
+    return log_product + _brought(node_quadratics, middle, half) @ _powers(t), floor / density
+
+
+def _brought(quadratics: FloatArray, middle: FloatArray, half: FloatArray) -> FloatArray:
+    """Quadratics (m, j, 3) in u' as quadratics in t, u' = middle + half t; middle, half : (m,)."""
+    a, b, c = quadratics[..., 0], quadratics[..., 1], quadratics[..., 2]
+    middle, half = middle[:, None], half[:, None]
+    return np.stack([a * half**2, (2 * a * middle + b) * half, (a * middle + b) * middle + c], axis=-1)
+
+
+def _spans(log_product: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Middle and half width of where each class's product (c, g) on the common grid matters, a step to spare."""
+    matters = log_product > log_product.max(axis=1, keepdims=True) - DEEP
+    low = u[np.maximum(matters.argmax(axis=1) - 1, 0)]
+    high = u[np.minimum(len(u) - matters[:, ::-1].argmax(axis=1), len(u) - 1)]
+    return 0.5 * (low + high), 0.5 * (high - low)
 
 
 def line_density(components: Rows, u: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ UNSEEN = 0.02
 
 #: Widest and finest steps of the first grid, and the step as a part of the narrowest component: the log likelihood is
 #: then smooth between points and cubic interpolation is off by less than 1e-3.
-WIDEST_STEP, FINEST_STEP, STEP_SD = 0.03, 0.004, 0.6
+WIDEST_STEP, FINEST_STEP, STEP_SD = 0.06, 0.004, 0.6
 
 #: A first grid beyond this is a scene of wild outliers: widen the step rather than wait. One of fewer has no shape.
 LEAST_POINTS, MOST_POINTS = 8, 640
@@ -56,7 +56,7 @@ class Curve:
 
 
 def evidence_grid(centre: FloatArray, sd: FloatArray, reach: FloatArray) -> FloatArray:
-    """A uniform grid (g,) over the union of centre +- reach of Gaussians, fine enough for their sd; each (m,).
+    """A uniform grid (g,) over the union of centre +- reach of Gaussians, each (m,), fine enough for every sd (any number).
 
     Where nothing reaches, it lies in the middle of the prior's box.
     """

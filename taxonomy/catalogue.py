@@ -16,11 +16,15 @@ from taxonomy.categories import Category, Pose
 from taxonomy.insertions import PREFIX, Insertion, insertions
 from taxonomy.levels import KIND, LEAF, BadLevels, InnerNode, Levels, dims_of, frozen_levels, table_rows
 from taxonomy.places import taxonomy_directory
+from taxonomy.vocabularies import vocabularies, vocabulary
 
 __all__ = ["OTHER", "Catalogue", "Concepts", "Leaf", "SynsetTable", "default_catalogue"]
 
 #: Ends the id of a leaf that holds what a source names no closer than an inner node.
 OTHER = "/other"
+
+#: Lists whose labels are whole names that people use too, so that they serve as aliases.
+_LABELLING_LISTS = ("coco_80", "lvis_v1", "openimages_601", "objects365_v2", "sunrgbd_10")
 
 _LEAVES = ("node_id", "name", "parent_id", "hypernym", "pose", "dims", "aliases", "placed_by")
 _SYNSETS = ("synset", "parents", "lemmas")
@@ -83,7 +87,8 @@ class Catalogue:
     leaves : each under a kind; order does not matter.
     words : what WordNet says.
     successors : ids that are gone, or synsets that mean the same thing, and the node that stands for them
-    inserted : reviewed insertions, for their aliases.
+    inserted : reviewed insertions, for their aliases
+    labels : what detectors call a node.
     """
 
     def __init__(
@@ -93,12 +98,14 @@ class Catalogue:
         words: SynsetTable,
         successors: Mapping[str, str] | None = None,
         inserted: Mapping[str, Insertion] | None = None,
+        labels: Mapping[str, tuple[str, ...]] | None = None,
     ) -> None:
         self.levels = levels
         self.leaves = {leaf.node_id: leaf for leaf in sorted(leaves, key=lambda leaf: leaf.node_id)}
         self.successors = dict(successors or {})
         self._words = words
         self._inserted = dict(inserted or {})
+        self._labels = dict(labels or {})
         for leaf in self.leaves.values():
             if leaf.parent_id not in {kind.node_id for kind in levels.kinds} or leaf.node_id in levels.nodes:
                 raise BadLevels(f"leaf {leaf.node_id}: expected a new id under a kind; found {leaf.parent_id!r}")
@@ -131,7 +138,9 @@ class Catalogue:
             for concept in sorted(new)
             if (kind := self.levels.kind_of(concept, words.hypernyms(concept)))
         ]
-        return Catalogue(self.levels, (*self.leaves.values(), *fresh), self._words, self.successors, self._inserted)
+        return Catalogue(
+            self.levels, (*self.leaves.values(), *fresh), self._words, self.successors, self._inserted, self._labels
+        )
 
     @cached_property
     def categories(self) -> tuple[Category, ...]:
@@ -198,7 +207,7 @@ class Catalogue:
     def _aliases(self, node_id: str, name: str, further: tuple[str, ...]) -> tuple[str, ...]:
         merged = (word for old, new in self.successors.items() if new == node_id for word in self._words.lemmas(old))
         inserted = self._inserted[node_id].aliases if node_id in self._inserted else ()
-        words = (*self._words.lemmas(node_id), *inserted, *further, *merged)
+        words = (*self._words.lemmas(node_id), *inserted, *further, *self._labels.get(node_id, ()), *merged)
         return tuple(word for word in dict.fromkeys(words) if word.casefold() != name.casefold())
 
 
@@ -220,6 +229,16 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
     leaves = [_leaf(row, where) for where, row in table_rows(folder / "leaves.csv", _LEAVES)]
     gone = {row["node_id"]: row["successor"] for _, row in table_rows(folder / "successors.csv", _SUCCESSORS)}
     return Catalogue(frozen_levels(folder / "levels.csv"), leaves, words, gone, insertions(folder / "insertions.jsonl"))
+
+
+def _labels(directory: Path | None) -> dict[str, tuple[str, ...]]:
+    """Labels by node, without those whose brackets say that the bare word means something else."""
+    found: dict[str, dict[str, None]] = {}
+    for name in sorted(set(_LABELLING_LISTS) & set(vocabularies(directory)), key=_LABELLING_LISTS.index):
+        for label in vocabulary(name, directory):
+            if label.node_id and "(" not in label.label:
+                found.setdefault(label.node_id, {})[label.label.strip().replace("_", " ").lower()] = None
+    return {node_id: tuple(labels) for node_id, labels in found.items()}
 
 
 def _leaf(row: dict[str, str], where: str) -> Leaf:

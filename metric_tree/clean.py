@@ -115,8 +115,8 @@ def _reasons(
             if factor != 1.0:
                 reasons[row] = f"unit_slip: {factor:g}" if np.isfinite(factor) else "far_outlier"
     left = np.array([row for row, reason in enumerate(reasons) if not reason], dtype=np.intp)
-    columns = [[table[name][int(row)].as_py() for row in left] for name in ("source", "kind", "title")]
-    source, kind, title = columns
+    chosen = table.select(["source", "kind", "title"]).take(pa.array(left))
+    source, kind, title = (chosen[name].to_pylist() for name in ("source", "kind", "title"))
     common = frozenset(word for name in set(node) for word in name.partition(".")[0].replace("mt:", "").split("_"))
     repeats = duplicates(
         [node[row] for row in left], sizes[left], source, kind, title, [name in shipped for name in source], common

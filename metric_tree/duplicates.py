@@ -13,8 +13,11 @@ from metric_tree.prior import FloatArray
 
 __all__ = ["duplicates"]
 
-#: Sizes that agree to this many millimetres are the same figure, whatever unit it went through.
-ROUNDING_MM = 0.5
+#: Sizes that agree to this share are the same figure, whatever unit it went through: a millimetre of a sofa.
+ROUNDING = 0.0005
+
+#: Stands for a size that is not stated; no ln size comes near it.
+MISSING = -(10**9)
 
 #: A word of a title that can tell one product from another is at least this long.
 WORD = 3
@@ -42,23 +45,24 @@ def duplicates(
     sizes : (n, 6) mm, length, width, height, extents, NaN where missing
     common : words that tell nothing (names of the categories)
     """
-    rounded = np.where(np.isnan(sizes), -1, np.round(np.nan_to_num(sizes) / ROUNDING_MM)).astype(np.int64)
+    rounded = np.nan_to_num(np.round(np.log(sizes) / ROUNDING), nan=MISSING).astype(np.int64)
     rank = [(not shipped[i], -KIND_WEIGHT[kind[i]], i) for i in range(len(node))]
     repeats = np.full(len(node), -1, dtype=np.intp)
     first: dict[tuple[object, ...], int] = {}
-    across: dict[tuple[object, ...], list[int]] = {}
+    across: dict[tuple[object, ...], list[tuple[int, frozenset[str]]]] = {}
     for row in sorted(range(len(node)), key=rank.__getitem__):
         own = rounded[row].tolist()
-        telling = len({number for number in own[3:] if number > 0}) >= 2
+        telling = len({number for number in own[3:] if number != MISSING}) >= 2
         if kind[row] != "measured":
             key = (node[row], source[row], *own, "" if telling else title[row].casefold())
             repeats[row] = first.setdefault(key, row)
-        same_size = across.setdefault((node[row], *own[3:]), []) if telling and own[5] > 0 else []
-        words = _words(title[row]) - common
-        for other in same_size:
-            if source[other] != source[row] and words & _words(title[other]):
-                repeats[row] = other
-        same_size.append(row)
+        if telling and own[5] != MISSING and repeats[row] in (-1, row):
+            same_size = across.setdefault((node[row], *own[3:]), [])
+            words = _words(title[row]) - common
+            for other, other_words in same_size:
+                if source[other] != source[row] and words & other_words:
+                    repeats[row] = other
+            same_size.append((row, words))
     repeats[repeats == np.arange(len(node))] = -1
     return repeats
 

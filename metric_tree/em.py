@@ -29,11 +29,11 @@ SPREAD_FLOOR = 0.03
 
 #: EM stops when a row's mean log likelihood gains less than this, far below what BIC can tell apart.
 TOLERANCE = 1e-5
-ITERATIONS = 300
+ITERATIONS = 120
 
 #: Starts of a mixture of several components, and steps after which only the best goes on.
-STARTS = 4
-SHORT_RUN = 12
+STARTS = 3
+SHORT_RUN = 8
 
 #: Of several components each takes this many rows' worth of the whole class's covariance, narrowed by their number: it
 #: keeps an axis without data in a component finite and is lost beside the fifteen rows that a component has at least.

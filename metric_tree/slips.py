@@ -95,10 +95,13 @@ def _factors(logs: FloatArray, against: Reference) -> tuple[FloatArray, FloatArr
     suspect = np.abs(offset) > np.maximum(DEVIATIONS * deviation, np.log(LEAST_FACTOR))
     units = np.log(np.array([*FACTORS, *(1 / factor for factor in FACTORS)]))
     apart = np.abs(offset[:, :, None] - units)  # (m, 3, f)
-    close = apart.min(axis=2) <= np.maximum(MENDED_DEVIATIONS * deviation, MENDED)
-    far = np.abs(offset) > np.maximum(FAR_DEVIATIONS * deviation, np.log(FAR_FACTOR))
-    factor = np.where(suspect & close, np.exp(units)[apart.argmin(axis=2)], np.where(suspect & far, np.inf, 1.0))
-    worst = np.argmax(np.abs(np.where(factor == 1.0, 0.0, offset)), axis=1)
+    misfit = apart.min(axis=2) / np.maximum(MENDED_DEVIATIONS * deviation, MENDED)  # (m, 3), up to 1 is a unit's factor
+    misfit = np.where(suspect & (misfit <= 1), misfit, np.inf)
+    far = (np.abs(offset) > np.maximum(FAR_DEVIATIONS * deviation, np.log(FAR_FACTOR))).any(axis=1)
+    axis = misfit.argmin(axis=1)  # (m,) the one that a unit explains best
+    rows = np.arange(len(logs))
+    factor = np.exp(units)[apart[rows, axis].argmin(axis=1)]
+    factor = np.where(np.isfinite(misfit[rows, axis]), factor, np.where(far, np.inf, 1.0))
     # a reading that puts a size where the class states none explains nothing
     idle = (~np.isnan(logs) & np.isnan(against.centre)).any(axis=1)
-    return factor[np.arange(len(logs)), worst], np.where(idle, np.inf, np.abs(offset / deviation).max(axis=1))
+    return factor, np.where(idle, np.inf, np.abs(offset / deviation).max(axis=1))

@@ -80,7 +80,7 @@ class WorkFolder:
         for number, call in enumerate(calls):
             path = self.directory / f"{step}-{number:05d}.pickle"
             waiting.append((path, None if path.exists() else executor.submit(function, *call)))
-            if len(waiting) > WINDOW:
+            while waiting and (len(waiting) > WINDOW or _is_done(waiting[0][1])):
                 yield _result(*waiting.popleft(), spilled)
         while waiting:
             yield _result(*waiting.popleft(), spilled)
@@ -93,6 +93,10 @@ def fingerprint(files: Iterable[Path], options: str) -> str:
         with path.open("rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()
+
+
+def _is_done(future: Future[Any] | None) -> bool:
+    return future is None or future.done()
 
 
 def _result(path: Path, future: Future[_R] | None, spilled: Callable[[_R, Path], _R] | None) -> _R:

@@ -1,0 +1,109 @@
+"""Which axis is which: the words of a source, the pose of a node, and what stays open."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from metric_tree.axes import Sizes, candidates, sizes
+
+NAN = np.nan
+words = st.dictionaries(
+    st.sampled_from(["length", "width", "height", "diameter", "depth"]),
+    st.one_of(st.none(), st.floats(1.0, 5000.0)),
+    max_size=5,
+)
+poses = st.sampled_from(["upright", "flat", "any"])
+
+
+@pytest.mark.parametrize(
+    ("stated", "pose", "expected"),
+    [
+        # a television's shop width is our length, its depth our width
+        ({"width": 1200, "depth": 80, "height": 700}, "upright", Sizes(1200, 80, 700, (1200, 700, 80))),
+        ({"length": 500, "width": 600, "height": 900}, "upright", Sizes(600, 500, 900, (900, 600, 500))),
+        # a diameter counts twice
+        ({"diameter": 80, "height": 100}, "upright", Sizes(80, 80, 100, (100, 80, 80))),
+        ({"diameter": 250}, "flat", Sizes(250, 250, None, (250, 250))),
+        ({"diameter": 250, "height": 30}, "flat", Sizes(250, 250, 30, (250, 250, 30))),
+        # a rod: which way it stands is not said
+        ({"length": 900, "diameter": 20}, "upright", Sizes(None, None, None, (900, 20, 20))),
+        ({"length": 900, "diameter": 20}, "flat", Sizes(900, 20, 20, (900, 20, 20))),
+        # one horizontal size may be the longer or the shorter
+        ({"width": 600, "height": 900}, "upright", Sizes(None, None, 900, (900, 600))),
+        ({"length": 600, "height": 900}, "upright", Sizes(600, None, 900, (900, 600))),
+        # a phone lies down, whatever its maker calls height
+        ({"height": 146, "width": 71, "depth": 8}, "flat", Sizes(146, 71, 8, (146, 71, 8))),
+        # a shoe of length, width, height does not lie on its side
+        ({"length": 300, "width": 100, "height": 120}, "flat", Sizes(300, 100, 120, (300, 120, 100))),
+        # length beside depth that say the same are one
+        (
+            {"length": 900, "width": 2000, "depth": 900, "height": 800},
+            "upright",
+            Sizes(2000, 900, 800, (2000, 900, 800)),
+        ),
+        ({"width": 40, "height": 60}, "any", Sizes(None, None, None, (60, 40))),
+    ],
+)
+def test_words_to_axes(stated, pose, expected):
+    assert sizes(stated, None, pose) == expected
+
+
+def test_without_words_nothing_but_extents():
+    assert sizes({}, (3.0, 9.0, 5.0), "upright") == Sizes(None, None, None, (9.0, 5.0, 3.0))
+    assert sizes({"length": None}, (3.0,), "flat") == Sizes(None, None, None, (3.0,))
+
+
+@pytest.mark.parametrize("extents", [None, (), (1.0, 2.0, 3.0, 4.0)])
+def test_no_size_or_four_are_refused(extents):
+    assert sizes({}, extents, "upright") is None
+
+
+def test_four_different_words_are_refused():
+    assert sizes({"length": 1.0, "width": 2.0, "depth": 3.0, "height": 4.0}, None, "upright") is None
+
+
+@given(stated=words, pose=poses)
+def test_axes_are_in_order_and_among_the_extents(stated, pose):
+    found = sizes(stated, None, pose)
+    if found is None:
+        return
+    assert list(found.extents) == sorted(found.extents, reverse=True)
+    assert 1 <= len(found.extents) <= 3
+    known = [size for size in (found.length, found.width, found.height) if size is not None]
+    left = list(found.extents)
+    for size in known:
+        left.remove(size)  # fails if an axis holds what was not stated
+    if found.length is not None and found.width is not None:
+        assert found.length >= found.width
+    if pose == "any":
+        assert known == []
+
+
+@given(
+    st.lists(st.floats(1.0, 5000.0), min_size=1, max_size=3),
+    poses,
+)
+def test_every_reading_holds_every_number_once(extents, pose):
+    row = np.full((1, 3), NAN)
+    row[0, : len(extents)] = sorted(extents, reverse=True)
+    x, owner = candidates(np.full((1, 3), NAN), row, pose)
+    assert owner.tolist() == [0] * len(x)
+    for reading in x:
+        assert sorted(reading[~np.isnan(reading)]) == pytest.approx(sorted(extents))
+        if pose != "upright":
+            assert list(reading[~np.isnan(reading)]) == sorted(extents, reverse=True)
+        elif not np.isnan(reading[:2]).any():
+            assert reading[0] >= reading[1]
+
+
+def test_readings_keep_what_the_words_tell():
+    axes = np.array([[NAN, NAN, 900.0], [2000.0, 900.0, 850.0], [NAN, NAN, NAN]])
+    extents = np.array([[900.0, 600.0, NAN], [2000.0, 900.0, 850.0], [3.0, 2.0, 1.0]])
+    x, owner = candidates(axes, extents, "upright")
+    assert owner.tolist() == [0, 0, 1, 2, 2, 2]
+    assert np.nan_to_num(x[:2]).tolist() == [[600, 0, 900], [0, 600, 900]]
+    assert x[2].tolist() == [2000, 900, 850]
+    assert sorted(x[3:, 2].tolist()) == [1, 2, 3]

@@ -14,7 +14,7 @@ from taxonomy.lexicon import Lexicon, default_lexicon
 from taxonomy.places import taxonomy_directory
 from taxonomy.readings import Reading, default_readings, reading_of
 from taxonomy.review import EVERY_SOURCE, Decision, default_rulings
-from taxonomy.senses import DOMAINS, Sense, sense
+from taxonomy.senses import DOMAINS, Sense, fits, sense
 from taxonomy.words import Phrase, folded, noun_phrase
 from taxonomy.wordnet import UnknownSynset
 
@@ -45,6 +45,7 @@ _PART_WORDS = frozenset(
 _WHOLE_ALONE = frozenset("box case cover frame handle kit lid panel rail seat tray knob pad net head".split())
 
 _SET = re.compile(r"\s(?:and|&|\+|plus)\s|(?<=\w)\+\s?(?=\w)|\s\+", re.IGNORECASE)
+_COUNTED = re.compile(r"(?:\+|\band\b|&)\s?(?:\d+|two|three|four|six)\b", re.IGNORECASE)
 _SET_OF = re.compile(r"^(?:an?\s+)?(?:set|suite|group|collection|pieces|assortment)\b", re.IGNORECASE)
 _FRAGMENT = re.compile(
     r"\b(?:fragments?|model (?:for|of)|cover for|covers? for|legs? for|trekk|ben til|part of)\b", re.I
@@ -164,6 +165,8 @@ class Matcher:
             return exact
         if _FRAGMENT.search(text) or _SET_OF.search(text):
             return Finding(None, 0.0, "a part, a cover, a model or a set", "part", whole)
+        if _COUNTED.search(text):
+            return Finding(None, 0.0, "several things", "set", whole)
         noun = noun_phrase(text)
         if (several := _SET.split(noun)) and len(several) > 1 and not reading.whole:
             return self._of_several(reading, several, whole)
@@ -210,7 +213,7 @@ class Matcher:
         ruled = next((self._meanings[form] for form in self.lexicon.forms(phrase) if form in self._meanings), None)
         if ruled and ruled.decision is None:
             return self._decided(ruled, phrase)
-        if ruled and self.lexicon.is_a(ruled.decision or "", domain.requires):
+        if ruled and ruled.decision and fits(ruled.decision, domain, self.lexicon):
             rule = f"{rule}/ruled"
             return Finding(ruled.decision, self._score(rule), f"readers' decision on {phrase!r}", rule, phrase)
         senses = (sense(concepts, domain, self.lexicon) for concepts in self.lexicon.concepts(phrase))
@@ -279,7 +282,7 @@ def _texts(reading: Reading, path: tuple[str, ...], title: str) -> tuple[str, ..
         "alternatives": tuple(part for text in path[-1:] for part in text.split(",")),
         "title, last": (title, *reversed(path[1:] or path)),
     }
-    return tuple(text for text in by_words[reading.words] if text) or (noun_phrase(title),)
+    return tuple(text for text in by_words[reading.words] if text)
 
 
 @cache

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from taxonomy.insertions import PREFIX
 from taxonomy.lexicon import Lexicon
 
-__all__ = ["DOMAINS", "Domain", "Sense", "sense"]
+__all__ = ["DOMAINS", "Domain", "Sense", "fits", "sense"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +75,7 @@ DOMAINS = {
          "furniture.n.01", "vehicle.n.01", "device.n.01", "instrumentality.n.03", "artifact.n.01"),
     ),
     "ship": Domain(("vessel.n.02", "craft.n.02"), ("ship.n.01",), narrow=True),
-    "vehicle": Domain(("vehicle.n.01", "person.n.01", "container.n.01", "chair.n.01"), narrow=True),
+    "vehicle": Domain(("conveyance.n.03", "vehicle.n.01", "person.n.01", "container.n.01", "chair.n.01"), narrow=True),
     "car": Domain(("motor_vehicle.n.01",), ("car.n.01",), narrow=True),
     "aircraft": Domain(("aircraft.n.01",), ("airplane.n.01",), narrow=True),
     "tree": Domain(("vascular_plant.n.01",), ("tree.n.01", "woody_plant.n.01"), narrow=True),
@@ -93,7 +93,7 @@ def sense(concepts: Sequence[str], domain: Domain, lexicon: Lexicon) -> Sense | 
     Insertions come before WordNet's senses: a reader has put them there for the name. Among the others those that
     the domain prefers come first, then WordNet's own order, which is by frequency in its texts.
     """
-    possible = [concept for concept in concepts if _fits(concept, domain, lexicon)]
+    possible = [concept for concept in concepts if fits(concept, domain, lexicon)]
     if not possible:
         return None
     if possible[0].startswith(PREFIX):
@@ -109,5 +109,8 @@ def sense(concepts: Sequence[str], domain: Domain, lexicon: Lexicon) -> Sense | 
     return Sense(best, "rare" if len(possible) == 1 else "frequent")
 
 
-def _fits(concept: str, domain: Domain, lexicon: Lexicon) -> bool:
+def fits(concept: str, domain: Domain, lexicon: Lexicon) -> bool:
+    """Whether the domain holds the concept and it says enough to have a size."""
+    if concept.startswith(PREFIX) and not domain.narrow:
+        return True  # a reader has put it in as a thing with a size, wherever WordNet would have it
     return concept not in _SAYS_NOTHING and lexicon.is_a(concept, domain.requires)

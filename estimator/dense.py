@@ -10,7 +10,7 @@ import numpy as np
 from estimator.files import ByteReader
 from estimator.scene import MAX_COORDINATE, BadScene, DenseCloud, FloatArray, IntArray, told
 
-__all__ = ["dense_cloud", "dense_file", "ply_layout", "visibility"]
+__all__ = ["dense_cloud", "dense_file", "ply_layout", "visibility", "visibility_bytes"]
 
 #: Where reconstructions keep their dense cloud, in the order of preference: COLMAP's and OpenSfM's places.
 DENSE_PLACES = (
@@ -89,6 +89,12 @@ def visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, IntAr
     if len(views) and views.max() >= n_views:
         raise BadScene.at(path, "image", f"positions below {n_views}, the number of images", int(views.max()))
     return np.concatenate([[0], np.cumsum(words[places], dtype=np.int64)]), views
+
+
+def visibility_bytes(offsets: IntArray, views: IntArray) -> bytes:
+    """The visibility file of compressed rows, the inverse of `visibility`."""
+    words = np.insert(views, offsets[:-1], np.diff(offsets))
+    return np.uint64(len(offsets) - 1).tobytes() + words.astype("<u4").tobytes()
 
 
 def _list_places(path: Path, words: np.ndarray[tuple[int], np.dtype[np.uint32]], n: int) -> IntArray:

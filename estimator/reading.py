@@ -97,7 +97,7 @@ def _with_dense(scene: Scene, file: Path | None) -> Scene:
         if len(cloud.visible_views) and cloud.visible_views.max() >= len(order):
             expected = f"positions below {len(order)}, the images of the model beside the cloud"
             raise BadScene.at(f"{place}.vis", "image", expected, int(cloud.visible_views.max()))
-        cloud = replace(cloud, visible_views=order[cloud.visible_views])
+        cloud = replace(cloud, visible_views=order[cloud.visible_views], file_views=order)
     if not _visibility_fits(scene, cloud):
         cloud = replace(cloud, visible_offsets=None, visible_views=None)
         warnings = (*warnings, f"{place}.vis: its points do not project into the images it names; it is not used")

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator.dense import ply_layout
+from estimator.dense import ply_layout, visibility, visibility_bytes
 from estimator.files import bytes_of
 from estimator.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction
 from estimator.rescaled_colmap import write_scaled_colmap
-from estimator.scene import BadScene, Scene, told
+from estimator.scene import BadScene, IntArray, Scene, told
 
 __all__ = ["TRANSFORM", "write_scaled"]
 
@@ -56,7 +56,10 @@ def _write_all(scene: Scene, model_path: Path, scale: float, folder: Path) -> No
     else:
         write_scaled_colmap(model_path, ".bin" if scene.format == "colmap-binary" else ".txt", scale, target)
     if scene.dense is not None and scene.dense.path is not None:
-        _write_cloud(scene.dense.path, scale, folder / _place(scene.dense.path, scene.path))
+        target = folder / _place(scene.dense.path, scene.path)
+        _write_cloud(scene.dense.path, scale, target)
+        if scene.dense.visible_offsets is not None:
+            _write_visibility(scene.dense.path, scene.dense.file_views, len(scene.views), target)
     (folder / TRANSFORM).write_text(f"{scale!r} 1 0 0 0 0 0 0\n", encoding="utf-8")
 
 
@@ -89,7 +92,7 @@ def _scale_member(entries: Any, member: str, scale: float) -> None:
 
 
 def _write_cloud(source: Path, scale: float, target: Path) -> None:
-    """A PLY file with its positions scaled, and its visibility beside it."""
+    """A PLY file with its positions scaled."""
     target.parent.mkdir(parents=True, exist_ok=True)
     data = bytes_of(source)
     layout = ply_layout(source, data)
@@ -103,9 +106,17 @@ def _write_cloud(source: Path, scale: float, target: Path) -> None:
         for axis in "xyz":
             rows[axis] = (rows[axis].astype(np.float64) * scale).astype(rows[axis].dtype)
         target.write_bytes(scaled)
-    beside = source.with_name(f"{source.name}.vis")
-    if beside.is_file():
-        shutil.copyfile(beside, target.with_name(f"{target.name}.vis"))
+
+
+def _write_visibility(source: Path, file_views: IntArray | None, n_views: int, target: Path) -> None:
+    """The visibility beside a cloud, counting the views of the model that is written with it."""
+    beside, written = source.with_name(f"{source.name}.vis"), target.with_name(f"{target.name}.vis")
+    if file_views is None:
+        shutil.copyfile(beside, written)
+        return
+    n_points = ply_layout(source, bytes_of(source)).count
+    offsets, views = visibility(beside, n_points, n_views)
+    written.write_bytes(visibility_bytes(offsets, file_views[views]))
 
 
 def _scaled_ascii(data: bytes, body: int, skipped: int, count: int, names: tuple[str, ...], scale: float) -> bytes:

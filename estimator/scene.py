@@ -111,13 +111,15 @@ class DenseCloud:
     """A dense cloud in the frame of the scene.
 
     points : (n, 3); visible_offsets : (n + 1,) and visible_views : (m,) say which rows of `Scene.views` see a
-    point (compressed rows), or both are None where no visibility file is there. `path` is the file it came from.
+    point (compressed rows), or both are None where no visibility file is there. `path` is the file it came from, `file_views` the rows of `Scene.views` by the positions that
+    its visibility file counts, None where these are the same.
     """
 
     points: FloatArray
     visible_offsets: IntArray | None = None
     visible_views: IntArray | None = None
     path: Path | None = None
+    file_views: IntArray | None = None
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.small_scene import write_small_scene
-from estimator.dense import dense_cloud, visibility
+from estimator.dense import dense_cloud, visibility, visibility_bytes
 from estimator.reading import scene_at
 from estimator.scene import BadScene
 
@@ -97,6 +97,7 @@ def test_visibility_is_read_back(lists: list[list[int]], tmp_path_factory: pytes
     file.write_bytes(vis(lists))
     offsets, views = visibility(file, len(lists), 10)
     assert [views[start:end].tolist() for start, end in pairwise(offsets)] == lists
+    assert visibility_bytes(offsets, views) == vis(lists)
 
 
 def test_points_without_a_position_are_dropped_with_their_visibility(tmp_path: Path) -> None:

@@ -46,6 +46,21 @@ def test_every_form_reads_back_scaled(form: str, small: Path, tmp_path: Path) ->
         np.testing.assert_array_equal(scaled.dense.visible_views, scene.dense.visible_views)
 
 
+def test_visibility_counts_the_views_of_the_written_model(small: Path, tmp_path: Path) -> None:
+    """The cloud's own model, whose order differs from the shots', is not written with it."""
+    document = json.loads((small / "opensfm" / "reconstruction.json").read_text(encoding="utf-8"))
+    document[0]["shots"] = dict(reversed(document[0]["shots"].items()))
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "reconstruction.json").write_text(json.dumps(document), encoding="utf-8")
+    scene = scene_at(tmp_path / "in", small / "colmap" / "dense.ply")
+    write_scaled(scene, SCALE, tmp_path / "out")
+    scaled = scene_at(tmp_path / "out")
+    assert scene.dense is not None
+    assert scaled.dense is not None
+    np.testing.assert_array_equal(scaled.dense.visible_offsets, scene.dense.visible_offsets)
+    np.testing.assert_array_equal(scaled.dense.visible_views, scene.dense.visible_views)
+
+
 @pytest.mark.parametrize("suffix", ["bin", "txt"])
 def test_colmap_reads_what_its_own_transform_gives(suffix: str, tmp_path: Path) -> None:
     """Rigs with several sensors included: every pose of the five files is scaled."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.pictures import written_whole
+from estimator.outputs import written_file
 from estimator.plan import COLOURS, bare_axes, draw_scene
 from estimator.result import ObjectReport, ScaleResult
 from estimator.scene import BadScene, FloatArray
@@ -56,7 +56,7 @@ def write_figure(estimate: SceneEstimate, file: Path) -> None:
     if file.suffix.lower() not in FORMATS:
         raise BadScene.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
     drawn = figure(estimate)
-    with written_whole(file) as temporary:
+    with written_file(file, "--figure") as temporary:
         drawn.savefig(temporary, format=file.suffix[1:].lower(), dpi=130)
 
 

@@ -7,8 +7,6 @@ Where the scene knows the truth, `E` is the estimate and `G` the true size, as i
 from __future__ import annotations
 
 import math
-import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
@@ -19,6 +17,7 @@ import numpy as np
 
 from estimator.boxes import edge_axis, projected_edges
 from estimator.objects import MeasuredObject
+from estimator.outputs import written_folder
 from estimator.pictures import image_file, image_folders
 from estimator.placement import placed_labels
 from estimator.result import ObjectReport
@@ -53,16 +52,12 @@ def write_overlays(estimate: SceneEstimate, folder: Path) -> int:
     """
     import cv2
 
-    if folder.exists():
-        raise BadScene.at(folder, "--overlay", "a folder that is not there yet", told("an existing one"))
     folders = image_folders(estimate.scene)
     files = [image_file(folders, view) for view in estimate.scene.views]
     if not any(files):
         places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"
         raise BadScene.at(estimate.scene.path, "--overlay", "the pictures of the views", told(places))
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
+    with written_folder(folder, "--overlay") as temporary:
         for row, file in enumerate(files):
             picture = None if file is None else cv2.imread(str(file), cv2.IMREAD_COLOR)
             if picture is not None:
@@ -70,11 +65,6 @@ def write_overlays(estimate: SceneEstimate, folder: Path) -> int:
                 target = temporary / (name if Path(name).suffix.lower() in _WRITTEN else f"{name}.png")
                 target.parent.mkdir(parents=True, exist_ok=True)
                 cv2.imwrite(str(target), overlay(estimate, row, picture[..., ::-1])[..., ::-1])
-        temporary.chmod(0o755)  # mkdtemp keeps others out
-        temporary.rename(folder)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
     return sum(file is not None for file in files)
 
 

@@ -1,15 +1,12 @@
-"""Pictures: where a scene's own images are, and files that appear whole or not at all."""
+"""Pictures: where a scene's own images are."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from estimator.scene import Scene, View
 
-__all__ = ["image_file", "image_folders", "written_whole"]
+__all__ = ["image_file", "image_folders"]
 
 IMAGES = "images"
 #: How far above the model the images are looked for: `scene/dense/0/sparse` is the deepest usual place.
@@ -30,14 +27,3 @@ def image_file(folders: tuple[Path, ...], view: View) -> Path | None:
         if file.resolve().is_relative_to(folder) and file.is_file():
             return file
     return None
-
-
-@contextmanager
-def written_whole(file: Path) -> Iterator[Path]:
-    """A temporary path beside `file` that takes its name when the block ends without a fault."""
-    temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
-    try:
-        yield temporary
-        temporary.replace(file)
-    finally:
-        temporary.unlink(missing_ok=True)

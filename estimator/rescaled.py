@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import shutil
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,9 @@ import numpy as np
 from estimator.dense import ply_layout, visibility, visibility_bytes
 from estimator.files import bytes_of
 from estimator.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction
+from estimator.outputs import written_folder
 from estimator.rescaled_colmap import write_scaled_colmap
-from estimator.scene import BadScene, IntArray, Scene, told
+from estimator.scene import BadScene, IntArray, Scene
 
 __all__ = ["TRANSFORM", "write_scaled"]
 
@@ -33,19 +33,10 @@ def write_scaled(scene: Scene, scale: float, folder: Path) -> None:
     """
     if not (np.isfinite(scale) and scale > 0):
         raise BadScene.at(folder, "scale", "a positive number", scale)
-    if folder.exists():
-        raise BadScene.at(folder, "--write-scaled", "a folder that is not there yet", told("an existing one"))
     if scene.model_path is None:
         raise BadScene.at(scene.path, "model", "a scene that was read from files", None)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-    try:
+    with written_folder(folder, "--write-scaled") as temporary:
         _write_all(scene, scene.model_path, scale, temporary)
-        temporary.chmod(0o755)  # mkdtemp keeps others out
-        temporary.rename(folder)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
 
 
 def _write_all(scene: Scene, model_path: Path, scale: float, folder: Path) -> None:

@@ -111,8 +111,9 @@ class DenseCloud:
     """A dense cloud in the frame of the scene.
 
     points : (n, 3); visible_offsets : (n + 1,) and visible_views : (m,) say which rows of `Scene.views` see a
-    point (compressed rows), or both are None where no visibility file is there. `path` is the file it came from, `file_views` the rows of `Scene.views` by the positions that
-    its visibility file counts, None where these are the same.
+    point (compressed rows), or both are None where no visibility file is there. `path` is the file it came from,
+    `file_views` the rows of `Scene.views` by the positions that its visibility file counts, None where these are
+    the same.
     """
 
     points: FloatArray

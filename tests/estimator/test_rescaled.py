@@ -129,6 +129,12 @@ def test_nothing_is_left_where_writing_fails(small: Path, tmp_path: Path) -> Non
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
 
 
+def test_a_place_that_cannot_be_written_is_one_line(small: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    with pytest.raises(BadScene, match="--write-scaled: expected a place that can be written"):
+        write_scaled(scene_at(small / "colmap"), SCALE, tmp_path / "file" / "metric")
+
+
 def test_an_existing_folder_and_impossible_scales_are_refused(small: Path, tmp_path: Path) -> None:
     scene = scene_at(small / "colmap")
     with pytest.raises(BadScene, match="a folder that is not there yet"):

@@ -20,7 +20,20 @@ from metric_tree.prior import Prior
 from metric_tree.schema import NODES, PRIORS
 from taxonomy.categories import Category
 
-__all__ = ["Hierarchy", "kept_categories", "node_counts", "node_table", "prior_table", "source_records"]
+__all__ = ["CURATED", "Hierarchy", "kept_categories", "node_counts", "node_table", "prior_table", "source_records"]
+
+
+#: The project's own ranges as a source: written for it, under its licence.
+CURATED = Source(
+    id="curated",
+    title="Curated ranges of this project (data/curated)",
+    url="data/curated/ranges.csv",
+    licence="Apache-2.0",
+    licence_basis="written for this project",
+    kind="curated",
+    ship=True,
+    reader="taxonomy.curated",
+)
 
 
 def kept_categories(categories: Sequence[Category], classes: Mapping[str, NodeClass]) -> list[Category]:
@@ -133,7 +146,7 @@ def source_records(
     """The manifest's sources: those that the build used."""
     records = []
     for name in sorted(used):
-        source = declared.get(name)
+        source = declared.get(name, CURATED if name == CURATED.id else None)
         record = {
             "id": name,
             "title": source.title if source else name,

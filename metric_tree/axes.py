@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from metric_tree.prior import FloatArray
 
-__all__ = ["AXES", "EXTENTS", "Sizes", "axes_of_pose", "candidates", "sizes"]
+__all__ = ["AXES", "EXTENTS", "Sizes", "axes_of_pose", "candidates", "own_sizes", "sizes"]
 
 AXES = ("length", "width", "height")
 EXTENTS = ("extent1", "extent2", "extent3")
@@ -64,6 +64,14 @@ def sizes(words: Mapping[str, float | None], extents: Sequence[float] | None, po
     if pose == "any":
         return Sizes(None, None, None, outer)
     return (_flat if pose == "flat" else _upright)(stated, horizontal, height, outer)
+
+
+def own_sizes(axes: Mapping[str, float | None], pose: str) -> Sizes:
+    """The sizes of a row that already speaks of our length, width and height (a curated range)."""
+    stated = {axis: axes[axis] for axis in AXES if axes.get(axis) is not None}
+    outer = tuple(sorted((size for size in stated.values() if size is not None), reverse=True))
+    known = {} if pose == "any" else stated
+    return Sizes(known.get("length"), known.get("width"), known.get("height"), outer)
 
 
 def candidates(axes: FloatArray, extents: FloatArray, pose: str) -> tuple[FloatArray, NDArray[np.intp]]:

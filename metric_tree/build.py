@@ -19,18 +19,28 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
 import pyarrow as pa
 
 from crawler.faults import InputFault
+from crawler.items import RawItem
 from crawler.sources import Source, sources
-from metric_tree.assembly import Hierarchy, kept_categories, node_counts, node_table, prior_table, source_records
+from metric_tree.assembly import (
+    CURATED,
+    Hierarchy,
+    kept_categories,
+    node_counts,
+    node_table,
+    prior_table,
+    source_records,
+)
 from metric_tree.build_report import report
 from metric_tree.clean import Cleaned, NodeClass, class_priors, cleaned
 from metric_tree.disagreement import SharedModel, shared_model
-from metric_tree.ingest import SHARDS, Ingested, blocks, ingested, raw_files
+from metric_tree.ingest import SHARDS, Block, Ingested, block_of, blocks, ingested, raw_files
 from metric_tree.prior import Prior
 from metric_tree.row_files import RowFiles, sibling_references
 from metric_tree.schema import IMAGES
@@ -38,7 +48,7 @@ from metric_tree.store import Release, published
 from metric_tree.work import Here, WorkFolder, fingerprint
 from taxonomy.categories import Taxonomy
 
-__all__ = ["Build", "Options", "built", "shipped_taxonomy"]
+__all__ = ["Build", "Options", "built", "shipped_curated", "shipped_taxonomy"]
 
 #: Called with the name of a step and the parts of it that are done.
 Progress = Callable[[str, int], None]
@@ -79,6 +89,13 @@ def shipped_taxonomy() -> Taxonomy:
     return default()
 
 
+def shipped_curated() -> Iterable[RawItem]:
+    """The package's curated ranges, which speak where a class has no items."""
+    from taxonomy.curated import curated_items
+
+    return curated_items()
+
+
 def built(
     raw: Sequence[Path],
     out: Path,
@@ -86,6 +103,7 @@ def built(
     *,
     log: Path | None = None,
     taxonomy: Callable[[], Taxonomy] = shipped_taxonomy,
+    curated: Iterable[RawItem] = (),
     declared: Mapping[str, Source] | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
@@ -96,6 +114,7 @@ def built(
     ----------
     raw : files or folders of raw items; log : `<out>.build` by default
     taxonomy : a function at the top of a module, so that a worker can call it
+    curated : raw items of kind `curated`
     declared : sources by id, those of `data/sources` by default; rows of others are used and not shipped
     executor : where the steps run, this process by default
 
@@ -108,10 +127,11 @@ def built(
         raise InputFault(f"{out}: expected a free path for a new release; found an existing one")
     files = raw_files(raw)
     declared = {source.id: source for source in sources()} if declared is None else declared
+    own = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
-    with WorkFolder.opened(log / "work", fingerprint(files, repr((options, sorted(declared))))) as work:
+    with WorkFolder.opened(log / "work", fingerprint(files, repr((options, sorted(declared), own)))) as work:
         steps = _Steps(options, taxonomy, declared, executor or Here(), progress, work)
-        counts = steps.ingest(files)
+        counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()
         report, tables, manifest = steps.fit(classes, counts + dropped)
         release = published(out, tables, manifest)
@@ -128,11 +148,11 @@ class _Steps:
     progress: Progress | None
     work: WorkFolder
 
-    def ingest(self, files: Iterable[Path]) -> Counter[str]:
+    def ingest(self, lines: Iterable[Block]) -> Counter[str]:
         """Step 1; the rows lie in the work folder. Counts of raw items by outcome."""
         noncommercial = (name for name, source in self.declared.items() if source.noncommercial)
         left_out = frozenset() if self.options.noncommercial else frozenset(noncommercial)
-        calls = ((block, self.taxonomy, self.options.fold_out, left_out) for block in blocks(files))
+        calls = ((block, self.taxonomy, self.options.fold_out, left_out) for block in lines)
         counts: Counter[str] = Counter()
         for result in self._mapped("ingest", ingested, calls, _spilled_rows):
             counts += result.counts
@@ -142,7 +162,7 @@ class _Steps:
         """Step 2: the classes, without their rows, and the rows dropped by reason."""
         rows = RowFiles(tuple(sorted(self.work.directory.glob("ingest-*.arrow"))))
         repeated, siblings = rows.repeated(), sibling_references(rows, self.taxonomy().categories())
-        licences = {name: source.licence for name, source in self.declared.items() if source.ship}
+        licences = {source.id: source.licence for source in (*self.declared.values(), CURATED) if source.ship}
         calls = ((rows.shard(number, repeated), licences, siblings) for number in range(SHARDS))
         classes: list[NodeClass] = []
         counts = Counter({"repeated_id": len(repeated.extra)})

@@ -16,7 +16,7 @@ from metric_tree.axes import AXES, EXTENTS, candidates
 from metric_tree.disagreement import SharedModel
 from metric_tree.duplicates import duplicates
 from metric_tree.em import Belief
-from metric_tree.fit import ClassRows, Moments, class_prior, moments
+from metric_tree.fit import ClassRows, Moments, class_prior, extent_moments, moments
 from metric_tree.ingest import refusal
 from metric_tree.prior import FloatArray, Prior
 from metric_tree.schema import ITEMS
@@ -153,7 +153,7 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
     by_kind = dict(Counter(kind.tolist()))
     found = NodeClass(
         node_id,
-        tuple(map(moments, frames)),
+        (moments(frames[0]), *map(extent_moments, frames[1:])),
         dict(by_source),
         by_kind,
         dict(zip(source.tolist(), kind.tolist(), strict=True)),

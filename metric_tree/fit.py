@@ -17,7 +17,7 @@ from metric_tree.em import Belief, Fitted, Mixture, Rows, completed, fitted_mixt
 from metric_tree.evidence import row_weights, shares
 from metric_tree.prior import FloatArray, Prior
 
-__all__ = ["VAGUE", "ClassRows", "Moments", "class_prior", "heldout_log_density", "moments"]
+__all__ = ["VAGUE", "ClassRows", "Moments", "class_prior", "extent_moments", "heldout_log_density", "moments"]
 
 #: Largest number of components: sizes of one category fall into a few kinds (a hatchback, a saloon, a van).
 COMPONENTS = 4
@@ -111,6 +111,20 @@ def moments(rows: ClassRows) -> Moments:
     found = disagreement(x, known, weighed.weights, sources, kinds, single.covariances[0])
     effective = known.sum(axis=0) * weighed.effective / len(weighed)
     return Moments(rows.node_id, rows.axes, single.means[0], floored(found.within), effective, found)
+
+
+def extent_moments(rows: ClassRows) -> Moments:
+    """The moments over sorted extents, straight from the rows that state all three: nothing is open there."""
+    whole = ~np.isnan(rows.x).any(axis=1)
+    weights = row_weights(rows.sources, rows.kinds)[rows.owner[whole]]
+    x = rows.x[whole]
+    if not weights.sum() > 0:
+        return Moments(rows.node_id, rows.axes, VAGUE.mean, VAGUE.covariance, np.zeros(3), None)
+    mean = weights @ x / weights.sum()
+    typical = VAGUE.covariance_rows * float((weights**2).sum() / weights.sum())
+    scatter = np.einsum("n,ni,nj->ij", weights, x - mean, x - mean) + typical * VAGUE.covariance
+    effective = np.full(3, weights.sum() ** 2 / (weights**2).sum())
+    return Moments(rows.node_id, rows.axes, mean, floored(scatter / (weights.sum() + typical)), effective, None)
 
 
 def class_prior(rows: ClassRows, belief: Belief, model: SharedModel, seed: int, heldout: bool = True) -> Prior:

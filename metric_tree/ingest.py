@@ -24,7 +24,7 @@ import pyarrow as pa
 
 from crawler.faults import InputFault
 from crawler.items import BadRawItem, RawItem
-from metric_tree.axes import Sizes, sizes
+from metric_tree.axes import Sizes, own_sizes, sizes
 from taxonomy.categories import Match, Taxonomy
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "SHARDS",
     "Block",
     "Ingested",
+    "block_of",
     "blocks",
     "ingested",
     "is_held_out",
@@ -127,6 +128,11 @@ def blocks(files: Iterable[Path]) -> Iterator[Block]:
                 raise InputFault(f"{path}: expected gzip data; found {error}") from None
 
 
+def block_of(items: Iterable[RawItem], name: str) -> Block:
+    """A block of items that stand in no raw file."""
+    return Block(name, 1, tuple(item.line().encode() for item in items))
+
+
 def item_hash(item_id: str) -> int:
     """First eight bytes of the SHA-256 of an item id."""
     return int.from_bytes(hashlib.sha256(item_id.encode()).digest()[:8], "big")
@@ -210,7 +216,10 @@ def _row(
     if node_id is None:
         return None, "no_category"
     pose = _poses(taxonomy)[node_id]
-    found = sizes(item.dimensions_mm, item.extents_mm, pose)
+    if item.kind == "curated":
+        found: Sizes | None = own_sizes(item.dimensions_mm, pose)
+    else:
+        found = sizes(item.dimensions_mm, item.extents_mm, pose)
     if found is None:
         return None, "no_size"
     return {

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from crawler.faults import InputFault
-from metric_tree.build import Build, Options, Progress, built
+from metric_tree.build import Build, Options, Progress, built, shipped_curated
 from metric_tree.commands.shell import print_json, print_table
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -38,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--log", metavar="DIR", type=Path, help="quarantine and report (default: DIR.build)")
     parser.add_argument("--fold-out", metavar="I/N", type=_fold, help="leave out fold I (from 0) of N, by item id")
     parser.add_argument("--without-noncommercial", action="store_true", help="leave out non-commercial sources")
+    parser.add_argument("--without-curated", action="store_true", help="leave out the project's curated ranges")
     parser.add_argument("--no-heldout", action="store_true", help="skip the held-out scores of the priors (faster)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: %(default)s)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, in place of processes")
@@ -54,7 +55,15 @@ def run(arguments: argparse.Namespace) -> int:
         heldout=not arguments.no_heldout,
     )
     with _executor(arguments.workers, arguments.scheduler) as executor, _progress() as progress:
-        build = built(arguments.raw, arguments.out, options, log=arguments.log, executor=executor, progress=progress)
+        build = built(
+            arguments.raw,
+            arguments.out,
+            options,
+            log=arguments.log,
+            curated=() if arguments.without_curated else shipped_curated(),
+            executor=executor,
+            progress=progress,
+        )
     _print(build, arguments.json)
     return 0
 

@@ -136,25 +136,32 @@ def test_what_is_refused_is_kept_with_its_reason(tmp_path):
     assert all(record["detail"] for record in quarantined(out) if record["reason"] in {"unit_slip", "duplicate"})
 
 
-def test_curated_ranges_give_a_prior_and_no_items(tmp_path):
-    curated = RawItem(
-        source="lab",
-        source_id="stool",
-        category_path=("stool",),
-        dimensions_mm={"diameter": 350.0, "height": 450.0},
-        ranges_mm={"diameter": (300.0, 400.0), "height": (400.0, 700.0)},
-        kind="curated",
-    )
+def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
+    def curated(name: str) -> RawItem:
+        return RawItem(
+            source="curated",
+            source_id=name,
+            category_path=(name,),
+            dimensions_mm={"length": 400.0, "width": 350.0, "height": 450.0},
+            ranges_mm={"length": (350.0, 450.0), "height": (400.0, 700.0)},
+            kind="curated",
+        )
+
     items = [item for item in made_items() if item.category_path[-1] != "stool"]
-    release = build(written(tmp_path / "raw.jsonl", [*items, curated]), tmp_path / "release").release
-    stool = open_tree(release.directory).find("stool")
-    prior = stool.prior()
+    raw = written(tmp_path / "raw.jsonl", items)
+    release = build(raw, tmp_path / "release", curated=[curated("stool"), curated("sofa")]).release
+    tree = open_tree(release.directory)
+    stool, prior = tree.find("stool"), tree.find("stool").prior()
     assert stool.n_items == prior.n == 0
     assert prior.share_by_kind == {"curated": 1.0}
-    assert prior.quantile(0.5) == pytest.approx([350, 350, 450])
+    assert prior.quantile(0.5) == pytest.approx([400, 350, 450])
     spread = np.sqrt(np.diagonal(prior.covariances[0]))
+    assert spread[0] == pytest.approx(1.5 * np.log(450 / 350) / 3.29, rel=0.01)
     assert spread[2] == pytest.approx(1.5 * np.log(700 / 400) / 3.29, rel=0.01)
-    assert spread[0] == pytest.approx(1.5 * np.log(400 / 300) / 3.29, rel=0.01)
+    assert "curated" not in tree.find("sofa").prior().share_by_kind
+    assert tree.find("sofa").prior().quantile(0.5)[0] == pytest.approx(2000, rel=0.15)
+    assert [finding for finding in findings(release.directory) if finding.is_error] == []
+    assert next(r for r in release.manifest["sources"] if r["id"] == "curated")["n_fit"] == 0
 
 
 def test_an_interrupted_build_leaves_no_release_and_takes_up_where_it_was(tmp_path, monkeypatch, release):

@@ -140,6 +140,8 @@ class Table:
 
     #: Files of the table, relative to the source's folder, as glob patterns.
     files: tuple[str, ...]
+    #: Whether the patterns mean only files that no other table of the source reads; there may be none.
+    rest: bool = False
     format: Format = "csv"
     delimiter: str = ","
     encoding: str = "utf-8-sig"

@@ -71,7 +71,7 @@ def flat(record: Any, prefix: str = "") -> Row:
 def _csv(table: Table, path: Path) -> Iterator[Row]:
     with path.open(encoding=table.encoding, newline="") as text:
         for _ in range(table.skip_lines):
-            next(text)
+            next(text, None)
         reader = csv.reader(text, delimiter=table.delimiter)
         header = list(table.columns) or [name.strip() for name in next(reader, [])]
         if not header:

@@ -46,7 +46,7 @@ class _Size:
 def table_readings(source: Source, folder: Path) -> Iterator[Reading]:
     """The readings of all tables of a source, in the order of the declaration, the files and the rows."""
     for table in source.tables:
-        for path in _files(table, folder):
+        for path in _rest(source, folder, table) if table.rest else _files(table, folder):
             for number, row in enumerate(rows(table, path), start=1):
                 named = _named(table, row | {"file": path.stem, "row": str(number)})
                 if all(_holds(rule, named) for rule in table.only):
@@ -81,6 +81,14 @@ def _files(table: Table, folder: Path) -> list[Path]:
     if not found:
         raise BadTable(f"{folder}: expected {' or '.join(table.files)}; found no such file")
     return found
+
+
+def _rest(source: Source, folder: Path, table: Table) -> list[Path]:
+    """The files of the patterns that no other table reads."""
+    if folder.is_file():
+        return []
+    others = {path for other in source.tables if not other.rest for path in _files(other, folder)}
+    return [path for pattern in table.files for path in sorted(folder.glob(pattern)) if path not in others]
 
 
 def _reading(source: Source, table: Table, row: Row) -> Reading:

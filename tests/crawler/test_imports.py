@@ -265,6 +265,18 @@ def test_a_column_is_read_out_of_others_by_the_first_case_that_fits(tmp_path: Pa
     assert [i.category_path for i in result.items] == [("lamp", "pendant lamp"), ("lamp", "floor lamp"), ("chair",)]
 
 
+def test_the_rest_of_the_files_is_accounted_for(tmp_path: Path) -> None:
+    result = made_up(
+        tmp_path,
+        '[[tables]]\nfiles = ["nuts.csv"]\nunit = "mm"\ncategory = ["nut"]\naxes = { width = "s" }\n'
+        '[[tables]]\nfiles = ["*.csv"]\nrest = true\nrefused = "part_not_whole"\nnote = "heads"',
+        nuts_csv="s\n13\n",
+        heads_csv="k\n5\n6\n",
+    )
+    assert sizes(result) == [{"width": 13}]
+    assert [refusal.row for refusal in result.refusals] == ["heads:1", "heads:2"]
+
+
 def test_a_diameter_counts_twice_and_the_widest_of_several_wins(tmp_path: Path) -> None:
     result = made_up(
         tmp_path,

@@ -1,0 +1,38 @@
+"""The saved real pages beside the repository: what a person reads on each, and what we read."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from crawler.pages import saved_page
+from crawler.sites import item_of
+
+FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "pages"
+PAGES = json.loads((FOLDER / "truth.json").read_text())["pages"] if FOLDER.is_dir() else [None]
+
+#: Pages round to a half millimetre, a half centimetre or a tenth of an inch.
+TOLERANCE = 0.02
+
+
+def _extents(expect: dict[str, Any]) -> list[float]:
+    labels = [str(label).lower() for label in expect["labels"] or []]
+    twice = [mm for label, mm in zip(labels, expect["mm"], strict=False) if label == "diameter"]
+    return sorted([*expect["mm"], *twice][:3], reverse=True)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize("truth", PAGES, ids=[page["file"] if page else "absent" for page in PAGES])
+def test_a_real_page(truth: dict[str, Any] | None) -> None:
+    if truth is None:
+        pytest.skip(f"{FOLDER} is not here: the saved real pages are not part of the repository")
+    item = item_of(saved_page(FOLDER / truth["file"], truth["url"]))
+    if truth["expect"] is None:
+        assert item.extents_mm is None or "low_trust" in item.flags
+    else:
+        assert item.extents_mm == pytest.approx(_extents(truth["expect"]), rel=TOLERANCE)
+        assert "low_trust" not in item.flags
+    assert item.title

@@ -48,7 +48,7 @@ from metric_tree.store import Release, published
 from metric_tree.work import Here, WorkFolder, fingerprint
 from taxonomy.categories import Taxonomy
 
-__all__ = ["Build", "Options", "built", "shipped_curated", "shipped_taxonomy"]
+__all__ = ["Build", "Options", "Steps", "built", "shipped_curated", "shipped_taxonomy"]
 
 #: Called with the name of a step and the parts of it that are done.
 Progress = Callable[[str, int], None]
@@ -130,7 +130,7 @@ def built(
     own = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
     with WorkFolder.opened(log / "work", fingerprint(files, repr((options, sorted(declared), own)))) as work:
-        steps = _Steps(options, taxonomy, declared, executor or Here(), progress, work)
+        steps = Steps(options, taxonomy, declared, executor or Here(), progress, work)
         counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()
         report, tables, manifest = steps.fit(classes, counts + dropped)
@@ -140,7 +140,9 @@ def built(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Steps:
+class Steps:
+    """The steps of one build, each over an executor, its results in a work folder."""
+
     options: Options
     taxonomy: Callable[[], Taxonomy]
     declared: Mapping[str, Source]

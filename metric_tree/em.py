@@ -145,7 +145,11 @@ def fitted_mixture(rows: Rows, components: int, belief: Belief, seed: int = 0, s
     weights = rows.weights * (rows.effective / rows.weights.sum())  # so that the log likelihood counts real rows
     rows = Rows(rows.x, rows.owner, weights)
     if single is None:
-        single = max((_converged(rows, start, belief) for start in _single_starts(rows, belief)), key=_height)
+        first, *others = _single_starts(rows, belief)
+        if others:
+            short = [_converged(rows, start, belief, SHORT_RUN) for start in (first, *others)]
+            first = max(short, key=_height).mixture
+        single = _converged(rows, first, belief)
     if components == 1:
         return single
     weak = Belief(single.mixture.means[0], 0.0, single.mixture.covariances[0] / components**2, STABILISER_ROWS)

@@ -17,7 +17,7 @@ from crawler.faults import InputFault
 from metric_tree.build import Build, Options, Progress, built, shipped_curated
 from metric_tree.commands.shell import print_json, print_table
 
-__all__ = ["HELP", "add_arguments", "run"]
+__all__ = ["HELP", "add_arguments", "executor_of", "run"]
 
 HELP = "Raw items to a release: matched, cleaned, fitted, published whole or not at all."
 
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         noncommercial=not arguments.without_noncommercial,
         heldout=not arguments.no_heldout,
     )
-    with _executor(arguments.workers, arguments.scheduler) as executor, _progress() as progress:
+    with executor_of(arguments.workers, arguments.scheduler) as executor, _progress() as progress:
         build = built(
             arguments.raw,
             arguments.out,
@@ -80,7 +80,8 @@ def _print(build: Build, as_json: bool) -> None:
 
 
 @contextmanager
-def _executor(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
+def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None]:
+    """Where the steps of a build run: a Dask scheduler, processes, or None for this process."""
     if scheduler is not None:
         from distributed import Client
 

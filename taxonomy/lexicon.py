@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cache, cached_property
 
 from taxonomy.insertions import PREFIX, Insertion, insertions
-from taxonomy.words import folded, singulars
 from taxonomy.wordnet import WordNet, default_wordnet
+from taxonomy.words import folded, singulars
 
 __all__ = ["Lexicon", "default_lexicon"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -167,7 +166,7 @@ def recorded(decision: Decision, file: Path) -> None:
     file.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=file.parent, suffix=".part", delete=False) as part:
         part.write("\n".join([*before, decision.line(), ""]))
-    os.replace(part.name, file)
+    Path(part.name).replace(file)
 
 
 @cache

@@ -179,7 +179,7 @@ class WordNet:
         return found
 
     def _read(self, name: str) -> Any:
-        from nltk.corpus.reader.wordnet import WordNetError  # noqa: PLC0415 - a query never loads nltk
+        from nltk.corpus.reader.wordnet import WordNetError
 
         if name.count(".n.") != 1:
             raise UnknownSynset(f"synset: expected a name such as chair.n.01; found {name!r}")
@@ -207,7 +207,7 @@ def _reader(path: Path | None) -> Any:
 
 def _root(path: Path | None) -> Any:
     """A folder, or nltk's pointer into a zip file."""
-    import nltk.data  # noqa: PLC0415 - a query never loads nltk
+    import nltk.data
 
     named = path or (Path(os.environ[ENVIRONMENT_VARIABLE]) if os.environ.get(ENVIRONMENT_VARIABLE) else None)
     for folder in (named,) if named else (_DEBIAN,):
@@ -227,7 +227,7 @@ def _root(path: Path | None) -> Any:
 
 @cache
 def _reader_class() -> Any:
-    from nltk.corpus.reader.wordnet import WordNetCorpusReader  # noqa: PLC0415 - a query never loads nltk
+    from nltk.corpus.reader.wordnet import WordNetCorpusReader
 
     class _Reader(WordNetCorpusReader):  # type: ignore[misc]
         """nltk's reader with `lexnames` supplied and without the maps of other languages."""

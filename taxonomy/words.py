@@ -1,4 +1,4 @@
-"""Category text as it is written, folded so that spellings of one name meet, and cut to the noun phrase that names it."""
+"""Category text as it is written: folded so that spellings of one name meet, cut to the phrase that names the thing."""
 
 from __future__ import annotations
 

@@ -1,0 +1,143 @@
+"""`metric-tree review`: what waits for a reader, a blind list for the second one, and the record of a decision."""
+
+from __future__ import annotations
+
+import argparse
+import random
+from collections import Counter
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from metric_tree.commands.shell import print_json, print_table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "What waits for a reader (list), subjects without anyone's answer (blind), record a decision, agreement."
+
+#: Waiting words of a source that are printed unless all are asked for.
+SHOWN = 40
+
+#: Order of a blind list: not the order in which the first reader met the subjects.
+SEED = 1
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    actions = parser.add_subparsers(dest="action", metavar="list|blind|record|agreement", required=True)
+    waits = actions.add_parser("list", help="subjects that wait, and words of raw items that no rule settles")
+    waits.add_argument("raw", metavar="RAW", nargs="*", help="raw-item files (JSON Lines) to look for unsettled words")
+    waits.add_argument("--all", action="store_true", help=f"print all words, not {SHOWN}")
+    blind = actions.add_parser("blind", help="what a reader has not read, shuffled and without any answer")
+    blind.add_argument("--reader", required=True, help="the reader that will answer")
+    blind.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
+    blind.add_argument("--seed", type=int, default=SEED, help="order of the list")
+    record = actions.add_parser("record", help="record one decision")
+    record.add_argument("subject", help="'SOURCE: words' or '*: words' of a match, the mt: id of an insertion")
+    record.add_argument("decision", help="a synset, an mt: id, or none; of an insertion its parent, or none")
+    record.add_argument("--reader", required=True, help="a person's name, or 'program: what it is'")
+    record.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
+    record.add_argument("--why", default="", help="one line")
+    actions.add_parser("agreement", help="Cohen's kappa of first and second readings, and where they differ")
+    for action in actions.choices.values():
+        action.add_argument("--folder", type=Path, help="folder of the decision files (default: the project's)")
+        action.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help="print the result as JSON")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do the action; 2 if a decision or a file is at fault."""
+    actions = {"list": _list, "blind": _blind, "record": _record, "agreement": _agreement}
+    actions[arguments.action](arguments)
+    return 0
+
+
+def _list(arguments: argparse.Namespace) -> None:
+    from taxonomy.review import decisions, waiting
+
+    open_subjects = waiting(decisions(arguments.folder))
+    words = _unsettled_words(arguments.raw)
+    if arguments.json:
+        rows = [{"source": s, "words": w, "found": f, "rule": r, "items": n} for (s, w, f, r), n in words.most_common()]
+        print_json({"waiting": [{"what": w, "subject": s} for w, s in open_subjects], "words": rows})
+        return
+    print_table(["what", "subject"], open_subjects, title=f"{len(open_subjects)} subjects wait for a further reader")
+    if arguments.raw:
+        shown = words.most_common(None if arguments.all else SHOWN)
+        title = f"{len(words)} words of {sum(words.values())} items wait for a first reader"
+        print_table(["source", "words", "found", "rule", "items"], [(*key, n) for key, n in shown], title=title)
+
+
+def _unsettled_words(raw: Iterable[str]) -> Counter[tuple[str, str, str | None, str]]:
+    """Items by (source, words, concept below the threshold, rule) that the matcher leaves to a reader."""
+    from crawler.items import raw_items
+    from taxonomy.matching import default_matcher
+
+    words: Counter[tuple[str, str, str | None, str]] = Counter()
+    for path in raw:
+        for item in raw_items(Path(path)):
+            found = default_matcher().finding(item.source, item.category_path, item.title, item.synset)
+            if not found.settled:
+                words[item.source, found.subject, found.concept, found.rule] += 1
+    return words
+
+
+def _blind(arguments: argparse.Namespace) -> None:
+    from taxonomy.insertions import insertions
+    from taxonomy.review import decisions
+
+    found = [d for d in decisions(arguments.folder) if d.what == arguments.what]
+    read = {d.subject for d in found if d.reader == arguments.reader}
+    subjects = {d.subject for d in found}
+    names = {i.id: i.name for i in insertions().values()} if arguments.what == "insertion" else {}
+    todo = sorted((subjects | set(names)) - read)
+    random.Random(arguments.seed).shuffle(todo)  # noqa: S311 - an order, not a secret
+    rows = [(subject, names.get(subject, subject.partition(": ")[2])) for subject in todo]
+    if arguments.json:
+        print_json([{"subject": subject, "words": words} for subject, words in rows])
+    else:
+        print_table(["subject", "words"], rows, title=f"{len(rows)} subjects for {arguments.reader}")
+
+
+def _record(arguments: argparse.Namespace) -> None:
+    from taxonomy.lexicon import default_lexicon
+    from taxonomy.places import taxonomy_directory
+    from taxonomy.review import NONE, BadDecision, Decision, recorded
+
+    concept = None if arguments.decision == NONE else arguments.decision
+    if concept is not None and not default_lexicon().knows(concept):
+        raise BadDecision(f"decision: expected a WordNet 3.0 synset, an mt: id or {NONE}; found {concept!r}")
+    decision = Decision(
+        what=arguments.what,
+        subject=arguments.subject,
+        decision=concept,
+        reader=arguments.reader,
+        when=datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ"),
+        why=arguments.why,
+    )
+    folder = arguments.folder or taxonomy_directory() / "decisions"
+    file = folder / "recorded.jsonl"
+    recorded(decision, file)
+    if arguments.json:
+        print_json({"recorded": decision.subject, "file": str(file)})
+    else:
+        row = (decision.subject, arguments.decision, decision.reader)
+        print_table(["subject", "decision", "reader"], [row], title=str(file))
+
+
+def _agreement(arguments: argparse.Namespace) -> None:
+    from taxonomy.review import NONE, agreement, decisions, disagreements
+
+    found = decisions(arguments.folder)
+    kinds = {what: agreement(found, what) for what in ("match", "insertion")}
+    differ = [(a.what, a.subject, a.decision or NONE, b.decision or NONE) for a, b in disagreements(found)]
+    if arguments.json:
+        shares = {w: {"n": k.n, "share": k.share, "kappa": k.kappa} for w, k in kinds.items() if k.n}
+        columns = ("what", "subject", "first", "second")
+        print_json({"agreement": shares, "differ": [dict(zip(columns, row, strict=True)) for row in differ]})
+        return
+    rows = [(what, k.n, f"{k.share:.3f}", f"{k.kappa:.3f}") for what, k in kinds.items() if k.n]
+    print_table(["what", "read twice", "same", "kappa"], rows, title="First and second readings")
+    print_table(["what", "subject", "first", "second"], differ, title=f"{len(differ)} go to a third reader")

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.likelihood import Rows, prior_axes
 from estimator.scene import FloatArray, IntArray
@@ -134,7 +135,7 @@ def lines(rows: Rows, group: IntArray, across: FloatArray) -> Lines:
 
 def convolved(
     values: FloatArray, own: FloatArray, u: FloatArray, along_sd: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, NDArray[np.float32]]:
     """Functions of u' on uniform grids under a Gaussian each, as functions of u, and the kernels.
 
     Parameters

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.class_error import Lines, SharedError, convolved, lines
 from estimator.likelihood import Rows
@@ -40,7 +41,7 @@ class ClassTerms:
     outlier: FloatArray
     class_of: IntArray
     log_node: FloatArray | None = None
-    kernel: FloatArray | None = None
+    kernel: NDArray[np.float32] | None = None
 
     def weights(self, mass: FloatArray) -> FloatArray:
         """(n,) probability that each object is not an outlier under the posterior `mass` (g,)."""

@@ -56,7 +56,7 @@ class Curve:
 
 
 def evidence_grid(centre: FloatArray, sd: FloatArray, reach: FloatArray) -> FloatArray:
-    """A uniform grid (g,) over the union of centre +- reach of Gaussians, each (m,), fine enough for every sd (any number).
+    """A uniform grid (g,) over the union of centre +- reach of Gaussians, each (m,), fine enough for every sd.
 
     Where nothing reaches, it lies in the middle of the prior's box.
     """

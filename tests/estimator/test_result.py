@@ -1,0 +1,104 @@
+"""The result as JSON and as a table."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.estimate import Options, estimated
+from estimator.objects import MeasuredObject
+from estimator.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
+from estimator.table import text_of
+from estimator.verdicts import outlier_reason
+from metric_tree.tree import Tree
+from tests.estimator.made_priors import evidence, prior
+
+REPORT = ObjectReport(
+    id="1",
+    category="chair",
+    node="chair.n.01",
+    points=12,
+    dimensions={"length": 0.31, "width": 0.3, "height": 0.47},
+    confidence={"length": 0.91, "width": math.nan},
+    truncated=("height",),
+    used=("length", "width"),
+    scale=1.9,
+    weight=0.97,
+    verdict="used",
+    reason=None,
+)
+RESULT = ScaleResult(
+    status="resolved",
+    method="default",
+    scale=1.93,
+    interval=Interval(0.9, 1.8, 2.05),
+    modes=(),
+    tree=("metric-tree", "1.0.0"),
+    objects=(REPORT,),
+    up=UpReport((0.02, -0.99, 0.05), "camera-x-axes", math.nan),
+    without_support=Alternative("without_support", 2.0, 1.9, 2.1, 1),
+    leave_one_class_out=(Alternative("chair.n.01", 2.2, 1.9, 2.4, 1),),
+)
+
+
+def test_json_has_no_nan() -> None:
+    record = json.loads(RESULT.json(), parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    assert record["objects"][0]["confidence"]["width"] is None
+    assert record["up"]["sigma_deg"] is None
+    assert record["without_support"]["scale"] == 2.0
+    assert record["objects"][0]["dimensions_m"]["length"] == pytest.approx(0.5983)
+
+
+def test_save_is_whole_or_nothing(tmp_path: Path) -> None:
+    RESULT.save(tmp_path / "result.json")
+    assert json.loads((tmp_path / "result.json").read_text(encoding="utf-8")) == RESULT.record()
+    with pytest.raises(FileNotFoundError):
+        RESULT.save(tmp_path / "no" / "result.json")
+    assert [path.name for path in tmp_path.iterdir()] == ["result.json"]
+
+
+def test_table_names_everything() -> None:
+    text = text_of(RESULT)
+    assert text.splitlines()[0].startswith("scale 1.93 m per unit   90% interval 1.8 to 2.05")
+    assert "0.60 × 0.58 × (>0.91)" in text
+    assert "without support planes: 2" in text
+    assert "+14.0%" in text
+
+
+def test_outlier_reason_names_the_dimension_that_is_off() -> None:
+    chair = prior("chair.n.01", [(560, 540, 950)])
+    low = evidence(chair, (0.56, 0.54, 0.30))
+    assert outlier_reason(low, 1.0, 0.7).startswith("height only 0.3 m, usual ")
+    long = evidence(chair, (2.0, 0.54, 0.95))
+    assert outlier_reason(long, 1.0, 0.7).startswith("length 2 m, usual ")
+    usual = evidence(chair, (0.56, 0.54, 0.95))
+    assert "proportions" in outlier_reason(usual, 1.0, 0.7)
+
+
+def test_support_planes_are_reported_both_ways(mini: Tree) -> None:
+    """A chair whose foot is unseen reaches down to the floor; without the floor it is short and the scale differs."""
+    chair = MeasuredObject(
+        "1",
+        "swivel chair",
+        np.array([1.24, 1.20, 2.1]),
+        np.full(3, 0.03),
+        unsupported_height=1.8,
+    )
+    result = estimated([chair], mini)
+    assert result.scale == pytest.approx(0.5, rel=0.02)
+    assert result.without_support is not None
+    assert result.without_support.scale > 1.01 * 0.5
+    whole = MeasuredObject("1", "swivel chair", np.array([1.24, 1.20, 2.1]), np.full(3, 0.03))
+    assert estimated([whole], mini).without_support is None
+
+
+def test_skipped_objects_keep_their_reason(mini: Tree) -> None:
+    item = MeasuredObject("1", "bar stool", np.full(3, np.nan), np.full(3, np.nan), skipped="3 points, 16 needed")
+    result = estimated([item], mini, Options(leave_one_class_out=True))
+    assert result.status == "unresolved"
+    assert (result.objects[0].verdict, result.objects[0].reason) == ("skipped", "3 points, 16 needed")
+    assert "unresolved: no usable object" in result.warnings

@@ -73,6 +73,11 @@ class SynsetTable:
             level = tuple(above for name in fresh for above in self._parents.get(name, ()))
         return tuple(seen)
 
+    def path(self, synset: str) -> tuple[str, ...]:
+        """The synset and what is above it by WordNet's first parents, root first."""
+        parents = self._parents.get(synset)
+        return (*self.path(parents[0]), synset) if parents else (synset,)
+
     def lemmas(self, synset: str) -> tuple[str, ...]:
         """As `WordNet.lemmas`; empty for a synset that the tree does not use."""
         return self._lemmas.get(synset, ())
@@ -123,6 +128,13 @@ class Catalogue:
         if self.levels.home_of(concept) is None and self.levels.nodes[concept].level == KIND:
             concept = self.levels.unnamed(concept) or concept
         return None if self.levels.home_of(concept) is None else concept + OTHER
+
+    def wordnet_path(self, leaf: str) -> tuple[str, ...]:
+        """WordNet's path to a leaf by first parents, root first; an insertion hangs below what it was put under."""
+        if leaf.endswith(OTHER):
+            return (*self.wordnet_path(leaf.removesuffix(OTHER)), leaf)
+        above = self.leaves[leaf].hypernym if leaf in self.leaves else None
+        return self._words.path(leaf) if above is None else (*self.wordnet_path(above), leaf)
 
     def with_placed(self, concepts: Iterable[str], words: Concepts) -> Catalogue:
         """The catalogue with a leaf by the rule for every concept that has no place and finds a kind.
@@ -228,7 +240,8 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
     )
     leaves = [_leaf(row, where) for where, row in table_rows(folder / "leaves.csv", _LEAVES)]
     gone = {row["node_id"]: row["successor"] for _, row in table_rows(folder / "successors.csv", _SUCCESSORS)}
-    return Catalogue(frozen_levels(folder / "levels.csv"), leaves, words, gone, insertions(folder / "insertions.jsonl"))
+    inserted = insertions(folder / "insertions.jsonl")
+    return Catalogue(frozen_levels(folder / "levels.csv"), leaves, words, gone, inserted, _labels(directory))
 
 
 def _labels(directory: Path | None) -> dict[str, tuple[str, ...]]:

@@ -9,12 +9,20 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urljoin
 
+from lxml.etree import XPath
+
 from crawler.pages import Page, squeezed
 
 __all__ = ["Product", "product"]
 
 #: More pictures of one product add little.
 MAXIMUM_IMAGES = 12
+
+#: Boxes that call themselves a breadcrumb, large or small.
+_BREADCRUMBS = XPath(
+    "//*[contains(@class, 'readcrumb') or contains(@id, 'readcrumb') or contains(@aria-label, 'readcrumb')]"
+    "[self::nav or self::ol or self::ul or self::div]"
+)
 
 _AXES = ("width", "height", "depth", "length", "diameter")
 
@@ -121,10 +129,7 @@ def _breadcrumb(page: Page, nodes: list[Mapping[str, Any]]) -> tuple[str, ...]:
         if _is(node, "BreadcrumbList"):
             steps = [step for step in _list(node.get("itemListElement")) if isinstance(step, dict)]
             return _path([_step_name(step) for step in steps])
-    for box in page.root.xpath(
-        "//*[self::nav or self::ol or self::ul or self::div]"
-        "[contains(translate(concat(@class,' ',@id,' ',@aria-label),'BREADCUM','breadcum'),'breadcrumb')]"
-    )[:3]:
+    for box in _BREADCRUMBS(page.root)[:3]:
         path = _path([squeezed(" ".join(link.itertext())) for link in box.iter("a")])
         if path:
             return path

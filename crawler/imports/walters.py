@@ -24,10 +24,10 @@ _FLAT_NAMES = re.compile(
 _BOOK = re.compile(r"^(rare )?books?\b", re.IGNORECASE)
 _PART_NAMES = re.compile(r"fragment|inlay", re.IGNORECASE)
 _SET_NAMES = re.compile(r"\bsets?\b|service", re.IGNORECASE)
-#: Words that say that a statement measures a part, or the thing without one.
+#: Words before a length that say that it is a part's; a thing without its mount or stand is the thing.
 _PART = re.compile(
-    r"\b(at|without|excluding|bezel|hoop|frame|framed|mount|inner|interior|image|painted|base|average|circumference|blade"
-    r"|sheath|dagger|chain|medallion|panel|center|of)\b",
+    r"\b(at|without (?!mount|stand)|excluding|bezel|hoop|frame|framed|(?<!without )mount|inner|interior|image|painted"
+    r"|base|average|circumference|blade|sheath|dagger|chain|medallion|panel|center|of)\b",
     re.IGNORECASE,
 )
 #: `(h. x max. diam.)` behind the figures says what they are.
@@ -37,7 +37,8 @@ _ORDER = re.compile(
 _LETTERS = {"h": "height", "w": "width", "d": "depth", "l": "length", "diam": "diameter"}
 #: `H with handle:` is still a height of the whole.
 _QUALIFIED = re.compile(
-    r"\b(?:(?:max|overall|outer)\.?\s+)?(H|W|D|L|Diam)\b\.?(?:\s+with[^:;\d]*)?(?=\s*:)", re.IGNORECASE
+    r"\b(?:(?:max|overall|outer)\.?\s+)?(H|W|D|L|Diam)\b\.?(?:\s+(?:with |without (?:mount|stand))[^:;\d]*)?(?=\s*:)",
+    re.IGNORECASE,
 )
 _BOUNDS_MM = (1.0, 6000.0)
 
@@ -85,15 +86,23 @@ def _size(text: str) -> tuple[dict[str, float], tuple[float, ...] | None]:
     statements = [part.strip() for part in re.split(r"[;\r\n]+", text) if part.strip()]
     if not statements:
         raise Refused("no_size", "Dimensions", text)
-    whole = [part for part in statements if not _PART.search(part.split("in.")[0])]
-    if not whole:
-        raise Refused("part_not_whole", "Dimensions", text)
-    found = tuple(m for m in measures(_QUALIFIED.sub(r"\1", whole[0])) if m.mm)
-    if not found:
-        raise Refused("unreadable", "Dimensions", text)
-    if len(found) > 3:
-        raise Refused("several_states", "Dimensions", text)
-    return _worded(found, whole[0])
+    for statement in statements:
+        if whole := _whole(statement):
+            if len(whole) > 3:
+                raise Refused("several_states", "Dimensions", text)
+            return _worded(whole, statement)
+    raise Refused("part_not_whole" if any(map(measures, statements)) else "unreadable", "Dimensions", text)
+
+
+def _whole(statement: str) -> tuple[Measure, ...]:
+    """The lengths of a statement that are the whole thing's; a part named at its head makes all of it a part's."""
+    plain = _QUALIFIED.sub(r"\1", statement)
+    found = measures(plain)
+    starts = (0, *(measure.end for measure in found))
+    of_part = [bool(_PART.search(plain[start : m.start])) for start, m in zip(starts, found, strict=False)]
+    if not found or of_part[0]:
+        return ()
+    return tuple(measure for measure, part in zip(found, of_part, strict=True) if measure.mm and not part)
 
 
 def _worded(found: tuple[Measure, ...], statement: str) -> tuple[dict[str, float], tuple[float, ...] | None]:

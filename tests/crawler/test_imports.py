@@ -405,6 +405,8 @@ def test_museum_sentences(tmp_path: Path) -> None:
         {"Dimensions": "Bezel H: 1/2 in. (1.3 cm); Ring H: 1 in. (2.5 cm)", "ObjectName": "finger rings; jewelry"},
         {"Dimensions": "15/16 x 2 1/2 in. (2.4 x 6.4 cm)"},
         {"Dimensions": "H with handles: 8 in. (20.3 cm)", "ObjectName": "boxes (containers)"},
+        {"Dimensions": "H: 8 x Diam at base: 12 in. (20.3 x 30.5 cm)"},
+        {"Dimensions": "H without mount: 2 x W: 1 in. (5.1 x 2.5 cm); Mount H: 9 in. (22.9 cm)"},
     )
     assert sizes(result) == [
         {"height": 317.5, "diameter": 152.4},
@@ -412,6 +414,8 @@ def test_museum_sentences(tmp_path: Path) -> None:
         {"height": 25.4},
         {},
         {"height": 203.2},
+        {"height": 203.2},
+        {"height": 50.8, "width": 25.4},
     ]
     assert result.items[3].extents_mm == (63.5, 23.812)
     assert result.items[2].category_path == ("Ceramics", "finger rings")

@@ -22,7 +22,9 @@ __all__ = ["LEAST_ITEMS", "held_out_pool", "pool_at"]
 #: Items below which a category also draws from artists' models, whose sizes are plausible but nobody's product.
 LEAST_ITEMS = 8
 #: Kinds of items that are things somebody made, sold or measured.
-REAL = frozenset({"product", "measured", "standard", "curated"})
+REAL = frozenset({"product", "measured", "standard"})
+#: Kinds that are statements about a category and no thing at all.
+NO_THING = frozenset({"curated", "default"})
 
 
 def held_out_pool(
@@ -38,7 +40,10 @@ def held_out_pool(
     sizes = np.column_stack([rows[f"{axis}_mm"].to_numpy() for axis in ("length", "width", "height")])
     nodes, kinds = rows["node_id"].to_pylist(), rows["kind"].to_pylist()
     seen = {_key(node, size) for node, size, out in zip(nodes, sizes, held, strict=True) if not out}
-    free = [out and _key(node, size) not in seen for node, size, out in zip(nodes, sizes, held, strict=True)]
+    free = [
+        out and kind not in NO_THING and _key(node, size) not in seen
+        for node, size, out, kind in zip(nodes, sizes, held, kinds, strict=True)
+    ]
     pool = {}
     for category, meaning in meanings(tree, set(CATEGORIES)).items():
         if meaning.node is None:

@@ -23,9 +23,12 @@ __all__ = ["FAULTS", "MadeSite", "Shop", "expected", "product_page"]
 
 #: Share of pages with each fault, in thousandths; the rest is honest.
 FAULTS = {
-    "passing_503": 10, "passing_500": 15, "lasting_500": 5, "redirect": 15, "off_site": 5, "duplicate": 15,
-    "no_size": 10, "package_only": 15, "latin1": 10, "deep": 5, "bomb": 2, "lying_type": 3,
+    "passing_503": 10, "passing_500": 15, "lasting_500": 5, "redirect": 15, "off_site": 8, "duplicate": 15,
+    "no_size": 10, "package_only": 15, "latin1": 10, "deep": 8, "bomb": 4, "endless": 4, "lying_type": 6,
 }  # fmt: skip
+
+#: Marks an answer whose body is repeated until the other side hangs up.
+ENDLESS = "X-Endless"
 
 #: Products that one listing links to.
 LISTED = 100
@@ -62,7 +65,7 @@ def size_mm(number: int) -> tuple[int, int, int]:
 
 def expected(shop: Shop) -> dict[str, tuple[int, ...]]:
     """What a perfect crawl brings home: extents, longest first, by title."""
-    without = {"lasting_500", "no_size", "package_only", "bomb", "off_site", "lying_type"}
+    without = {"lasting_500", "no_size", "package_only", "bomb", "endless", "off_site", "lying_type"}
     return {
         f"Chair {number}": tuple(sorted(size_mm(number), reverse=True))
         for number in range(shop.products)
@@ -189,6 +192,8 @@ class MadeSite:
             )
         if case == "bomb":
             return 200, {"Content-Type": "text/html", "Content-Encoding": "gzip"}, _bomb()
+        if case == "endless":
+            return 200, {"Content-Type": "text/html", ENDLESS: "yes"}, b"<p>and on, and on" * 4096
         if case == "lying_type":
             return 200, {"Content-Type": "image/png"}, page.encode()
         return _html(page)
@@ -221,10 +226,13 @@ def _handler(site: MadeSite) -> type[BaseHTTPRequestHandler]:
             self.send_response(status)
             for name, value in headers.items():
                 self.send_header(name, value)
-            self.send_header("Content-Length", str(len(body)))
+            endless = ENDLESS in headers
+            self.send_header(*(("Connection", "close") if endless else ("Content-Length", str(len(body)))))
             self.end_headers()
             try:
                 self.wfile.write(body)
+                while endless:
+                    self.wfile.write(body)
             except OSError:  # the crawler hung up, as it does on a bomb
                 self.close_connection = True
 

@@ -8,7 +8,7 @@ from typing import Any
 from scrapy import Request, Spider
 from scrapy.core.scheduler import BaseScheduler
 from scrapy.crawler import Crawler
-from scrapy.exceptions import IgnoreRequest
+from scrapy.exceptions import DownloadCancelledError, IgnoreRequest
 from scrapy.http import Response
 from scrapy.spidermiddlewares.httperror import HttpError
 from twisted.python.failure import Failure
@@ -144,6 +144,9 @@ def _task(request: Request, depth: int | None = None) -> Task:
 def _reason(error: BaseException) -> str:
     if isinstance(error, HttpError):
         return f"http {error.response.status}"
+    # Scrapy cancels an answer that grows too large, and ignores one that unpacks to too much.
+    if isinstance(error, DownloadCancelledError) or str(error).startswith("Ignored response"):
+        return "too large"
     if isinstance(error, IgnoreRequest):
         return str(error).split(":")[0] or "ignored"
     return type(error).__name__

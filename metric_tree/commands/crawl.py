@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -81,6 +82,7 @@ class _progress:  # noqa: N801 - used as a context manager, reads as one
     """A line on a terminal: pages, items, drops, what waits. Nothing where standard error is no terminal."""
 
     def __enter__(self) -> Callable[[Mapping[str, Any]], None] | None:
+        self._started = time.monotonic()
         return self._show if sys.stderr.isatty() else None
 
     def __exit__(self, *_: object) -> None:
@@ -88,9 +90,11 @@ class _progress:  # noqa: N801 - used as a context manager, reads as one
             sys.stderr.write("\r\x1b[K")
 
     def _show(self, stats: Mapping[str, Any]) -> None:
+        seconds = max(time.monotonic() - self._started, 1e-3)
+        rate = stats.get("metric_tree/pages", 0) / seconds
         dropped = sum(value for name, value in stats.items() if name.startswith("metric_tree/dropped/"))
         line = (
-            f"{stats.get('metric_tree/pages', 0)} pages, {stats.get('metric_tree/items', 0)} items, {dropped} dropped,"
+            f"{stats.get('metric_tree/pages', 0)} pages ({rate:.1f}/s), {stats.get('metric_tree/items', 0)} items, {dropped} dropped,"
             f" {stats.get('waiting', 0)} waiting, {stats.get('metric_tree/bans', 0)} bans"
         )
         sys.stderr.write(f"\r\x1b[K{line}")

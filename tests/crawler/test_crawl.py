@@ -65,6 +65,7 @@ def test_a_shop_with_faults_is_brought_home(tmp_path: Path) -> None:
     assert summary["failed"]["http 500"] == cases.count("lasting_500")
     assert summary["failed"].get("off the site", 0) == cases.count("off_site")
     assert summary["frontier"]["failed"] == sum(summary["failed"].values())
+    assert summary["failed"]["too large"] == cases.count("bomb") + cases.count("endless")
     assert summary["bans"] == cases.count("passing_503")
     assert summary["dropped"]["no_html"] == cases.count("lying_type")
     assert summary["dropped"]["no_size"] >= cases.count("no_size") + cases.count("package_only")

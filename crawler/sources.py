@@ -62,6 +62,8 @@ class Source:
     #: Whose terms decide, and how they are known.
     licence_basis: str
     kind: Kind
+    #: Who is to be named, and how, where rows are given on.
+    attribution: str = ""
     #: Whether rows may be given on with the package.
     ship: bool
     noncommercial: bool = False
@@ -95,6 +97,7 @@ class Source:
         expect(
             not self.ship or self.licence in OPEN_LICENCES, f"{self.id}.ship", "an open licence to ship", self.licence
         )
+        expect(not self.ship or bool(self.attribution), f"{self.id}.attribution", "whom to name where rows ship", "")
         expect(not (self.ship and self.noncommercial), f"{self.id}.ship", "no non-commercial rows", self.noncommercial)
         ways = bool(self.tables) + bool(self.reader) + bool(self.excluded)
         expect(ways == 1, self.id, "one of tables, reader, excluded", ways)

@@ -39,6 +39,7 @@ def summary(result: Import) -> dict[str, Any]:
         "licence": source.licence,
         "noncommercial": source.noncommercial,
         "ship": source.ship,
+        "attribution": source.attribution,
         "kind": source.kind,
         "rows": result.n_rows,
         "items": len(result.items),
@@ -58,6 +59,8 @@ def overview(summaries: Sequence[dict[str, Any]]) -> str:
     lines.append(_line([f"**{len(summaries)} sources**", "", *(f"**{n}**" for n in totals.values()), "", "", ""]))
     lines += ["", "Reason codes:", ""]
     lines += [f"- `{code}`: {meaning}" for code, meaning in REASONS.items()]
+    lines += ["", "Rows that are given on are owed to:", ""]
+    lines += [f"- `{entry['source']}`: {entry['attribution']}" for entry in summaries if entry["ship"]]
     if excluded := [entry for entry in summaries if entry["excluded"]]:
         lines += ["", "Left out whole:", ""]
         lines += [f"- `{entry['source']}`: {entry['excluded']}" for entry in excluded]

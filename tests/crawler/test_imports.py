@@ -19,6 +19,7 @@ title = "Made-up things"
 url = "https://example.org"
 licence = "CC0-1.0"
 licence_basis = "we made them up"
+attribution = "us"
 kind = "product"
 year = 2001
 region = "NO"

@@ -18,6 +18,7 @@ title = "Made-up things"
 url = "https://example.org/{id}"
 licence = "{licence}"
 licence_basis = "we made them up"
+attribution = "us"
 kind = "measured"
 ship = {ship}
 [[tables]]
@@ -76,6 +77,8 @@ def test_all_sources_the_shipped_ones_and_their_page(world: Path, shown: Any) ->
     assert [entry["source"] for entry in result] == ["open_things", "shop_things"]
     assert {path.name for path in (world / "ship").iterdir()} == {"open_things.jsonl.gz"}
     page = (world / "README.md").read_text()
+    assert "- `open_things`: us" in page
+    assert "`shop_things`: us" not in page
     assert "| [open_things](https://example.org/open_things) | measured | 4 | 1 | 0 | 2 |" in page
     first = (world / "ship" / "open_things.jsonl.gz").read_bytes()
     shown(*words, *more)

@@ -20,6 +20,7 @@ title = "Made-up lamps"
 url = "https://example.org/lamps"
 licence = "CC0-1.0"
 licence_basis = "we made them up"
+attribution = "us"
 kind = "measured"
 ship = true
 
@@ -55,6 +56,7 @@ def test_a_declaration_is_read(tmp_path: Path) -> None:
         ('licence = "CC0-1.0"', 'licence = "GPL-3.0-or-later"', "ship"),
         ("ship = true", "ship = true\nnoncommercial = true", "ship"),
         ("ship = true", "ship = true\ncolour = 3", "declaration"),
+        ('attribution = "us"', "", "attribution"),
         ("ship = true", 'ship = true\nexcluded = "no things"', "one of tables, reader, excluded"),
         ('unit = "cm"', 'unit = "cubit"', "tables.unit"),
         ('unit = "cm"', 'unit = "cm"\nshade = "red"', "tables"),

@@ -3,8 +3,9 @@
 The ranges of `data/curated/blind.csv` were written, and committed, before the sizes of these classes were opened. For
 each class: the share of its items, dimension by dimension, that lie within low and high (wanted: 0.85 to 0.95), and the
 median over the typical value. The fit does not take a range at its word but widens its log by `CURATED_WIDENING`, a
-constant that is older than this test; the last line says what the ranges then cover. Axes are named as a build names them; items that do not say which axis is which are left
-out. A source counts by no more than `MOST` items of a class, taken in their order, so that no shop is the class.
+constant that is older than this test; the last line says what the ranges then cover. Axes are named as a build names
+them; items that do not say which axis is which are left out. A source counts by no more than `MOST` items of a class,
+taken in their order, so that no shop is the class.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What the geometry costs and how well it measures, on made scenes: `python -m benchmarks.geometry [PART ...]`.
 
-Parts: `times` (labels per frame, dimensions per scene; the paper: 200 ms and 20 ms), `bottle` (the paper's figure of three cases),
-`extents` (bias of the one extent rule by shape, points and noise), `rooms` (made rooms: association, sizes, supports).
+Parts: `times` (labels per frame, dimensions per scene; the paper: 200 ms and 20 ms), `bottle` (the paper's figure of three
+cases), `extents` (bias of the one extent rule by shape, points and noise), `rooms` (made rooms: association, sizes, supports).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from time import perf_counter
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.shapes import Solid, Thing, box, cylinder, floor, made_scene, orbit, sampled_box, sampled_cylinder
+from benchmarks.shapes import Solid, Thing, box, floor, made_scene, orbit, sampled_box, sampled_cylinder
 from estimator.confidence import ETA_THRESHOLD, eta
 from estimator.dimensions import dimensions, inliers, usual_noise
 from estimator.extents import edges, surface_noise
@@ -128,10 +128,10 @@ def extents() -> None:
 
 def rooms(seeds: tuple[int, ...] = (101, 102)) -> None:
     """Made rooms with exact truth: association of both kinds, sizes with and without supports."""
-    from benchmarks.rooms.furnish import furnished_room  # noqa: PLC0415  they need OpenGL
-    from benchmarks.rooms.kinds import KINDS  # noqa: PLC0415
-    from benchmarks.rooms.knobs import Knobs  # noqa: PLC0415
-    from benchmarks.rooms.quick import quick_scene  # noqa: PLC0415
+    from benchmarks.rooms.furnish import furnished_room
+    from benchmarks.rooms.kinds import KINDS
+    from benchmarks.rooms.knobs import Knobs
+    from benchmarks.rooms.quick import quick_scene
 
     knobs = Knobs(missing_feet=0.3)
     scenes = [quick_scene(furnished_room(kind, seed, knobs), knobs, seed) for kind in KINDS for seed in seeds]
@@ -149,7 +149,7 @@ def rooms(seeds: tuple[int, ...] = (101, 102)) -> None:
 
 
 def _report(name: str, scenes: list, options: MeasurementOptions, dense: bool) -> None:  # type: ignore[type-arg]
-    from sklearn.metrics import adjusted_rand_score  # noqa: PLC0415
+    from sklearn.metrics import adjusted_rand_score
 
     errors, index, splits, merges = [], [], 0, 0
     for made in scenes:
@@ -167,12 +167,12 @@ def _report(name: str, scenes: list, options: MeasurementOptions, dense: bool) -
                 owner = Counter(true[row] for row in thing.members).most_common(1)[0][0]
                 error = np.log(thing.extents * made.truth.metres_per_unit / made.truth.objects[owner].size)
                 errors.append(np.where(thing.truncated, np.nan, error))
-    table = np.array(errors)
-    sizes = ", ".join(
-        f"{axis} {np.nanmedian(table[:, k]):+.3f} (|e| {np.nanmedian(np.abs(table[:, k])):.3f}, n {np.isfinite(table[:, k]).sum()})"
-        for k, axis in enumerate(("length", "width", "height"))
-    )
-    print(f"  {name}: ARI {np.mean(index):.4f}, splits {splits}, merges {merges}; {sizes}")
+    sizes = []
+    for axis, column in zip(("length", "width", "height"), np.array(errors).T, strict=True):
+        free = column[np.isfinite(column)]
+        within = f"|e| {np.median(np.abs(free)):.3f}, 90 % under {np.quantile(np.abs(free), 0.9):.3f}, n {free.size}"
+        sizes.append(f"{axis} {np.median(free):+.3f} ({within})")
+    print(f"  {name}: ARI {np.mean(index):.4f}, splits {splits}, merges {merges}; {', '.join(sizes)}")
 
 
 PARTS = {"times": times, "bottle": bottle, "extents": extents, "rooms": rooms}

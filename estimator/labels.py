@@ -45,12 +45,15 @@ class PointLabels:
     """Labels of one cloud of n points seen by v views with m instances.
 
     points : (n, 3); membership : (m, n) sparse, 1 where the point is seen inside the mask; visibility : (v, n) sparse,
-    1 where the view sees the point.
+    1 where the view sees the point; looked : (v, n) sparse, 1 where the view looks at the point's place with nothing
+    before it, whether or not it was matched there; masked : (m, n) sparse, 1 where it does so inside the mask.
     """
 
     points: FloatArray
     membership: csr_array
     visibility: csr_array
+    looked: csr_array
+    masked: csr_array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +67,8 @@ def sparse_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     """Labels of the sparse points by their own observations: a keypoint inside a mask labels its point."""
     pixels = [view.keypoints for view in scene.views]
     rows = [view.point_index for view in scene.views]
-    return _labels(scene.views, scene.points, pixels, rows, instances)
+    seen = _Sight(scene.views, scene.points, rows, pixels)
+    return _labels(seen, seen, instances)
 
 
 def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
@@ -75,23 +79,21 @@ def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     if scene.dense is None:
         raise ValueError("the scene has no dense cloud")
     points = scene.dense.points
+    found = [visible_rows(view, points) for view in scene.views]
+    looked = _Sight(scene.views, points, [rows for rows, _ in found], [pixels for _, pixels in found])
     listed = _listed_rows(scene.dense.visible_offsets, scene.dense.visible_views, len(scene.views))
-    pixels, rows = [], []
-    for index, view in enumerate(scene.views):
-        if listed is None:
-            seen, inside = visible_rows(view, points)
-        else:
-            within, inside, _ = _inside_rows(view, points[listed[index]])
-            seen = listed[index][within]
-        pixels.append(inside)
-        rows.append(seen)
-    return _labels(scene.views, points, pixels, rows, instances)
+    if listed is None:
+        return _labels(looked, looked, instances)
+    inside = [_inside_rows(view, points[rows]) for view, rows in zip(scene.views, listed, strict=True)]
+    rows = [given[within] for given, (within, _, _) in zip(listed, inside, strict=True)]
+    return _labels(_Sight(scene.views, points, rows, [pixels for _, pixels, _ in inside]), looked, instances)
 
 
 def point_votes(labels: PointLabels, instances: Sequence[Instance], tracks: Sequence[Sequence[int]]) -> PointVotes:
     """Points of each track: a point goes to the track that the largest share of its views agrees on.
 
-    Only views in which the track has a mask and which see the point are asked, so that a missed detection is no vote
+    For are the views that see the point inside the track's mask; against are those that look at its place with nothing
+    before it and have it outside. A view without a mask of the track is not asked: a missed detection is no vote
     against. tracks : rows of `instances`, one sequence per track.
     """
     count = labels.points.shape[0]
@@ -99,9 +101,12 @@ def point_votes(labels: PointLabels, instances: Sequence[Instance], tracks: Sequ
     owner = np.full(count, -1)
     for number, members in enumerate(tracks):
         inside = _column_counts(labels.membership, members, count)
-        views = sorted({instances[member].view for member in members})
         rows = np.flatnonzero(inside)
-        share = inside[rows] / np.maximum(_column_counts(labels.visibility, views, count)[rows], 1)
+        views = sorted({instances[member].view for member in members})
+        against = (
+            _column_counts(labels.looked, views, count)[rows] - _column_counts(labels.masked, members, count)[rows]
+        )
+        share = inside[rows] / (inside[rows] + np.maximum(against, 0))
         boxes = all(instances[member].from_box for member in members)
         # a hair per vote settles ties between masks that overlap: the more often seen, the surer
         score = share + 1e-6 * inside[rows]
@@ -152,7 +157,8 @@ def _cell_size(camera: Camera, count: int) -> float:
 
 def _inside_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     """Rows of the points (n, 3) that project into the image, their pixels (m, 2) and depths (m,)."""
-    camera_points = points @ view.rotation.T + view.translation
+    # a product this narrow is no work for BLAS, whose threads would wait for one another
+    camera_points = np.einsum("nj,ij->ni", points, view.rotation) + view.translation
     pixels = projected(view.camera, camera_points)
     x, y = pixels.T
     # NaN, behind the camera or beyond its lens, is not inside
@@ -170,26 +176,39 @@ def _listed_rows(offsets: IntArray | None, views: IntArray | None, count: int) -
     return [point_rows[order[start:end]] for start, end in pairwise(ends)]
 
 
-def _labels(
-    views: Sequence[View],
-    points: FloatArray,
-    pixels: Sequence[FloatArray],
-    rows: Sequence[IntArray],
-    instances: Sequence[Instance],
-) -> PointLabels:
-    """Both sparse matrices from each view's visible rows and their pixels."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sight:
+    """Which rows of points (n, 3) each of the views sees, and at which pixels."""
+
+    views: Sequence[View]
+    points: FloatArray
+    rows: Sequence[IntArray]
+    pixels: Sequence[FloatArray]
+
+
+def _labels(seen: _Sight, looked: _Sight, instances: Sequence[Instance]) -> PointLabels:
+    """All four sparse matrices from what the views see and what they look at."""
+    count = len(seen.points)
+    membership, visibility = _indicator(_members(seen, instances), count), _indicator(seen.rows, count)
+    if looked is seen:
+        return PointLabels(seen.points, membership, visibility, visibility, membership)
+    looked_members = _indicator(_members(looked, instances), count)
+    return PointLabels(seen.points, membership, visibility, _indicator(looked.rows, count), looked_members)
+
+
+def _members(sight: _Sight, instances: Sequence[Instance]) -> list[IntArray]:
+    """Rows of the points that each instance's view sees inside its mask and at its depth."""
     members: list[IntArray] = [np.empty(0, dtype=np.int64)] * len(instances)
     by_view: dict[int, list[int]] = defaultdict(list)
     for number, instance in enumerate(instances):
         by_view[instance.view].append(number)
     for index, here in by_view.items():
-        view = views[index]
-        depth = points[rows[index]] @ view.rotation[2] + view.translation[2]
-        found = view_labels(pixels[index], [instances[number] for number in here])
+        view, rows = sight.views[index], sight.rows[index]
+        depth = sight.points[rows] @ view.rotation[2] + view.translation[2]
+        found = view_labels(sight.pixels[index], [instances[number] for number in here])
         for number, positions in zip(here, found, strict=True):
-            kept = positions[_at_depth(depth[positions], instances[number], view.camera)]
-            members[number] = rows[index][kept]
-    return PointLabels(points, _indicator(members, len(points)), _indicator(rows, len(points)))
+            members[number] = rows[positions[_at_depth(depth[positions], instances[number], view.camera)]]
+    return members
 
 
 def _at_depth(depth: FloatArray, instance: Instance, camera: Camera) -> BoolArray:

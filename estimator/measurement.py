@@ -27,6 +27,10 @@ __all__ = ["PAPER", "MeasurementOptions", "Measurements", "measured"]
 MIN_OBJECT_POINTS = 16
 # The dense cloud is taken for an object from here on; below, whichever cloud holds more.
 MIN_DENSE_POINTS = 100
+# Boxes bound a thing only where several of them cross: two leave a wedge that is open behind it.
+MIN_BOX_VIEWS = 3
+# What boxes add to the log sizes' standard deviation: background within the box, more of it along the line of sight.
+BOX_SIGMA = (0.15, 0.15, 0.05)
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +185,9 @@ def _object(
         members=track.members,
     )
     box = shape.box
+    boxes = all(mask.from_box for mask in masks)
+    if boxes and len(masks) < MIN_BOX_VIEWS:
+        return replace(record, skipped=f"boxes in {len(masks)} views, {MIN_BOX_VIEWS} needed")
     if box is None or sides is None:
         return replace(record, skipped=f"{len(shape.points)} points, {MIN_OBJECT_POINTS} needed")
     foot = _foot(box, sides, ground, basis, options.standing(track.category))
@@ -194,7 +201,7 @@ def _object(
     return replace(
         record,
         extents=box.high - low,
-        sigma=np.linalg.norm(edge_sigma, axis=0),
+        sigma=np.hypot(np.linalg.norm(edge_sigma, axis=0), BOX_SIGMA if boxes else 0.0),
         confidence=box.eta,
         beyond=sides.beyond,
         truncated=truncated,

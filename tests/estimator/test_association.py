@@ -1,5 +1,7 @@
 """Objects across frames: the toy of methods.md, cannot-link, repaired Algorithm 1 against shared points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,12 @@ def mask(name, view, category="bottle", score=1.0):
     return Instance(name, view, category, PIXEL, (0, 0), score)
 
 
+def labels_of(points, members, seen):
+    """Labels of points whose masks hold `members` and whose views see `seen`."""
+    inside, visible = _indicator(members, len(points)), _indicator(seen, len(points))
+    return PointLabels(points, inside, visible, visible, inside)
+
+
 def toy(shown, points_each=40, category="bottle"):
     """Three objects in a row; `shown[v]` are those that view v shows, each as one mask with its own points."""
     random = np.random.default_rng(1)
@@ -25,7 +33,7 @@ def toy(shown, points_each=40, category="bottle"):
         for k in objects:
             instances.append(mask(f"{view}-{k}", view, category))
             members.append(np.arange(points_each) + k * points_each)
-    labels = PointLabels(points, _indicator(members, len(points)), _indicator(seen, len(points)))
+    labels = labels_of(points, members, seen)
     truth = [int(instance.id.split("-")[1]) for instance in instances]
     return instances, labels, truth
 
@@ -51,9 +59,7 @@ def test_two_masks_of_one_frame_are_never_one_object():
     """Two masks with the very same points in one frame stay apart, and a third view joins one of them only."""
     instances = [mask("a", 0), mask("b", 0), mask("c", 1)]
     rows = np.arange(30)
-    labels = PointLabels(
-        np.random.default_rng(0).normal(size=(30, 3)), _indicator([rows] * 3, 30), _indicator([rows] * 2, 30)
-    )
+    labels = labels_of(np.random.default_rng(0).normal(size=(30, 3)), [rows] * 3, [rows] * 2)
     for tracks in (shared_tracks(instances, [labels]), incremental_tracks(instances, labels)):
         assert len(tracks) == 2
         for track in tracks:
@@ -73,11 +79,7 @@ def test_categories_do_not_mix_unless_the_points_insist():
 def test_a_poster_does_not_join_its_cabinet():
     rows = np.arange(100)
     instances = [mask("c0", 0, "cabinet"), mask("p0", 0, "poster"), mask("c1", 1, "cabinet"), mask("p2", 2, "poster")]
-    labels = PointLabels(
-        np.random.default_rng(0).normal(size=(100, 3)),
-        _indicator([rows, rows[:20], rows, rows[:20]], 100),
-        _indicator([rows] * 3, 100),
-    )
+    labels = labels_of(np.random.default_rng(0).normal(size=(100, 3)), [rows, rows[:20], rows, rows[:20]], [rows] * 3)
     assert groups(shared_tracks(instances, [labels])) == [[0, 2], [1, 3]]
 
 
@@ -88,10 +90,10 @@ def test_category_vote_weighs_scores():
 
 def test_masks_without_points_stay_alone():
     instances = [mask("1", 0), mask("2", 1)]
-    labels = PointLabels(np.empty((0, 3)), _indicator([[], []], 0), _indicator([[], []], 0))
+    labels = labels_of(np.empty((0, 3)), [[], []], [[], []])
     assert groups(shared_tracks(instances, [labels])) == [[0], [1]]
     assert groups(incremental_tracks(instances, labels)) == [[0], [1]]
-    nothing = PointLabels(np.empty((0, 3)), _indicator([], 0), _indicator([], 0))
+    nothing = labels_of(np.empty((0, 3)), [], [])
     assert shared_tracks([], [nothing]) == ()
 
 
@@ -119,6 +121,6 @@ def test_shared_points_find_every_object_of_a_table(table, cloud):
 
 def test_scale_of_the_scene_does_not_matter(table):
     labels = dense_labels(table.scene, table.instances)
-    larger = PointLabels(labels.points * 1000, labels.membership, labels.visibility)
+    larger = replace(labels, points=labels.points * 1000)
     assert groups(incremental_tracks(table.instances, labels)) == groups(incremental_tracks(table.instances, larger))
     assert groups(shared_tracks(table.instances, [labels])) == groups(shared_tracks(table.instances, [larger]))

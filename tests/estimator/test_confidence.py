@@ -18,7 +18,7 @@ def test_even_density_is_one():
 
 
 def test_by_hand():
-    """Head layer 4 points in 1 cell, tail 1 point in 1 cell, middle 1 point in 1 cell: rho_g = 2, eta_x = sqrt(4) / 2 = 1."""
+    """Head layer 4 points in 1 cell, tail and middle 1 in 1 each: rho_g = 2, eta_x = sqrt(4) / 2 = 1."""
     points = np.vstack([centres([[0, 0, 0]], 4), centres([[7, 0, 0]]), centres([[3, 7, 7]])])
     found = eta(points, LOW, HIGH)
     assert found[0] == pytest.approx(np.sqrt(4 * 1) / 2)

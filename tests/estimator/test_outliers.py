@@ -14,7 +14,7 @@ from estimator.outliers import forest_inliers, neighbour_inliers
 def test_strays_go_and_the_object_stays(count, shape):
     random = np.random.default_rng(count)
     own = shape(np.array([0.6, 0.6, 1.0]), count, random)
-    strays = random.normal(0, 0.5, (max(1, count // 40), 3)) + [0, 4, 0]
+    strays = random.normal([0, 4, 0], 0.5, (max(1, count // 40), 3))
     kept = neighbour_inliers(np.vstack([own, strays]))
     assert kept[:count].mean() > 0.985
     assert kept[count:].mean() < 0.2
@@ -23,9 +23,9 @@ def test_strays_go_and_the_object_stays(count, shape):
 def test_a_chairs_feet_without_its_legs_are_kept():
     """Methods.md: keeping only the largest cluster halved chairs."""
     random = np.random.default_rng(0)
-    seat = sampled_box(np.array([0.45, 0.45, 0.5]), 1500, random) + [0, 0, 0.7]
+    seat = np.add(sampled_box(np.array([0.45, 0.45, 0.5]), 1500, random), [0, 0, 0.7])
     feet = np.concatenate(
-        [sampled_box(np.full(3, 0.05), 25, random) + [x, y, 0] for x in (-0.2, 0.2) for y in (-0.2, 0.2)]
+        [np.add(sampled_box(np.full(3, 0.05), 25, random), [x, y, 0]) for x in (-0.2, 0.2) for y in (-0.2, 0.2)]
     )
     kept = neighbour_inliers(np.vstack([seat, feet]))
     assert kept[1500:].mean() > 0.9
@@ -34,7 +34,7 @@ def test_a_chairs_feet_without_its_legs_are_kept():
 def test_a_small_far_cluster_goes():
     random = np.random.default_rng(1)
     own = sampled_box(np.array([0.3, 0.3, 0.3]), 800, random)
-    wall = sampled_box(np.array([0.1, 0.01, 0.1]), 30, random) + [0, 0.6, 0]
+    wall = np.add(sampled_box(np.array([0.1, 0.01, 0.1]), 30, random), [0, 0.6, 0])
     kept = neighbour_inliers(np.vstack([own, wall]))
     assert not kept[800:].any()
     assert kept[:800].mean() > 0.98

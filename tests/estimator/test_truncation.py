@@ -1,4 +1,4 @@
-"""Which sides are cut: image border, something nearer, a side no view sees, a mask that goes further than the points."""
+"""Which sides are cut: image border, something nearer, a side no view sees, a mask that outreaches the points."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_a_thing_seen_whole_from_all_around_is_cut_nowhere():
 def test_the_image_border_cuts_the_side_towards_it():
     """A long bench that leaves the picture at +x in every view."""
     eyes = [np.array([-1.2 + 0.05 * k, -2.2, 1.3]) for k in range(4)]
-    views = [view_at(eye, eye + [0.1, 2.2, -0.9], "v", size=(200, 150), focal=160.0) for eye in eyes]
+    views = [view_at(eye, np.add(eye, [0.1, 2.2, -0.9]), "v", size=(200, 150), focal=160.0) for eye in eyes]
     made = made_scene([floor(8), box("bench", (4.0, 0.4, 0.45), (0.8, 0, 0))], views, dense=8000)
     found = made.scene.dense.points[made.owner == 1]
     sides = sides_of(made, 1, np.eye(3), found.min(axis=0), found.max(axis=0))

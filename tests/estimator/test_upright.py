@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from benchmarks.shapes import box, floor, made_scene, orbit, view_at
+from benchmarks.shapes import box, floor, made_scene, view_at
 from estimator.planes import refined_up, support_planes
 from estimator.scene import View
 from estimator.upright import camera_up, joined_up
@@ -103,7 +103,7 @@ def driven():
     things = [floor(8)]
     things += [box("box", (0.5, 0.4, 0.6), (-1 + 0.7 * k, 1.5 + 0.5 * (k % 3), 0), 25 * k) for k in range(5)]
     eyes = [np.array([0.05 * k, -1.5 + 0.1 * k, 1.5]) for k in range(8)]
-    views = [view_at(eye, eye + [0, 3.0, -1.1], "v", size=(160, 120), focal=130.0) for eye in eyes]
+    views = [view_at(eye, np.add(eye, [0, 3.0, -1.1]), "v", size=(160, 120), focal=130.0) for eye in eyes]
     return made_scene(things, views, dense=12_000, noise=0.003)
 
 

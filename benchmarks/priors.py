@@ -16,7 +16,7 @@ from __future__ import annotations
 import argparse
 import pickle
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -30,9 +30,8 @@ from numpy.typing import NDArray
 from crawler.sources import sources
 from metric_tree.axes import AXES
 from metric_tree.build import Options, Steps, shipped_taxonomy
-from metric_tree.disagreement import SharedModel, disagreement, shared_model
-from metric_tree.em import Rows, completed, fitted_mixture
-from metric_tree.fit import VAGUE, ClassRows, class_prior
+from metric_tree.disagreement import SharedModel, shared_model
+from metric_tree.fit import VAGUE, ClassRows, class_prior, moments
 from metric_tree.ingest import blocks, raw_files
 from metric_tree.prior import FloatArray
 from metric_tree.work import WorkFolder
@@ -48,7 +47,7 @@ FOLDS = 5
 def main() -> None:
     arguments = _arguments()
     classes = list(_classes(arguments))
-    model = _model(classes)
+    model = shared_model(found for one in classes if (found := moments(one).disagreement) is not None)
     print(f"{len(classes)} classes with {CLASS_ROWS} complete rows or more; {model}")
     chosen = np.random.default_rng(arguments.seed).permutation(len(classes))[: arguments.classes]
     calls = [classes[number] for number in sorted(chosen)]
@@ -115,16 +114,6 @@ def _taken(one: ClassRows, rows: NDArray[np.intp]) -> ClassRows:
     )
 
 
-def _model(classes: Sequence[ClassRows]) -> SharedModel:
-    found = []
-    for one in classes:
-        rows = Rows(one.x, one.owner, np.ones(len(one.sources)))
-        single = fitted_mixture(rows, 1, VAGUE).mixture
-        x, known = completed(rows, single)
-        found.append(disagreement(x, known, rows.weights, one.sources, one.kinds, single.covariances[0]))
-    return shared_model(found)
-
-
 def _cross_validated(one: ClassRows, model: SharedModel, rows: int, seed: int) -> dict[str, float]:
     generator = np.random.default_rng(seed)
     one = _taken(one, np.sort(generator.permutation(len(one.sources))[:rows]))
@@ -173,13 +162,13 @@ def _scores(
 def _authors(sizes: FloatArray, seed: int) -> Any:
     from sklearn.mixture import BayesianGaussianMixture
 
-    return BayesianGaussianMixture(max(len(sizes) // 3, 1), random_state=seed).fit(sizes)
+    return BayesianGaussianMixture(n_components=max(len(sizes) // 3, 1), random_state=seed).fit(sizes)
 
 
 def _by_bic(sizes: FloatArray, seed: int) -> Any:
     from sklearn.mixture import GaussianMixture
 
-    fits = [GaussianMixture(k, random_state=seed, n_init=2).fit(sizes) for k in range(1, 5)]
+    fits = [GaussianMixture(n_components=k, random_state=seed, n_init=2).fit(sizes) for k in range(1, 5)]
     return min(fits, key=lambda fit: fit.bic(sizes))
 
 

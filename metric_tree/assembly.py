@@ -32,6 +32,7 @@ CURATED = Source(
     licence_basis="written for this project",
     kind="curated",
     ship=True,
+    attribution="Metric-Tree",
     reader="taxonomy.curated",
 )
 
@@ -152,6 +153,7 @@ def source_records(
             "title": source.title if source else name,
             "url": source.url if source else "",
             "licence": source.licence if source else "none",
+            "attribution": source.attribution if source else "",
             "kind": source.kind if source else "product",
             "n_fit": n_fit.get(name, 0),
             "n_rows": n_rows.get(name, 0),

@@ -189,7 +189,7 @@ def _moments(means: FloatArray, rows: FloatArray, trust: FloatArray, within: Flo
     d = means.shape[1]
     between = np.zeros((d, d))
     for i, j in zip(*np.triu_indices(d), strict=True):
-        usable = (rows[:, i] > 0) & (rows[:, j] > 0)
+        usable = (rows[:, i] > 0) & (rows[:, j] > 0) & (trust > 0)
         n = np.sqrt(rows[usable, i] * rows[usable, j])
         a = trust[usable] * n / (1 + n / MEAN_HALF)
         if usable.sum() >= 2:

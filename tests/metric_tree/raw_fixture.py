@@ -26,6 +26,7 @@ SOURCES = {
         url=f"https://example.org/{name}",
         licence="CC0-1.0" if ship else "none",
         licence_basis="made for the tests",
+        attribution="the tests",
         kind=kind,
         ship=ship,
         noncommercial=noncommercial,

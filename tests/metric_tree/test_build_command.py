@@ -1,0 +1,93 @@
+"""`metric-tree build` as it is typed: what it prints, its exit status, and the same build on two Dask workers."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+
+import pytest
+
+import metric_tree.commands.build as command
+from metric_tree.build import built
+from metric_tree.commands import main
+from tests.metric_tree.raw_fixture import SOURCES, made_items, written
+from tests.metric_tree.small_taxonomy import small_taxonomy
+
+
+@pytest.fixture
+def raw(tmp_path, monkeypatch):
+    monkeypatch.setattr(command, "built", partial(built, taxonomy=small_taxonomy, declared=SOURCES))
+    monkeypatch.setattr(command, "shipped_curated", tuple)
+    return written(tmp_path / "raw.jsonl", made_items(per_class=12))
+
+
+def run(*words):
+    return main(["build", *map(str, words)])
+
+
+def test_json_is_the_manifest_and_the_log_lies_where_it_was_asked_for(raw, tmp_path, capsys):
+    out, log = tmp_path / "release", tmp_path / "log"
+    words = ("--out", out, "--log", log, "--version", "1.2.3", "--created", "2026-01-02", "--workers", 1, "--json")
+    assert run(raw, *words) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["version"] == "1.2.3"
+    assert printed["created"] == "2026-01-02"
+    assert printed["directory"] == str(out)
+    assert sorted(path.name for path in log.iterdir()) == ["quarantine.jsonl", "report.json"]
+
+
+def test_table_names_what_was_refused(raw, tmp_path, capsys):
+    raw.write_text(
+        raw.read_text() + made_items()[0].line().replace('"chair"', '"gizmo"').replace("chair-0", "g") + "\n"
+    )
+    assert run(raw, "--out", tmp_path / "release", "--workers", 1, "--no-heldout") == 0
+    printed = capsys.readouterr()
+    assert "no_category" in printed.out
+    assert "leaves" in printed.out
+    assert printed.err == ""
+
+
+def test_the_date_may_come_from_the_environment(raw, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
+    assert run(raw, "--out", tmp_path / "release", "--workers", 1, "--no-heldout", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["created"] == "1970-01-01"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--version", "one"), "--version: expected a semantic version such as 1.0.0; found 'one'"),
+        (("--created", "yesterday"), "--created: expected an ISO date; found 'yesterday'"),
+        (("--scheduler", "tcp://127.0.0.1:1"), "--scheduler: expected a Dask scheduler"),
+    ],
+)
+def test_bad_arguments_are_one_line(raw, tmp_path, capsys, monkeypatch, words, message):
+    monkeypatch.setattr(command, "SCHEDULER_TIMEOUT", 0.3)
+    assert run(raw, "--out", tmp_path / "release", *words) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert message in printed.err
+    assert printed.err.count("\n") == 1
+    assert not (tmp_path / "release").exists()
+
+
+@pytest.mark.parametrize("fold", ["5/5", "1", "a/b", "1/0"])
+def test_a_fold_that_is_none_is_refused(raw, tmp_path, capsys, fold):
+    with pytest.raises(SystemExit) as stopped:
+        run(raw, "--out", tmp_path / "release", "--fold-out", fold)
+    assert stopped.value.code == 2
+    assert "expected I/N" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_two_dask_workers_over_tcp_build_the_same_bytes(raw, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    words = ("--created", "2026-01-02", "--no-heldout")
+    assert run(raw, "--out", tmp_path / "here", "--workers", 1, *words) == 0
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, protocol="tcp", dashboard_address=None
+    ) as cluster:
+        assert cluster.scheduler_address.startswith("tcp://")
+        assert run(raw, "--out", tmp_path / "dask", "--scheduler", cluster.scheduler_address, *words) == 0
+    for path in (tmp_path / "here").iterdir():
+        assert path.read_bytes() == (tmp_path / "dask" / path.name).read_bytes()

@@ -49,7 +49,8 @@ class Decision:
     """One reader's word on one subject.
 
     `subject` is `source: folded words` (or `*: words` for all sources) of a match, the `mt:` id of an insertion.
-    `decision` is a concept, or None for `none`. `reader` names a person, or a program for what it is.
+    `decision` is a concept, or None for `none`. `reader` names a person, or a program for what it is. `blind` is
+    false where the reader knew another's answer, as in an amendment; such decisions count, but not for agreement.
     """
 
     what: What
@@ -58,6 +59,7 @@ class Decision:
     reader: str
     when: str
     why: str = ""
+    blind: bool = True
 
     def __post_init__(self) -> None:
         _expect(self.what in get_args(What), "what", f"one of {get_args(What)}", self.what)
@@ -68,7 +70,10 @@ class Decision:
 
     def line(self) -> str:
         """The decision as one JSON line."""
-        return json.dumps(asdict(self) | {"decision": self.decision or NONE}, ensure_ascii=False)
+        record = asdict(self) | {"decision": self.decision or NONE}
+        if self.blind:
+            del record["blind"]
+        return json.dumps(record, ensure_ascii=False)
 
     @classmethod
     def parsed(cls, line: str) -> Decision:
@@ -134,14 +139,15 @@ def waiting(found: Iterable[Decision]) -> list[tuple[str, str]]:
 
 
 def disagreements(found: Iterable[Decision]) -> list[tuple[Decision, Decision]]:
-    """First and second reading of every subject on which they differ, settled by a third or not."""
-    pairs = [list(by_reader.values())[:_READERS] for by_reader in _by_subject(found).values()]
+    """First and second blind reading of every subject on which they differ, settled by a third or not."""
+    by_subject = _by_subject(d for d in found if d.blind)
+    pairs = [list(by_reader.values())[:_READERS] for by_reader in by_subject.values()]
     return [(first, second) for first, second in (p for p in pairs if len(p) == _READERS) if _differ(first, second)]
 
 
 def agreement(found: Iterable[Decision], what: What | None = None) -> Agreement:
-    """Cohen's kappa of first and second readings: (p_o - p_e) / (1 - p_e), with p_e from each one's own shares."""
-    by_subject = _by_subject(d for d in found if what is None or d.what == what)
+    """Cohen's kappa of first and second blind readings: (p_o - p_e) / (1 - p_e), with p_e from each one's own shares."""
+    by_subject = _by_subject(d for d in found if d.blind and what in (None, d.what))
     pairs = [list(r.values())[:_READERS] for r in by_subject.values() if len(r) >= _READERS]
     if not pairs:
         return Agreement(0, float("nan"), float("nan"))

@@ -32,7 +32,9 @@ class Sense:
 
 
 #: Things with a size: what is made, what lives, what is eaten; the last few are abstractions to WordNet.
-_ABSTRACT = ("coin.n.01", "decoration.n.02", "badge.n.01", "crosier.n.01", "bill.n.03", "manuscript.n.02")
+_ABSTRACT = ("coin.n.01", "decoration.n.02", "badge.n.01", "crosier.n.01", "bill.n.03", "manuscript.n.02",
+    "street_sign.n.01", "traffic_light.n.01",
+)  # fmt: skip
 _MADE = ("artifact.n.01", "playing_card.n.01", "amulet.n.01", *_ABSTRACT)
 _THINGS = (
     *_MADE, "animal.n.01", "plant.n.02", "fungus.n.01", "food.n.01", "food.n.02", "fruit.n.01", "natural_object.n.01",

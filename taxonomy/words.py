@@ -73,6 +73,8 @@ def singulars(word: str) -> Iterator[str]:
     if word.endswith("s") and not word.endswith(("us", "is")):
         yield word[:-1]
     yield from _foreign_singulars(word)
+    if word.endswith(("us", "is")):
+        yield word[:-1]
 
 
 def _foreign_singulars(word: str) -> Iterator[str]:
@@ -81,7 +83,7 @@ def _foreign_singulars(word: str) -> Iterator[str]:
         ("men", "man"), ("ae", "a"), ("lekythoi", "lekythos"), ("oi", "os"), ("kes", "x"), ("ges", "x"),
         ("des", "s"), ("eaux", "eau"), ("aux", "al"), ("ia", "ium"), ("i", "us"), ("i", "o"), ("es", "is"), ("a", "um"),
     ):  # fmt: skip
-        if word.endswith(ending) and len(word) > len(ending) + 1:
+        if word.endswith(ending) and (len(word) > len(ending) + 1 or word == "men"):
             yield word[: -len(ending)] + singular
 
 

@@ -1,0 +1,102 @@
+"""WordNet where it may be, and what is said where it is not."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from taxonomy import wordnet as module
+from taxonomy.wordnet import ENVIRONMENT_VARIABLE, NoWordNet, UnknownSynset, WordNet
+from tests.taxonomy.miniwordnet import write_wordnet
+
+
+def test_senses_come_in_wordnets_order(mini_wordnet: WordNet) -> None:
+    assert mini_wordnet.senses("mouse") == ("mouse.n.01", "mouse.n.02")
+    assert mini_wordnet.senses("TV") == ("television.n.01", "television_receiver.n.01")
+    assert mini_wordnet.senses("swivel chair") == ("swivel_chair.n.01",)
+    assert mini_wordnet.senses("office chair") == ()
+
+
+def test_hypernyms_are_nearest_first_and_paths_root_first(mini_wordnet: WordNet) -> None:
+    above = mini_wordnet.hypernyms("swivel_chair.n.01")
+    assert above[:3] == ("chair.n.01", "seat.n.01", "furniture.n.01")
+    assert above[-1] == "entity.n.01"
+    (path,) = mini_wordnet.hypernym_paths("swivel_chair.n.01")
+    assert path == (*reversed(above), "swivel_chair.n.01")
+    assert mini_wordnet.is_a("chair.n.01", "chair.n.01")
+    assert not mini_wordnet.is_a("chair.n.01", "animal.n.01")
+    assert "swivel_chair.n.01" in mini_wordnet.children("chair.n.01")
+
+
+def test_what_a_synset_says(mini_wordnet: WordNet) -> None:
+    assert mini_wordnet.lemmas("mouse.n.02") == ("mouse", "computer mouse")
+    assert mini_wordnet.definition("stool.n.01") == "a simple seat without a back or arms"
+    assert mini_wordnet.lexicographer_file("chair.n.01") == "noun.artifact"
+    assert mini_wordnet.lexicographer_file("mouse.n.01") == "noun.animal"
+    assert mini_wordnet.tagged_count("chair.n.01", "stool") == 0
+    assert mini_wordnet.irregular_plurals["mice"] == ("mouse",)
+    assert "chest of drawers" in mini_wordnet.nouns
+
+
+def test_offsets_go_both_ways(mini_wordnet: WordNet) -> None:
+    offset = mini_wordnet.offset("stool.n.01")
+    assert mini_wordnet.synset_at(offset) == "stool.n.01"
+
+
+@pytest.mark.parametrize("offset", ["n00000001", "02119789", "nabc", "", "n"])
+def test_an_offset_that_is_none_is_named(mini_wordnet: WordNet, offset: str) -> None:
+    with pytest.raises(UnknownSynset, match="offset: expected n and the eight digits"):
+        mini_wordnet.synset_at(offset)
+
+
+@pytest.mark.parametrize("name", ["chair", "chair.n.99", "chair.n.xx", "chair.v.01", "nothing.n.01", ""])
+def test_a_name_that_is_no_synset_is_named(mini_wordnet: WordNet, name: str) -> None:
+    assert not mini_wordnet.knows(name)
+    with pytest.raises(UnknownSynset, match=r"^synset: expected .* found"):
+        mini_wordnet.parents(name)
+
+
+def test_a_folder_without_wordnet_says_how_to_get_it(tmp_path: Path) -> None:
+    with pytest.raises(NoWordNet, match=r"apt-get install wordnet-base.*nltk\.downloader wordnet"):
+        WordNet(tmp_path)
+
+
+def test_another_release_is_refused(tmp_path: Path) -> None:
+    folder = write_wordnet(tmp_path / "wn", licence="  1 In the form of WordNet 3.1 Copyright 2011\n")
+    with pytest.raises(NoWordNet, match=r"expected WordNet 3\.0.*found 3\.1"):
+        WordNet(folder)
+
+
+def test_the_environment_names_a_folder(written_wordnet: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(ENVIRONMENT_VARIABLE, str(written_wordnet))
+    assert WordNet().senses("vase") == ("vase.n.01",)
+
+
+def test_nltks_folder_is_found(written_wordnet: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import nltk.data
+
+    (tmp_path / "corpora").mkdir()
+    written_wordnet.rename(tmp_path / "corpora" / "wordnet")
+    monkeypatch.delenv(ENVIRONMENT_VARIABLE, raising=False)
+    monkeypatch.setattr(module, "_DEBIAN", tmp_path / "nowhere")
+    monkeypatch.setattr(nltk.data, "path", [str(tmp_path)])
+    assert WordNet().senses("vase") == ("vase.n.01",)
+    monkeypatch.setattr(nltk.data, "path", [])
+    with pytest.raises(NoWordNet, match=r"neither in .*nowhere nor among nltk's data"):
+        WordNet()
+
+
+def test_debians_wordnet_reads_as_it_should(wordnet: WordNet) -> None:
+    assert wordnet.synset_at("n02119789") == "kit_fox.n.01"
+    assert wordnet.senses("tv")[0] == "television.n.01"
+    assert len(wordnet.nouns) > 100_000
+    assert wordnet.tagged_count("chair.n.01", "chair") == 35
+    assert wordnet.lexicographer_file("chair.n.01") == "noun.artifact"
+
+
+def test_importing_the_module_loads_no_nltk() -> None:
+    code = "import sys, taxonomy.wordnet, taxonomy.matching; print('nltk' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "False\n"

@@ -1,0 +1,55 @@
+"""Label lists: each label means a node of the catalogue, and no trap of the lists' own synsets is fallen for."""
+
+import pytest
+
+from taxonomy.catalogue import default_catalogue
+from taxonomy.vocabularies import STUFF, UnknownLabel, labelled_node, vocabularies, vocabulary
+
+NODES = {category.node_id for category in default_catalogue().categories}
+
+
+@pytest.mark.parametrize("name", vocabularies())
+def test_labels_lead_to_nodes_or_say_why_not(name):
+    for label in vocabulary(name):
+        assert label.node_id is None or label.node_id in NODES, label
+        assert label.reason, label
+
+
+@pytest.mark.parametrize("name", ["coco_80", "nuscenes_det10", "sunrgbd_10", "omni3d_50", "waymo_4", "argoverse2_30"])
+def test_detectors_lists_are_complete(name):
+    assert [label.label for label in vocabulary(name) if label.node_id is None] == []
+
+
+@pytest.mark.parametrize(
+    ("list_name", "label", "node_id"),
+    [
+        ("coco_80", "mouse", "mouse.n.04"),
+        ("coco_80", "keyboard", "computer_keyboard.n.01"),
+        ("coco_80", "chair", "chair.n.01"),
+        ("coco_80", "Potted_Plant", "houseplant.n.01"),
+        ("openimages_601", "Mouse", "mouse.n.01"),
+        ("scannet200", "mattress", "mattress.n.01"),
+        ("scannet200", "toilet", "toilet.n.02"),
+        ("lvis_v1", "stop_sign", "mt:stop_sign"),
+        ("kitti_8", "Car", "car.n.01"),
+        ("nuscenes_32", "movable_object.trafficcone", "mt:traffic_cone"),
+        ("ade20k_150", "coffee", "coffee_table.n.01"),
+    ],
+)
+def test_a_label_is_read_as_its_list_means_it(list_name, label, node_id):
+    assert labelled_node(label, list_name) == node_id
+
+
+def test_stuff_needs_no_prior():
+    sky = next(label for label in vocabulary("ade20k_150") if label.label == "sky")
+    assert sky.is_stuff
+    assert sky.reason == STUFF
+    with pytest.raises(UnknownLabel, match="has no size of its own: stuff"):
+        labelled_node("sky", "ade20k_150")
+
+
+def test_unknown_names_are_named():
+    with pytest.raises(UnknownLabel, match="'unicorn': no label of coco_80"):
+        labelled_node("unicorn", "coco_80")
+    with pytest.raises(UnknownLabel, match="vocabulary: expected one of ade20k_150"):
+        vocabulary("nonesuch")

@@ -87,8 +87,8 @@ def product_page(number: int, shop: Shop) -> str:
         f'<!doctype html><html lang="en"><head><title>Chair {number}</title>{padding}</head><body>'
         f'<nav class="breadcrumb"><a href="/">Home</a><a href="/list/0">Furniture</a><a href="/list/1">Chairs</a></nav>'
         f"<h1>Chair {number}</h1>{size}<table><tr><th>Package Dimensions</th><td>150 x 120 x 60 cm</td></tr></table>"
-        f'<div class="carousel"><h3>Others bought</h3><dl><dt>Dimensions</dt><dd>9 x 9 x 9 cm</dd></dl>{also}</div>{nested}'
-        f'<a href="/calendar/{number}">dates</a></body></html>'
+        f'<div class="carousel"><h3>Others bought</h3><dl><dt>Dimensions</dt><dd>9 x 9 x 9 cm</dd></dl>{also}</div>'
+        f'{nested}<a href="/calendar/{number}">dates</a></body></html>'
     )
 
 

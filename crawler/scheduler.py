@@ -79,7 +79,7 @@ class FrontierScheduler(BaseScheduler):
         )
 
     def _failed(self, failure: Failure) -> None:
-        request: Request = failure.request  # type: ignore[attr-defined]
+        request: Request = failure.request
         reason = _reason(failure.value)
         request.meta[_SETTLED] = True
         self._frontier.commit(Outcome(request.meta[KEY], failure=reason))
@@ -122,8 +122,9 @@ class CommitMiddleware:
             self._count("pages")
             if failure:
                 self._count(f"failed/{failure}")
-        for nothing in ():
-            yield nothing
+        nothing: tuple[Any, ...] = ()
+        for part in nothing:
+            yield part
 
     def _count(self, name: str, count: int = 1) -> None:
         if count and self._stats is not None:

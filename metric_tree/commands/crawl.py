@@ -94,7 +94,8 @@ class _progress:  # noqa: N801 - used as a context manager, reads as one
         rate = stats.get("metric_tree/pages", 0) / seconds
         dropped = sum(value for name, value in stats.items() if name.startswith("metric_tree/dropped/"))
         line = (
-            f"{stats.get('metric_tree/pages', 0)} pages ({rate:.1f}/s), {stats.get('metric_tree/items', 0)} items, {dropped} dropped,"
+            f"{stats.get('metric_tree/pages', 0)} pages ({rate:.1f}/s),"
+            f" {stats.get('metric_tree/items', 0)} items, {dropped} dropped,"
             f" {stats.get('waiting', 0)} waiting, {stats.get('metric_tree/bans', 0)} bans"
         )
         sys.stderr.write(f"\r\x1b[K{line}")

@@ -45,7 +45,7 @@ ADDRESSES = {
 def _page(product: str, listing: str, other: str) -> HtmlResponse:
     links = "".join(f'<a href="{url}">x</a>' for url in (product, listing, other, "mailto:x@example.org"))
     body = f"""<html lang="en"><body><h1>Made stool</h1>{links}
-    <table class="infobox"><tr><th>Product dimensions (W x D x H)</th><td>41 x 38 x 46 cm</td></tr></table></body></html>"""
+    <table><tr><th>Product dimensions (W x D x H)</th><td>41 x 38 x 46 cm</td></tr></table></body></html>"""
     return HtmlResponse(product, body=body.encode(), request=Request(product), headers={"Content-Type": "text/html"})
 
 

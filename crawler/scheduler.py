@@ -31,7 +31,7 @@ _LASTING = ("depth", "retry_times", "redirect_times", "redirect_urls", "bans", "
 
 def frontier_of(crawler: Crawler) -> Frontier:
     """The frontier that `crawler.crawl` hangs on a crawler; settings are copied deep, a connection cannot be."""
-    frontier: Frontier = crawler.frontier  # type: ignore[attr-defined]
+    frontier: Frontier = crawler.frontier
     return frontier
 
 

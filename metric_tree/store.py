@@ -117,7 +117,7 @@ def sha256(path: Path) -> str:
 
 def _manifest(path: Path) -> dict[str, Any]:
     try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
+        manifest: Any = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise BadRelease(f"{path}: expected the manifest of a release; found no file") from None
     except (OSError, ValueError, RecursionError) as error:
@@ -130,7 +130,7 @@ def _manifest(path: Path) -> dict[str, Any]:
             raise BadRelease(f"{path}: {field}: expected a value; found none")
     if not isinstance(manifest["files"], dict):
         raise BadRelease(f"{path}: files: expected an object; found {type(manifest['files']).__name__}")
-    return manifest
+    return dict(manifest)
 
 
 def _written(path: Path, table: pa.Table) -> dict[str, Any]:

@@ -51,7 +51,7 @@ def yaml_document(path: Path, encoding: str = "utf-8") -> Any:
     BadTable
         The file is no YAML.
     """
-    import yaml  # type: ignore[import-untyped]
+    import yaml
 
     try:
         return yaml.safe_load(path.read_text(encoding=encoding))

@@ -162,13 +162,23 @@ def _scores(
 def _authors(sizes: FloatArray, seed: int) -> Any:
     from sklearn.mixture import BayesianGaussianMixture
 
-    return BayesianGaussianMixture(n_components=max(len(sizes) // 3, 1), random_state=seed).fit(sizes)
+    return _regularised(BayesianGaussianMixture, sizes, n_components=max(len(sizes) // 3, 1), random_state=seed)
+
+
+def _regularised(kind: Any, sizes: FloatArray, **options: Any) -> Any:
+    """The fit with scikit-learn's own regularisation, ten times that as often as its Cholesky factor fails."""
+    for power in range(-6, 3):
+        try:
+            return kind(reg_covar=10.0**power, **options).fit(sizes)
+        except ValueError:
+            continue
+    raise ValueError(f"no fit of {len(sizes)} rows")
 
 
 def _by_bic(sizes: FloatArray, seed: int) -> Any:
     from sklearn.mixture import GaussianMixture
 
-    fits = [GaussianMixture(n_components=k, random_state=seed, n_init=2).fit(sizes) for k in range(1, 5)]
+    fits = [_regularised(GaussianMixture, sizes, n_components=k, random_state=seed, n_init=2) for k in range(1, 5)]
     return min(fits, key=lambda fit: fit.bic(sizes))
 
 

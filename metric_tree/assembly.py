@@ -15,7 +15,7 @@ from metric_tree.clean import NodeClass
 from metric_tree.em import Belief
 from metric_tree.evidence import KIND_WEIGHT
 from metric_tree.fit import VAGUE, Moments
-from metric_tree.hierarchy import belief_of, commonness, inner_prior
+from metric_tree.hierarchy import belief_of, commonness, inner_priors
 from metric_tree.prior import Prior
 from metric_tree.schema import NODES, PRIORS
 from taxonomy.categories import Category
@@ -88,28 +88,28 @@ class Hierarchy:
                 beliefs[category.node_id, axes] = belief_of(below, above)
         return beliefs
 
-    def priors(self, leaves: Mapping[str, Prior], classes: Mapping[str, NodeClass]) -> dict[str, Prior]:
-        """The priors of all nodes: the leaves' and, from the leaves up, those of the nodes above them."""
-        priors = dict(leaves)
+    def priors(self, leaves: Mapping[str, Prior], classes: Mapping[str, NodeClass]) -> dict[str, list[Prior]]:
+        """The priors of all nodes, the main one first: the leaves' and, from the leaves up, of the nodes above them."""
+        priors = {node_id: [prior] for node_id, prior in leaves.items()}
         items = {node_id: Counter(one.n_by_source) for node_id, one in classes.items()}
         trust = {source: KIND_WEIGHT[kind] for one in classes.values() for source, kind in one.kinds.items()}
         for category in reversed(self.categories):
-            children = self.children.get(category.node_id, ())
-            if category.node_id not in leaves:
-                items[category.node_id] = sum((items[child] for child in children), Counter())
-            having = [child for child in children if child in priors]
-            if having and category.node_id not in leaves:
-                below = [priors[child] for child in having]
-                upright = sum(set(prior.dims) <= set(AXES) for prior in below) * 2 >= len(below)
-                weights = commonness([items[child] for child in having], trust)
-                prior = inner_prior(category.node_id, below, weights, AXES if upright else EXTENTS)
-                if prior is not None:
-                    sources = len(items[category.node_id]) or prior.n_sources
-                    priors[category.node_id] = replace(prior, n_sources=sources)
+            if category.node_id in leaves:
+                continue
+            having = [child for child in self.children.get(category.node_id, ()) if child in priors]
+            items[category.node_id] = sum((items[child] for child in having), Counter())
+            weights = commonness([items[child] for child in having], trust)
+            below = [priors[child] for child in having]
+            upright = sum(float(weight) for weight, own in zip(weights, below, strict=True) if own[0].dims[0] in AXES)
+            found = inner_priors(category.node_id, below, weights, AXES if upright >= 0.5 else EXTENTS)
+            sources = len(items[category.node_id])
+            priors[category.node_id] = [replace(one, n_sources=sources or one.n_sources) for one in found]
         return priors
 
 
-def node_table(hierarchy: Hierarchy, classes: Mapping[str, NodeClass], priors: Mapping[str, Prior]) -> pa.Table:
+def node_table(
+    hierarchy: Hierarchy, classes: Mapping[str, NodeClass], priors: Mapping[str, Sequence[Prior]]
+) -> pa.Table:
     """The nodes of the release (`metric_tree.schema.NODES`)."""
     own = {node_id: sum(found.n_by_source.values()) for node_id, found in classes.items()}
     total = Counter(own)
@@ -118,9 +118,8 @@ def node_table(hierarchy: Hierarchy, classes: Mapping[str, NodeClass], priors: M
             total[category.parent_id] += total[category.node_id]
     rows = []
     for category in hierarchy.categories:
-        prior = priors.get(category.node_id)
         row = {field.name: getattr(category, field.name, None) for field in NODES}
-        row["dims"] = _dims(category, prior)
+        row["dims"] = _dims(category, priors.get(category.node_id, ()))
         rows.append(row | {"n_items": total[category.node_id], "n_own": own.get(category.node_id, 0)})
     return pa.Table.from_pylist(rows, schema=NODES)
 
@@ -135,9 +134,9 @@ def node_counts(nodes: pa.Table) -> dict[str, int]:
     return {"nodes": nodes.num_rows, "leaves": len(leaves), "levels": levels} | several
 
 
-def prior_table(hierarchy: Hierarchy, priors: Mapping[str, Prior]) -> pa.Table:
+def prior_table(hierarchy: Hierarchy, priors: Mapping[str, Sequence[Prior]]) -> pa.Table:
     """The priors of the release, in the order of its nodes (`metric_tree.schema.PRIORS`)."""
-    found = [priors[category.node_id].row() for category in hierarchy.categories if category.node_id in priors]
+    found = [prior.row() for category in hierarchy.categories for prior in priors.get(category.node_id, ())]
     return pa.Table.from_pylist(found, schema=PRIORS)
 
 
@@ -163,11 +162,10 @@ def source_records(
     return records
 
 
-def _dims(category: Category, prior: Prior | None) -> list[str]:
-    """What to use by default: the reviewer's choice where the prior has it, else all that it has."""
-    if prior is None:
-        return list(category.dims)
-    return list(category.dims if set(category.dims) <= set(prior.dims) else prior.dims)
+def _dims(category: Category, priors: Sequence[Prior]) -> list[str]:
+    """What to use by default: the reviewer's choice where a prior has it, else all that the main prior has."""
+    chosen = any(set(category.dims) <= set(prior.dims) for prior in priors)
+    return list(category.dims if chosen or not priors else priors[0].dims)
 
 
 def _summary(node_id: str, axes: tuple[str, ...], below: Sequence[Moments]) -> Moments:

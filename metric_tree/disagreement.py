@@ -40,6 +40,9 @@ MODEL_KINDS = frozenset({"product", "measured", "standard", "asset"})
 #: Share of classes that are two things under one name, and the disagreement (as ln) that they are allowed.
 MIXED_SHARE, MIXED_SD = 0.05, 1.0
 
+#: Least standard deviation of ln size within a source, along any direction: a hundredth.
+LEAST_SD = 0.01
+
 #: Below this many classes of two sources or more the default of `SharedModel` holds.
 MODEL_CLASSES = 8
 
@@ -182,7 +185,7 @@ def _within(
     free = 1 - 1 / np.maximum(np.sqrt(rows[:, :, None] * rows[:, None, :]), 1)
     # one row's worth of the class's own spread: sources of one row have no scatter, which is no evidence of none
     typical = float((weights**2).sum() / weights.sum())
-    return np.asarray((own + typical * spread) / ((per_source * free).sum(axis=0) + typical))
+    return _positive((own + typical * spread) / ((per_source * free).sum(axis=0) + typical), LEAST_SD**2)
 
 
 def _moments(means: FloatArray, rows: FloatArray, trust: FloatArray, within: FloatArray) -> FloatArray:
@@ -197,5 +200,10 @@ def _moments(means: FloatArray, rows: FloatArray, trust: FloatArray, within: Flo
             offset = two - (a @ two) / total
             moment = float(a @ offset.prod(axis=1)) - within[i, j] * float(((a - a**2 / total) / n).sum())
             between[i, j] = between[j, i] = moment / (total - (a**2).sum() / total)
-    values, vectors = np.linalg.eigh(between)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)
+    return _positive(between, 0.0)
+
+
+def _positive(matrix: FloatArray, least: float) -> FloatArray:
+    """The symmetric matrix with no eigenvalue under `least`; entries from different rows need not fit together."""
+    values, vectors = np.linalg.eigh(matrix)
+    return np.asarray((vectors * np.maximum(values, least)) @ vectors.T)

@@ -14,7 +14,7 @@ from metric_tree.em import Belief, Mixture, floored
 from metric_tree.fit import VAGUE, Moments
 from metric_tree.prior import FloatArray, Prior
 
-__all__ = ["belief_of", "commonness", "inner_prior", "reduced"]
+__all__ = ["belief_of", "commonness", "inner_priors", "reduced"]
 
 #: Rows that the parent's covariance counts in a child. Spreads of siblings are alike (a factor 1.5 or so between them),
 #: which is what a sample of about eight rows tells of a spread.
@@ -32,6 +32,9 @@ WITNESS_HALF = 10.0
 
 #: Part of the weight that all children share alike, for those that no witness holds.
 EQUAL_SHARE = 0.1
+
+#: A single axis has a prior of its own where this much more of the children's weight states it than the joint prior.
+MORE = 0.1
 
 #: Components of an inner node's prior: its children are many and no four Gaussians hold them, but a reader and the
 #: estimator must be able to carry it.
@@ -76,20 +79,47 @@ def commonness(counts: Sequence[Mapping[str, int]], trust: Mapping[str, float]) 
     return shares
 
 
-def inner_prior(node_id: str, children: Sequence[Prior], weights: FloatArray, axes: tuple[str, ...]) -> Prior | None:
-    """The mixture of the children's priors by the given weights (c,), reduced to `COMPONENTS`; None of no child.
+def inner_priors(
+    node_id: str, children: Sequence[Sequence[Prior]], weights: FloatArray, axes: tuple[str, ...]
+) -> list[Prior]:
+    """The priors of an inner node: the joint one that says most, then single axes that more of its children state.
 
-    It stands over the most of `axes` that any child has, and mixes the children that have them all.
+    Parameters
+    ----------
+    children : the priors of each child, (c,); weights : how common each is; axes : of the frame
+
+    A joint prior says as much as it has axes times the weight of the children that have them all: a measured height of
+    all people goes before a curated box of some.
     """
-    usable = [number for number, child in enumerate(children) if set(child.dims) <= set(axes)]
-    if not usable:
-        return None
-    mass: dict[tuple[str, ...], float] = {}
-    for number in usable:
-        mass[children[number].dims] = mass.get(children[number].dims, 0.0) + float(weights[number])
-    dims = max(mass, key=lambda had: (len(had), mass[had]))
-    kept = [number for number in usable if set(dims) <= set(children[number].dims)]
-    having, share = [children[number].marginal(dims) for number in kept], weights[kept] / weights[kept].sum()
+    stated = {dims: _mass(children, weights, dims) for child in children for prior in child for dims in [prior.dims]}
+    stated = {dims: mass for dims, mass in stated.items() if set(dims) <= set(axes)}
+    if not stated:
+        return []
+    joint = max(stated, key=lambda dims: (len(dims) * stated[dims], len(dims), dims))
+    single = [(axis,) for axis in axes if _mass(children, weights, (axis,)) > stated[joint] * (axis in joint) + MORE]
+    return [_inner_prior(node_id, children, weights, dims) for dims in (joint, *(d for d in single if d != joint))]
+
+
+def _having(children: Sequence[Sequence[Prior]], dims: tuple[str, ...]) -> list[tuple[int, Prior]]:
+    """Of each child that has all of `dims` its number and its prior over them."""
+    found = []
+    for number, priors in enumerate(children):
+        containing = [prior for prior in priors if set(dims) <= set(prior.dims)]
+        if containing:
+            found.append((number, min(containing, key=lambda prior: len(prior.dims)).marginal(dims)))
+    return found
+
+
+def _mass(children: Sequence[Sequence[Prior]], weights: FloatArray, dims: tuple[str, ...]) -> float:
+    return float(sum(weights[number] for number, _ in _having(children, dims)))
+
+
+def _inner_prior(
+    node_id: str, children: Sequence[Sequence[Prior]], weights: FloatArray, dims: tuple[str, ...]
+) -> Prior:
+    """The mixture of the children's priors over `dims`, reduced to `COMPONENTS`."""
+    numbers, having = zip(*_having(children, dims), strict=True)
+    share = weights[list(numbers)] / weights[list(numbers)].sum()
     mixture = reduced(
         Mixture(
             np.concatenate([child.weights * part for child, part in zip(having, share, strict=True)]),
@@ -107,7 +137,7 @@ def inner_prior(node_id: str, children: Sequence[Prior], weights: FloatArray, ax
         means=mixture.means,
         covariances=mixture.covariances,
         shared_covariance=np.einsum("c,cij->ij", share, np.array([child.shared_covariance for child in having])),
-        n=sum(children[number].n for number in usable),
+        n=sum(child.n for child in having),
         n_sources=max(child.n_sources for child in having),
         share_by_kind=dict(zip(kinds, (share @ by_kind).tolist(), strict=True)),
         borrowed=0.0,

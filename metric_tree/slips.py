@@ -8,19 +8,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from metric_tree.axes import candidates
 from metric_tree.prior import FloatArray
 
 __all__ = ["FACTORS", "Reference", "reference", "sibling_reference", "slipped"]
 
-#: Units mistaken for each other: mm, cm, dm, m, inch, foot, and inch for centimetre. An inch for a foot, 12, could not
-#: be told from 10.
+#: Units mistaken for each other, which puts every size of a row off by one factor: mm, cm, dm, m, inch, foot, and inch
+#: for centimetre. An inch for a foot, 12, could not be told from 10.
 FACTORS = (10.0, 100.0, 1000.0, 25.4, 2.54, 304.8)
 
-#: Robust deviations beyond which a size is suspect, and the least factor that is: among a hundred rows of a class one
-#: lies four deviations out only if the class is mixed, and sizes of one kind of thing double now and then.
-DEVIATIONS, LEAST_FACTOR = 4.0, 2.2
+#: A point set wrong puts one size of a row off by one of these, the others being right.
+DECIMALS = (10.0, 100.0, 1000.0)
+
+#: Robust deviations, and the least factor, beyond which every size of a row in another unit lies. That all of them do
+#: and fit one factor is what tells a slip from a small or large thing of the class.
+DEVIATIONS, LEAST_FACTOR = 3.0, 2.2
+
+#: A single size that is off lies this far out, the others of its row within two deviations.
+ALONE_DEVIATIONS, OTHERS_DEVIATIONS = 5.0, 2.0
 
 #: A mended slip lies this close to its class, in robust deviations and (as ln) in any case.
 MENDED_DEVIATIONS, MENDED = 1.5, 0.1
@@ -90,18 +97,31 @@ def slipped(extents: FloatArray, against: Reference) -> FloatArray:
 
 def _factors(logs: FloatArray, against: Reference) -> tuple[FloatArray, FloatArray]:
     """Of each reading (m, 3) in ln mm its factor (m,) and how far out it lies (m,), in robust deviations."""
-    offset = np.nan_to_num(logs - against.centre)  # (m, 3); what is unknown is not suspect
-    deviation = np.nan_to_num(against.deviation, nan=np.inf)
-    suspect = np.abs(offset) > np.maximum(DEVIATIONS * deviation, np.log(LEAST_FACTOR))
+    known = ~np.isnan(logs) & ~np.isnan(against.centre)  # (m, 3); what the class does not state is not suspect
+    offset = np.where(known, logs - against.centre, 0.0)
+    deviation = np.nan_to_num(against.deviation, nan=1.0)
+    out = np.abs(offset) / deviation
     units = np.log(np.array([*FACTORS, *(1 / factor for factor in FACTORS)]))
-    apart = np.abs(offset[:, :, None] - units)  # (m, 3, f)
-    misfit = apart.min(axis=2) / np.maximum(MENDED_DEVIATIONS * deviation, MENDED)  # (m, 3), up to 1 is a unit's factor
-    misfit = np.where(suspect & (misfit <= 1), misfit, np.inf)
+    mended = np.maximum(MENDED_DEVIATIONS * deviation, MENDED)[:, None]
+    fits = np.abs(offset[:, :, None] - units) <= mended  # (m, 3, f)
+    misfit = (np.abs(offset[:, :, None] - units) * known[:, :, None]).sum(axis=1)  # (m, f)
+
+    suspect = (out > DEVIATIONS) & (np.abs(offset) > np.log(LEAST_FACTOR))
+    whole = ((fits & suspect[:, :, None]) | ~known[:, :, None]).all(axis=1)  # (m, f)
+    several = known.sum(axis=1) >= 2
+    decimal = np.array([round(float(np.exp(abs(unit))), 6) in DECIMALS for unit in units])  # (f,)
+    whole &= several[:, None] | (decimal & (out.max(axis=1) > ALONE_DEVIATIONS)[:, None])
+    whole &= known.any(axis=1)[:, None]
+
+    within: NDArray[np.intp] = (out <= OTHERS_DEVIATIONS).sum(axis=1)  # an axis that is not stated lies at 0
+    others: NDArray[np.bool_] = np.asarray((within == 2) & several)
+    alone = (out > ALONE_DEVIATIONS) & others[:, None]
+    single = (fits & alone[:, :, None]).any(axis=1) & decimal  # (m, f)
+
+    explained = np.where(whole | single, misfit, np.inf)
     far = (np.abs(offset) > np.maximum(FAR_DEVIATIONS * deviation, np.log(FAR_FACTOR))).any(axis=1)
-    axis = misfit.argmin(axis=1)  # (m,) the one that a unit explains best
-    rows = np.arange(len(logs))
-    factor = np.exp(units)[apart[rows, axis].argmin(axis=1)]
-    factor = np.where(np.isfinite(misfit[rows, axis]), factor, np.where(far, np.inf, 1.0))
+    factor = np.exp(units)[explained.argmin(axis=1)]
+    factor = np.where(np.isfinite(explained.min(axis=1)), factor, np.where(far, np.inf, 1.0))
     # a reading that puts a size where the class states none explains nothing
     idle = (~np.isnan(logs) & np.isnan(against.centre)).any(axis=1)
-    return factor, np.where(idle, np.inf, np.abs(offset / deviation).max(axis=1))
+    return factor, np.where(idle, np.inf, out.max(axis=1))

@@ -21,6 +21,7 @@ def extents(n: int = 60, spread: float = 0.12) -> np.ndarray:
 def test_a_row_in_another_unit_is_found_with_its_factor(factor, down, row):
     factor = 1 / factor if down else factor
     sizes = extents()
+    sizes[row] = np.exp(reference(sizes).centre)  # the typical one of its class
     sizes[row] *= factor
     found = slipped(sizes, reference(sizes))
     assert found[row] == pytest.approx(factor)
@@ -31,6 +32,12 @@ def test_one_axis_in_another_unit_is_found():
     sizes = extents()
     sizes[5] = [8500.0, 2000.0, 900.0]  # the height has a zero too many
     assert slipped(sizes, reference(sizes))[5] != 1.0
+
+
+def test_a_small_one_of_its_kind_is_no_slip():
+    sizes = extents(spread=0.3)
+    sizes[5] = [900.0, 700.0, 650.0]  # a doll's sofa would be; a child's is not
+    assert slipped(sizes, reference(sizes))[5] == 1.0
 
 
 def test_rows_of_few_numbers_are_read_in_every_way():

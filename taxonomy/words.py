@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Iterator
+from functools import lru_cache
 
 __all__ = ["Phrase", "folded", "noun_phrase", "singulars", "spelling_of"]
 
@@ -39,6 +40,7 @@ _ARTICLES = re.compile(r"^(?:an?|the|his|her|one)\s+", re.IGNORECASE)
 _LEADING_NUMBER = re.compile(r"^\d[\d.,/xX]*\s*(?:(?:cm|mm|m|in|inch|inches|ft|oz|ml|l)\b)?\s+(?=[A-Za-z])")
 
 
+@lru_cache(maxsize=1 << 16)
 def folded(text: str) -> str:
     """Lower case without accents, every separator one space, `CamelCase` apart, American spelling; idempotent."""
     apart = _CAMEL.sub(" ", text)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from metric_tree.commands import main
+from taxonomy.insertions import insertions
 from taxonomy.review import (
     BadDecision,
     Decision,
@@ -151,3 +152,13 @@ def test_a_bad_record_is_one_line_and_writes_nothing(
 def test_shipped_decisions_have_two_readers_each() -> None:
     assert waiting(decisions()) == []
     assert agreement(decisions(), "match").n >= 700
+
+
+def test_shipped_insertions_stand_where_two_readers_put_them() -> None:
+    readings: dict[str, list[str | None]] = {}
+    for found in decisions():
+        if found.what == "insertion":
+            readings.setdefault(found.subject, []).append(found.decision)
+    parents = {insertion.id: insertion.parent for insertion in insertions().values()}
+    assert {subject for subject, read in readings.items() if read.count(parents.get(subject)) < 2} == set()
+    assert set(parents) == set(readings)

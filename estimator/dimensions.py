@@ -16,6 +16,9 @@ from estimator.scene import FloatArray, IntArray
 
 __all__ = ["Dimensions", "Inliers", "dimensions", "inliers", "usual_noise"]
 
+# Up to this many times the noise a thing is a sheet: a book at three metres from a telephone.
+SHEET_NOISES = 8.0
+
 # Extents of more points differ in the third digit and only take time.
 MAX_OBJECT_POINTS = 6000
 
@@ -35,7 +38,7 @@ class Dimensions:
 
     axes : (3, 3) unit rows along length, width and up; low, high : (3,) edges along them; edge_sigma : (2, 3) of the
     low and the high edges, as shares of the extents; eta : (3,); rows : the points it was taken from, as positions in
-    the object's own.
+    the object's own; lowest : the height of the lowest of them.
     """
 
     axes: FloatArray
@@ -44,6 +47,7 @@ class Dimensions:
     edge_sigma: FloatArray
     eta: FloatArray
     rows: IntArray
+    lowest: float
 
     @property
     def extents(self) -> FloatArray:
@@ -71,12 +75,16 @@ def dimensions(found: Inliers, basis: FloatArray, usual_noise: float, robust: bo
     axes = np.vstack([turn @ basis[:2], basis[2]])
     local = np.column_stack([level[:, :2] @ turn.T, level[:, 2]])
     low, high = edges(local, found.noise)
+    # a sheet is all face: there the noise of others is the better guess where its own is not known
+    sheet = (high - low < SHEET_NOISES * usual_noise) & (found.noise < usual_noise)
+    low, high = edges(local, np.where(sheet, usual_noise, found.noise))
     # length is the longer side
     if high[0] - low[0] < high[1] - low[1]:
         order = [1, 0, 2]
         axes, local, low, high = axes[order], local[:, order], low[order], high[order]
+    lowest = local.min(axis=0)
     sigma = extent_sigma(local, high - low, found.noise or usual_noise)
-    return Dimensions(axes, low, high, sigma, eta(local, local.min(axis=0), local.max(axis=0)), found.rows)
+    return Dimensions(axes, low, high, sigma, eta(local, lowest, local.max(axis=0)), found.rows, lowest[2])
 
 
 def usual_noise(found: Iterable[Inliers]) -> float:

@@ -46,10 +46,12 @@ SAMPLING_SIGMA = 0.25
 # ... and that few points cannot tell a stray from an edge: share / n. In made rooms 20 points are off by a sixth, 100
 # by a fifteenth.
 STRAY_SIGMA = 3.0
+# ... and that a fading edge is placed half a fade beyond its outer quantile, and is off by about as much.
+FADE_SIGMA = 0.6
 
 
-def edges(points: FloatArray, noise: float = 0.0) -> tuple[FloatArray, FloatArray]:
-    """Lower and upper edge (d,) of points (n, d) along each column; `noise` as from `surface_noise`.
+def edges(points: FloatArray, noise: float | FloatArray = 0.0) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper edge (d,) of points (n, d) along each column; `noise` of the surface, one for all or (d,).
 
     Equation: edge = q(t) - (q(3 t) - q(t)) / 2 + 0.7 noise - extent / (2 n) at the lower end, the mirror image at the
     upper one, with t = 1.5 %; the noise term never takes more than the face itself.
@@ -69,9 +71,9 @@ def edges(points: FloatArray, noise: float = 0.0) -> tuple[FloatArray, FloatArra
 def extent_sigma(points: FloatArray, extents: FloatArray, noise: float) -> FloatArray:
     """(2, d) standard deviation of the lower and of the upper edge of points (n, d), as shares of the extents (d,).
 
-    Equation: sigma^2 = 0.015^2 + 0.25^2 / n + (3 / n)^2 + (noise / extent)^2 / 2 + (fade / extent)^2 for an edge, fade
-    the distance between its q(t) and q(3 t): a face has none, leaves of a plant much. The log extent's is the root of
-    the sum of both squares.
+    Equation: sigma^2 = 0.015^2 + 0.25^2 / n + (3 / n)^2 + (noise / extent)^2 / 2 + (0.6 fade / extent)^2 for an edge,
+    fade the distance between its q(t) and q(3 t): a face has none, leaves of a plant much. The log extent's is the root
+    of the sum of both squares.
     """
     safe = np.maximum(extents, np.finfo(float).tiny)
     thin = points[:: max(1, -(-len(points) // MAX_POINTS))]
@@ -79,7 +81,7 @@ def extent_sigma(points: FloatArray, extents: FloatArray, noise: float) -> Float
     fade = np.stack([quantiles[1] - quantiles[0], quantiles[3] - quantiles[2]])
     count = max(len(points), 1)
     common = RULE_SIGMA**2 + SAMPLING_SIGMA**2 / count + (STRAY_SIGMA / count) ** 2 + (noise / safe) ** 2 / 2
-    return np.asarray(np.sqrt(common + (fade / safe) ** 2))
+    return np.asarray(np.sqrt(common + (FADE_SIGMA * fade / safe) ** 2))
 
 
 def surface_noise(points: FloatArray) -> float:

@@ -17,7 +17,7 @@ from estimator.objects import Box, MeasuredObject
 from estimator.planes import SupportPlane, level_basis, refined_up, support_planes
 from estimator.scene import FloatArray, Instance, IntArray, Scene
 from estimator.standing import stands
-from estimator.support import Foot, Ground, foot_on, ground_of, level_below
+from estimator.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.truncation import Outline, Sides, Surroundings, outline, seen_sides
 from estimator.upright import Up, camera_up
 
@@ -220,7 +220,10 @@ def _foot(box: Dimensions, sides: Sides, ground: Ground | None, basis: FloatArra
     level = level_below(ground, corners @ box.axes[:2] @ basis[:2].T, box.low, box.high, standing)
     reach = np.nan
     if level is not None and box.low[2] > level.height:
-        reach = sides.beyond[2, 0] * box.extents[2] / (box.low[2] - level.height)
+        gap = float(box.low[2] - level.height)
+        # the masks, or the few outermost points that the extent rule cut off
+        told, own = sides.beyond[2, 0] * box.extents[2] / gap, (box.low[2] - box.lowest) / gap
+        reach = own if own > REACH_SHARE else told
     return foot_on(level, box.low, box.high, ground.bin, standing, float(reach))
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from estimator.planes import SupportPlane, floor_of, height_bin, thinned
 from estimator.scene import FloatArray
 
-__all__ = ["Foot", "Ground", "Level", "foot_on", "ground_of", "level_below"]
+__all__ = ["REACH_SHARE", "Foot", "Ground", "Level", "foot_on", "ground_of", "level_below"]
 
 # The cloud is looked at around the footprint, out to this share of its mean side: closer in it is hidden by the object.
 RING_SHARE = 0.6
@@ -141,8 +141,8 @@ def foot_on(
     """The foot of an object above a level.
 
     low, high : (3,) extents along length, width, up; roughness : of the cloud, scene units; stands : whether its
-    category stands on the floor, None unknown; reach : how far its masks go down to the level, 0 where they end with
-    the points, 1 where they end at it, NaN where no mask tells.
+    category stands on the floor, None unknown; reach : how far its masks, or stray points of its
+    own, go down to the level: 0 where they end with the extent, 1 where they end at it, NaN where none tells.
     """
     bottom, height = float(low[2]), float(high[2] - low[2])
     slab = _is_slab(low, high, stands)

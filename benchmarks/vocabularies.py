@@ -41,7 +41,7 @@ def main() -> None:
         labels = [label for label in vocabulary("lvis_v1") if label.label in frequent]
         print(row(coverage(tree, "lvis_v1, frequent and common", labels)))
     if arguments.missing:
-        labels = [label for label in vocabulary(arguments.missing) if not label.is_stuff]
+        labels = [label for label in vocabulary(arguments.missing) if label.needs_prior]
         print(", ".join(label.label for label in labels if covered_items(tree, label) is None))
 
 

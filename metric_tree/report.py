@@ -111,8 +111,8 @@ def covered_items(tree: Tree, label: Label) -> int | None:
 
 
 def coverage(tree: Tree, name: str, labels: Iterable[Label] | None = None) -> Coverage:
-    """How much of a label list has a prior; walls, floors and skies need none and are not counted."""
-    needing = [label for label in (vocabulary(name) if labels is None else labels) if not label.is_stuff]
+    """How much of a label list has a prior; walls, floors, skies and void labels need none."""
+    needing = [label for label in (vocabulary(name) if labels is None else labels) if label.needs_prior]
     counts = [count for label in needing if (count := covered_items(tree, label)) is not None]
     return Coverage(name, len(needing), sum(n >= ENOUGH for n in counts), sum(n > 0 for n in counts), len(counts))
 

@@ -14,10 +14,13 @@ from crawler.faults import InputFault
 from taxonomy.levels import table_rows
 from taxonomy.places import taxonomy_directory
 
-__all__ = ["STUFF", "Label", "UnknownLabel", "labelled_node", "vocabularies", "vocabulary"]
+__all__ = ["STUFF", "VOID", "Label", "UnknownLabel", "labelled_node", "vocabularies", "vocabulary"]
 
 #: Reason of labels that have no size of their own (walls, floors, skies), so that they need no prior.
 STUFF = "stuff"
+
+#: Begins the reason of labels that stand for no thing at all (noise, the camera's own car, everything else).
+VOID = "void"
 
 _FOLDER = "vocabularies"
 _COLUMNS = ("list", "label", "node_id", "reason")
@@ -39,9 +42,9 @@ class Label:
     reason: str
 
     @property
-    def is_stuff(self) -> bool:
-        """Whether it needs no prior."""
-        return self.reason == STUFF
+    def needs_prior(self) -> bool:
+        """Whether it names a thing: stuff and void labels do not."""
+        return self.reason != STUFF and not self.reason.startswith(VOID)
 
 
 def vocabularies(directory: Path | None = None) -> tuple[str, ...]:

@@ -42,10 +42,15 @@ def test_a_label_is_read_as_its_list_means_it(list_name, label, node_id):
 
 def test_stuff_needs_no_prior():
     sky = next(label for label in vocabulary("ade20k_150") if label.label == "sky")
-    assert sky.is_stuff
+    assert not sky.needs_prior
     assert sky.reason == STUFF
     with pytest.raises(UnknownLabel, match="has no size of its own: stuff"):
         labelled_node("sky", "ade20k_150")
+
+
+def test_void_labels_name_no_thing():
+    assert [label.label for label in vocabulary("kitti_8") if not label.needs_prior] == ["Misc"]
+    assert [x.label for x in vocabulary("nuscenes_32") if x.needs_prior and x.node_id is None] == []
 
 
 def test_unknown_names_are_named():

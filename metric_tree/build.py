@@ -129,7 +129,7 @@ def built(
     declared = {source.id: source for source in sources()} if declared is None else declared
     own = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
-    with WorkFolder.opened(log / "work", fingerprint(files, repr((options, sorted(declared), own)))) as work:
+    with WorkFolder.opened(log / "work", fingerprint(files, repr((options, sorted(declared.items()), own)))) as work:
         steps = Steps(options, taxonomy, declared, executor or Here(), progress, work)
         counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()

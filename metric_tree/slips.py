@@ -113,9 +113,8 @@ def _factors(logs: FloatArray, against: Reference) -> tuple[FloatArray, FloatArr
     whole &= several[:, None] | (decimal & (out.max(axis=1) > ALONE_DEVIATIONS)[:, None])
     whole &= known.any(axis=1)[:, None]
 
-    within: NDArray[np.intp] = (out <= OTHERS_DEVIATIONS).sum(axis=1)  # an axis that is not stated lies at 0
-    others: NDArray[np.bool_] = np.asarray((within == 2) & several)
-    alone = (out > ALONE_DEVIATIONS) & others[:, None]
+    within = (out <= OTHERS_DEVIATIONS).sum(axis=1, keepdims=True)  # an axis that is not stated lies at 0
+    alone: NDArray[np.bool_] = np.asarray((out > ALONE_DEVIATIONS) & (within == 2) & several[:, None])
     single = (fits & alone[:, :, None]).any(axis=1) & decimal  # (m, f)
 
     explained = np.where(whole | single, misfit, np.inf)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 from crawler.faults import InputFault
+from taxonomy.places import taxonomy_directory
 
 __all__ = ["Here", "WorkFolder", "fingerprint"]
 
@@ -87,9 +88,12 @@ class WorkFolder:
 
 
 def fingerprint(files: Iterable[Path], options: str) -> str:
-    """SHA-256 over the files' bytes, the options and this package's code."""
+    """SHA-256 over the files' bytes, the options, the code of the packages and the tables of the taxonomy."""
+    house = Path(__file__).parent.parent
+    code = (path for package in ("crawler", "taxonomy", "metric_tree") for path in (house / package).rglob("*.py"))
+    tables = (path for path in taxonomy_directory().rglob("*") if path.is_file())
     digest = hashlib.sha256(options.encode())
-    for path in [*sorted(Path(__file__).parent.glob("*.py")), *files]:
+    for path in [*sorted(code), *sorted(tables), *files]:
         with path.open("rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()

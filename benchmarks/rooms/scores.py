@@ -107,10 +107,12 @@ def height_error(scale: float, heights: Sequence[float], tracks: Sequence[str | 
     return float(np.mean(errors)) if errors else None
 
 
-def association_score(instances: Sequence[Instance], tracks: Sequence[Track]) -> AssociationScore:
-    """Found tracks against the true ones, over the masks that any track holds."""
+def association_score(
+    instances: Sequence[Instance], tracks: Sequence[Track], among: Sequence[bool] | None = None
+) -> AssociationScore:
+    """Found tracks against the true ones, over the masks that any track holds, or over those of them that are `among`."""
     found = {row: number for number, track in enumerate(tracks) for row in track.members}
-    rows = sorted(found)
+    rows = sorted(row for row in found if among is None or among[row])
     true = [str(instances[row].track) for row in rows]
     pairs = {(name, found[row]) for name, row in zip(true, rows, strict=True)}
     per_object, per_track = Counter(name for name, _ in pairs), Counter(number for _, number in pairs)

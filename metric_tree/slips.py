@@ -108,13 +108,13 @@ def _factors(logs: FloatArray, against: Reference) -> tuple[FloatArray, FloatArr
 
     suspect = (out > DEVIATIONS) & (np.abs(offset) > np.log(LEAST_FACTOR))
     whole = ((fits & suspect[:, :, None]) | ~known[:, :, None]).all(axis=1)  # (m, f)
-    several = known.sum(axis=1) >= 2
+    several = known.sum(axis=1, keepdims=True) >= 2
     decimal = np.array([round(float(np.exp(abs(unit))), 6) in DECIMALS for unit in units])  # (f,)
-    whole &= several[:, None] | (decimal & (out.max(axis=1) > ALONE_DEVIATIONS)[:, None])
+    whole &= several | (decimal & (out.max(axis=1, keepdims=True) > ALONE_DEVIATIONS))
     whole &= known.any(axis=1)[:, None]
 
     within = (out <= OTHERS_DEVIATIONS).sum(axis=1, keepdims=True)  # an axis that is not stated lies at 0
-    alone: NDArray[np.bool_] = np.asarray((out > ALONE_DEVIATIONS) & (within == 2) & several[:, None])
+    alone: NDArray[np.bool_] = np.asarray((out > ALONE_DEVIATIONS) & (within == 2) & several)
     single = (fits & alone[:, :, None]).any(axis=1) & decimal  # (m, f)
 
     explained = np.where(whole | single, misfit, np.inf)

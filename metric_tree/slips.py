@@ -111,7 +111,7 @@ def _factors(logs: FloatArray, against: Reference) -> tuple[FloatArray, FloatArr
     several = known.sum(axis=1, keepdims=True) >= 2
     decimal = np.array([round(float(np.exp(abs(unit))), 6) in DECIMALS for unit in units])  # (f,)
     whole &= several | (decimal & (out.max(axis=1, keepdims=True) > ALONE_DEVIATIONS))
-    whole &= known.any(axis=1)[:, None]
+    whole &= known.any(axis=1, keepdims=True)
 
     within = (out <= OTHERS_DEVIATIONS).sum(axis=1, keepdims=True)  # an axis that is not stated lies at 0
     alone: NDArray[np.bool_] = np.asarray((out > ALONE_DEVIATIONS) & (within == 2) & several)

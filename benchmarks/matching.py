@@ -1,9 +1,9 @@
 """Precision and coverage of the matcher on hand-labelled strings, on both halves; how often each rule is right.
 
-    python benchmarks/matching.py                 # both halves
-    python benchmarks/matching.py --calibrate     # write data/taxonomy/reliability.json from the development half
-    python benchmarks/matching.py --speed         # distinct strings per second
-    python benchmarks/matching.py --development    # the wrong and the missed of the development half
+    python -m benchmarks.matching                 # both halves
+    python -m benchmarks.matching --calibrate     # write data/taxonomy/reliability.json from the development half
+    python -m benchmarks.matching --speed         # distinct strings per second
+    python -m benchmarks.matching --development    # the wrong and the missed of the development half
 
 A string is *covered* when it is matched above the threshold, and counts towards coverage when its label names a
 category. A match is *right* when it is one of the label's categories; a label that also allows `none` says that a

@@ -63,7 +63,7 @@ def reliabilities(counts: Mapping[str, tuple[int, int]]) -> dict[str, float]:
 
 
 def measured_reliability(path: Path | None = None) -> Mapping[str, float]:
-    """Share of right matches by rule, as `benchmarks/matching.py --calibrate` wrote it; empty before that."""
+    """Share of right matches by rule, as `python -m benchmarks.matching --calibrate` wrote it; empty before that."""
     file = path or taxonomy_directory() / _FILE
     if not file.is_file():
         return {}

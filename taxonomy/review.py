@@ -146,7 +146,7 @@ def disagreements(found: Iterable[Decision]) -> list[tuple[Decision, Decision]]:
 
 
 def agreement(found: Iterable[Decision], what: What | None = None) -> Agreement:
-    """Cohen's kappa of first and second blind readings: (p_o - p_e) / (1 - p_e), with p_e from each one's own shares."""
+    """Cohen's kappa of first and second blind readings: (p_o - p_e) / (1 - p_e), p_e from each reader's own shares."""
     by_subject = _by_subject(d for d in found if d.blind and what in (None, d.what))
     pairs = [list(r.values())[:_READERS] for r in by_subject.values() if len(r) >= _READERS]
     if not pairs:

@@ -105,13 +105,15 @@ def _record(arguments: argparse.Namespace) -> None:
     from taxonomy.lexicon import default_lexicon
     from taxonomy.places import taxonomy_directory
     from taxonomy.review import NONE, BadDecision, Decision, recorded
+    from taxonomy.words import folded
 
     concept = None if arguments.decision == NONE else arguments.decision
     if concept is not None and not default_lexicon().knows(concept):
         raise BadDecision(f"decision: expected a WordNet 3.0 synset, an mt: id or {NONE}; found {concept!r}")
+    source, separator, words = arguments.subject.partition(": ")
     decision = Decision(
         what=arguments.what,
-        subject=arguments.subject,
+        subject=f"{source}: {folded(words)}" if separator else arguments.subject,
         decision=concept,
         reader=arguments.reader,
         when=datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ"),

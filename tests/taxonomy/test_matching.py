@@ -16,6 +16,7 @@ from taxonomy.places import taxonomy_directory
 from taxonomy.readings import BadReading, Reading, default_readings, readings
 from taxonomy.review import Decision, decisions
 from taxonomy.wordnet import WordNet
+from taxonomy.words import folded
 
 INSERTED = {
     "mt:office_chair": Insertion(
@@ -228,6 +229,13 @@ def test_shipped_decisions_name_known_concepts(wordnet: WordNet) -> None:
     lexicon = Lexicon(wordnet, insertions())
     unknown = {d.decision for d in decisions() if d.decision and not lexicon.knows(d.decision)}
     assert unknown == set()
+    unfolded = {
+        d.subject
+        for d in decisions()
+        for words in d.subject.partition(": ")[2].split(" > ")
+        if d.what == "match" and words != folded(words)
+    }
+    assert unfolded == set()
     sources = {d.subject.partition(": ")[0] for d in decisions() if d.what == "match"}
     assert sources <= {"*", *default_readings()}
 

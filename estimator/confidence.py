@@ -21,17 +21,16 @@ def eta(points: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     rho_tail) / rho_g. A layer without points has density 0. Points outside the box, which the extent rule cut off, are
     left out.
     """
-    index = np.floor((points - low) / np.maximum(high - low, np.finfo(float).tiny) * GRID).astype(np.int64)
-    # the upper face belongs to the last cell
-    index = np.where((points == high) & (index == GRID), GRID - 1, index)
-    inside = ((index >= 0) & (index < GRID)).all(axis=1)
-    flat = (index[inside, 0] * GRID + index[inside, 1]) * GRID + index[inside, 2]
-    counts: IntArray = np.bincount(flat, minlength=GRID**3).reshape(GRID, GRID, GRID)
+    # (3, n) cells; the upper face belongs to the last one
+    index = ((points - low) * (GRID / np.maximum(high - low, np.finfo(float).tiny))).T
+    inside = ((index >= 0) & (index <= GRID)).all(axis=0)
+    x, y, z = np.minimum((index if inside.all() else index[:, inside]).astype(np.int64), GRID - 1)
+    counts: IntArray = np.bincount((x * GRID + y) * GRID + z, minlength=GRID**3).reshape(GRID, GRID, GRID)
     overall = _density(counts)
     if overall == 0:
         return np.zeros(3)
-    ends = [(np.moveaxis(counts, axis, 0)[0], np.moveaxis(counts, axis, 0)[-1]) for axis in range(3)]
-    return np.array([np.sqrt(_density(head) * _density(tail)) / overall for head, tail in ends])
+    ends = ((counts[0], counts[-1]), (counts[:, 0], counts[:, -1]), (counts[:, :, 0], counts[:, :, -1]))
+    return np.array([(_density(head) * _density(tail)) ** 0.5 / overall for head, tail in ends])
 
 
 def _density(counts: IntArray) -> float:

@@ -77,7 +77,8 @@ def dimensions(found: Inliers, basis: FloatArray, usual_noise: float, robust: bo
     low, high = edges(local, found.noise)
     # a sheet is all face: there the noise of others is the better guess where its own is not known
     sheet = (high - low < SHEET_NOISES * usual_noise) & (found.noise < usual_noise)
-    low, high = edges(local, np.where(sheet, usual_noise, found.noise))
+    if sheet.any():
+        low, high = edges(local, np.where(sheet, usual_noise, found.noise))
     # length is the longer side
     if high[0] - low[0] < high[1] - low[1]:
         order = [1, 0, 2]

@@ -126,9 +126,12 @@ def surface_cells(points: FloatArray, per_cell: int, most: int) -> tuple[IntArra
     longest = float(sides.max())
     cell = max(float(np.sqrt(surface * per_cell / len(points))), longest / most)
     reach = 0.5 * longest
-    inside = ((points >= low - reach) & (points <= high + reach)).all(axis=1)
-    index = np.floor((points - (low - reach)) / cell)
-    return np.where(inside[:, None], index, 0).astype(np.int64), inside
+    # column by column: a test along rows of three is five times as slow
+    columns = [(column - start) / cell for column, start in zip(points.T, low - reach, strict=True)]
+    ends = (high - low + 2 * reach) / cell
+    inside = np.logical_and.reduce([(column >= 0) & (column <= end) for column, end in zip(columns, ends, strict=True)])
+    index = np.stack(columns, axis=1)
+    return (index if inside.all() else np.where(inside[:, None], index, 0)).astype(np.int64), inside
 
 
 def _quantiles(points: FloatArray, shares: FloatArray) -> FloatArray:

@@ -14,9 +14,9 @@ from estimator.scene import FloatArray
 
 __all__ = ["footprint_axes", "smallest_rectangle_axes"]
 
-COARSE_DEG, FINE_DEG = 6.0, 1.5
+COARSE_DEG, FINE_DEG = 7.5, 1.5
 # Points that decide the direction; one degree needs no more.
-MAX_POINTS = 250
+MAX_POINTS = 200
 # Shares cut off on either side while the direction is sought.
 TRIM = 0.02
 # Weight of closeness against log area: a rectangle whose points lie a tenth of its size further inside must be an

@@ -43,8 +43,9 @@ def neighbour_inliers(points: FloatArray) -> BoolArray:
     if len(points) < MIN_POINTS:
         return np.ones(len(points), dtype=bool)
     cells, inside = surface_cells(points, POINTS_PER_CELL, MAX_CELLS)
-    shape = tuple(cells[inside].max(axis=0) + 1)
-    flat: IntArray = np.ravel_multi_index(tuple(cells[inside].T), shape)
+    placed = cells if inside.all() else cells[inside]
+    shape = tuple(placed.max(axis=0) + 1)
+    flat: IntArray = (placed[:, 0] * shape[1] + placed[:, 1]) * shape[2] + placed[:, 2]
     counts = np.bincount(flat, minlength=int(np.prod(shape))).reshape(shape).astype(np.float32)
     around = uniform_filter(counts, 3, mode="constant").ravel()[flat] * 27
     kept = inside.copy()

@@ -2,9 +2,9 @@
 
     python -m benchmarks.posterior [--tree REF]
 
-Objects are those of `benchmarks.simulation` (20 % with a cut side, 5 % with a wrong label) and, beside them, whole ones;
-what is timed is `estimator.posterior.posterior` from measured objects and priors to scale, modes, interval and
-weights. The best of the runs is what the machine can do, the median what it did with its other work.
+Objects are those of `benchmarks.simulation` (5 % with a wrong label), whole or with a side cut in one of five. Timed is
+`estimator.posterior.posterior`, from measured objects and priors to scale, modes, interval and weights. The best of the
+runs is what the machine can do, the median what it did beside its other work.
 """
 
 from __future__ import annotations

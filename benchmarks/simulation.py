@@ -259,8 +259,8 @@ def _row(knobs: Knobs, name: str, values: FloatArray) -> dict[str, object]:
 
 def _line(row: dict[str, object]) -> str:
     return (
-        f"{row['objects']:>7} {row['noise']:>6.0%} {row['cut']:>5.0%} {row['wrong']:>6.0%} {row['off']:>5.0%} {row['copies']!s:>6}  "
-        f"{row['method']:<8} {row['median']:>7.1%} {row['mean']:>7.1%} {row['p90']:>7.1%} "
+        f"{row['objects']:>7} {row['noise']:>6.0%} {row['cut']:>5.0%} {row['wrong']:>6.0%} {row['off']:>5.0%} "
+        f"{row['copies']!s:>6}  {row['method']:<8} {row['median']:>7.1%} {row['mean']:>7.1%} {row['p90']:>7.1%} "
         f"{row['coverage']:>6.0%} {row['refused']:>7.0%}"
     )
 

@@ -27,6 +27,13 @@ LOG_BOX = math.log(50.0)
 #: components agree within its noise, and dropping the side refuses thrice as many scenes of three objects.
 SHIFTS = ((0.5, 0.10, 0.10), (0.5, 0.75, 0.50))
 
+#: Of a dimension that is neither cut nor flagged: the probability that it is grossly wrong all the same (points of the
+#: thing behind, a part that was not reconstructed, a thing that leans), and its error then, one standard deviation of
+#: ln(true / measured): a third. At most one dimension of an object; two make it an outlier.
+#: In `benchmarks/simulation.py` with 20 % of dimensions off by up to a half it brings the 90th percentile of the error
+#: from 8.7 to 7.6 % and the coverage from 85 to 88 %, and costs nothing where none is.
+GROSS, GROSS_SD = 0.1, 0.4
+
 #: Probability that each axis of the prior (length, width, height) is the vertical one, by the node's ordinary pose.
 #: `flat`: one such thing in five stands on an edge (a book in a row, a phone on its stand); `any`: no pose is usual.
 VERTICAL = {"upright": (0.0, 0.0, 1.0), "flat": (0.1, 0.1, 0.8), "any": (1 / 3, 1 / 3, 1 / 3)}
@@ -60,7 +67,8 @@ class Variants:
 
     measured : (v, 3) row of the measured extent that stands on each axis of the prior; active : (v, 3) bool, the axis
     has both a prior and a measurement; shift, variance : (v, 3) mean and variance of ln(true / measured) from a cut;
-    log_weight : (v,), plus ln(LOG_BOX) for every active axis, so that ways of unlike dimension compare.
+    log_weight : (v,), plus ln(LOG_BOX) for every active axis, so that ways of unlike dimension compare; gross : (v,)
+    bool, a dimension is taken to be grossly wrong.
     """
 
     measured: IntArray
@@ -68,6 +76,7 @@ class Variants:
     shift: FloatArray
     variance: FloatArray
     log_weight: FloatArray
+    gross: BoolArray
 
 
 @lru_cache(maxsize=1024)
@@ -78,22 +87,23 @@ def variants(layout: Layout) -> Variants:
     density, so that the outlier itself has weight one whatever was measured.
     """
     rows = [
-        (order, active, cut, math.log(weight))
+        (order, active, errors, math.log(weight), gross)
         for order, weight in _orders(layout)
         for active in [tuple(layout.modelled[axis] and not layout.missing[order[axis]] for axis in range(3))]
-        for cut in _cuts(tuple(layout.truncated[order[axis]] and active[axis] for axis in range(3)))
+        for errors, gross in _errors(active, tuple(layout.truncated[order[axis]] for axis in range(3)))
         if any(active)
     ]
-    shifts = np.array([[part[1:] for part in cut] for _, _, cut, _ in rows]).reshape(len(rows), 3, 2)
-    active_axes = np.array([active for _, active, _, _ in rows], dtype=bool).reshape(len(rows), 3)
-    log_cut = np.array([sum(math.log(part[0]) for part in cut) for _, _, cut, _ in rows])
-    log_order = np.array([log_weight for *_, log_weight in rows])
+    shape = (len(rows), 3)
+    errors = np.array([errors for _, _, errors, _, _ in rows]).reshape(*shape, 3)  # weight, mean, sd by axis
+    active_axes = np.array([active for _, active, *_ in rows], dtype=bool).reshape(shape)
+    log_order = np.array([log_weight for *_, log_weight, _ in rows])
     return Variants(
-        measured=np.array([order for order, *_ in rows], dtype=np.int64).reshape(len(rows), 3),
+        measured=np.array([order for order, *_ in rows], dtype=np.int64).reshape(shape),
         active=active_axes,
-        shift=shifts[:, :, 0],
-        variance=shifts[:, :, 1] ** 2,
-        log_weight=log_order + log_cut + math.log(LOG_BOX) * active_axes.sum(axis=1),
+        shift=errors[:, :, 1],
+        variance=errors[:, :, 2] ** 2,
+        log_weight=log_order + np.log(errors[:, :, 0]).sum(axis=1) + math.log(LOG_BOX) * active_axes.sum(axis=1),
+        gross=np.array([gross for *_, gross in rows], dtype=bool),
     )
 
 
@@ -131,6 +141,23 @@ def _standing_orders(layout: Layout) -> list[tuple[tuple[int, ...], float]]:
     return orders
 
 
-def _cuts(cut: tuple[bool, ...]) -> list[tuple[tuple[float, float, float], ...]]:
-    """Every combination of (weight, shift, standard deviation) over the three axes."""
-    return list(product(*(SHIFTS if is_cut else ((1.0, 0.0, 0.0),) for is_cut in cut)))
+def _errors(
+    active: tuple[bool, ...], cut: tuple[bool, ...]
+) -> list[tuple[tuple[tuple[float, float, float], ...], bool]]:
+    """Every combination of (weight, shift, standard deviation) over the three axes, and whether one is grossly wrong.
+
+    A gross error needs another dimension to show it, and a cut side has its own wide component.
+    """
+    none, cuts = (1.0, 0.0, 0.0), [on and is_cut for on, is_cut in zip(active, cut, strict=True)]
+    suspects = [axis for axis in range(3) if active[axis] and not cuts[axis]] if sum(active) > 1 and GROSS > 0 else []
+    combinations = list(product(*(SHIFTS if is_cut else (none,) for is_cut in cuts)))
+    if not suspects:
+        return [(errors, False) for errors in combinations]
+    found = []
+    for errors in combinations:
+        for wrong in (None, *suspects):
+            weight = 1 - len(suspects) * GROSS if wrong is None else GROSS
+            axis = suspects[0] if wrong is None else wrong
+            changed = (weight, 0.0, 0.0 if wrong is None else GROSS_SD)
+            found.append(((*errors[:axis], changed, *errors[axis + 1 :]), wrong is not None))
+    return found

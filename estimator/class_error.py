@@ -13,6 +13,9 @@ q = U z with z ~ N(0, I) and U U' = B - s^2 1 1', an error of the proportions (t
 The integral over u' is a sum on the class's own grid; the expectation over z is a cubature of seven nodes
 (degree 5), centred and scaled for every u' where Gaussian stand-ins of the objects put the mass. A class with a
 single object needs none of this: B is added to its components' covariances.
+
+Against a tensor rule of 16^3 nodes (`tests/estimator/test_posterior.py`) the mean of L_c is off by less than 0.03 of its
+standard deviation and that by less than 1 %; with an outlier among the objects, by 0.06 and 3 %.
 """
 
 from __future__ import annotations
@@ -146,16 +149,21 @@ def convolved(
 
     Returns
     -------
-    (c, g) and (c, g, h). Beyond its ends a function goes on as its end values, which is what the outliers' floor does.
+    (c, g) and (c, g, h) of peak one, in single precision: 1e-38 of a peak is nothing. Beyond its ends a
+    function goes on as its end values, which is what the outliers' floor does.
     """
     inverse = 1 / along_sd[:, None]
+    shrunk = inverse / math.sqrt(2)
+    kernel = (u * shrunk).astype(np.float32)[:, :, None] - (own * shrunk).astype(np.float32)[:, None, :]
+    np.square(kernel, out=kernel)
+    np.negative(kernel, out=kernel)
+    np.exp(kernel, out=kernel)
     step = (own[:, 1] - own[:, 0])[:, None]
-    scaled_u, scaled_own = (u * inverse).astype(np.float32), (own * inverse).astype(np.float32)
-    off = scaled_u[:, :, None] - scaled_own[:, None, :]
-    kernel = np.exp(-0.5 * off * off) * (step * inverse / math.sqrt(2 * math.pi)).astype(np.float32)[:, :, None]
-    kernel[:, :, [0, -1]] *= 0.5  # trapezoids: the ends' other halves belong to the tails
+    weighted = values * (step * inverse / math.sqrt(2 * math.pi))
+    weighted[:, [0, -1]] *= 0.5  # trapezoids: the ends' other halves belong to the tails
+    inside = (kernel @ weighted.astype(np.float32)[:, :, None])[:, :, 0]
     left, right = _below((own[:, :1] - u) * inverse), _below((u - own[:, -1:]) * inverse)
-    return (kernel @ values[:, :, None])[:, :, 0] + left * values[:, :1] + right * values[:, -1:], kernel
+    return inside + left * values[:, :1] + right * values[:, -1:], kernel
 
 
 def _below(z: FloatArray) -> FloatArray:

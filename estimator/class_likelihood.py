@@ -33,7 +33,7 @@ class ClassTerms:
 
     outlier : (n, j, h) probability of being an outlier at each node and point of the own grid (j = 1 and h = g for
     lone objects); class_of : (n,) row of its class. Of classes with a shared error: log_node : (c, j, h) log mass of
-    each node at u'; kernel : (c, g, h) density of u under u'.
+    each node at u'; kernel : (c, g, h) density of u under u' over its peak.
     """
 
     classes: IntArray
@@ -51,10 +51,11 @@ class ClassTerms:
         relative = np.maximum(self.log_likelihood - self.log_likelihood.max(axis=1, keepdims=True), -600)
         others = np.where(mass > 1e-12 * mass.max(), mass / np.exp(relative), 0.0)  # (c, g)
         others /= others.max(axis=1, keepdims=True)
-        at_own = (others[:, None, :] @ self.kernel)[:, 0]  # (c, h)
+        at_own = (others.astype(np.float32)[:, None, :] @ self.kernel)[:, 0]  # (c, h)
         joint = np.exp(self.log_node - self.log_node.max(axis=(1, 2), keepdims=True)) * at_own[:, None, :]
         joint /= joint.sum(axis=(1, 2), keepdims=True)
-        return np.asarray(1 - np.einsum("njh,njh->n", self.outlier, joint[self.class_of]))
+        joint = joint.astype(np.float32)[self.class_of]
+        return np.asarray(1 - (self.outlier * joint).sum(axis=(1, 2)), dtype=float)
 
 
 def single_classes(components: Rows, group: IntArray, u: FloatArray) -> ClassTerms:

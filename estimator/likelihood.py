@@ -38,6 +38,9 @@ SCORE_SLOPE = 0.5
 #: Rows under this part of their object's highest peak change the posterior by less than the grid does.
 NEGLIGIBLE = 1e-4
 
+#: Rows of a gross error matter where the plain ones fit badly; under this part of the highest peak they are dropped.
+GROSS_NEGLIGIBLE = 0.1
+
 #: Horizontal sides nearer than this many standard deviations of their difference may have changed places.
 SURE_ORDER_SD = 3.0
 
@@ -82,10 +85,10 @@ class Rows:
         owner = place[self.object]
         return self._kept(owner >= 0, owner, self.log_floor[objects])
 
-    def pruned(self) -> Rows:
-        """Without the rows that are negligible beside their object's highest."""
+    def pruned(self, log_negligible: FloatArray) -> Rows:
+        """Without the rows whose peak is under a part of their object's highest, (m,) natural log."""
         highest = np.maximum.reduceat(self.line_log_peak, self.start)  # (n,)
-        keep = self.line_log_peak > highest[self.object] + math.log(NEGLIGIBLE)
+        keep = self.line_log_peak >= highest[self.object] + log_negligible
         return self._kept(keep, self.object, self.log_floor)
 
     def _kept(self, keep: BoolArray, owner: IntArray, log_floor: FloatArray) -> Rows:
@@ -157,6 +160,7 @@ class _Table:
     log_weight: FloatArray  # (r,)
     measured: IntArray  # (r, 3)
     active: FloatArray  # (r, 3) 1 or 0
+    log_negligible: FloatArray  # (r,) part of the highest peak under which a row is dropped
 
 
 def _layout(prior: Prior, pose: str, code: int) -> Layout:
@@ -198,6 +202,7 @@ def _table(prior: Prior, pose: str, code: int) -> _Table:
         log_weight=log_weight.reshape(k * v),
         measured=np.tile(ways.measured, (k, 1)),
         active=np.tile(active, (k, 1)),
+        log_negligible=np.tile(np.log(np.where(ways.gross, GROSS_NEGLIGIBLE, NEGLIGIBLE)), k),
     )
 
 
@@ -223,7 +228,8 @@ def _flat(
     centre = turned.sum(axis=1) / lam
     peak = log_weight - 0.5 * ((residual * turned).sum(axis=1) - lam * centre**2)
     start = np.cumsum(counts) - counts
-    return Rows(precision, residual, log_weight, owner, start, np.log(outlier), lam, centre, peak).pruned()
+    negligible = np.concatenate([table.log_negligible for table in tables])
+    return Rows(precision, residual, log_weight, owner, start, np.log(outlier), lam, centre, peak).pruned(negligible)
 
 
 def _inverse(matrices: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import permutations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
+from estimator import assignments, likelihood
 from estimator.assignments import LOG_BOX, SHIFTS, VERTICAL, Layout, variants
 from estimator.likelihood import OUTLIER, rows, usable
 from estimator.posterior import object_curves
@@ -20,6 +22,17 @@ from tests.estimator.made_priors import evidence, prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
 NONE = np.zeros((1, 3, 3))
+
+
+@pytest.fixture
+def no_gross_errors(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The plain mixture: dimensions are cut or measured as their sigma says."""
+    monkeypatch.setattr(assignments, "GROSS", 0.0)
+    variants.cache_clear()
+    likelihood._table.cache_clear()
+    yield
+    variants.cache_clear()
+    likelihood._table.cache_clear()
 
 
 def _density(of: Prior, y: FloatArray, u: float, order: tuple[int, ...], sigma: float) -> float:
@@ -32,8 +45,9 @@ def _density(of: Prior, y: FloatArray, u: float, order: tuple[int, ...], sigma: 
     return total * LOG_BOX**3
 
 
+@pytest.mark.usefixtures("no_gross_errors")
 @given(st.floats(-2, 2), st.lists(st.floats(0.4, 2.5), min_size=3, max_size=3), st.floats(0.01, 0.2))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_curve_is_the_mixture_on_the_line(u: float, stretch: list[float], sigma: float) -> None:
     sizes = np.array([0.6, 0.55, 1.0]) * stretch
     sizes[:2] = np.sort(sizes[:2])[::-1]
@@ -45,6 +59,7 @@ def test_curve_is_the_mixture_on_the_line(u: float, stretch: list[float], sigma:
     assert found == pytest.approx(expected, rel=2e-3)
 
 
+@pytest.mark.usefixtures("no_gross_errors")
 def test_free_box_sums_all_orders() -> None:
     sizes = np.array([1.0, 0.6, 0.5])
     item = evidence(CHAIR, sizes, vertical_known=False)
@@ -53,6 +68,7 @@ def test_free_box_sums_all_orders() -> None:
     assert found == pytest.approx((1 - OUTLIER) * total + OUTLIER, rel=2e-3)
 
 
+@pytest.mark.usefixtures("no_gross_errors")
 def test_lying_thing_may_stand() -> None:
     book = prior("book.n.01", [(240, 170, 25)])
     standing = evidence(book, (0.17, 0.025, 0.24), pose="flat")
@@ -84,7 +100,7 @@ def test_cut_side_can_only_be_short() -> None:
     whole = object_curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03)], u)[0]
     cut = object_curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03, cut=(False, False, True))], u)[0]
     assert u[cut.argmax()] == pytest.approx(0.05, abs=0.08)  # length and width are right at scale one
-    assert cut.max() > 20 * whole.max()
+    assert cut.max() > 2 * whole.max()
     tall = object_curves([evidence(CHAIR, (0.56, 0.54, 2.0), sigma=0.03, cut=(False, False, True))], u)[0]
     assert tall.max() < cut.max() / 10
 
@@ -110,6 +126,15 @@ def test_variants_are_a_distribution(pose: str, vertical: bool, missing: list[bo
     assert boxes.sum() == pytest.approx(
         np.exp(plain.log_weight - math.log(LOG_BOX) * plain.active.sum(axis=1)).sum(), rel=1e-9
     )
+
+
+def test_one_gross_error_is_borne() -> None:
+    """A chair whose height is half of what it should be keeps its scale by the other two; two such make an outlier."""
+    u = np.linspace(-1.5, 1.5, 601)
+    one = object_curves([evidence(CHAIR, (0.56, 0.54, 0.48), sigma=0.02)], u)[0]
+    assert abs(u[one.argmax()]) < 0.2  # a joint fit would say 0.4
+    two = object_curves([evidence(CHAIR, (1.4, 0.54, 0.48), sigma=0.02)], u)[0]
+    assert two.max() < one.max() / 5
 
 
 def test_shifts_sum_to_one() -> None:

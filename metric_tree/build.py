@@ -40,6 +40,7 @@ from metric_tree.assembly import (
 from metric_tree.build_report import report
 from metric_tree.clean import Cleaned, NodeClass, class_priors, cleaned
 from metric_tree.disagreement import SharedModel, shared_model
+from metric_tree.images import gathered, picture_files
 from metric_tree.ingest import SHARDS, Block, Ingested, block_of, blocks, ingested, raw_files
 from metric_tree.prior import Prior
 from metric_tree.row_files import RowFiles, sibling_references
@@ -54,6 +55,9 @@ __all__ = ["Build", "Options", "Steps", "built", "shipped_curated", "shipped_tax
 Progress = Callable[[str, int], None]
 
 _R = TypeVar("_R")
+
+#: What the manifest says of priors that were not fitted here.
+CARRIED = "nodes and priors, fitted with sources whose rows are withheld; the rows were made from the raw items"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,6 +109,7 @@ def built(
     taxonomy: Callable[[], Taxonomy] = shipped_taxonomy,
     curated: Iterable[RawItem] = (),
     declared: Mapping[str, Source] | None = None,
+    carried: Release | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Build:
@@ -112,10 +117,12 @@ def built(
 
     Parameters
     ----------
-    raw : files or folders of raw items; log : `<out>.build` by default
+    raw : files or folders of raw items, with the pictures of a crawl beside them; log : `<out>.build` by default
     taxonomy : a function at the top of a module, so that a worker can call it
     curated : raw items of kind `curated`
     declared : sources by id, those of `data/sources` by default; rows of others are used and not shipped
+    carried : a release whose choice of rows, nodes and priors holds, where `raw` lacks sources that it was fitted with:
+        the rows are made again, and are the same to the byte
     executor : where the steps run, this process by default
 
     Raises
@@ -129,12 +136,15 @@ def built(
     declared = {source.id: source for source in sources()} if declared is None else declared
     own = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
-    with WorkFolder.opened(log / "work", fingerprint(files, repr((options, sorted(declared.items()), own)))) as work:
-        steps = Steps(options, taxonomy, declared, executor or Here(), progress, work)
+    with WorkFolder.opened(
+        log / "work", fingerprint(files, repr((options, sorted(declared.items()), own, carried)))
+    ) as work:
+        steps = Steps(options, taxonomy, declared, carried, executor or Here(), progress, work)
         counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()
-        report, tables, manifest = steps.fit(classes, counts + dropped)
-        release = published(out, tables, manifest)
+        report, tables, manifest = (steps.carry if carried else steps.fit)(classes, counts + dropped)
+        extras = _with_pictures(raw, tables, report, work.directory / "extras")
+        release = published(out, tables, manifest, extras)
         _write_log(log, work.directory, report)
     return Build(release, report)
 
@@ -146,6 +156,7 @@ class Steps:
     options: Options
     taxonomy: Callable[[], Taxonomy]
     declared: Mapping[str, Source]
+    carried: Release | None
     executor: Executor
     progress: Progress | None
     work: WorkFolder
@@ -165,7 +176,8 @@ class Steps:
         rows = RowFiles(tuple(sorted(self.work.directory.glob("ingest-*.arrow"))))
         repeated, siblings = rows.repeated(), sibling_references(rows, self.taxonomy().categories())
         licences = {source.id: source.licence for source in (*self.declared.values(), CURATED) if source.ship}
-        calls = ((rows.shard(number, repeated), licences, siblings) for number in range(SHARDS))
+        ids = frozenset(self.carried.table("items")["item_id"].to_pylist()) if self.carried else None
+        calls = ((rows.shard(number, repeated), licences, siblings, ids) for number in range(SHARDS))
         classes: list[NodeClass] = []
         counts = Counter({"repeated_id": len(repeated.extra)})
         for result in self._mapped("clean", cleaned, calls, _spilled_classes):
@@ -190,6 +202,21 @@ class Steps:
         }
         manifest = self._manifest(tables, found, counts) | {"source_disagreement": asdict(model)}
         return report(found, leaves, model, counts), tables, manifest
+
+    def carry(
+        self, found: Sequence[NodeClass], counts: Counter[str]
+    ) -> tuple[dict[str, Any], dict[str, pa.Table], dict[str, Any]]:
+        """In place of `fit`: the rows of this build under the nodes and priors of the release that is carried over."""
+        if self.carried is None:
+            raise ValueError("carried: expected a release; found none")
+        tables = {f"{name}.parquet": self.carried.table(name) for name in ("nodes", "priors", "images")}
+        tables["items.parquet"] = self._items()
+        manifest = {**self.carried.manifest, "carried": {"version": self.carried.manifest["version"], "what": CARRIED}}
+        n_rows = Counter(tables["items.parquet"]["source"].to_pylist())
+        manifest["sources"] = [record | {"n_rows": n_rows[record["id"]]} for record in manifest["sources"]]
+        manifest["counts"] = manifest["counts"] | {"n_rows": tables["items.parquet"].num_rows}
+        manifest |= {name: getattr(self.options, name) for name in ("name", "version", "created")}
+        return {"raw": dict(sorted(counts.items())), "classes": len(found)}, tables, manifest
 
     def _leaves(self, found: Sequence[NodeClass], hierarchy: Hierarchy, model: SharedModel) -> dict[str, Prior]:
         parents = {category.node_id: category.parent_id or "" for category in hierarchy.categories}
@@ -234,6 +261,20 @@ class Steps:
             if self.progress is not None:
                 self.progress(step, done)
             yield result
+
+
+def _with_pictures(
+    raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path
+) -> Path | None:
+    """Put the pictures that lie beside the raw items into the tables, the report and a folder; None without any."""
+    files = picture_files(raw)
+    if not files:
+        return None
+    folder.mkdir(exist_ok=True)
+    found = gathered(files, tables["items.parquet"], folder)
+    tables["images.parquet"] = found.rows
+    report["pictures"] = {"taken": found.rows.num_rows, "left_out": dict(found.refused)}
+    return folder
 
 
 def _spilled_rows(result: Ingested, stem: Path) -> Ingested:

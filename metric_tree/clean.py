@@ -33,6 +33,7 @@ REFUSALS = {
     "duplicate": "the same figures again, in the same source or of the same product in another",
     "unit_slip": "a unit's factor away from its class",
     "far_outlier": "far outside its class, and no unit explains it",
+    "not_carried": "the release that is carried over does not have it",
 }
 
 
@@ -62,19 +63,28 @@ class Cleaned:
     counts: Counter[str]
 
 
-def cleaned(shard: bytes, licences: Mapping[str, str], siblings: Mapping[str, Reference]) -> Cleaned:
+def cleaned(
+    shard: bytes,
+    licences: Mapping[str, str],
+    siblings: Mapping[str, Reference],
+    carried: frozenset[str] | None = None,
+) -> Cleaned:
     """A shard without repeats and slips.
 
     Parameters
     ----------
     shard : an Arrow file of `metric_tree.ingest.ROWS`; licences : of the sources whose rows may be given on
     siblings : for thin nodes, where the sizes of their siblings lie
+    carried : ids of the items of an earlier release whose choice of rows holds in place of the checks
     """
     table = pa.ipc.open_file(shard).read_all()
     shipped = frozenset(licences)
     table = table.take(pc.sort_indices(table, [("node_id", "ascending"), ("item_id", "ascending")]))
     sizes = np.column_stack([_axes(table), extents_of(table)])  # (n, 6)
-    reasons = _reasons(table, sizes, shipped, siblings)
+    if carried is None:
+        reasons = _reasons(table, sizes, shipped, siblings)
+    else:
+        reasons = ["" if item_id in carried else "not_carried" for item_id in table["item_id"].to_pylist()]
     good = np.array([not reason for reason in reasons], dtype=bool)
     refused = _refused(table.filter(pa.array(~good)), [reason for reason in reasons if reason])
     table, sizes = table.filter(pa.array(good)), sizes[good]

@@ -16,6 +16,7 @@ from pathlib import Path
 from crawler.faults import InputFault
 from metric_tree.build import Build, Options, Progress, built, shipped_curated
 from metric_tree.commands.shell import print_json, print_table
+from metric_tree.store import opened
 
 __all__ = ["HELP", "add_arguments", "executor_of", "run"]
 
@@ -39,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fold-out", metavar="I/N", type=_fold, help="leave out fold I (from 0) of N, by item id")
     parser.add_argument("--without-noncommercial", action="store_true", help="leave out non-commercial sources")
     parser.add_argument("--without-curated", action="store_true", help="leave out the project's curated ranges")
+    parser.add_argument(
+        "--carry", metavar="DIR", type=Path, help="take nodes, priors and the choice of rows from this release"
+    )
     parser.add_argument("--no-heldout", action="store_true", help="skip the held-out scores of the priors (faster)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: %(default)s)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, in place of processes")
@@ -60,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.out,
             options,
             log=arguments.log,
+            carried=opened(arguments.carry) if arguments.carry else None,
             curated=() if arguments.without_curated else shipped_curated(),
             executor=executor,
             progress=progress,

@@ -164,6 +164,17 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
     assert next(r for r in release.manifest["sources"] if r["id"] == "curated")["n_fit"] == 0
 
 
+def test_rows_are_made_again_without_the_withheld_sources(tmp_path, release):
+    """Who has only the raw items that may be given on gets the same rows, and the priors that used the others."""
+    shippable = [item for item in made_items() if SOURCES[item.source].ship]
+    raw = written(tmp_path / "raw.jsonl", shippable)
+    again = build(raw, tmp_path / "again", carried=release).release
+    for name in ("items.parquet", "nodes.parquet", "priors.parquet"):
+        assert (again.directory / name).read_bytes() == (release.directory / name).read_bytes()
+    assert again.manifest["carried"]["version"] == release.manifest["version"]
+    assert again.manifest["sources"] == release.manifest["sources"]
+
+
 def test_an_interrupted_build_leaves_no_release_and_takes_up_where_it_was(tmp_path, monkeypatch, release):
     raw = written(tmp_path / "raw.jsonl", made_items())
     real, calls = build_module.class_priors, []

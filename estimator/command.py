@@ -53,6 +53,9 @@ def parser() -> argparse.ArgumentParser:
     add("--objects", metavar="FILE", type=Path, help="sizes measured elsewhere (metric-tree/objects/1), no geometry")
     add("--instances", metavar="FILE", type=Path, help="COCO dataset or results, or a folder of instance pictures")
     add("--categories", metavar="FILE", type=Path, help="COCO dataset that names categories and images, for results")
+    add("--images", metavar="DIR", type=Path, help="the scene's pictures, for --detector")
+    add("--detector", metavar="MODEL", help="ONNX Mask R-CNN in torchvision's form, or a registered name to download")
+    add("--detector-labels", metavar="FILE", type=Path, help="its label names, one a line from label 1 (default: COCO)")
     add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
     add("--tree", metavar="REF", help="release: a version or a folder (default: the newest at hand)")
     add("--method", choices=METHODS, default="default", help="estimator (default: %(default)s)")
@@ -97,6 +100,7 @@ def _checked(options: argparse.Namespace) -> None:
         raise InputFault(f"--level: expected a number between 0 and 1; found {options.level}")
     if options.paper_lists is not None and options.method != "paper":
         raise InputFault(f"--paper-lists: expected --method paper; found --method {options.method}")
+    _check_detector(options)
     geometric = {"--figure": options.figure, "--overlay": options.overlay, "--write-scaled": options.write_scaled}
     for name, value in geometric.items():
         if value is not None and options.objects is not None:
@@ -109,6 +113,17 @@ def _checked(options: argparse.Namespace) -> None:
         path = getattr(options, name)
         if path is not None and path.exists():  # said before the work is done, not after
             raise InputFault(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
+
+
+def _check_detector(options: argparse.Namespace) -> None:
+    if (options.images is None) != (options.detector is None):
+        found = "--images" if options.detector is None else "--detector"
+        raise InputFault(f"arguments: expected --images and --detector together; found {found} alone")
+    if options.detector_labels is not None and options.detector is None:
+        raise InputFault("--detector-labels: expected --detector; found none")
+    for name, value in {"--instances": options.instances, "--objects": options.objects}.items():
+        if options.detector is not None and value is not None:
+            raise InputFault(f"--detector: expected no {name}; found both")
 
 
 def _objects_result(options: argparse.Namespace) -> ScaleResult:
@@ -125,6 +140,11 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
     from estimator.pipeline import scene_estimate
 
     asked = _asked(options)
+    detector = None
+    if options.detector is not None:
+        from estimator.detector import detector_at
+
+        detector = detector_at(options.detector, options.detector_labels)
     estimate = scene_estimate(
         options.scene,
         _tree(options),
@@ -133,6 +153,8 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
         categories=options.categories,
         dense=options.dense,
         paper_lists=options.paper_lists,
+        images=options.images,
+        detector=detector,
     )
     if estimate.result.exit_code == 0:
         _write_pictures(options, estimate)

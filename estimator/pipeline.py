@@ -14,6 +14,7 @@ from estimator.result import ScaleResult, UpReport
 from metric_tree.tree import Tree
 
 if TYPE_CHECKING:
+    from estimator.detector import Detector
     from estimator.measurement import Measurements
     from estimator.scene import Instance, Scene
     from estimator.upright import Up
@@ -51,6 +52,8 @@ def scene_estimate(
     categories: Path | None = None,
     dense: Path | str | None = None,
     paper_lists: Path | None = None,
+    images: Path | None = None,
+    detector: Detector | None = None,
 ) -> SceneEstimate:
     """The scale of a reconstruction on disk.
 
@@ -59,12 +62,18 @@ def scene_estimate(
     path, instances, categories, dense : as `estimator.reading` takes them
     tree, options : as `estimated`
     paper_lists : the authors' lists, for the second arm of `paper`
+    images, detector : the folder of the pictures and what finds the instances in them, in place of `instances`
     """
     from estimator.reading import instances_and_warnings, scene_at
 
     started = time.perf_counter()
     scene = scene_at(path, dense)
-    found, warnings = instances_and_warnings(scene, instances, categories)
+    if images is not None and detector is not None:
+        from estimator.detector import detected
+
+        found, warnings = detected(scene, images, detector)
+    else:
+        found, warnings = instances_and_warnings(scene, instances, categories)
     heard = (*scene.warnings, *warnings)
     seconds = {"reading": time.perf_counter() - started}
     if options.method == "sucar":

@@ -83,7 +83,9 @@ def _default_instances(scene: Scene) -> Path:
     for place in (scene.path / INSTANCES, scene.path / PICTURES):
         if place.exists():
             return place
-    expected = f"{INSTANCES} or a folder {PICTURES} in it (or name a file with --instances)"
+    from estimator.detectors import how_to_get_one
+
+    expected = f"{INSTANCES} or a folder {PICTURES} in it, or a file named with --instances; {how_to_get_one()}"
     raise BadScene.at(scene.path, "instances", expected, None)
 
 

@@ -1,8 +1,8 @@
 """The paper's times and ours, side by side in one run: `OMP_NUM_THREADS=1 python -m benchmarks.times [--tree REF]`.
 
 The paper's figures (section 5.1) are from an i7-6850K with a GTX 1080 Ti; ours are of this machine, on one thread,
-medians of several runs. Labels: a made room of 100,000 dense points and ten masks a frame. Posterior: fifty objects
-of made rooms.
+medians of several runs, and the least, which says more where other work shares the machine. Labels: a made room of
+100,000 dense points and ten masks a frame. Posterior: fifty objects of made rooms.
 """
 
 from __future__ import annotations
@@ -50,41 +50,45 @@ def main() -> None:
     blind = replace(made.scene, dense=replace(dense, visible_offsets=None, visible_views=None))
     found = measured(made.scene, made.instances)
     objects = _objects(OBJECTS)
-    seconds = [measured(made.scene, made.instances).timings for _ in range(3)]
+    dimensions = [measured(made.scene, made.instances).timings["dimensions"] for _ in range(RUNS)]
     estimated(objects, tree)  # the first call loads what every later one shares
     posterior = [estimated(objects, tree).seconds["posterior"] for _ in range(RUNS)]
     scene_posterior = [estimated(found.objects, tree).seconds["posterior"] for _ in range(RUNS)]
     rows = [
         (f"labels, a frame ({len(dense.points):,} dense points, {MASKS} masks, depth test)", "200 ms",
-         _timed(lambda: dense_labels(blind, few), 3) / views),
+         _a_frame(lambda: dense_labels(blind, few), views)),
         ("labels, a frame (the same with the cloud's visibility file)", "200 ms",
-         _timed(lambda: dense_labels(made.scene, few), 3) / views),
+         _a_frame(lambda: dense_labels(made.scene, few), views)),
         (f"labels, a frame ({len(made.scene.points):,} sparse points)", "200 ms",
-         _timed(lambda: sparse_labels(made.scene, few), 3) / views),
-        (f"dimensions, a scene ({len(found.objects)} objects)", "20 ms", median(s["dimensions"] for s in seconds)),
-        (f"posterior, a scene ({len(found.objects)} objects)", "4 ms", median(scene_posterior)),
-        (f"posterior, {OBJECTS} objects", "4 ms", median(posterior)),
-        ("start to answer, demo scene (new process)", "-", _process(ESTIMATE)),
-        ("import metric_tree and one query (new process)", "-", _process(QUERY)),
+         _a_frame(lambda: sparse_labels(made.scene, few), views)),
+        (f"dimensions, a scene ({len(found.objects)} objects)", "20 ms", dimensions),
+        (f"posterior, a scene ({len(found.objects)} objects)", "4 ms", scene_posterior),
+        (f"posterior, {OBJECTS} objects", "4 ms", posterior),
+        ("start to answer, demo scene (new process)", "-", _processes(ESTIMATE)),
+        ("import metric_tree and one query (new process)", "-", _processes(QUERY)),
     ]  # fmt: skip
     where = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
-    print(f"{where}, load {os.getloadavg()[0]:.1f}\n\n| what | paper | here |\n|---|---|---|")
-    for what, paper, here in rows:
-        print(f"| {what} | {paper} | {1000 * here:.2f} ms |")
+    print(f"{where}, load {os.getloadavg()[0]:.1f}\n\n| what | paper | here, median | here, least |\n|---|---|---|---|")
+    for what, paper, taken in rows:
+        print(f"| {what} | {paper} | {1000 * median(taken):.2f} ms | {1000 * min(taken):.2f} ms |")
 
 
-def _timed(call: Callable[[], object], runs: int = RUNS) -> float:
-    """Median seconds of a call."""
+def _timed(call: Callable[[], object], runs: int = RUNS) -> list[float]:
+    """Seconds of each of several calls."""
     taken = []
     for _ in range(runs):
         started = time.perf_counter()
         call()
         taken.append(time.perf_counter() - started)
-    return median(taken)
+    return taken
 
 
-def _process(code: str) -> float:
-    """Median seconds of a fresh interpreter that runs `code`; an unresolved scale (exit 3) is an answer too."""
+def _a_frame(call: Callable[[], object], views: int) -> list[float]:
+    return [seconds / views for seconds in _timed(call)]
+
+
+def _processes(code: str) -> list[float]:
+    """Seconds of fresh interpreters that run `code`; an unresolved scale (exit 3) is an answer too."""
 
     def run() -> None:
         status = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=False)
@@ -92,7 +96,7 @@ def _process(code: str) -> float:
             raise SystemExit(f"{code}: {status.stderr.decode()[-500:]}")
 
     run()  # the disk's cache
-    return _timed(run, 3)
+    return _timed(run, 5)
 
 
 def _masks_a_frame(made: MadeScene, most: int) -> list[Instance]:

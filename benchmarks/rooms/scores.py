@@ -110,7 +110,7 @@ def height_error(scale: float, heights: Sequence[float], tracks: Sequence[str | 
 def association_score(
     instances: Sequence[Instance], tracks: Sequence[Track], among: Sequence[bool] | None = None
 ) -> AssociationScore:
-    """Found tracks against the true ones, over the masks that any track holds, or over those of them that are `among`."""
+    """Found tracks against the true ones, over the masks that any track holds; with `among`, over these only."""
     found = {row: number for number, track in enumerate(tracks) for row in track.members}
     rows = sorted(row for row in found if among is None or among[row])
     true = [str(instances[row].track) for row in rows]

@@ -1,9 +1,10 @@
-"""What each level of the tree explains of size: `python -m benchmarks.levels RAW... [--tree-2020 FILE] [--paths N]`.
+"""What each level of the tree explains of size: `python -m benchmarks.levels RAW... [--tree-2020 FILE] [--paths N] [--propose]`.
 
 RAW are files of raw items. Size is the log of an item's three extents, longest first; a leaf weighs as many items as it
 has, but no more than `MOST`, so that no shop's range decides. The tree of 2020 (`metrictree.json`) is judged on the
 items that it has a category for by name; the cuts that `taxonomy.compression` proposes from the same sizes stand beside
-the frozen levels. `--paths` prints random paths for a reader to judge without knowing whose they are.
+the frozen levels. `--paths` prints random paths for a reader to judge. `--propose` prints the concepts that the matcher finds and the tree
+has no leaf for, with the kind that the rule would give them: what a new source proposes to a reader.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import random
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from metric_tree.names import folded, singular
 from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import Category
 from taxonomy.compression import FloatArray, explained, nested_cuts
+from taxonomy.matching import default_matcher
 from taxonomy.tree import default_taxonomy
 
 #: Items after which a leaf weighs no more.
@@ -106,12 +108,30 @@ def _key(name: str) -> str:
     return singular(folded(name)).replace(" ", "")
 
 
+def propose(files: list[Path]) -> None:
+    """Concepts without a leaf, where the rule would put them, and their items."""
+    matcher, catalogue = default_matcher(), default_catalogue()
+    counts: Counter[str] = Counter()
+    for item in (item for file in files for item in raw_items(file) if item.kind != "curated"):
+        found = matcher.finding(item.source, item.category_path, item.title, item.synset)
+        if found.concept and found.settled and catalogue.leaf_of(found.concept) is None:
+            counts[found.concept] += item.count
+    placed = catalogue.with_placed(counts, matcher.lexicon)
+    for concept, count in counts.most_common():
+        leaf = placed.leaves.get(concept)
+        print(f"{count:6d} {concept} -> {leaf.parent_id if leaf else 'no kind claims it'}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("raw", nargs="+", type=Path)
     parser.add_argument("--tree-2020", type=Path)
     parser.add_argument("--paths", type=int, default=0)
+    parser.add_argument("--propose", action="store_true")
     arguments = parser.parse_args()
+    if arguments.propose:
+        propose(arguments.raw)
+        return
     by_id = {category.node_id: category for category in default_catalogue().categories}
     sizes = leaf_sizes(arguments.raw)
     print(f"{sum(map(len, sizes.values()))} items with three extents on {len(sizes)} leaves")

@@ -1,10 +1,10 @@
-"""What each level of the tree explains of size: `python -m benchmarks.levels RAW... [--tree-2020 FILE] [--paths N] [--propose]`.
+"""What each level of the tree explains of size: `python -m benchmarks.levels RAW... [--tree-2020 FILE] [--paths N]`.
 
 RAW are files of raw items. Size is the log of an item's three extents, longest first; a leaf weighs as many items as it
 has, but no more than `MOST`, so that no shop's range decides. The tree of 2020 (`metrictree.json`) is judged on the
 items that it has a category for by name; the cuts that `taxonomy.compression` proposes from the same sizes stand beside
-the frozen levels. `--paths` prints random paths for a reader to judge. `--propose` prints the concepts that the matcher finds and the tree
-has no leaf for, with the kind that the rule would give them: what a new source proposes to a reader.
+the frozen levels. `--paths` prints random paths for a reader to judge. `--propose` prints the concepts that the matcher
+finds and the tree has no leaf for, with the kind that the rule would give them: what a new source proposes to a reader.
 """
 
 from __future__ import annotations

@@ -8,9 +8,9 @@ import os
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-__all__ = ["SCHEMA", "Picture", "Refusal", "picture"]
+__all__ = ["SCHEMA", "Picture", "Refusal", "decoded", "picture"]
 
 SCHEMA = "metric-tree/picture/1"
 
@@ -55,39 +55,45 @@ def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refu
 
     Only JPEG, PNG and WebP stills pass; the header's size is checked before a pixel is unpacked.
     """
-    if not body:
-        return "empty"
-    if len(body) > MAXIMUM_BYTES:
-        return "too_many_bytes"
-    checked = _checked(body)
-    if not isinstance(checked, tuple):
-        return checked
-    ending, width, height = checked
+    image = decoded(body)
+    if isinstance(image, str):
+        return image
+    ending, (width, height) = _ENDINGS[image.format], image.size
     name = hashlib.sha256(body).hexdigest()
     path = Path(name[:2]) / f"{name}.{ending}"
     _store(folder / path, body)
     return Picture(name, item_id, url, path.as_posix(), width, height)
 
 
-def _checked(body: bytes) -> tuple[str, int, int] | Refusal:
+def decoded(body: bytes) -> Any | Refusal:
+    """The Pillow image of a body, its pixels unpacked, or why it was refused."""
+    if not body:
+        return "empty"
+    if len(body) > MAXIMUM_BYTES:
+        return "too_many_bytes"
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with Image.open(BytesIO(body), formats=list(_ENDINGS)) as image:
-            width, height = image.size
-            if getattr(image, "is_animated", False):
-                return "animated"
-            if min(width, height) < SIDES[0]:
-                return "too_small"
-            if max(width, height) > SIDES[1] or width * height > MAXIMUM_PIXELS:
-                return "too_large"
-            ending = _ENDINGS[image.format or ""]
+        image = Image.open(BytesIO(body), formats=list(_ENDINGS))
+        refused = _refusal(image)
+        if refused is None:
             image.load()
     except (UnidentifiedImageError, Image.DecompressionBombError):
         return "no_picture"
     except (OSError, ValueError, SyntaxError, KeyError):  # what Pillow raises for truncated and crooked files
         return "broken"
-    return ending, width, height
+    return refused or image
+
+
+def _refusal(image: Any) -> Refusal | None:
+    """What the header alone tells against a picture."""
+    if getattr(image, "is_animated", False):
+        return "animated"
+    if min(image.size) < SIDES[0]:
+        return "too_small"
+    if max(image.size) > SIDES[1] or image.width * image.height > MAXIMUM_PIXELS:
+        return "too_large"
+    return None if image.format in _ENDINGS else "no_picture"
 
 
 def _store(path: Path, body: bytes) -> None:

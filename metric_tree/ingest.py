@@ -52,8 +52,8 @@ REMEMBERED = 200_000
 #: Half-width of a curated range in standard deviations: low and high hold nine of ten (`RawItem.ranges_mm`).
 RANGE_SD = 1.645
 
-#: Raw files of a folder; `metric-tree import` puts what it refused beside them.
-_RAW = re.compile(r"(?<!\.quarantine)\.jsonl(\.gz)?$")
+#: Raw files of a folder; beside them lie what `metric-tree import` refused and the pictures of a crawl.
+_RAW = re.compile(r"^(?!pictures-\d).*(?<!\.quarantine)\.jsonl(\.gz)?$")
 
 ROWS = pa.schema(
     [

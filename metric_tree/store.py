@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import shutil
 import tempfile
 from collections.abc import Collection, Mapping
@@ -18,7 +19,7 @@ import pyarrow.parquet as pq
 from crawler.faults import InputFault
 from metric_tree.schema import SCHEMA, TABLES
 
-__all__ = ["MANIFEST", "BadRelease", "Release", "opened", "published", "sha256"]
+__all__ = ["MANIFEST", "BadRelease", "Release", "linked", "opened", "published", "sha256"]
 
 MANIFEST = "manifest.json"
 
@@ -62,7 +63,7 @@ def published(
     ----------
     tables : by the names of `metric_tree.schema.TABLES`; each is cast to its schema.
     manifest : `name`, `version`, `created`, `sources`, `counts` and whatever else; `schema` and `files` are added.
-    extras : a folder whose contents (pictures) move into the release.
+    extras : a folder whose contents (pictures) are linked into the release, or copied where the disk cannot.
 
     Raises
     ------
@@ -76,7 +77,7 @@ def published(
     try:
         files = {name: _written(work / name, tables[name].cast(schema)) for name, schema in TABLES.items()}
         if extras is not None:
-            shutil.copytree(extras, work, dirs_exist_ok=True)
+            shutil.copytree(extras, work, dirs_exist_ok=True, copy_function=linked)
         whole = {"schema": SCHEMA, **manifest, "files": files}
         (work / MANIFEST).write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         work.chmod(0o755)
@@ -146,6 +147,14 @@ def _rows_of(file: pq.ParquetFile, node_ids: Collection[str]) -> pa.Table:
         if pc.any(mask).as_py():
             parts.append(file.read_row_group(number).filter(mask))
     return pa.concat_tables(parts) if parts else file.schema_arrow.empty_table()
+
+
+def linked(source: str | Path, target: str | Path) -> None:
+    """A second name of a file that never changes; a copy where the disk has none, or where it is on another."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
 
 
 def _first_line(error: BaseException) -> str:

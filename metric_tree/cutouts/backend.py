@@ -1,0 +1,80 @@
+"""What cuts: the one protocol, the choice between backends, and `auto`, which takes the cheapest that will do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal, Protocol, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["BACKENDS", "RGB", "Auto", "Backend", "BackendName", "Foreground", "Settings", "backend"]
+
+RGB = NDArray[np.uint8]
+
+BackendName = Literal["auto", "plain", "rembg"]
+BACKENDS: tuple[str, ...] = get_args(BackendName)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Foreground:
+    """What a backend found.
+
+    alpha : (h, w) uint8, 255 on the thing; method : how, as it stands in `images.parquet`; refused : why the backend
+    itself does not vouch for it (`not_plain`, `no_weights`), else None.
+    """
+
+    alpha: NDArray[np.uint8]
+    method: str
+    refused: str | None = None
+
+
+class Backend(Protocol):
+    """Anything that tells the foreground of a picture."""
+
+    def foreground(self, picture: RGB) -> Foreground:
+        """The foreground of a picture, (h, w, 3) uint8 in RGB."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """A backend by name and the network it takes: a rembg model's name or the path of an ONNX file.
+
+    weights : whether the network's weights are at hand; without them `auto` leaves what is not plain.
+    """
+
+    name: BackendName = "auto"
+    model: str = "u2net"
+    weights: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Auto:
+    """Without weights where the background is plain, by the network elsewhere."""
+
+    plain: Backend
+    network: Backend | None
+
+    def foreground(self, picture: RGB) -> Foreground:
+        """The plain backend's where it vouches for it, else the network's, else refused."""
+        found = self.plain.foreground(picture)
+        if found.refused is None:
+            return found
+        if self.network is None:
+            return Foreground(found.alpha, found.method, "no_weights")
+        return self.network.foreground(picture)
+
+
+@cache
+def backend(settings: Settings) -> Backend:
+    """The backend of some settings, made once in a process: a network takes a second to load."""
+    from metric_tree.cutouts.network import Network
+    from metric_tree.cutouts.plain import Plain
+
+    if settings.name == "plain":
+        return Plain()
+    if settings.name == "rembg":
+        return Network.loaded(settings.model)
+    return Auto(Plain(), Network.loaded(settings.model) if settings.weights else None)

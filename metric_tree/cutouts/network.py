@@ -1,0 +1,114 @@
+"""Foregrounds by a network through rembg: a named open model, or any local ONNX file of U2-Net's signature."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from crawler.faults import InputFault
+from metric_tree.cutouts.backend import RGB, Foreground
+
+__all__ = ["MODELS", "Network", "has_weights"]
+
+#: Open models that rembg knows, by name, with the licence of their weights. rembg's own default is none of them.
+MODELS = {"u2net": "Apache-2.0", "u2netp": "Apache-2.0", "isnet-general-use": "Apache-2.0", "silueta": "Apache-2.0"}
+
+#: Where rembg looks for weights; a custom file must lie inside it.
+_HOME = "U2NET_HOME"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Network:
+    """A loaded network. method : `rembg:<model or file name>`."""
+
+    session: Any
+    method: str
+
+    @classmethod
+    def loaded(cls, model: str) -> Network:
+        """The network of a model's name or of an ONNX file; weights that are not at hand are downloaded by rembg.
+
+        Raises
+        ------
+        InputFault
+            No such model or file, no network graph in it, or weights that are neither at hand nor to be had.
+        """
+        _check(model)
+        rembg = _rembg()
+        path = Path(model)
+        try:
+            with _home(path.parent if path.suffix == ".onnx" else None):
+                if path.suffix == ".onnx":
+                    session = rembg.new_session("u2net_custom", model_path=str(path.resolve()))
+                else:
+                    session = rembg.new_session(model)
+        except OSError as error:  # requests.ConnectionError is one
+            first = str(error).splitlines()[0][:80]
+            raise InputFault(
+                f"--model {model}: expected weights at hand or a network to fetch them; found {first}"
+                "; `--backend plain` needs neither"
+            ) from None
+        except Exception as error:  # noqa: BLE001 - onnxruntime's faults share no base
+            first = str(error).splitlines()[0][:120]
+            raise InputFault(f"--model {model}: expected an ONNX network; found {first}") from None
+        return cls(session, f"rembg:{path.stem if path.suffix == '.onnx' else model}")
+
+    def foreground(self, picture: RGB) -> Foreground:
+        """The network's soft mask."""
+        from PIL import Image
+
+        with np.errstate(invalid="ignore"):  # a blank picture gives 0 / 0, which rembg turns into an empty mask
+            mask = _rembg().remove(Image.fromarray(picture), session=self.session, only_mask=True)
+        return Foreground(np.asarray(mask.convert("L"), np.uint8), self.method)
+
+
+def has_weights(model: str) -> bool:
+    """Whether the weights of a model are on this machine."""
+    if Path(model).suffix == ".onnx":
+        return Path(model).is_file()
+    _check(model)
+    sessions = _rembg().sessions.sessions
+    return sessions[model].resolve_existing(f"{model}.onnx") is not None
+
+
+def _check(model: str) -> None:
+    if Path(model).suffix == ".onnx":
+        if not Path(model).is_file():
+            raise InputFault(f"--model: expected an ONNX file; found none at {model}")
+    elif model not in MODELS:
+        raise InputFault(f"--model: expected one of {', '.join(MODELS)} or an ONNX file; found {model!r}")
+
+
+def _rembg() -> Any:
+    """The library, imported where it is used: it loads numba and takes a second, the first time half a minute."""
+    os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # onnxruntime reads it once, when it is imported
+    try:
+        import onnxruntime  # noqa: F401 - without it rembg ends the program
+        import rembg
+    except ImportError:
+        raise InputFault(
+            "--backend rembg: expected rembg and onnxruntime; found none"
+            " (pip install 'metric-tree[images]'); `--backend plain` needs neither"
+        ) from None
+    return rembg
+
+
+@contextmanager
+def _home(folder: Path | None) -> Iterator[None]:
+    """The home of rembg, at `folder` for a while: it refuses a custom file elsewhere."""
+    before = os.environ.get(_HOME)
+    if folder is not None:
+        os.environ[_HOME] = str(folder.resolve())
+    try:
+        yield
+    finally:
+        if folder is not None:
+            os.environ.pop(_HOME)
+            if before is not None:
+                os.environ[_HOME] = before

@@ -1,0 +1,100 @@
+"""How far a mask can be trusted, told from the picture and the mask alone, and why one is set aside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from metric_tree.cutouts.backend import RGB
+
+__all__ = ["REASONS", "Assessment", "assessment"]
+
+#: Why a cut-out is set aside.
+REASONS = {
+    "empty": "less than half a per cent of the picture is foreground",
+    "full": "more than 97 % of the picture is foreground, or it fills most of the picture's border",
+    "several": "two or more things of like size that do not touch",
+    "doubtful": "the quality is below 0.5: a blurred edge, or no difference of colour along it",
+    "not_plain": "the background is not plain, and the backend needs it to be",
+    "no_weights": "the background is not plain, and no network's weights are at hand",
+    "unreadable": "the file is no picture: broken, animated, too large, or not what its name says",
+}
+
+#: Foreground shares outside which nothing was found, or everything.
+EMPTY, FULL = 0.005, 0.97
+
+#: Share of the picture's border that a thing may cover: more is a detail, cut off on several sides.
+BORDER = 0.6
+
+#: A second part of this share of the largest is a second thing, not a loose handle.
+SECOND = 0.35
+
+#: Below it a mask is doubtful.
+DOUBTFUL = 0.5
+
+#: Lab distance across an edge that everyone sees as an edge; half of it gives a quality of one half.
+CLEAR_EDGE = 12.0
+
+#: Pixels to each side of the edge where its colours are read.
+STEP = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Assessment:
+    """Of one mask. box : x, y, width, height in pixels; share : of the picture; quality : 0 to 1; reason : or None."""
+
+    box: tuple[int, int, int, int]
+    share: float
+    quality: float
+    reason: str | None
+
+
+def assessment(picture: RGB, alpha: NDArray[np.uint8]) -> Assessment:
+    """Box, share, quality of a mask and the reason to set it aside, if any."""
+    mask = alpha >= 128
+    share = float(mask.mean())
+    if share < EMPTY:
+        return Assessment((0, 0, 0, 0), share, 0.0, "empty")
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    box = (int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1)
+    edge = np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]])
+    if share > FULL or edge.mean() > BORDER:
+        return Assessment(box, share, 0.0, "full")
+    quality = _edge_contrast(picture, mask) * _decided(alpha)
+    reason = "several" if _second(mask) >= SECOND else "doubtful" if quality < DOUBTFUL else None
+    return Assessment(box, share, round(quality, 4), reason)
+
+
+def _edge_contrast(picture: RGB, mask: NDArray[np.bool_]) -> float:
+    """0 to 1: the share of the edge with a difference of colour across it, each point counted by how clear it is."""
+    lab = cv2.cvtColor(picture.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
+    one = mask.astype(np.uint8)
+    kernel = np.ones((3, 3), np.uint8)
+    inner, outer = cv2.erode(one, kernel, iterations=STEP), cv2.dilate(one, kernel, iterations=STEP)
+    edge = (one > 0) & (cv2.erode(one, kernel, borderValue=1) == 0)
+    if not edge.any():
+        return 0.0
+    span = (4 * STEP + 1, 4 * STEP + 1)
+    means = []
+    for side in (one * (inner == 0), (outer > 0) * (one == 0)):  # the strips just inside and just outside
+        weight = side.astype(np.float32)
+        total = cv2.blur(weight, span)
+        means.append(cv2.blur(lab * weight[..., None], span) / np.maximum(total, 1e-6)[..., None])
+    step = np.linalg.norm(means[0] - means[1], axis=2)[edge]
+    return float(np.clip(step / CLEAR_EDGE, 0, 1).mean())
+
+
+def _decided(alpha: NDArray[np.uint8]) -> float:
+    """0 to 1: how little of the foreground is neither on nor off."""
+    soft = np.count_nonzero((alpha > 32) & (alpha < 224))
+    return 1.0 - soft / max(1, np.count_nonzero(alpha > 32))
+
+
+def _second(mask: NDArray[np.bool_]) -> float:
+    """Area of the second largest part over that of the largest."""
+    _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    areas = np.sort(stats[1:, cv2.CC_STAT_AREA])[::-1]
+    return float(areas[1] / areas[0]) if len(areas) > 1 else 0.0

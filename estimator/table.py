@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import shutil
 import sys
+from collections import Counter
 from typing import TYPE_CHECKING
 
 from estimator.result import Alternative, ObjectReport, ScaleResult
@@ -47,6 +48,8 @@ def printed(result: ScaleResult, console: Console) -> None:
         console.print(f"up ({vector})  {result.up.method}, ±{result.up.sigma_deg:.1f}°", style="dim", highlight=False)
     if result.objects:
         console.print(_object_table(result))
+        if unmeasured := _unmeasured(result):
+            console.print(unmeasured, style="dim", highlight=False, markup=False)
         console.print("l × w × h in metres at this scale; in brackets: not used, > cut short", style="dim")
     if result.without_support is not None:
         console.print(_line("without support planes", result.without_support, result.scale), highlight=False)
@@ -78,9 +81,23 @@ def _object_table(result: ScaleResult) -> Table:
     for name in ("own scale", "weight"):
         table.add_column(name, justify="right")
     table.add_column("verdict", overflow="fold", ratio=1)
-    for item in result.objects:
+    for item in filter(_has_size, result.objects):
         table.add_row(*_cells(item, result.scale))
     return table
+
+
+def _has_size(item: ObjectReport) -> bool:
+    return bool(item.dimensions)
+
+
+def _unmeasured(result: ScaleResult) -> str:
+    """One line for all objects without any size: far tracks of few points may be many."""
+    reasons = [(item.category, item.reason or "") for item in result.objects if not _has_size(item)]
+    counts = Counter((category, "too few points" if "points" in reason else reason) for category, reason in reasons)
+    lines: dict[str, list[str]] = {}
+    for (category, reason), count in counts.items():
+        lines.setdefault(reason, []).append(f"{count} {category}")
+    return "\n".join(f"not measured ({reason}): {', '.join(parts)}" for reason, parts in lines.items())
 
 
 def _cells(item: ObjectReport, scale: float | None) -> tuple[str, ...]:

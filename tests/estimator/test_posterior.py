@@ -60,7 +60,7 @@ def _moments(u: FloatArray, log_density: FloatArray) -> tuple[float, float]:
 @pytest.mark.parametrize("wrong", [False, True])
 @pytest.mark.parametrize("cut", [False, True])
 def test_shared_error_against_quadrature(count: int, wrong: bool, cut: bool) -> None:
-    """Stated accuracy: mean within 0.03 of the posterior's standard deviation, that to 1 %; twice, thrice with an outlier."""
+    """The accuracy that `class_error` states, in the posterior's own standard deviation."""
     items = _drawn(BOTTLE, 0.4, count, seed=count)
     if cut:
         items[-1] = evidence(BOTTLE, items[-1].object.extents * [0.6, 1, 1], cut=(True, False, False))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,18 @@ def test_table_names_everything() -> None:
     assert "0.60 × 0.58 × (>0.91)" in text
     assert "without support planes: 2" in text
     assert "+14.0%" in text
+
+
+def test_unmeasured_objects_share_a_line() -> None:
+    far = [
+        replace(
+            REPORT, id=str(n), dimensions={}, used=(), scale=None, verdict="skipped", reason=f"{n} points, 16 needed"
+        )
+        for n in range(5)
+    ]
+    text = text_of(replace(RESULT, objects=(REPORT, *far)))
+    assert "not measured (too few points): 5 chair" in text
+    assert "16 needed" not in text
 
 
 def test_outlier_reason_names_the_dimension_that_is_off() -> None:

@@ -53,7 +53,7 @@ CLASSES = 8
 
 LEVEL = 0.9
 FLAGGED, ETA_SEES, ETA_CRIES = 0.9, 0.6, 0.1
-MOST_ITEMS = 240
+MOST_ITEMS = 150
 
 #: A grossly wrong dimension is off by up to this, natural log: a third less to a half more, as the widths of bottles.
 OFF = 0.45

@@ -38,6 +38,8 @@ CAFFE_MEANS = (102.9801, 115.9465, 122.7717)
 CAFFE_SHORT_SIDE, CAFFE_DIVISOR = 800, 32
 #: COCO's category ids run to 90, of which these ten name nothing; torchvision's labels are these ids.
 COCO_91_GAPS = frozenset({12, 26, 29, 30, 45, 66, 68, 69, 71, 83})
+#: A box whose corner is this many pictures away, or no number, holds nothing that could be pasted.
+FAR_BOX = 10
 #: onnxruntime writes a device id under the user's cache unless this is set before its import.
 TELEMETRY_VARIABLE = "ORT_DISABLE_TELEMETRY"
 
@@ -227,11 +229,13 @@ def _pasted_mask(masks: NDArray[Any], boxes: FloatArray, row: int, width: int, h
     """(H, W) of a mask that is a small picture of its box: stretched over the box, bilinear, cut at the border."""
     import cv2
 
+    whole = np.zeros((height, width), dtype=bool)
+    if not np.all(np.abs(boxes[row]) < FAR_BOX * max(width, height)):
+        return whole
     left, top = np.floor(boxes[row, :2]).astype(int)
     right, bottom = np.maximum(np.ceil(boxes[row, 2:]).astype(int), [left + 1, top + 1])
-    whole = np.zeros((height, width), dtype=bool)
     x0, y0, x1, y1 = max(left, 0), max(top, 0), min(right, width), min(bottom, height)
-    if x1 > x0 and y1 > y0 and max(right - left, bottom - top) <= 4 * max(width, height):
+    if x1 > x0 and y1 > y0:
         small = np.asarray(masks[row, 0], dtype=np.float32)
         stretched = cv2.resize(small, (int(right - left), int(bottom - top)), interpolation=cv2.INTER_LINEAR)
         whole[y0:y1, x0:x1] = stretched[y0 - top : y1 - top, x0 - left : x1 - left] >= MASK_THRESHOLD

@@ -1,0 +1,73 @@
+"""Small real ONNX graphs in the form of Mask R-CNN exports: they find paint of two colours."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+__all__ = ["COLOURS", "box_mask_graph", "paint_graph", "save"]
+
+#: RGB of label 1 and label 2; the score of a label is 0.9 where its colour is in the picture, else 0.
+COLOURS = np.array([[255, 0, 0], [0, 0, 255]], dtype=np.uint8)
+
+
+def paint_graph(path: Path, fixed: tuple[int, int] | None = None) -> Path:
+    """torchvision's signature: a mask of the picture's size for each colour; `fixed` (H, W): no free axes."""
+    height, width = fixed or ("height", "width")
+    pure = (COLOURS / 255).astype(np.float32).reshape(2, 3, 1, 1)
+    constants = {
+        "pure": pure, "one": np.float32(1), "zero": np.float32(0), "sure": np.float32(0.9),
+        "labels_value": np.array([1, 2], dtype=np.int64), "boxes_value": np.zeros((2, 4), dtype=np.float32),
+        "channels": np.array([1], dtype=np.int64), "pixels": np.array([1, 2, 3], dtype=np.int64),
+    }  # fmt: skip
+    nodes = [
+        helper.make_node("Sub", ["picture", "pure"], ["off"]),
+        helper.make_node("Abs", ["off"], ["distance"]),
+        helper.make_node("ReduceSum", ["distance", "channels"], ["total"], keepdims=1),
+        helper.make_node("Sub", ["one", "total"], ["likeness"]),
+        helper.make_node("Max", ["likeness", "zero"], ["masks"]),
+        helper.make_node("ReduceMax", ["masks"], ["best"], axes=[1, 2, 3], keepdims=0),
+        helper.make_node("Mul", ["best", "sure"], ["scores"]),
+        helper.make_node("Identity", ["labels_value"], ["labels"]),
+        helper.make_node("Identity", ["boxes_value"], ["boxes"]),
+    ]
+    outputs = _outputs(("boxes", "labels", "scores", "masks"), (2, 1, height, width))
+    picture = helper.make_tensor_value_info("picture", TensorProto.FLOAT, [3, height, width])
+    return save(path, nodes, constants, picture, outputs)
+
+
+def box_mask_graph(path: Path, box: tuple[float, float, float, float], mask: np.ndarray) -> Path:
+    """The zoo's signature: one fixed box in the fed picture's pixels, and a small mask of it."""
+    constants = {
+        "boxes_value": np.array([box], dtype=np.float32), "labels_value": np.array([1], dtype=np.int64),
+        "scores_value": np.array([0.8], dtype=np.float32), "masks_value": mask[None, None].astype(np.float32),
+    }  # fmt: skip
+    names = ("6568", "6570", "6572", "6887")  # the exporter's own
+    values = ("boxes", "labels", "scores", "masks")
+    nodes = [helper.make_node("Identity", [f"{v}_value"], [n]) for v, n in zip(values, names, strict=True)]
+    picture = helper.make_tensor_value_info("image", TensorProto.FLOAT, [3, "height", "width"])
+    return save(path, nodes, constants, picture, _outputs(names, (1, 1, *mask.shape)))
+
+
+def save(path: Path, nodes: list, constants: dict, picture: onnx.ValueInfoProto, outputs: list) -> Path:
+    initial = [numpy_helper.from_array(np.asarray(value), name) for name, value in constants.items()]
+    graph = helper.make_graph(nodes, "detector", [picture], outputs, initial)
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
+    model.ir_version = 9
+    onnx.checker.check_model(model)
+    onnx.save(model, str(path))
+    return path
+
+
+def _outputs(names: tuple[str, ...], mask_shape: tuple) -> list:
+    boxes, labels, scores, masks = names
+    n = mask_shape[0]
+    return [
+        helper.make_tensor_value_info(boxes, TensorProto.FLOAT, [n, 4]),
+        helper.make_tensor_value_info(labels, TensorProto.INT64, [n]),
+        helper.make_tensor_value_info(scores, TensorProto.FLOAT, [n]),
+        helper.make_tensor_value_info(masks, TensorProto.FLOAT, list(mask_shape)),
+    ]

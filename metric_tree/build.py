@@ -56,6 +56,9 @@ Progress = Callable[[str, int], None]
 
 _R = TypeVar("_R")
 
+#: Licence of rows and pictures that nobody gave on: their site's own terms hold, and the release stays at home.
+PRIVATE_LICENCE = "none: own use only"
+
 #: What the manifest says of priors that were not fitted here.
 CARRIED = "nodes and priors, fitted with sources whose rows are withheld; the rows were made from the raw items"
 
@@ -65,7 +68,8 @@ class Options:
     """What a release is called and what it leaves out.
 
     created : ISO date of the release; fold_out : fold I of N of the items that the build does not see;
-    noncommercial : whether sources that exclude commercial use take part; heldout : whether priors are scored.
+    noncommercial : whether sources that exclude commercial use take part; heldout : whether priors are scored;
+    private : sources without an open licence whose rows and pictures are kept all the same, for the builder's own use.
     """
 
     version: str
@@ -73,6 +77,7 @@ class Options:
     name: str = "metric-tree"
     fold_out: tuple[int, int] | None = None
     noncommercial: bool = True
+    private: tuple[str, ...] = ()
     heldout: bool = True
     seed: int = 0
 
@@ -176,6 +181,7 @@ class Steps:
         rows = RowFiles(tuple(sorted(self.work.directory.glob("ingest-*.arrow"))))
         repeated, siblings = rows.repeated(), sibling_references(rows, self.taxonomy().categories())
         licences = {source.id: source.licence for source in (*self.declared.values(), CURATED) if source.ship}
+        licences |= dict.fromkeys(self.options.private, PRIVATE_LICENCE)
         ids = frozenset(self.carried.table("items")["item_id"].to_pylist()) if self.carried else None
         calls = ((rows.shard(number, repeated), licences, siblings, ids) for number in range(SHARDS))
         classes: list[NodeClass] = []
@@ -247,6 +253,7 @@ class Steps:
             "counts": node_counts(tables["nodes.parquet"])
             | {"n_fit": n_fit.total(), "n_rows": tables["items.parquet"].num_rows, "raw": dict(sorted(counts.items()))},
             "noncommercial": self.options.noncommercial,
+            "private": sorted(self.options.private),
             "fold_out": list(self.options.fold_out) if self.options.fold_out else None,
         }
 

@@ -56,9 +56,12 @@ def rows(seed: int = 0) -> Rows:
 
 
 def release(
-    directory: Path, content: Rows | None = None, manifest: Callable[[dict[str, Any]], None] | None = None
+    directory: Path,
+    content: Rows | None = None,
+    manifest: Callable[[dict[str, Any]], None] | None = None,
+    extras: Path | None = None,
 ) -> Release:
-    """Publish rows (the valid ones by default) as a release; `manifest` may change the manifest first."""
+    """Publish rows (the valid ones by default) as a release; `manifest` may change it first; `extras`: further files."""
     content = rows() if content is None else content
     tables = {name: pa.Table.from_pylist(content[name], schema=schema) for name, schema in TABLES.items()}
     parents = {row["parent_id"] for row in content["nodes.parquet"]}
@@ -77,7 +80,7 @@ def release(
     }
     if manifest is not None:
         manifest(fields)
-    return published(directory, tables, fields)
+    return published(directory, tables, fields, extras)
 
 
 def _node(entry: tuple[Any, ...], parents: dict[str, str | None]) -> dict[str, Any]:

@@ -39,6 +39,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--log", metavar="DIR", type=Path, help="quarantine and report (default: DIR.build)")
     parser.add_argument("--fold-out", metavar="I/N", type=_fold, help="leave out fold I (from 0) of N, by item id")
     parser.add_argument("--without-noncommercial", action="store_true", help="leave out non-commercial sources")
+    parser.add_argument(
+        "--private",
+        metavar="SOURCE",
+        action="append",
+        default=[],
+        help="keep this source's rows and pictures, though"
+        " no open licence lets you give them on: the release is for your own use (may be repeated)",
+    )
     parser.add_argument("--without-curated", action="store_true", help="leave out the project's curated ranges")
     parser.add_argument(
         "--carry", metavar="DIR", type=Path, help="take nodes, priors and the choice of rows from this release"
@@ -56,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         name=arguments.name,
         fold_out=arguments.fold_out,
         noncommercial=not arguments.without_noncommercial,
+        private=tuple(arguments.private),
         heldout=not arguments.no_heldout,
     )
     with executor_of(arguments.workers, arguments.scheduler) as executor, _progress() as progress:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from crawler.faults import InputFault
 from metric_tree.commands.shell import print_json, print_table
 from metric_tree.prior import Prior
+from metric_tree.schema import IMAGES
 from metric_tree.tree import Node, NoPrior, open_tree
 
 __all__ = ["HELP", "add_arguments", "run", "summary"]
@@ -18,12 +21,17 @@ HELP = "A category: its node, path, counts, quantiles in millimetres and prior."
 #: The quantiles that are shown: the ends of the 90 % interval, the quartiles and the median.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
+#: Pictures of a sheet where no number is given.
+SHEET_IMAGES = 12
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("name", metavar="NAME", help="name, synset, alias or detector label")
     parser.add_argument("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")
     parser.add_argument("--vocabulary", help="read NAME as this label list does (coco_80, lvis_v1, ...)")
+    parser.add_argument("--images", metavar="N", type=int, help="name N pictures, spread over the sizes")
+    parser.add_argument("--sheet", metavar="FILE.png", type=Path, help="draw them to one scale (12 unless --images)")
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
 
 
@@ -32,6 +40,8 @@ def run(arguments: argparse.Namespace) -> int:
     node = open_tree(arguments.tree).find(arguments.name, arguments.vocabulary)
     dims = tuple(arguments.dims.split(",")) if arguments.dims else None
     found = summary(node, dims)
+    if arguments.images is not None or arguments.sheet is not None:
+        found["images"] = _images(node, arguments.images, arguments.sheet)
     if arguments.json:
         print_json(found)
     else:
@@ -61,6 +71,17 @@ def summary(node: Node, dims: tuple[str, ...] | None = None) -> dict[str, Any]:
         "quantiles_mm": _quantiles(prior) if prior else None,
         "prior": _described(prior) if prior else None,
     }
+
+
+def _images(node: Node, count: int | None, sheet: Path | None) -> list[dict[str, Any]]:
+    """The fields of pictures that a reader needs to use and to credit them; drawn where a sheet is asked for."""
+    from metric_tree.sheet import chosen, write_sheet
+
+    if count is not None and count < 1:
+        raise InputFault(f"--images: expected a number from 1; found {count}")
+    wanted = count or SHEET_IMAGES
+    rows = write_sheet(sheet, node, wanted) if sheet is not None else chosen(node, wanted)
+    return [{name: row[name] for name in (*IMAGES.names, "extents_mm")} for row in rows]
 
 
 def _quantiles(prior: Prior) -> dict[str, dict[str, float]]:
@@ -98,6 +119,9 @@ def _print(found: dict[str, Any]) -> None:
         ],
         title=found["name"],
     )
+    if "images" in found:
+        columns = ("image_id", "item_id", "cutout_path", "licence", "source_url")
+        print_table(columns, [[row[name] for name in columns] for row in found["images"]], title="pictures")
     if found["prior"] is None:
         print_table(["prior"], [("none: no item with a size at or below this node",)])
         return

@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -69,10 +70,12 @@ class Network:
 
 
 def has_weights(model: str) -> bool:
-    """Whether the weights of a model are on this machine."""
+    """Whether rembg and the weights of a model are on this machine."""
     if Path(model).suffix == ".onnx":
         return Path(model).is_file()
     _check(model)
+    if find_spec("rembg") is None or find_spec("onnxruntime") is None:
+        return False
     sessions = _rembg().sessions.sessions
     return sessions[model].resolve_existing(f"{model}.onnx") is not None
 

@@ -57,7 +57,7 @@ HOLE_SHARE = 0.0005
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Background:
-    """lab : (h, w, 3) the background's colour everywhere; noise : of the border about it; share : of it that follows."""
+    """lab : (h, w, 3) the background's colour; noise : of the border about it; share : of the border that follows."""
 
     lab: Floats
     noise: float

@@ -16,7 +16,7 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from benchmarks.rooms.arms import ARMS, Case, scores
+from benchmarks.rooms.arms import ARMS, AUTHORS, Case, scores
 from benchmarks.rooms.furnish import furnished_room
 from benchmarks.rooms.held_out import held_out_pool, pool_at
 from benchmarks.rooms.kinds import KINDS
@@ -44,7 +44,7 @@ SWEEP_SEEDS = (100, 101)
 MASK_POINTS = 5
 
 SWEEPS: dict[str, list[tuple[str, Knobs]]] = {
-    "objects": [(f"{n} objects", Knobs(objects=n)) for n in (1, 3, 6, 12, 20)],
+    "objects": [(f"objects: {n}", Knobs(objects=n)) for n in (1, 3, 6, 12, 20)],
     "coverage": [(f"{share:.0%} of the walk", Knobs(coverage=share)) for share in (1.0, 0.4, 0.15)],
     "mislabelled": [(f"{share:.0%} mislabelled", Knobs(mislabelled=share)) for share in (0.1, 0.25, 0.5)],
     "noise": [(f"depth noise {share:.1%}", Knobs(depth_noise=share)) for share in (0.01, 0.03)],
@@ -62,10 +62,10 @@ def main() -> None:
     if arguments.sweep:
         for name in arguments.sweep:
             for label, knobs in SWEEPS[name]:
-                rows += _report(label, _quick_cases(name, knobs, sizes, arguments.sweep_seeds), tree, arguments.arms)
+                rows += _report(label, _quick_cases(name, knobs, sizes, arguments.sweep_seeds), tree, arguments)
     else:
         cases = list(_whole_cases(arguments.cache, sizes, arguments.seeds))
-        rows += _report(f"{len(cases)} rooms end to end (pycolmap)", cases, tree, arguments.arms)
+        rows += _report(f"{len(cases)} rooms end to end (pycolmap)", cases, tree, arguments)
         _report_association(cases)
     if arguments.json:
         arguments.json.write_text("".join(json.dumps(asdict(row)) + "\n" for row in rows))
@@ -78,9 +78,15 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3], help="rooms of each kind")
     parser.add_argument("--sweep", nargs="+", choices=SWEEPS, help="knobs to turn on quick rooms")
     parser.add_argument("--sweep-seeds", type=int, nargs="+", default=list(SWEEP_SEEDS))
-    parser.add_argument("--arms", nargs="+", choices=ARMS, default=list(ARMS))
+    parser.add_argument("--lists", type=Path, help="the authors' lists (scale_metrics), for one more arm of the paper")
+    parser.add_argument(
+        "--arms", nargs="+", choices=ARMS, help="all by default, but the authors' lists without --lists"
+    )
     parser.add_argument("--json", type=Path, help="every score, one line each")
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    if arguments.arms is None:
+        arguments.arms = [arm for arm in ARMS if arm != AUTHORS or arguments.lists]
+    return arguments
 
 
 def _tree_and_sizes(raw: Path, cache: Path) -> tuple[Tree, Sizes]:
@@ -127,11 +133,11 @@ def _quick_cases(sweep: str, knobs: Knobs, sizes: Sizes, seeds: Sequence[int]) -
             yield Case(f"{kind} {own}", made.scene, made.instances, made.truth)
 
 
-def _report(title: str, cases: Iterable[Case], tree: Tree, arms: Sequence[str]) -> list[Score]:
+def _report(title: str, cases: Iterable[Case], tree: Tree, arguments: argparse.Namespace) -> list[Score]:
     """Judge every case by every arm and print one table."""
     rows: list[Score] = []
     for case in cases:
-        found = scores(case, tree, arms)
+        found = scores(case, tree, arguments.arms, arguments.lists)
         rows += [score for score, _, _ in found.values()]
         print(case.name, {arm: _shown(score.signed) for arm, (score, _, _) in found.items()}, file=sys.stderr)
     print(f"\n### {title}\n")
@@ -141,7 +147,7 @@ def _report(title: str, cases: Iterable[Case], tree: Tree, arms: Sequence[str]) 
     )  # fmt: skip
     _print_row(columns)
     _print_row(["---"] * len(columns))
-    for arm in arms:
+    for arm in arguments.arms:
         s = summary([row for row in rows if row.method == arm])
         heights = (f"{s.heights_median:.3f}", f"{s.heights_mean:.3f} +/- {s.heights_sd:.3f}", f"{s.heights_p90:.3f}")
         scale = (f"{s.median:.3f}", f"{s.mean:.3f}", f"{s.p90:.3f}", f"{s.bias:+.3f}")

@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -20,11 +21,15 @@ from estimator.result import ScaleResult
 from estimator.scene import Instance, Scene
 from metric_tree.tree import Tree
 
-__all__ = ["ARMS", "Case", "scores"]
+__all__ = ["ARMS", "AUTHORS", "Case", "scores"]
+
+#: The paper's recipe on the authors' own lists in place of our items.
+AUTHORS = "paper, authors' lists"
 
 #: Arms of the comparison by name: the estimator's method, and how objects are measured (None: not at all).
 ARMS: dict[str, tuple[str, MeasurementOptions | None]] = {
     "paper": ("paper", PAPER),
+    AUTHORS: ("paper", PAPER),
     "sucar": ("sucar", None),
     "height": ("height", MeasurementOptions()),
     "height, no planes": ("height", MeasurementOptions(supports=False)),
@@ -43,8 +48,13 @@ class Case:
     truth: Truth
 
 
-def scores(case: Case, tree: Tree, arms: Sequence[str]) -> dict[str, tuple[Score, ScaleResult, Measurements | None]]:
-    """Score, result and measurements of each arm; arms that measure alike share the measurement."""
+def scores(
+    case: Case, tree: Tree, arms: Sequence[str], lists: Path | None = None
+) -> dict[str, tuple[Score, ScaleResult, Measurements | None]]:
+    """Score, result and measurements of each arm; arms that measure alike share the measurement.
+
+    lists : the authors' lists, for the arm AUTHORS.
+    """
     found: dict[str, tuple[Score, ScaleResult, Measurements | None]] = {}
     measurements: dict[MeasurementOptions, Measurements] = {}
     for arm in arms:
@@ -59,8 +69,11 @@ def scores(case: Case, tree: Tree, arms: Sequence[str]) -> dict[str, tuple[Score
             if how not in measurements:
                 measurements[how] = measured(case.scene, case.instances, how)
             taken = measurements[how]
-            answer = paper_result if method == "paper" else estimated
-            result = answer(taken.objects, tree, Options(method=method))
+            options = Options(method=method)
+            if method == "paper":
+                result = paper_result(taken.objects, tree, options, lists if arm == AUTHORS else None)
+            else:
+                result = estimated(taken.objects, tree, options)
             heights = np.array([thing.extents[2] for thing in taken.objects])
             true = [_majority(case.instances, track) for track in taken.tracks]
         score = _score(case, arm, result, time.perf_counter() - started)

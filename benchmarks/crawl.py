@@ -105,7 +105,8 @@ def compared(pages: int, padding: int) -> list[dict[str, Any]]:
 
 def killed(pages: int, kills: int) -> dict[str, int]:
     """Kill a crawl at random moments, resume it, and count what was lost or doubled."""
-    generator, shop = random.Random(7), Shop(products=pages, faults=False, delay=0.01)
+    generator = random.Random(7)  # noqa: S311 - moments of kills, not secrets
+    shop = Shop(products=pages, faults=False, delay=0.01)
     out = Path(tempfile.mkdtemp())
     with shop_process(shop) as base:
         for number in range(kills):

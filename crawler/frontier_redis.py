@@ -130,7 +130,7 @@ class RedisFrontier:
         return {reason: int(count) for reason, count in self._redis.hgetall(self._keys["failed"]).items()}
 
     def lines(self, after: int = 0) -> Iterable[tuple[int, str]]:
-        """This worker's items."""
+        """Numbers and JSON lines of this worker's items."""
         return self._items.lines(after)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The frontier of one process: an SQLite file in the crawl's folder, which also holds the items until they are written out."""
+"""The frontier of one process: an SQLite file that also holds the items until they are written out."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ __all__ = ["BanMiddleware", "GuardMiddleware", "settings", "user_agent"]
 #: A download that takes longer is a trap or a dead server; half a minute serves any honest page.
 DOWNLOAD_SECONDS = 30
 
-#: First pause after a ban, doubled with each further one up to the longest; the crawl stops after so many in a row.
+#: First pause after a ban, doubled with each further one up to the longest; so many in a row end the crawl.
 BAN_SECONDS, LONGEST_BAN_SECONDS, MOST_BANS = 30.0, 1800.0, 6
 
 #: What a page says instead of its product when the site takes us for a robot.

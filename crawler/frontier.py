@@ -46,7 +46,7 @@ def task_key(url: str, callback: str = "parse") -> str:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a task: `items` as JSON lines by their ids, tasks it led to, why it failed or None."""
+    """What came of a task: `items` as JSON lines by their ids, tasks it led to, why it failed."""
 
     key: str
     items: Sequence[tuple[str, str]] = ()

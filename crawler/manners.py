@@ -26,7 +26,8 @@ BAN_SECONDS, LONGEST_BAN_SECONDS, MOST_BANS = 30.0, 1800.0, 6
 
 #: What a page says instead of its product when the site takes us for a robot.
 _BAN_PAGE = re.compile(
-    rb"captcha|robot check|are you a (?:human|robot)|unusual traffic|access denied|verify you are human|automated access",
+    rb"captcha|robot check|are you a (?:human|robot)|unusual traffic|access denied|verify you are human"
+    rb"|automated access",
     re.IGNORECASE,
 )
 #: A ban page is short; a product page that mentions captchas is not.

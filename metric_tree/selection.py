@@ -66,13 +66,13 @@ class Rules:
 
     count : how many to choose, as many as the paper. most_divergence : beyond it two ordinary objects differ twofold,
     and a narrow posterior rests on which of the fit's modes an object is of. least_samples : with which a spread is
-    known to within a quarter. least_sources : of one source nobody knows how well it transfers. least_lists : of
+    known to a sixth (one sigma). least_sources : of one source nobody knows how well it transfers. least_lists : of
     `TRAINING_LISTS`, for a name of one list only is that list's speciality.
     """
 
     count: int = 43
     most_divergence: float = 0.5
-    least_samples: int = 30
+    least_samples: int = 20
     least_sources: int = 2
     least_lists: int = 2
 

@@ -87,7 +87,7 @@ def test_each_rule_excludes_and_says_so(mini: Tree) -> None:
     rat = _candidate(mini, "rat.n.01", 3.0)
     cases = [
         (replace(rat, divergence=0.9), "divergence 0.90"),
-        (_candidate(mini, "rat.n.01", 3.0, samples=29), "29 samples"),
+        (_candidate(mini, "rat.n.01", 3.0, samples=19), "19 samples"),
         (_candidate(mini, "rat.n.01", 3.0, sources=1), "1 sources"),
         (_candidate(mini, "rat.n.01", 3.0, lists=1), "1 of 4"),
     ]

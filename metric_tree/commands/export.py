@@ -1,0 +1,127 @@
+"""`metric-tree export --out DIR`: training data for instance segmentation, in COCO's form."""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from crawler.faults import InputFault
+from metric_tree.commands.shell import print_json, print_table
+from metric_tree.tree import Node, Tree, open_tree
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "Training data for instance segmentation (COCO format): pasted cut-outs, and matching pictures of other sets."
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    add = parser.add_argument
+    add("--out", type=Path, required=True, metavar="DIR", help="a folder that is not there yet")
+    add("--categories", metavar="FILE.csv|NAME,NAME", help="what `select --out` wrote, or names (default: select's)")
+    add("--pictures", type=int, default=1000, help="made pictures (default: %(default)s)")
+    add("--size", default="640x480", metavar="WxH", help="of a made picture in pixels (default: %(default)s)")
+    add("--backgrounds", type=Path, metavar="DIR", help="pictures to paste on (default: made patches)")
+    add("--val-share", type=float, default=0.1, help="share of items and pictures kept for validation")
+    add("--coco", nargs=2, type=Path, action="append", default=[], metavar=("JSON", "IMAGES"), help="COCO or LVIS")
+    add("--ade20k", type=Path, action="append", default=[], metavar="DIR", help="ADE20K, full set 2021_17_01")
+    add("--open-images", type=Path, action="append", default=[], metavar="DIR", help="Open Images masks, V5 to V7")
+    add("--seed", type=int, default=0, help="the same seed and input give the same bytes (default: %(default)s)")
+    add("--jobs", type=int, default=1, help="processes; they change nothing but the time (default: %(default)s)")
+    add("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the data set and print what is in it."""
+    from metric_tree.training.classes import Classes
+    from metric_tree.training.cutouts import cutouts_of
+    from metric_tree.training.dataset import exported
+
+    plan = _plan(arguments)
+    tree = open_tree(arguments.tree)
+    classes = Classes(tree, _nodes(tree, arguments.categories))
+    cutouts = cutouts_of(classes, plan.seed)
+    summary = exported(arguments.out, classes, cutouts, plan, _others(arguments), _with_progress)
+    found: dict[str, Any] = {
+        "schema": "metric-tree/export/1",
+        "out": str(arguments.out),
+        "cutouts": len(cutouts),
+        "pictures": dict(summary.pictures),
+        "objects": dict(summary.objects),
+        "categories": {node.name: summary.by_category[k] for k, node in enumerate(classes.nodes, start=1)},
+        "too_wide_to_tell": summary.ambiguous,
+    }
+    if arguments.json:
+        print_json(found)
+    else:
+        _print(found)
+    return 0
+
+
+def _plan(arguments: argparse.Namespace) -> Any:
+    from metric_tree.training.dataset import Plan, background_files
+
+    try:
+        width, height = (int(side) for side in arguments.size.lower().split("x"))
+    except ValueError:
+        width = height = 0
+    if not (64 <= width <= 8192 and 64 <= height <= 8192):
+        raise InputFault(f"--size: expected WIDTHxHEIGHT from 64 to 8192; found {arguments.size!r}")
+    if not 0 <= arguments.val_share < 1:
+        raise InputFault(f"--val-share: expected a share from 0 to under 1; found {arguments.val_share}")
+    for name, least in (("pictures", 0), ("jobs", 1), ("seed", 0)):
+        if getattr(arguments, name) < least:
+            raise InputFault(f"--{name}: expected {least} or more; found {getattr(arguments, name)}")
+    backgrounds = background_files(arguments.backgrounds) if arguments.backgrounds else ()
+    return Plan(arguments.pictures, (width, height), arguments.val_share, arguments.seed, backgrounds, arguments.jobs)
+
+
+def _nodes(tree: Tree, categories: str | None) -> list[Node]:
+    """The nodes of a file that `select` wrote, or of names, or of the selection."""
+    if categories is None:
+        from metric_tree.selection import candidates, chosen
+
+        return [one.node for one in chosen(candidates(tree))]
+    if not categories.endswith(".csv"):
+        return [tree.find(name.strip()) for name in categories.split(",")]
+    with Path(categories).open(encoding="utf-8", newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    if not rows or "node" not in rows[0]:
+        raise InputFault(f"{categories}: columns: expected node, as `metric-tree select --out` writes it; found none")
+    return [tree.node(row["node"]) for row in rows]
+
+
+def _others(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, ...], Iterable[Any]]]:
+    from metric_tree.training import ade20k, coco, open_images
+
+    for file, images in arguments.coco:
+        yield coco.LISTS, coco.coco_pictures(file, images)
+    for folder in arguments.ade20k:
+        yield ade20k.LISTS, ade20k.ade20k_pictures(folder)
+    for folder in arguments.open_images:
+        yield open_images.LISTS, open_images.open_images_pictures(folder)
+
+
+def _with_progress(items: Iterable[Any], total: int) -> Iterable[Any]:
+    """The items, with a bar on standard error where that is a terminal."""
+    if not sys.stderr.isatty():
+        return items
+    from rich.console import Console
+    from rich.progress import track
+
+    return track(items, "making pictures", total, console=Console(stderr=True), transient=True)
+
+
+def _print(found: dict[str, Any]) -> None:
+    print_table(
+        ["split", "pictures", "objects"],
+        [(split, count, found["objects"][split]) for split, count in found["pictures"].items()],
+        title=f"{found['out']}: from {found['cutouts']} cut-outs",
+    )
+    print_table(["category", "objects"], sorted(found["categories"].items(), key=lambda row: -row[1]))
+    if found["too_wide_to_tell"]:
+        print_table(["label above a category, left out", "objects"], found["too_wide_to_tell"].items())

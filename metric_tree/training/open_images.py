@@ -1,0 +1,89 @@
+"""Open Images, segmentation masks (V5 to V7): a table of masks, pictures of masks, a table of class names.
+
+The folder holds, at any depth, `*-annotations-object-segmentation.csv`, `class-descriptions*.csv` (two columns,
+machine id and name, no header), the masks' pictures and the pictures `<ImageID>.jpg`. A mask's picture may be of
+another size than the picture's own: it covers the same view.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations, run_lengths
+
+__all__ = ["LISTS", "open_images_pictures"]
+
+#: How its names are read.
+LISTS = ("openimages_601",)
+
+TABLES, NAMES = "*-annotations-object-segmentation.csv", "class-descriptions*.csv"
+_COLUMNS = ("MaskPath", "ImageID", "LabelName")
+
+
+def open_images_pictures(folder: Path) -> Iterator[AnnotatedPicture]:
+    """The pictures that are in the folder and have masks, in the order of their ids.
+
+    Raises
+    ------
+    BadAnnotations
+        A table is missing or of another form, or a mask cannot be read.
+    """
+    names = _names(folder)
+    rows = _rows(folder)
+    files = {path.name: path for path in sorted(folder.rglob("*")) if path.suffix.lower() in {".png", ".jpg"}}
+    for image_id in sorted(rows):
+        picture = files.get(f"{image_id}.jpg")
+        if picture is not None:
+            yield _picture(picture, rows[image_id], names, files)
+
+
+def _picture(
+    file: Path, rows: list[tuple[str, str]], names: dict[str, str], files: dict[str, Path]
+) -> AnnotatedPicture:
+    import cv2
+    from PIL import Image
+
+    with Image.open(file) as header:
+        width, height = header.size
+    found = []
+    for mask_name, label in rows:
+        if label not in names or mask_name not in files:
+            continue  # masks come in sixteen archives; a user may have fetched some
+        picture = cv2.imdecode(np.fromfile(files[mask_name], dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+        if picture is None:
+            raise BadAnnotations.at(files[mask_name], "mask", "a picture", "something else")
+        if picture.shape != (height, width):
+            picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_NEAREST)
+        if picture.any():
+            found.append(AnnotatedObject((names[label],), *run_lengths(picture > 0)))
+    return AnnotatedPicture(file, width, height, tuple(found))
+
+
+def _names(folder: Path) -> dict[str, str]:
+    names: dict[str, str] = {}
+    for file in sorted(folder.rglob(NAMES)):
+        with file.open(encoding="utf-8", newline="") as lines:
+            names |= {row[0]: row[1] for row in csv.reader(lines) if len(row) == 2}
+    if not names:
+        raise BadAnnotations.at(folder, "class names", NAMES, "none")
+    return names
+
+
+def _rows(folder: Path) -> dict[str, list[tuple[str, str]]]:
+    """Mask file and label of each picture's objects."""
+    rows: dict[str, list[tuple[str, str]]] = {}
+    tables = sorted(folder.rglob(TABLES))
+    if not tables:
+        raise BadAnnotations.at(folder, "masks", TABLES, "none")
+    for file in tables:
+        with file.open(encoding="utf-8", newline="") as lines:
+            reader = csv.DictReader(lines)
+            if not set(_COLUMNS) <= set(reader.fieldnames or ()):
+                raise BadAnnotations.at(file, "columns", ", ".join(_COLUMNS), ", ".join(reader.fieldnames or ()))
+            for row in reader:
+                rows.setdefault(row["ImageID"], []).append((row["MaskPath"], row["LabelName"]))
+    return rows

@@ -1,0 +1,60 @@
+"""What the readers of other data sets hand over, whatever their form: pictures with named masks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from crawler.faults import InputFault
+
+__all__ = ["AnnotatedObject", "AnnotatedPicture", "BadAnnotations", "BoolArray", "run_lengths"]
+
+BoolArray = NDArray[np.bool_]
+
+
+class BadAnnotations(InputFault):
+    """Annotations that cannot be read: file, field, expected, found."""
+
+    @classmethod
+    def at(cls, file: Path, field: str, expected: str, found: object) -> BadAnnotations:
+        """The fault in one line."""
+        return cls(f"{file}: {field}: expected {expected}; found {str(found)[:120]}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AnnotatedObject:
+    """One object of a picture: the set's own label (or its synonyms, first first) and COCO's `segmentation` of it."""
+
+    names: tuple[str, ...]
+    segmentation: Any
+    area: float
+    bbox: tuple[float, float, float, float]
+    crowd: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AnnotatedPicture:
+    """A picture on the user's disk and all that is annotated in it."""
+
+    file: Path
+    width: int
+    height: int
+    objects: tuple[AnnotatedObject, ...] = field(default=())
+
+    def __iter__(self) -> Iterator[AnnotatedObject]:
+        return iter(self.objects)
+
+
+def run_lengths(mask: BoolArray) -> tuple[dict[str, Any], float, tuple[float, float, float, float]]:
+    """COCO's compressed run lengths of a mask (h, w), its area and its box (x, y, width, height)."""
+    from pycocotools import mask as coco
+
+    runs = coco.encode(np.asfortranarray(mask.astype(np.uint8)))
+    area, box = float(coco.area(runs)), coco.toBbox(runs)
+    counts = {"size": [int(side) for side in runs["size"]], "counts": runs["counts"].decode("ascii")}
+    return counts, area, (float(box[0]), float(box[1]), float(box[2]), float(box[3]))

@@ -14,6 +14,7 @@ import pyarrow as pa
 
 from metric_tree import item_checks, prior_checks, tree_checks
 from metric_tree.findings import Finding
+from metric_tree.images import image_path
 from metric_tree.schema import TABLES
 from metric_tree.store import BadRelease, Release, opened, sha256
 
@@ -99,18 +100,24 @@ def _count_findings(release: Release, tables: _Tables) -> Iterator[Finding]:
 
 def _image_findings(release: Release, tables: _Tables) -> Iterator[Finding]:
     items = set(tables.items["item_id"].to_pylist())
-    columns = tables.images.select(["image_id", "item_id", "path", "licence"]).to_pydict()
-    for image_id, item_id, path, licence in zip(*columns.values(), strict=True):
+    for row in tables.images.to_pylist():
+        image_id, item_id, path, licence = (row[name] for name in ("image_id", "item_id", "path", "licence"))
         if item_id not in items:
             yield Finding("E501", image_id, f"item_id: expected an item of the release; found {item_id!r}")
-        if path is not None and not (release.directory / path).is_file():
-            yield Finding("E502", image_id, f"path: expected a file; found none at {path}")
+        for column in ("path", "cutout_path"):
+            if row[column] is not None and image_path(release.directory, row, column) is None:
+                yield Finding(
+                    "E502", image_id, f"{column}: expected a file of the release; found none at {row[column]}"
+                )
+        if path is not None and (file := image_path(release.directory, row)) and sha256(file) != image_id:
+            yield Finding("E504", image_id, f"path: expected bytes of this sha256; found others in {path}")
         if not licence:
             yield Finding("E503", image_id, "licence: expected the picture's terms; found none")
 
 
 CODES |= {
     "E501": "a picture of an item that the release does not hold",
-    "E502": "a picture whose file is missing",
+    "E502": "a picture or cut-out whose file is missing, or lies outside the release",
     "E503": "a picture without a licence",
+    "E504": "a picture whose bytes are not those that its id names",
 }

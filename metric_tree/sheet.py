@@ -10,10 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from crawler.faults import InputFault
+from crawler.pictures import decoded
 from metric_tree.images import image_path
 from metric_tree.tree import Node
 
@@ -56,12 +59,12 @@ def chosen(node: Node, count: int) -> list[dict[str, Any]]:
 
 
 def drawn(release: Path, rows: Sequence[Mapping[str, Any]]) -> list[Drawn]:
-    """What of the rows can be drawn: those whose file is there, cut-outs where there are any."""
+    """What of the rows can be drawn: those whose file is a picture, cut-outs where there are any."""
     found = []
     for row in rows:
         cut = image_path(release, row, "cutout_path")
         path = cut or image_path(release, row)
-        if path is not None:
+        if path is not None and (cut or not isinstance(decoded(path.read_bytes()), str)):
             sizes = " × ".join(f"{side:.0f}" for side in row["extents_mm"])
             credit = f"{row['source']} ({row['licence'] or 'no licence stated'})"
             found.append(Drawn(path, cut is not None, max(row["extents_mm"]), row["title"], f"{sizes} mm", credit))
@@ -173,8 +176,12 @@ def _short(text: str) -> str:
     return text if len(text) <= 20 else f"{text[:19]}…"
 
 
+@cache
 def _font(size: int) -> Any:
-    """Pillow's own font: the same sheet on every machine."""
+    """DejaVu Sans as matplotlib brings it: the same sheet on every machine, and titles in most scripts."""
     from PIL import ImageFont
 
-    return ImageFont.load_default(size)
+    library = find_spec("matplotlib")  # found, not imported: its import takes half a second
+    if library is None or library.origin is None:
+        return ImageFont.load_default(size)
+    return ImageFont.truetype(Path(library.origin).parent / "mpl-data/fonts/ttf/DejaVuSans.ttf", size)

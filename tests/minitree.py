@@ -61,7 +61,7 @@ def release(
     manifest: Callable[[dict[str, Any]], None] | None = None,
     extras: Path | None = None,
 ) -> Release:
-    """Publish rows (the valid ones by default) as a release; `manifest` may change it first; `extras`: further files."""
+    """Publish rows (the valid ones by default) as a release; `manifest` may change its own first."""
     content = rows() if content is None else content
     tables = {name: pa.Table.from_pylist(content[name], schema=schema) for name, schema in TABLES.items()}
     parents = {row["parent_id"] for row in content["nodes.parquet"]}

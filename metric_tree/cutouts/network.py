@@ -70,14 +70,29 @@ class Network:
 
 
 def has_weights(model: str) -> bool:
-    """Whether rembg and the weights of a model are on this machine."""
-    if Path(model).suffix == ".onnx":
-        return Path(model).is_file()
+    """Whether rembg and the weights of a model are on this machine; found without loading rembg, which takes seconds.
+
+    Raises
+    ------
+    InputFault
+        No such model or file.
+    """
     _check(model)
     if find_spec("rembg") is None or find_spec("onnxruntime") is None:
         return False
-    sessions = _rembg().sessions.sessions
-    return sessions[model].resolve_existing(f"{model}.onnx") is not None
+    if Path(model).suffix == ".onnx":
+        return True
+    name = f"{model}.onnx"
+    return any((home / "models" / model / name).is_file() or (home / name).is_file() for home in _homes())
+
+
+def _homes() -> list[Path]:
+    """Where rembg keeps weights: in its home, or in the older, flat one."""
+    data = os.environ.get("XDG_DATA_HOME")
+    old = Path(os.environ.get(_HOME) or f"{data or '~'}/.u2net").expanduser()
+    if os.environ.get(_HOME):
+        return [old]
+    return [Path(os.environ.get("REMBG_HOME") or (f"{data}/rembg" if data else "~/.rembg")).expanduser(), old]
 
 
 def _check(model: str) -> None:

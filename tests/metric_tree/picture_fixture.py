@@ -43,7 +43,8 @@ def bomb() -> bytes:
         return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
 
     header = struct.pack(">IIBBBBB", 50_000, 50_000, 8, 2, 0, 0, 0)
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
+    body = chunk(b"IDAT", zlib.compress(bytes(1000)))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + body + chunk(b"IEND", b"")
 
 
 def animation() -> bytes:
@@ -70,6 +71,7 @@ def release_with(directory: Path, bodies: list[bytes]) -> Release:
     """The small release with a picture for each of its first items; files are named after their bytes."""
     content = minitree.rows()
     folder = directory.with_name(f"{directory.name}.extras")
+    folder.mkdir(parents=True)
     for item, body in zip(content["items.parquet"], bodies, strict=False):
         name = hashlib.sha256(body).hexdigest()
         path = f"pictures/{name[:2]}/{name}.jpg"

@@ -134,6 +134,7 @@ FAULTS: dict[str, Fault] = {
         _picture("made:mouse.n.01-0", "images/none.png", "CC0-1.0")
     ),
     "E503": lambda content: content["images.parquet"].append(_picture("made:mouse.n.01-0", None, None)),
+    "E504": lambda content: content["images.parquet"].append(_picture("made:mouse.n.01-0", "nodes.parquet", "CC0-1.0")),
 }
 
 

@@ -1,0 +1,118 @@
+"""Pictures of a crawl into a build: joined to their items, linked once, licences kept, hostile records told."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+
+import pytest
+
+import metric_tree
+import metric_tree.commands.build as command
+from crawler.pictures import picture
+from metric_tree.build import PRIVATE_LICENCE, built
+from metric_tree.checks import findings
+from metric_tree.commands import main
+from metric_tree.images import image_path, picture_files
+from metric_tree.ingest import raw_files
+from tests.metric_tree.picture_fixture import shop_picture
+from tests.metric_tree.raw_fixture import SOURCES, made_items, written
+from tests.metric_tree.small_taxonomy import small_taxonomy
+
+
+@pytest.fixture
+def crawl(tmp_path, monkeypatch):
+    """A folder as a crawl leaves it: items, pictures of eight of them, the files."""
+    monkeypatch.setattr(command, "built", partial(built, taxonomy=small_taxonomy, declared=SOURCES))
+    monkeypatch.setattr(command, "shipped_curated", tuple)
+    folder = tmp_path / "crawl"
+    folder.mkdir()
+    items = made_items(per_class=12)
+    written(folder / "items-000000001-000000099.jsonl", items)
+    chairs = [item for item in items if "chair" in item.category_path][:8]
+    found = [
+        picture(shop_picture(k // 2), item.url, item.identity, folder / "pictures") for k, item in enumerate(chairs)
+    ]
+    lines = [one.line() for one in found] + [found[0].line().replace(found[0].item_id, "lab:gone")]
+    (folder / "pictures-000000001-000000099.jsonl").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+def run(crawl, out, *words):
+    return main(["build", *map(str, (crawl, "--out", out, "--workers", 1, "--no-heldout", *words))])
+
+
+def records(crawl):
+    return crawl / "pictures-000000001-000000099.jsonl"
+
+
+def test_picture_records_are_no_raw_items(crawl):
+    assert [path.name for path in raw_files([crawl])] == ["items-000000001-000000099.jsonl"]
+    assert picture_files([crawl]) == [records(crawl)]
+    assert picture_files([crawl / "items-000000001-000000099.jsonl"]) == [records(crawl)]
+
+
+def test_a_build_takes_the_pictures_of_what_it_ships(crawl, tmp_path):
+    assert run(crawl, tmp_path / "release") == 0
+    tree = metric_tree.open(tmp_path / "release")
+    rows = tree.find("entity").images().to_pylist()
+    shipped = {row["item_id"] for row in tree.find("entity").items().to_pylist()}
+    assert rows
+    assert {row["item_id"] for row in rows} <= shipped
+    assert {row["licence"] for row in rows} == {"CC0-1.0"}
+    assert all(image_path(tmp_path / "release", row).is_file() for row in rows)
+    assert tree.find("chair").images().num_rows == tree.find("seat").images().num_rows == len(rows)
+    assert tree.find("table").images().num_rows == 0
+    assert not [finding for finding in findings(tmp_path / "release") if finding.is_error]
+    report = json.loads((tmp_path / "release.build" / "report.json").read_text())
+    assert report["pictures"]["taken"] == len(rows)
+    assert report["pictures"]["left_out"]["no_item"] == 9 - len(rows)
+
+
+def test_private_sources_are_kept_on_request_and_say_so(crawl, tmp_path):
+    assert run(crawl, tmp_path / "release") == 0
+    assert run(crawl, tmp_path / "private", "--private", "shop") == 0
+    public, private = (metric_tree.open(tmp_path / name).find("entity").images() for name in ("release", "private"))
+    assert private.num_rows > public.num_rows
+    assert set(private["licence"].to_pylist()) == {"CC0-1.0", PRIVATE_LICENCE}
+    assert metric_tree.open(tmp_path / "private").release.manifest["private"] == ["shop"]
+
+
+def test_a_picture_of_two_items_is_one_file(crawl, tmp_path):
+    assert run(crawl, tmp_path / "release", "--private", "shop", "--private", "club") == 0
+    rows = metric_tree.open(tmp_path / "release").find("entity").images().to_pylist()
+    files = [path for path in (tmp_path / "release" / "pictures").rglob("*") if path.is_file()]
+    assert len(files) == len({row["image_id"] for row in rows}) < len(rows)
+    assert all(path.stat().st_nlink > 1 for path in files)
+
+
+def test_changed_and_missing_files_are_left_out(crawl, tmp_path):
+    files = sorted(path for path in (crawl / "pictures").rglob("*.jpg"))
+    files[0].write_bytes(b"another")
+    files[1].unlink()
+    assert run(crawl, tmp_path / "release", "--private", "shop", "--private", "club") == 0
+    left_out = json.loads((tmp_path / "release.build" / "report.json").read_text())["pictures"]["left_out"]
+    assert left_out["changed"] >= 1
+    assert left_out["no_file"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('"path": "', '"path": "../../', "path: expected aa/<image_id>.jpg"),
+        ("metric-tree/picture/1", "metric-tree/picture/2", "schema: expected metric-tree/picture/1"),
+        ('"width_px": 240', '"width_px": -1', "width_px: expected pixels; found -1"),
+        ('"source_url": "', '"source_url": 7, "x": "', "source_url: expected a string; found 7"),
+        ("{", "", "expected a JSON object"),
+    ],
+)
+def test_a_crooked_record_is_one_line(crawl, tmp_path, capsys, old, new, message):
+    text = records(crawl).read_text()
+    assert old in text
+    records(crawl).write_text(text.replace(old, new, 1))
+    assert run(crawl, tmp_path / "release") == 2
+    said = capsys.readouterr().err
+    assert f"{records(crawl)}:1: " in said
+    assert message in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "release").exists()

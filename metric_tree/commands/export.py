@@ -122,6 +122,8 @@ def _print(found: dict[str, Any]) -> None:
         [(split, count, found["objects"][split]) for split, count in found["pictures"].items()],
         title=f"{found['out']}: from {found['cutouts']} cut-outs",
     )
-    print_table(["category", "objects"], sorted(found["categories"].items(), key=lambda row: -row[1]))
+    counts: dict[str, int] = found["categories"]
+    names = sorted(counts, key=lambda name: -counts[name])
+    print_table(["category", "objects"], [(name, counts[name]) for name in names])
     if found["too_wide_to_tell"]:
         print_table(["label above a category, left out", "objects"], found["too_wide_to_tell"].items())

@@ -8,7 +8,7 @@ import os
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 __all__ = ["SCHEMA", "Picture", "Refusal", "decoded", "picture"]
 
@@ -55,9 +55,9 @@ def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refu
 
     Only JPEG, PNG and WebP stills pass; the header's size is checked before a pixel is unpacked.
     """
-    image = decoded(body)
+    image: Any | Refusal = decoded(body)
     if isinstance(image, str):
-        return image
+        return cast(Refusal, image)
     ending, (width, height) = _ENDINGS[image.format], image.size
     name = hashlib.sha256(body).hexdigest()
     path = Path(name[:2]) / f"{name}.{ending}"

@@ -127,4 +127,4 @@ def _record(line: bytes, where: str) -> dict[str, Any]:
     for name in ("width_px", "height_px"):
         if not isinstance(record.get(name), int) or not 0 < record[name] < 1 << 20:
             raise InputFault(f"{where}: {name}: expected pixels; found {record.get(name)!r}")
-    return record
+    return dict(record)

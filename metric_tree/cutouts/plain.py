@@ -177,7 +177,7 @@ def _holes(distance: Floats, outside: Mask, found: Background) -> Mask:
     large = stats[:, cv2.CC_STAT_AREA] >= HOLE_SHARE * distance.size
     large[0] = False
     grown = cv2.dilate((large[labels]).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    return outside | large[labels] | (grown & (distance <= found.tolerance))
+    return np.asarray(outside | large[labels] | (grown & (distance <= found.tolerance)))
 
 
 def _shadow(lab: Floats, plane: Floats, outside: Mask) -> Mask:

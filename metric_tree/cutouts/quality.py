@@ -96,5 +96,5 @@ def _decided(alpha: NDArray[np.uint8]) -> float:
 def _second(mask: NDArray[np.bool_]) -> float:
     """Area of the second largest part over that of the largest."""
     _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
-    areas = np.sort(stats[1:, cv2.CC_STAT_AREA])[::-1]
-    return float(areas[1] / areas[0]) if len(areas) > 1 else 0.0
+    areas = np.sort(stats[1:, cv2.CC_STAT_AREA].astype(np.float64))[::-1]
+    return float(areas[1]) / float(areas[0]) if len(areas) > 1 else 0.0

@@ -89,8 +89,8 @@ def _edge_contrast(picture: RGB, mask: NDArray[np.bool_]) -> float:
 
 def _decided(alpha: NDArray[np.uint8]) -> float:
     """0 to 1: how little of the foreground is neither on nor off."""
-    soft = np.count_nonzero((alpha > 32) & (alpha < 224))
-    return 1.0 - soft / max(1, np.count_nonzero(alpha > 32))
+    soft, on = int(np.sum((alpha > 32) & (alpha < 224))), int(np.sum(alpha > 32))
+    return 1.0 - soft / max(1, on)
 
 
 def _second(mask: NDArray[np.bool_]) -> float:

@@ -41,6 +41,8 @@ LEAST_VISIBLE_SHARE, LEAST_VISIBLE_PX = 0.2, 100
 BORDERS_PX = (0.0, 0.7, 1.5)
 #: Range of a factor on brightness and of one on each channel: another lamp than the shop's.
 BRIGHTNESS, TINT = (0.7, 1.15), (0.92, 1.08)
+#: How much of a made background's colour is its hue: walls and floors are rather grey.
+HUE_SHARE = 0.35
 #: Opacity from which a pixel counts as the object's.
 OPAQUE = 128
 #: Longest side at which a cut-out is kept in memory; enough for MOST_SIDE_SHARE of a picture of 640 pixels.
@@ -104,7 +106,9 @@ def made_background(size: tuple[int, int], generator: np.random.Generator) -> Pi
     import cv2
 
     height, width = size
-    coarse = generator.uniform(20, 235, (int(generator.integers(2, 8)), int(generator.integers(2, 10)), 3))
+    cells = int(generator.integers(2, 8)), int(generator.integers(2, 10))
+    grey, hue = generator.uniform(20, 235, (*cells, 1)), generator.uniform(20, 235, (*cells, 3))
+    coarse = (1 - HUE_SHARE) * grey + HUE_SHARE * hue
     smooth = cv2.resize(coarse.astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
     grain = generator.normal(0, generator.uniform(1, 9), (height, width, 1))
     return np.asarray(np.clip(smooth + grain, 0, 255), dtype=np.uint8)

@@ -12,7 +12,7 @@ __all__ = ["KIND_WEIGHT", "SOURCE_HALF", "row_weights", "shares"]
 
 #: Weight of one row by kind. A maker's figure, a measurement and a norm are sizes of real things. An artist's model is
 #: plausible, not measured, and a museum keeps what is rare or old: about a third of a row. A category value says what
-#: someone finds typical: a tenth. A curated range counts only where nothing else exists (`row_weights`).
+#: someone finds typical: a tenth. A curated range counts only where little else exists (`row_weights`).
 KIND_WEIGHT = {
     "product": 1.0,
     "measured": 1.0,
@@ -27,17 +27,31 @@ KIND_WEIGHT = {
 #: fifty already know its mean to a seventh of the spread, less than the disagreement between sources.
 SOURCE_HALF = 50.0
 
+#: Kinds that are sizes of things as they are sold, used and measured.
+STRONG = frozenset({"product", "measured", "standard"})
+
+#: With so many strong rows a class needs no other: three statuettes called `man` must not pull at the sizes of people.
+ENOUGH_STRONG = 30
+
+#: While the real rows weigh less than this, a curated range counts as one row: two toy bicycles are no fleet.
+FEW = 3.0
+
 
 def row_weights(sources: Sequence[str], kinds: Sequence[str]) -> FloatArray:
     """Weight of each row, (n,).
 
     A source of m rows weighs m / (1 + m / SOURCE_HALF) in all, at most `SOURCE_HALF`, the weight of a random effect
-    whose variance is 1 / SOURCE_HALF of the variance within. Curated rows weigh one where the class has nothing else.
+    whose variance is 1 / SOURCE_HALF of the variance within. With `ENOUGH_STRONG` strong rows the others weigh
+    nothing; curated rows weigh one while the real ones weigh less than `FEW`.
     """
     _, code, counts = np.unique(np.asarray(sources), return_inverse=True, return_counts=True)
     weights: FloatArray = np.array([KIND_WEIGHT[kind] for kind in kinds]) / (1 + counts[code] / SOURCE_HALF)
-    if not weights.any():
-        weights = np.ones(len(weights))
+    names = np.asarray(kinds)
+    strong = np.isin(names, sorted(STRONG))
+    if strong.sum() >= ENOUGH_STRONG:
+        return np.where(strong, weights, 0.0)
+    if weights.sum() < FEW:
+        weights[names == "curated"] = 1.0
     return weights
 
 

@@ -30,8 +30,12 @@ ABOVE = 0.5
 #: Items below a node at which a source has half of a witness's weight: shares among ten are known to a sixth.
 WITNESS_HALF = 10.0
 
-#: Part of the weight that all children share alike, for those that no witness holds.
+#: Part of the weight that all children share alike, for those that no witness holds ...
 EQUAL_SHARE = 0.1
+
+#: ... and more of it while the witnesses together weigh little against this: two models of toys say nothing of what is
+#: common on a street.
+EQUAL_WITNESS = 0.5
 
 #: A single axis has a prior of its own where this much more of the children's weight states it than the joint prior.
 MORE = 0.1
@@ -75,7 +79,8 @@ def commonness(counts: Sequence[Mapping[str, int]], trust: Mapping[str, float]) 
     witness = np.array([trust[source] for source in sources]) * below / (below + WITNESS_HALF)
     if not witness.sum() > 0:
         return equal
-    shares: FloatArray = EQUAL_SHARE * equal + (1 - EQUAL_SHARE) * (items / below) @ witness / witness.sum()
+    alike = max(EQUAL_SHARE, EQUAL_WITNESS / (EQUAL_WITNESS + witness.sum()))
+    shares: FloatArray = alike * equal + (1 - alike) * (items / below) @ witness / witness.sum()
     return shares
 
 

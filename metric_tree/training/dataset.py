@@ -78,15 +78,13 @@ def exported(
     if out.exists():
         raise InputFault(f"{out}: expected a free path for a new data set; found something there")
     summary = Summary()
+    matched = list(_all_matched(others, classes, plan))  # first: a damaged file is told before the long work
     with _whole_folder(out) as work:
         parts: dict[str, list[tuple[dict[str, Any], list[dict[str, Any]]]]] = {split: [] for split in SPLITS}
         for split, image, annotations in progress(_made(work, cutouts, plan), plan.pictures if cutouts else 0):
             parts[split].append((image, annotations))
-        for lists, pictures in others:
-            for picture in pictures:
-                found = _matched(picture, classes, lists)
-                if found is not None:
-                    parts[_split(picture.file.name, plan.val_share)].append(found)
+        for split, found in matched:
+            parts[split].append(found)
         if not any(parts.values()):
             raise InputFault("export: expected cut-outs, or pictures with objects of the categories; found none")
         for split, entries in parts.items():
@@ -179,6 +177,17 @@ def _groups(cutouts: Sequence[Cutout]) -> list[list[Cutout]]:
     for one in cutouts:
         groups.setdefault(one.category, []).append(one)
     return [groups[number] for number in sorted(groups)]
+
+
+def _all_matched(
+    others: Iterable[tuple[tuple[str, ...], Iterable[AnnotatedPicture]]], classes: Classes, plan: Plan
+) -> Iterator[tuple[str, tuple[dict[str, Any], list[dict[str, Any]]]]]:
+    """Split and entry of every picture of the other sets that has an object of our classes."""
+    for lists, pictures in others:
+        for picture in pictures:
+            found = _matched(picture, classes, lists)
+            if found is not None:
+                yield _split(picture.file.name, plan.val_share), found
 
 
 def _matched(

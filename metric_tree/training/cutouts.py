@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from metric_tree.images import image_path
 from metric_tree.training.classes import Classes
 from metric_tree.tree import Node, NoPrior
 
@@ -48,8 +49,8 @@ def cutouts_of(classes: Classes, seed: int) -> list[Cutout]:
         for row in sorted(rows, key=lambda row: (row["item_id"], row["image_id"])):
             node = classes.tree.node(row["node_id"])
             axis, values = _size(sizes.get(row["item_id"], {}), node, seed)
-            if values:
-                file = classes.tree.release.directory / row["cutout_path"]
+            file = image_path(classes.tree.release.directory, row, "cutout_path")
+            if values and file is not None:
                 found.append(Cutout(row["item_id"], row["node_id"], category, file, row["licence"], axis, values))
     return found
 

@@ -55,7 +55,7 @@ class Outcome:
 
 
 class Frontier(Protocol):
-    """What the scheduler asks of a frontier; `crawler.frontier_sqlite` is one process's, `frontier_redis` everyone's."""
+    """What the scheduler asks of a frontier; `frontier_sqlite` is one process's, `frontier_redis` everyone's."""
 
     def add(self, tasks: Iterable[Task]) -> int:
         """Add the tasks whose keys are new; the number of them."""

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from crawler.faults import InputFault
@@ -140,6 +139,8 @@ def _written(path: Path, table: pa.Table) -> dict[str, Any]:
 
 
 def _rows_of(file: pq.ParquetFile, node_ids: Collection[str]) -> pa.Table:
+    import pyarrow.compute as pc  # a query that asks for no items goes without
+
     wanted = pa.array(sorted(node_ids), pa.string())
     parts = []
     for number in range(file.num_row_groups):

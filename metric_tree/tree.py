@@ -237,7 +237,7 @@ def _node(tree: Tree, row: dict[str, Any]) -> Node:
 
 
 def _labelled(name: str, vocabulary: str) -> str:
-    from taxonomy.vocabularies import labelled_node  # noqa: PLC0415 - read only where a list is named
+    from taxonomy.vocabularies import labelled_node  # read only where a list is named
 
     node_id: str = labelled_node(name, vocabulary)
     return node_id

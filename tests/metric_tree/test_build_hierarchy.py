@@ -69,7 +69,7 @@ def test_a_thousand_pages_of_one_shop_are_one_witness():
 
 
 def test_children_without_witness_share_a_tenth_or_more_where_witnesses_weigh_little():
-    many = {name: 1.0 for name in "abcdefgh"}
+    many = dict.fromkeys("abcdefgh", 1.0)
     assert commonness([dict.fromkeys(many, 1000), {}], many) == pytest.approx([0.95, 0.05])
     assert 0.5 < commonness([{"shop": 1}, {}], TRUST)[0] < 0.6  # one page says next to nothing
     assert commonness([{}, {}], TRUST) == pytest.approx([0.5, 0.5])

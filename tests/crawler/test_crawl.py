@@ -113,7 +113,7 @@ def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path) -> None:
     environment = os.environ | {"METRIC_TREE_LEASE_SECONDS": "3"}
     try:
         _answers(socket_port)
-        shop = Shop(products=200, faults=False, delay=0.05)
+        shop = Shop(products=240, faults=False, delay=0.3)
         with MadeSite(shop) as site:
             words = ["--redis", f"redis://127.0.0.1:{socket_port}/0"]
             one, two = (
@@ -123,7 +123,7 @@ def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path) -> None:
                 )
                 for name in ("one", "two")
             )  # fmt: skip
-            _until(lambda: _stored(tmp_path / "out" / "one") > 20 and _stored(tmp_path / "out" / "two") > 20)
+            _until(lambda: all(_stored(tmp_path / "out" / name) > 5 for name in ("one", "two")))
             one.send_signal(signal.SIGKILL)
             one.wait()
             assert two.wait(timeout=90) == 0

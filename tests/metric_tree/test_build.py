@@ -56,7 +56,7 @@ def test_release_is_valid_and_holds_the_sizes(release):
     assert tree.find("ball").dims == ("extent1", "extent2", "extent3")
     assert tree.find("furniture").n_items == sum(tree.find(name).n_items for name in ("chair", "stool", "sofa", "desk"))
     assert tree.find("stool").prior().borrowed > 0.5
-    assert tree.find("chair").prior().n_sources == 4
+    assert tree.find("chair").prior().n_sources == 3  # the games' models are silent beside so many products
 
 
 def test_rows_without_an_open_licence_are_used_and_not_shipped(release):
@@ -222,7 +222,7 @@ def test_sources_that_disagree_are_reported(tmp_path):
     worst = report["disagreements"][0]
     assert worst["node_id"] == "sofa.n.01"
     assert worst["observed_sd"] > 0.15
-    assert set(worst["means_mm"]) == set(SOURCES)
+    assert set(worst["means_mm"]) == set(SOURCES) - {"games"}  # models are silent beside many products
 
 
 def _damaged(folder: Path) -> Path:

@@ -119,7 +119,7 @@ def test_one_shop_does_not_own_a_class():
     assert 0.2 < share < 0.6  # by rows it would be 0.024
 
 
-def test_curated_ranges_count_only_alone():
+def test_curated_ranges_count_alone_and_as_one_row_beside_few():
     typical = np.log([[1000.0, 500.0, 700.0]])
     real = np.log([[2000.0, 900.0, 800.0]])
     range_sd = np.array([[0.1, 0.1, np.nan]])
@@ -129,11 +129,36 @@ def test_curated_ranges_count_only_alone():
     assert spread[:2] == pytest.approx([0.15, 0.15])  # wider than stated by half
     assert alone.share_by_kind == {"curated": 1.0}
     both = class_rows(
-        np.concatenate([typical, real]), kinds=["curated", "product"], range_sd=np.vstack([range_sd, [[np.nan] * 3]])
+        np.concatenate([typical, real]),
+        sources=["curated", "a"],
+        kinds=["curated", "product"],
+        range_sd=np.vstack([range_sd, [[np.nan] * 3]]),
     )
     prior = class_prior(both, VAGUE, NONE, 0)
+    assert prior.share_by_kind["curated"] == pytest.approx(0.5, abs=0.05)
+    assert np.all(prior.quantile(0.5) > alone.quantile(0.5))
+    many = class_rows(
+        np.concatenate([typical, np.repeat(real, 5, axis=0)]),
+        sources=["curated", *["a"] * 5],
+        kinds=["curated", *["product"] * 5],
+        range_sd=np.vstack([range_sd, [[np.nan] * 3] * 5]),
+    )
+    prior = class_prior(many, VAGUE, NONE, 0)
     assert prior.share_by_kind == {"product": 1.0}
     assert prior.quantile(0.5) == pytest.approx([2000, 900, 800], rel=0.1)
+
+
+def test_many_strong_rows_silence_models_and_museums():
+    products = np.log([[1700.0, 480.0, 250.0]]) + np.random.default_rng(3).normal(0, 0.05, (40, 3))
+    statuettes = np.log([[400.0, 200.0, 150.0]] * 3)
+    rows = class_rows(
+        np.concatenate([products, statuettes]),
+        sources=["survey"] * 40 + ["museum"] * 3,
+        kinds=["measured"] * 40 + ["museum"] * 3,
+    )
+    prior = class_prior(rows, VAGUE, NONE, 0)
+    assert prior.share_by_kind == {"measured": 1.0}
+    assert prior.quantile(0.5) == pytest.approx([1700, 480, 250], rel=0.05)
 
 
 def test_axes_that_nobody_states_are_not_published():

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import re
 import unicodedata
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
+from functools import cached_property
 
 __all__ = ["NameIndex", "folded", "singular"]
 
@@ -14,6 +16,8 @@ _IRREGULAR = {
     "lice": "louse", "loaves": "loaf", "men": "man", "mice": "mouse", "oxen": "ox", "people": "person",
     "scarves": "scarf", "shelves": "shelf", "teeth": "tooth", "wolves": "wolf", "women": "woman",
 }  # fmt: skip
+
+_NO_WORD = re.compile(r"[^a-z0-9]+")
 
 #: Endings of singular nouns that look like plurals (glass, bus, basis, series, corps).
 _SINGULAR_ENDINGS = ("ss", "us", "is", "series", "species", "corps")
@@ -24,6 +28,8 @@ _ES_ENDINGS = ("ses", "xes", "zes", "ches", "shes", "oes")
 
 def folded(name: str) -> str:
     """The name in lower case, without accents, with every separator as one space."""
+    if name.isascii():
+        return " ".join(_NO_WORD.sub(" ", name.replace("'", "").lower()).split())
     plain = unicodedata.normalize("NFKD", name).casefold()
     letters = "".join(c if c.isalnum() else " " for c in plain if not unicodedata.combining(c) and c not in "'’")
     return " ".join(letters.split())
@@ -55,14 +61,18 @@ class NameIndex:
 
     def __init__(self, names: Iterable[tuple[str, Iterable[str]]]) -> None:
         exact: defaultdict[str, dict[str, None]] = defaultdict(dict)
-        loose: defaultdict[str, dict[str, None]] = defaultdict(dict)
         for id_, spellings in names:
             for spelling in spellings:
-                key = folded(spelling)
-                exact[key][id_] = None
-                loose[singular(key)][id_] = None
+                exact[folded(spelling)][id_] = None
         self._exact: Mapping[str, dict[str, None]] = dict(exact)
-        self._loose: Mapping[str, dict[str, None]] = dict(loose)
+
+    @cached_property
+    def _loose(self) -> Mapping[str, dict[str, None]]:
+        """By singulars; most names are found as written and never ask for it."""
+        loose: defaultdict[str, dict[str, None]] = defaultdict(dict)
+        for key, ids in self._exact.items():
+            loose[singular(key)].update(ids)
+        return dict(loose)
 
     def ids(self, name: str) -> tuple[str, ...]:
         """Ids that bear the name, in the order they were given; empty where none does."""

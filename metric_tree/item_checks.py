@@ -176,6 +176,7 @@ def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], sizes: NDArra
     parents = dict(zip(nodes["node_id"].to_pylist(), nodes["parent_id"].to_pylist(), strict=True))
     largest = np.nanmax(np.where(np.isnan(sizes), -np.inf, sizes), axis=1, initial=-np.inf)
     medians = {node_id: float(np.median(largest[rows])) for node_id, rows in _groups(node_ids) if len(rows) >= ENOUGH}
+    medians = {node_id: median for node_id, median in medians.items() if median > 0}  # the rest state extents alone
     for node_id, median in medians.items():
         siblings = [
             m for other, m in medians.items() if other != node_id and parents.get(other) == parents.get(node_id)

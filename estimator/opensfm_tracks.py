@@ -46,15 +46,25 @@ def _table(file: Path) -> pa.Table:
     if has_version and not (header and data[header : header + _FIRST_BYTES].strip()):
         raise BadScene.at(file, "observations", "at least one line", 0)
     try:
-        return csv.read_csv(
-            io.BytesIO(data),
-            read_options=csv.ReadOptions(autogenerate_column_names=True, skip_rows=int(has_version)),
-            parse_options=csv.ParseOptions(delimiter="\t", quote_char=False),
-            convert_options=csv.ConvertOptions(column_types=_COLUMNS, include_columns=list(_COLUMNS), null_values=[]),
-        )
+        return _observations_of(data, has_version, in_threads=True)
+    except (pa.ArrowInvalid, KeyError):
+        pass
+    try:  # threads report whichever fault they meet first; alone, the reader always reports the same one
+        return _observations_of(data, has_version, in_threads=False)
     except (pa.ArrowInvalid, KeyError) as fault:
         expected = "tab-separated image, track, feature, x, y, ..."
         raise BadScene.at(file, "observations", expected, told(str(fault))) from None
+
+
+def _observations_of(data: bytes, has_version: bool, in_threads: bool) -> pa.Table:
+    return csv.read_csv(
+        io.BytesIO(data),
+        read_options=csv.ReadOptions(
+            autogenerate_column_names=True, skip_rows=int(has_version), use_threads=in_threads
+        ),
+        parse_options=csv.ParseOptions(delimiter="\t", quote_char=False),
+        convert_options=csv.ConvertOptions(column_types=_COLUMNS, include_columns=list(_COLUMNS), null_values=[]),
+    )
 
 
 def _rows_in(column: pa.ChunkedArray, names: Sequence[str]) -> IntArray:

@@ -1,11 +1,11 @@
-"""How far curated ranges can be trusted: `python -m benchmarks.curated RAW...`.
+"""How far curated ranges can be trusted: `python -m benchmarks.curated RAW... [--table blind_wide]`.
 
-The ranges of `data/curated/blind.csv` were written, and committed, before the sizes of these classes were opened. For
-each class: the share of its items, dimension by dimension, that lie within low and high (wanted: 0.85 to 0.95), and the
-median over the typical value. The fit does not take a range at its word but widens its log by `CURATED_WIDENING`, a
-constant that is older than this test; the last line says what the ranges then cover. Axes are named as a build names
-them; items that do not say which axis is which are left out. A source counts by no more than `MOST` items of a class,
-taken in their order, so that no shop is the class.
+The ranges of `data/curated/blind.csv`, and of `blind_wide.csv` by a second writer, were written, and committed, before
+the sizes of these classes were opened. For each class: the share of its items, dimension by dimension, that lie within
+low and high (wanted: 0.85 to 0.95), and the median over the typical value. The fit does not take a range at its word
+but widens its log by `CURATED_WIDENING`, a constant that is older than this test; the last line says what the ranges
+then cover. Axes are named as a build names them; items that do not say which axis is which are left out. A source
+counts by no more than `MOST` items of a class, taken in their order, so that no shop is the class.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from metric_tree.axes import AXES, sizes
 from metric_tree.fit import CURATED_WIDENING
 from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import Category
-from taxonomy.curated import CuratedRange, blind_ranges
+from taxonomy.curated import BLIND_TABLES, CuratedRange, blind_ranges
 from taxonomy.tree import default_taxonomy
 
 MOST = 200
@@ -65,8 +65,9 @@ def _axes(item: RawItem, pose: str) -> tuple[float | None, ...]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("raw", nargs="+", type=Path)
+    parser.add_argument("--table", choices=BLIND_TABLES, default=BLIND_TABLES[0])
     arguments = parser.parse_args()
-    ranges = blind_ranges()
+    ranges = blind_ranges(arguments.table)
     found = values_by_class(arguments.raw, {row.node_id for row in ranges})
     print("| class | items | length | width | height | median over typical |\n|---|---|---|---|---|---|")
     tested = [row for row in ranges if any(len(values) >= FEWEST for values in found.get(row.node_id, ()))]

@@ -1,9 +1,9 @@
 """Curated ranges: what a reader says of a category for which nothing is measured, each row with its reason or standard.
 
 A range holds nine of ten such things in the writer's judgement. The rows enter the build as raw items of kind
-`curated`, which a class's real items replace. Two tables of one form: `ranges.csv` for the tree, and `blind.csv`,
-written for classes that have measured items before these were opened, to see how far such ranges can be trusted
-(docs/tree.md).
+`curated`, which a class's real items replace. Three tables of one form: `ranges.csv` for the tree, and `blind.csv` and
+`blind_wide.csv`, written for classes that have measured items before these were opened, to see how far such ranges can
+be trusted (docs/tree.md).
 """
 
 from __future__ import annotations
@@ -17,7 +17,17 @@ from crawler.items import RawItem
 from taxonomy.levels import DIMENSIONS, BadLevels, table_rows
 from taxonomy.places import taxonomy_directory
 
-__all__ = ["LICENCE", "SOURCE", "BadRange", "CuratedRange", "Triple", "blind_ranges", "curated_items", "curated_ranges"]
+__all__ = [
+    "BLIND_TABLES",
+    "LICENCE",
+    "SOURCE",
+    "BadRange",
+    "CuratedRange",
+    "Triple",
+    "blind_ranges",
+    "curated_items",
+    "curated_ranges",
+]
 
 #: Source id of the rows in a release; they are the project's own words, under its own licence.
 SOURCE = "curated"
@@ -26,6 +36,9 @@ LICENCE = "Apache-2.0"
 _AXES = tuple(DIMENSIONS.values())
 _ENDS = ("low", "typical", "high")
 _COLUMNS = ("node_id", *(f"{axis}_{end}" for axis in _AXES for end in _ENDS), "reason", "standard", "reader")
+
+#: Two writers' ranges; the second had been told how narrow the first one's were.
+BLIND_TABLES = ("blind", "blind_wide")
 
 #: Length, width, height in mm; None where the row does not say.
 Triple = tuple[float | None, float | None, float | None]
@@ -59,9 +72,9 @@ def curated_ranges(path: Path | None = None) -> tuple[CuratedRange, ...]:
     return _ranges(path or _directory() / "ranges.csv")
 
 
-def blind_ranges() -> tuple[CuratedRange, ...]:
-    """Ranges of classes that have measured items, written before these were opened."""
-    return _ranges(_directory() / "blind.csv")
+def blind_ranges(table: str = "blind") -> tuple[CuratedRange, ...]:
+    """Ranges of classes that have measured items, written before these were opened; `table` is one of BLIND_TABLES."""
+    return _ranges(_directory() / f"{table}.csv")
 
 
 def curated_items() -> Iterator[RawItem]:

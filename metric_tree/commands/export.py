@@ -28,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--backgrounds", type=Path, metavar="DIR", help="pictures to paste on (default: made patches)")
     add("--val-share", type=float, default=0.1, help="share of items and pictures kept for validation")
     add("--coco", nargs=2, type=Path, action="append", default=[], metavar=("JSON", "IMAGES"), help="COCO or LVIS")
-    add("--ade20k", type=Path, action="append", default=[], metavar="DIR", help="ADE20K, full set 2021_17_01")
+    add("--ade20k", type=Path, action="append", default=[], metavar="DIR", help="ADE20K: full set or challenge")
     add("--open-images", type=Path, action="append", default=[], metavar="DIR", help="Open Images masks, V5 to V7")
     add("--seed", type=int, default=0, help="the same seed and input give the same bytes (default: %(default)s)")
     add("--jobs", type=int, default=1, help="processes; they change nothing but the time (default: %(default)s)")

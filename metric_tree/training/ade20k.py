@@ -1,20 +1,23 @@
-"""ADE20K, the full set (2021_17_01): beside each picture a JSON with polygons and a picture of classes, `*_seg.png`.
+"""ADE20K in the forms in which it is given out, told apart by what lies in the folder.
 
-In `*_seg.png` the class of a pixel is red / 10 * 256 + green, the `name_ndx` of the JSON. Polygons run beneath what
-stands in front; the class picture shows what is seen. The visible mask of an object is where both agree.
+| form | beside `<name>.jpg` | reader |
+|---|---|---|
+| full set 2021_17_01 | `<name>.json` with polygons, `<name>_seg.png` | `ade20k_full` |
+| full sets of 2016 and 2017 | `<name>_atr.txt`, `<name>_seg.png` | `ade20k_attributes` |
+| instance challenge of 2017 | `annotations_instance/*/<name>.png` (pictures: `images/*/`) | `ade20k_challenge` |
+
+The index of a full set (`index_ade20k.pkl`, `.mat`) repeats what stands beside the pictures and is not read: a pickle
+from elsewhere may run code. The scene parsing challenge's `annotations/` hold classes without instances: of two chairs
+side by side nobody can tell one from the other, so they are refused with the place where the instances are.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations, BoolArray, run_lengths
+from metric_tree.training import ade20k_attributes, ade20k_challenge, ade20k_full
+from metric_tree.training.records import AnnotatedPicture, BadAnnotations
 
 __all__ = ["LISTS", "ade20k_pictures"]
 
@@ -23,64 +26,20 @@ LISTS = ("ade20k_150",)
 
 
 def ade20k_pictures(folder: Path) -> Iterator[AnnotatedPicture]:
-    """The pictures of a folder of the full set, in the order of their paths; parts of objects are left out.
+    """The pictures of a folder, in the order of their paths; parts of objects are left out.
 
     Raises
     ------
     BadAnnotations
-        There is no annotated picture, or a JSON is not ADE20K's.
+        There is no annotated picture, or an annotation is not ADE20K's.
     """
-    files = [file for file in sorted(folder.rglob("*.json")) if file.with_suffix(".jpg").is_file()]
-    if not files:
-        raise BadAnnotations.at(folder, "ADE20K", "pictures with a .json of the same name beside them", "none")
-    for file in files:
-        yield _picture(file)
-
-
-def _picture(file: Path) -> AnnotatedPicture:
-    try:
-        # the set's own reader takes Latin-1: names were typed by hand, and some are no UTF-8
-        annotation = json.loads(file.read_bytes().decode("latin-1"))["annotation"]
-        height, width = int(annotation["imsize"][0]), int(annotation["imsize"][1])
-        seen = _classes(file, (height, width))
-        whole = [one for one in annotation["object"] if int(one["parts"]["part_level"]) == 0]
-        found = [_object(one, (height, width), seen) for one in whole]
-    except (KeyError, TypeError, ValueError, IndexError) as fault:
-        expected = "annotation with imsize and objects of name, name_ndx, parts and polygon"
-        raise BadAnnotations.at(file, "annotation", expected, repr(fault)) from None
-    return AnnotatedPicture(file.with_suffix(".jpg"), width, height, tuple(one for one in found if one is not None))
-
-
-def _object(one: dict[str, Any], size: tuple[int, int], seen: NDArray[np.int64] | None) -> AnnotatedObject | None:
-    mask = _drawn(one["polygon"], size)
-    if seen is not None:
-        mask &= seen == int(one["name_ndx"])
-    if not mask.any():
-        return None
-    names = (*(name.strip() for name in one["name"].split(",")), *((one["raw_name"],) if one.get("raw_name") else ()))
-    return AnnotatedObject(tuple(dict.fromkeys(names)), *run_lengths(mask))
-
-
-def _drawn(polygon: dict[str, list[float]], size: tuple[int, int]) -> BoolArray:
-    import cv2
-
-    corners = np.column_stack([np.array(polygon["x"], dtype=float), np.array(polygon["y"], dtype=float)])
-    canvas = np.zeros(size, dtype=np.uint8)
-    if len(corners):
-        cv2.fillPoly(canvas, [np.rint(np.clip(corners, -1e4, 1e5)).astype(np.int32)], (1,))
-    return canvas.astype(bool)
-
-
-def _classes(file: Path, size: tuple[int, int]) -> NDArray[np.int64] | None:
-    """(h, w) class numbers of the picture of classes, or None where there is none."""
-    import cv2
-
-    path = file.with_name(f"{file.stem}_seg.png")
-    if not path.is_file():
-        return None
-    picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
-    if picture is None or picture.shape[:2] != size:
-        found = "no picture" if picture is None else f"{picture.shape[:2]}"
-        raise BadAnnotations.at(path, "size", f"{size} (height, width), as imsize", found)
-    red, green = picture[:, :, 2].astype(np.int64), picture[:, :, 1].astype(np.int64)
-    return np.asarray(red // 10 * 256 + green)
+    for form in (ade20k_full, ade20k_attributes, ade20k_challenge):
+        files = form.files(folder)
+        if files:
+            yield from (form.picture(file) for file in files)
+            return
+    if any(folder.rglob("annotations/*/*.png")):
+        expected = "annotations_instance beside annotations, which hold no instances (annotations_instance.tar)"
+        raise BadAnnotations.at(folder, "ADE20K", expected, "annotations alone")
+    expected = "pictures with .json or _atr.txt of the same name beside them, or annotations_instance"
+    raise BadAnnotations.at(folder, "ADE20K", expected, "none")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from crawler.faults import InputFault
 
-__all__ = ["AnnotatedObject", "AnnotatedPicture", "BadAnnotations", "BoolArray", "run_lengths"]
+__all__ = ["AnnotatedObject", "AnnotatedPicture", "BadAnnotations", "BoolArray", "coded_picture", "run_lengths"]
 
 BoolArray = NDArray[np.bool_]
 
@@ -48,6 +48,25 @@ class AnnotatedPicture:
 
     def __iter__(self) -> Iterator[AnnotatedObject]:
         return iter(self.objects)
+
+
+def coded_picture(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.int64]:
+    """(h, w, 3) red, green, blue of a picture whose colours are numbers.
+
+    Raises
+    ------
+    BadAnnotations
+        It is no picture of three channels, or not of the given (height, width).
+    """
+    import cv2
+
+    found = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
+    if found is None or found.ndim != 3 or found.shape[2] != 3 or found.dtype != np.uint8:
+        told = "no picture" if found is None else f"shape {found.shape}, {found.dtype}"
+        raise BadAnnotations.at(path, "picture", "three channels of 8 bits", told)
+    if size is not None and found.shape[:2] != size:
+        raise BadAnnotations.at(path, "size", f"{size} (height, width), as the picture's", f"{found.shape[:2]}")
+    return np.asarray(found[:, :, ::-1], dtype=np.int64)
 
 
 def run_lengths(mask: BoolArray) -> tuple[dict[str, Any], float, tuple[float, float, float, float]]:

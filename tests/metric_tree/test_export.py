@@ -15,7 +15,8 @@ from pycocotools.coco import COCO
 
 from crawler.faults import InputFault
 from metric_tree.commands import main
-from metric_tree.training.classes import Classes
+from metric_tree.training.ade20k_challenge import CLASSES
+from metric_tree.training.classes import Classes, _found
 from metric_tree.training.composition import composed, made_background
 from metric_tree.training.cutouts import Cutout, cutouts_of
 from metric_tree.tree import Tree, open_tree
@@ -228,6 +229,36 @@ def _ade20k(folder: Path) -> list[str]:
     return ["--ade20k", str(folder)]
 
 
+def _ade20k_of_2017(folder: Path) -> list[str]:
+    stem = folder / "images" / "validation" / "o" / "office" / "ADE_val_00000007"
+    _picture(stem.with_suffix(".jpg"), (100, 200))
+    lines = [
+        '001 # 0 # 0 # wall # wall # ""',
+        '002 # 0 # 1 # swivel chair # caf\xe9 chair # "brown, leather"',
+        '001 # 1 # 0 # seat # seat # ""',  # a part, numbered for itself
+        '003 # 0 # 0 # chair # chair # ""',  # hidden: no third value
+    ]
+    stem.with_name(f"{stem.name}_atr.txt").write_bytes("\n".join(lines).encode("latin-1") + b"\n")
+    seg = np.zeros((100, 200, 3), dtype=np.uint8)  # BGR: the second of the blue values that occur is instance 2
+    seg[60:, :, 0] = 40
+    seg[10:50, 10:60] = (90, 0, 100)
+    cv2.imwrite(str(stem.with_name(f"{stem.name}_seg.png")), seg)
+    return ["--ade20k", str(folder)]
+
+
+def _ade20k_challenge(folder: Path) -> list[str]:
+    root = folder / "ADEChallengeData2016"
+    _picture(root / "images" / "training" / "ADE_train_00000001.jpg", (100, 200))
+    coded = np.zeros((100, 200, 3), dtype=np.uint8)  # BGR: red the class, green the instance
+    coded[10:50, 10:35] = (0, 7, 47)  # a swivel chair
+    coded[10:50, 35:60] = (0, 9, 8)  # a chair that touches it
+    coded[60:90, 10:60] = (0, 3, 4)  # a person
+    for name, picture in (("annotations_instance", coded), ("annotations", coded[:, :, 2])):
+        (root / name / "training").mkdir(parents=True)
+        cv2.imwrite(str(root / name / "training" / "ADE_train_00000001.png"), picture)
+    return ["--ade20k", str(folder)]
+
+
 def _open_images(folder: Path) -> list[str]:
     _picture(folder / "train" / "00a1b2c3d4e5f607.jpg", (100, 200))
     names = [("/m/01mzpv", "Chair"), ("/m/020lf", "Computer mouse"), ("/m/0k4j", "Car")]
@@ -253,6 +284,7 @@ def _open_images(folder: Path) -> list[str]:
     [
         (_coco, [("chair", 2000, 0), ("mouse", 20000, 1)]),
         (_ade20k, [("chair", 25 * 40, 0)]),
+        (_ade20k_of_2017, [("chair", 50 * 40, 0)]),
         (_open_images, [("chair", 50 * 40, 0)]),
     ],
 )
@@ -274,14 +306,58 @@ def test_other_sets_are_read_in_their_own_form(
             assert (columns.min(), rows.min(), rows.max()) == (10, 10, 49)
 
 
+def test_the_challenge_parts_things_that_touch(tree: Tree, tmp_path: Path) -> None:
+    assert _export(tree, tmp_path / "set", "--pictures", "0", "--val-share", "0", *_ade20k_challenge(tmp_path)) == 0
+    coco = COCO(str(tmp_path / "set" / "annotations" / "instances_train.json"))
+    found = [(coco.cats[one["category_id"]]["name"], one["bbox"], one["area"]) for one in coco.anns.values()]
+    assert found == [("chair", [10, 10, 25, 40], 1000), ("chair", [35, 10, 25, 40], 1000)]
+
+
+def test_every_class_of_the_challenge_is_read() -> None:
+    assert len(set(CLASSES)) == 100
+    assert (CLASSES[7], CLASSES[46], CLASSES[99]) == ("chair", "swivel chair", "flag")  # as its list numbers them
+    shipped = open_tree()
+    known = [name for name in CLASSES if _found(shipped, name, ("ade20k_150", None)) is not None]
+    assert set(CLASSES) - set(known) == {"screen door", "trade name"}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a_atr.txt", b"001 # 0 # chair", "line 1"),
+        ("annotations_instance/training/a.png", "grey", "three channels"),
+        ("annotations_instance/training/a.png", "class 200", "red"),
+        ("annotations/training/a.png", "grey", "annotations_instance"),
+        ("a.json", b"{}", "annotation"),
+        ("nothing.txt", b"", "none"),
+    ],
+)
+def test_damaged_ade20k_is_one_line(
+    tree: Tree, tmp_path: Path, name: str, content: bytes | str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "ade"
+    _picture(folder / "a.jpg", (20, 20))
+    cv2.imwrite(str(folder / "a_seg.png"), np.zeros((20, 20, 3), np.uint8))
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    if isinstance(content, bytes):
+        (folder / name).write_bytes(content)
+    else:
+        picture = np.full((20, 20) if content == "grey" else (20, 20, 3), 200, np.uint8)
+        cv2.imwrite(str(folder / name), picture)
+    assert _export(tree, tmp_path / "set", "--pictures", "0", "--ade20k", str(folder)) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
 def test_made_pictures_and_other_sets_go_together(tree: Tree, tmp_path: Path) -> None:
     words = []
-    for written in (_coco, _ade20k, _open_images):
+    for written in (_coco, _ade20k, _ade20k_of_2017, _ade20k_challenge, _open_images):
         folder = tmp_path / written.__name__
         folder.mkdir()
         words += written(folder)
     assert _export(tree, tmp_path / "set", "--pictures", "4", "--val-share", "0", *words) == 0
-    assert len(COCO(str(tmp_path / "set" / "annotations" / "instances_train.json")).imgs) == 7
+    assert len(COCO(str(tmp_path / "set" / "annotations" / "instances_train.json")).imgs) == 9
 
 
 def test_labels_go_to_their_class_through_the_tree(tree: Tree) -> None:

@@ -27,8 +27,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.likelihood import Rows, prior_axes
+from estimator.components import Rows
+from estimator.likelihood import prior_axes
 from estimator.scene import FloatArray, IntArray
+from estimator.symmetric import product, row_sums, unpacked
 from metric_tree.prior import Prior
 
 __all__ = ["NODES", "NODE_WEIGHTS", "Lines", "SharedError", "convolved", "lines", "shared_error"]
@@ -108,13 +110,10 @@ def lines(rows: Rows, group: IntArray, across: FloatArray) -> Lines:
     Lines, from the stand-in f(v) = exp(-(v' L v) / 2 + h' v), L and h the sums of the objects' expected precision:
     given u', z has precision P = I + U' L U and mean P^-1 U' (L 1 u' - h).
     """
-    classes = len(across)
-    share = _shares(rows, across[group])  # (m,)
-    weighted = rows.precision * share[:, None, None] * TRUST
-    joint = np.concatenate([weighted.reshape(-1, 9), np.einsum("mij,mj->mi", weighted, rows.residual)], axis=1)
-    indicator = (group == np.arange(classes)[:, None]).astype(float)  # (c, m)
-    sums = indicator @ joint  # (c, 12)
-    information, pull = sums[:, :9].reshape(-1, 3, 3), sums[:, 9:]
+    share = _shares(rows, across.T[:, :, group])  # (m,)
+    weighted = rows.columns[[*range(6), *range(9, 12)]] * (share * TRUST)  # (9, m) Lam and Lam r
+    sums = weighted @ (group[:, None] == np.arange(len(across)))  # (9, c)
+    information, pull = unpacked(sums[:6]), sums[6:].T
     turned = across.transpose(0, 2, 1)  # (c, 2, 3)
     precision = np.eye(2) + turned @ information @ across  # (c, 2, 2)
     covariance = np.linalg.inv(precision)
@@ -169,22 +168,24 @@ def convolved(
 def _below(z: FloatArray) -> FloatArray:
     """Normal distribution function to 3e-4 by a tanh (Page 1977): enough for tails, without SciPy's import."""
     z = np.clip(z, -8, 8)
-    return np.asarray(0.5 * (1 + np.tanh(math.sqrt(2 / math.pi) * (z + 0.044715 * z**3))))
+    return np.asarray(0.5 * (1 + np.tanh(math.sqrt(2 / math.pi) * (z + 0.044715 * (z * z * z)))))
 
 
 def _shares(rows: Rows, across: FloatArray) -> FloatArray:
     """Each row's share of its object by the evidence of its proportions, the outlier having one too, (m,).
 
     With M = Lam - Lam 1 1' Lam / lam the precision across the line and q = U z integrated out, the log evidence is
-    that of the line, plus b' P^-1 b / 2 - ln|P| / 2, b = U' M r, P = I + U' M U; across : (m, 3, 2) U of each row.
+    that of the line, plus b' P^-1 b / 2 - ln|P| / 2, b = U' M r, P = I + U' M U; across : (2, 3, m) U of each row.
     """
-    along = rows.precision.sum(axis=1)  # (m, 3) Lam 1
-    m_across = rows.precision @ across - along[:, :, None] * (
-        (along[:, None, :] @ across) / rows.line_precision[:, None, None]
-    )  # (m, 3, 2) M U
-    b0, b1 = (rows.residual[:, None, :] @ m_across)[:, 0].T  # (m,)
-    p = across.transpose(0, 2, 1) @ m_across  # (m, 2, 2)
-    p00, p01, p11 = 1 + p[:, 0, 0], p[:, 0, 1], 1 + p[:, 1, 1]
+    one, other = across
+    along = row_sums(rows.precision)  # (3, m) Lam 1
+    along_one, along_other = (along * one).sum(axis=0), (along * other).sum(axis=0)  # (m,)
+    b0 = (rows.pull * one).sum(axis=0) - along_one * rows.line_centre
+    b1 = (rows.pull * other).sum(axis=0) - along_other * rows.line_centre
+    turned_one, turned_other = product(rows.precision, one), product(rows.precision, other)  # (3, m) Lam U
+    p00 = 1 + (one * turned_one).sum(axis=0) - along_one**2 / rows.line_precision
+    p01 = (one * turned_other).sum(axis=0) - along_one * along_other / rows.line_precision
+    p11 = 1 + (other * turned_other).sum(axis=0) - along_other**2 / rows.line_precision
     det = p00 * p11 - p01 * p01
     evidence = rows.line_log_peak + 0.5 * ((p11 * b0 * b0 - 2 * p01 * b0 * b1 + p00 * b1 * b1) / det - np.log(det))
     top = np.maximum(np.maximum.reduceat(evidence, rows.start), rows.log_floor)

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.class_error import Lines, SharedError, convolved, lines
-from estimator.likelihood import Rows
+from estimator.components import Rows
 from estimator.scene import FloatArray, IntArray
+from estimator.symmetric import product
 
 __all__ = ["ClassTerms", "joint_classes", "line_density", "single_classes"]
 
@@ -72,57 +73,57 @@ def joint_classes(components: Rows, group: IntArray, errors: Sequence[SharedErro
     on the common grid u (g,) shows where each class's product matters; there all nodes are evaluated.
     """
     classes, first, class_of = np.unique(group, return_index=True, return_inverse=True)
-    of_row = class_of[components.object]  # (m,)
-    nodes = lines(components, of_row, np.array([errors[i].across for i in first]))
-    quadratics = _quadratics(components, nodes, of_row)  # (m, j, 3)
-    log_first, _ = _log_products(quadratics[:, :1], nodes.log_weight[:, :1], components, class_of, u[None])
+    nodes = lines(components, class_of[components.object], np.array([errors[i].across for i in first]))
+    blocks = _Blocks.of(components)
+    middle_node = Lines(nodes.direction, nodes.offset[:, :1], nodes.log_weight[:, :1])
+    log_first, _ = _log_products(components, blocks, middle_node, class_of, np.broadcast_to(u, (len(classes), len(u))))
     middle, half = _spans(log_first[:, 0], u)  # (c,)
     along_sd = np.array([errors[i].along_sd for i in first])
     needed = math.ceil(float((2 * half / (KERNEL_STEPS * along_sd)).max()))
     own = middle[:, None] + half[:, None] * np.linspace(-1, 1, min(max(OWN_POINTS, needed), MOST_OWN_POINTS))  # (c, h)
-    log_node, outlier = _log_products(quadratics, nodes.log_weight, components, class_of, own)
+    log_node, outlier = _log_products(components, blocks, nodes, class_of, own)
     top = log_node.max(axis=(1, 2))[:, None]  # (c, 1)
     value = np.exp(log_node - top[:, None]).sum(axis=1)  # (c, h)
     smooth, kernel = convolved(value, own, u, along_sd)
     return ClassTerms(classes, np.log(np.maximum(smooth, 1e-300)) + top, outlier, class_of, log_node, kernel)
 
 
-def _quadratics(components: Rows, nodes: Lines, of_row: IntArray) -> FloatArray:
-    """Coefficients of u'^2, u', 1 in the log of each component along each node's line, (m, j, 3)."""
-    a = nodes.direction[of_row]  # (m, 3)
-    off = nodes.offset[of_row] + components.residual[:, None, :]  # (m, j, 3)
-    turned = (components.precision @ a[:, :, None])[:, :, 0]  # (m, 3)
-    square = np.broadcast_to((a * turned).sum(axis=1)[:, None], off.shape[:2])
-    linear = (off @ turned[:, :, None])[:, :, 0]
-    constant = ((off @ components.precision) * off).sum(axis=2)
-    return np.stack([-0.5 * square, linear, components.log_weight[:, None] - 0.5 * constant], axis=2)
-
-
 def _log_products(
-    quadratics: FloatArray, node_quadratics: FloatArray, components: Rows, class_of: IntArray, grids: FloatArray
+    components: Rows, blocks: _Blocks, nodes: Lines, class_of: IntArray, grids: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Log of weight and product of each class at its nodes, (c, j, h), and outlier probabilities, (n, j, h).
 
-    grids : (c, h) uniform, or (1, h) for all. Each is brought to t in [-1, 1], so that all share the powers of t.
+    grids : (c, h) uniform. Each is brought to t in [-1, 1], so that all share the powers of t.
     """
-    t = np.linspace(-1, 1, grids.shape[1])
-    middle = np.broadcast_to(0.5 * (grids[:, 0] + grids[:, -1]), len(node_quadratics))
-    half = np.broadcast_to(0.5 * (grids[:, -1] - grids[:, 0]), len(node_quadratics))
-    of_row = class_of[components.object]
-    brought = _brought(quadratics, middle[of_row], half[of_row])
+    nodes = _brought(nodes, 0.5 * (grids[:, 0] + grids[:, -1]), 0.5 * (grids[:, -1] - grids[:, 0]))
+    powers = _powers(np.linspace(-1, 1, grids.shape[1]))
+    quadratics = _quadratics(components, nodes, class_of[components.object])
     floor = np.exp(components.log_floor).astype(np.float32)[:, None, None]
-    density = _summed(brought, _powers(t), components) + floor  # (n, j, h)
+    density = blocks.summed(quadratics, powers) + floor  # (n, j, h)
     n, j, h = density.shape
-    indicator = (class_of == np.arange(len(node_quadratics))[:, None]).astype(np.float32)  # (c, n)
+    indicator = (class_of == np.arange(len(grids))[:, None]).astype(np.float32)  # (c, n)
     log_product = (indicator @ np.log(density).reshape(n, j * h)).reshape(-1, j, h)
-    return log_product + _brought(node_quadratics, middle, half) @ _powers(t), floor / density
+    return log_product + nodes.log_weight @ powers, floor / density
 
 
-def _brought(quadratics: FloatArray, middle: FloatArray, half: FloatArray) -> FloatArray:
-    """Quadratics (m, j, 3) in u' as quadratics in t, u' = middle + half t; middle, half : (m,)."""
-    a, b, c = quadratics[..., 0], quadratics[..., 1], quadratics[..., 2]
+def _brought(nodes: Lines, middle: FloatArray, half: FloatArray) -> Lines:
+    """The lines as functions of t, u' = middle + half t; middle, half : (c,)."""
+    a, b, c = np.moveaxis(nodes.log_weight, -1, 0)  # (c, j)
     middle, half = middle[:, None], half[:, None]
-    return np.stack([a * half**2, (2 * a * middle + b) * half, (a * middle + b) * middle + c], axis=-1)
+    log_weight = np.stack([a * half**2, (2 * a * middle + b) * half, (a * middle + b) * middle + c], axis=-1)
+    return Lines(half * nodes.direction, nodes.offset - (middle * nodes.direction)[:, None], log_weight)
+
+
+def _quadratics(components: Rows, nodes: Lines, of_row: IntArray) -> NDArray[np.float32]:
+    """Coefficients of t^2, t, 1 in the log of each component along each node's line, (m, j, 3); of_row : (m,) class."""
+    a = nodes.direction.T[:, of_row]  # (3, m)
+    off = nodes.offset.T[:, :, of_row] + components.residual[:, None]  # (3, j, m)
+    turned = product(components.precision, off)
+    found = np.empty((len(of_row), off.shape[1], 3), dtype=np.float32)
+    found[:, :, 0] = -0.5 * (a * product(components.precision, a)).sum(axis=0)[:, None]
+    found[:, :, 1] = (a[:, None] * turned).sum(axis=0).T
+    found[:, :, 2] = (components.log_weight - 0.5 * (off * turned).sum(axis=0)).T
+    return found
 
 
 def _spans(log_product: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -138,7 +139,7 @@ def line_density(components: Rows, u: FloatArray) -> FloatArray:
     lam, middle = components.line_precision, 0.5 * (u[0] + u[-1])
     centre = components.line_centre - middle
     coefficients = np.stack([-0.5 * lam, lam * centre, components.line_log_peak - 0.5 * lam * centre**2], axis=1)
-    return _summed(coefficients[:, None, :], _powers(u - middle), components)[:, 0]
+    return _Blocks.of(components).summed(coefficients.astype(np.float32)[:, None], _powers(u - middle))[:, 0]
 
 
 def _powers(t: FloatArray) -> FloatArray:
@@ -146,25 +147,41 @@ def _powers(t: FloatArray) -> FloatArray:
     return np.stack([t * t, t, np.ones_like(t)])
 
 
-def _summed(coefficients: FloatArray, powers: FloatArray, components: Rows) -> FloatArray:
-    """The exponentials of quadratics in u, (m, j, 3) coefficients, summed over each object's rows: (n, j, g) float32.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Blocks:
+    """The rows of n objects in another order: the first rows of all, the second rows of those that have one, ...
 
-    Objects are taken by falling number of rows, so that the k-th rows of all objects that have one are one block and
-    the sum is a few whole-array additions. Single precision: exponents of a thousand are off by 1e-4, a tenth of what
-    the nodes are, for a third of the time.
+    Objects are taken by falling number of rows, so that each block belongs to the first of them and a sum over the
+    rows of every object is a few whole-array additions. order : (m,) rows; sizes : of the blocks; place : (n,) where
+    each object is among them.
     """
-    n, (m, j, _) = len(components.log_floor), coefficients.shape
-    counts = np.diff(np.append(components.start, m))
-    place = np.empty(n, dtype=np.int64)
-    place[np.argsort(-counts, kind="stable")] = np.arange(n)
-    rank = np.arange(m) - components.start[components.object]
-    order = np.argsort(rank * n + place[components.object])
-    values = (coefficients[order].reshape(m * j, 3).astype(np.float32) @ powers.astype(np.float32)).reshape(m, -1)
-    np.exp(values, out=values)
-    sizes = np.bincount(rank).tolist()
-    total = values[:n]  # every object has a first row
-    start = n
-    for size in sizes[1:]:
-        total[:size] += values[start : start + size]
-        start += size
-    return np.asarray(total[place].reshape(n, j, -1))
+
+    order: IntArray
+    sizes: list[int]
+    place: IntArray
+
+    @classmethod
+    def of(cls, components: Rows) -> _Blocks:
+        n, m = len(components.log_floor), len(components.object)
+        counts = np.diff(np.append(components.start, m))
+        place = np.empty(n, dtype=np.int64)
+        place[np.argsort(-counts, kind="stable")] = np.arange(n)
+        rank = np.arange(m) - components.start[components.object]
+        order = np.argsort(rank * n + place[components.object])
+        return cls(order, np.bincount(rank).tolist(), place)
+
+    def summed(self, coefficients: NDArray[np.float32], powers: FloatArray) -> FloatArray:
+        """The exponentials of quadratics, (m, j, 3) coefficients, summed over each object's rows: (n, j, g) float32.
+
+        Single precision: exponents of a thousand are off by 1e-4, a tenth of what the nodes are, for a third of the
+        time.
+        """
+        m, j, _ = coefficients.shape
+        values = (coefficients[self.order].reshape(m * j, 3) @ powers.astype(np.float32)).reshape(m, -1)
+        np.exp(values, out=values)
+        total = values[: self.sizes[0]]  # every object has a first row
+        start = self.sizes[0]
+        for size in self.sizes[1:]:
+            total[:size] += values[start : start + size]
+            start += size
+        return np.asarray(total[self.place].reshape(-1, j, powers.shape[1]))

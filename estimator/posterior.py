@@ -18,8 +18,9 @@ import numpy as np
 from estimator import grid
 from estimator.class_error import shared_error
 from estimator.class_likelihood import ClassTerms, joint_classes, line_density, single_classes
+from estimator.components import Rows
 from estimator.grid import Curve, Mode
-from estimator.likelihood import Evidence, Rows, rows
+from estimator.likelihood import Evidence, rows
 from estimator.scene import FloatArray, IntArray
 
 __all__ = [
@@ -184,9 +185,11 @@ def _classes(evidence: Sequence[Evidence], known: FloatArray) -> _Classes:
 
 def _own_centres(components: Rows) -> FloatArray:
     """Log scale of each object's own highest peak, (n,)."""
-    order = np.lexsort((components.line_log_peak, components.object))
-    last = np.append(components.start[1:], len(order)) - 1
-    return np.asarray(components.line_centre[order[last]])
+    peak, owner = components.line_log_peak, components.object
+    highest = np.flatnonzero(peak == np.maximum.reduceat(peak, components.start)[owner])
+    own = np.empty(len(components.start))
+    own[owner[highest]] = components.line_centre[highest]
+    return own
 
 
 def _mass(u: FloatArray, total: FloatArray, known: FloatArray) -> FloatArray:

@@ -16,6 +16,7 @@ from estimator.grid import Curve, Mode
 from estimator.likelihood import Evidence, rows
 from estimator.posterior import posterior, status_of
 from estimator.scene import FloatArray
+from estimator.symmetric import unpacked
 from tests.estimator.made_priors import evidence, prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
@@ -42,8 +43,8 @@ def _brute(items: list[Evidence], u: FloatArray, nodes: int = 16) -> FloatArray:
     floor = np.exp(parts.log_floor)
     values = []
     for at in u:
-        off = (at - e)[:, None, :] - parts.residual  # (q, m, 3)
-        density = np.exp(parts.log_weight - 0.5 * np.einsum("qmi,mij,qmj->qm", off, parts.precision, off))
+        off = (at - e)[:, None, :] - parts.residual.T  # (q, m, 3)
+        density = np.exp(parts.log_weight - 0.5 * np.einsum("qmi,mij,qmj->qm", off, unpacked(parts.precision), off))
         per_object = np.add.reduceat(density, parts.start, axis=1) + floor
         values.append(math.log(float(weights @ per_object.prod(axis=1))))
     return np.array(values)

@@ -41,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"of the training sets {', '.join(TRAINING_LISTS)} (default: %(default)s)",
     )
     parser.add_argument("--out", type=Path, metavar="FILE.csv", help="write the chosen categories, for `export`")
+    parser.add_argument("--figure", type=Path, metavar="FILE", help="draw the figure of each rule (.png, .svg, .pdf)")
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
 
 
@@ -55,7 +56,14 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if rules.count < 1:
         raise InputFault(f"--count: expected 1 or more; found {rules.count}")
-    found = selection(open_tree(arguments.tree), rules)
+    tree = open_tree(arguments.tree)
+    ranked = candidates(tree)
+    taken = chosen(ranked, rules)
+    found = selection(tree, ranked, taken, rules)
+    if arguments.figure:
+        from metric_tree.selection_figure import write_figure
+
+        write_figure(arguments.figure, ranked, taken, {node_id for _, node_id in paper_selection()}, rules)
     if arguments.out:
         _write(found["chosen"], arguments.out)
     if arguments.json:
@@ -65,10 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def selection(tree: Tree, rules: Rules) -> dict[str, Any]:
+def selection(tree: Tree, found: Sequence[Candidate], taken: Sequence[Candidate], rules: Rules) -> dict[str, Any]:
     """The selection as the JSON of the command."""
-    found = candidates(tree)
-    taken = chosen(found, rules)
     labels = {node_id: label for label, node_id in paper_selection()}
     by_id = {one.node.node_id: one for one in found}
     return {

@@ -137,6 +137,19 @@ def test_the_command_prints_and_writes(mini: Tree, tmp_path: Path, shown) -> Non
     assert main([*words, "--count", "0"]) == 2
 
 
+def test_each_rule_has_its_figure(mini: Tree, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ["select", "--tree", str(mini.release.directory), "--least-samples", "5", "--least-sources", "1"]
+    file = tmp_path / "figures" / "rules.svg"
+    assert main([*words, "--figure", str(file)]) == 0
+    drawn = file.read_text(encoding="utf-8")  # matplotlib writes each text in a comment beside its outlines
+    for label in ("divergence: sd of log size", "samples: items of the fit", "training data: of 4", "ours (orange"):
+        assert label in drawn
+    assert [path.name for path in file.parent.iterdir()] == ["rules.svg"]
+    capsys.readouterr()
+    assert main([*words, "--figure", str(tmp_path / "rules.txt")]) == 2
+    assert "--figure: expected a name that ends in .png" in capsys.readouterr().err
+
+
 def test_a_person_reads_a_table(mini: Tree, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["select", "--tree", str(mini.release.directory), "--least-samples", "5", "--least-sources", "1"]) == 0
     out = capsys.readouterr().out

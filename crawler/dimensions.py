@@ -7,6 +7,7 @@ package, a part or a weight is kept apart from the whole. Nothing is guessed: a 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise, zip_longest
@@ -40,6 +41,11 @@ _OTHER_UNITS = """
     dpi nm usd eur gbp euro euros dollars people persons personen
 """
 _UNITS_OF_OTHER_THINGS = frozenset(_OTHER_UNITS.split())
+
+
+_UNIT_ALTERNATIVES = "|".join(re.escape(word) for word in UNIT_WORDS if word[-1].isalpha() or word[-1] == ")")
+#: Whether a text can name a unit at all: most texts with a number are prices, dates and counts, told by this alone.
+_UNIT = re.compile(rf"(?<![^\W\d_])(?:{_UNIT_ALTERNATIVES})(?![^\W\d_xX])|[\"″”“'′’`]", re.IGNORECASE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,10 +106,13 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
     label : what stands before the text (a table's cell, a heading); it may name axes and a unit: `Size (LxWxH, cm)`.
     unit : the unit that the place itself implies, used where neither text nor label names one.
     """
+    if unit is None and not (_UNIT.search(text) or _UNIT.search(label)):
+        return ()
     label_axes, label_unit = _label_hints(label, language)
+    run = tokens(text, language)
     found = []
-    for group in _groups(_numbers(text, language)):
-        header = _header_in(text, group, language) or label_axes
+    for group in _groups(_numbers(run)):
+        header = _header_in(run, group) or label_axes
         lengths = _lengths(group, header, label_unit or unit)
         if lengths:
             words = plain(f"{label} {' '.join(word for number in group for word in number.words)}")
@@ -193,16 +202,15 @@ def _unit_word(text: str) -> str | None:
     return key if key and len(text) > 1 else None
 
 
-def _header_in(text: str, group: Sequence[_Number], language: Language | None) -> tuple[str, ...]:
+def _header_in(run: Sequence[Token], group: Sequence[_Number]) -> tuple[str, ...]:
     """An order of axes right before or right behind a group: `W x H x D 3 x 4 x 5 cm`, `3 x 4 x 5 cm (WxHxD)`."""
-    around = [(abs(group[0].start - token.end), token) for token in tokens(text, language) if token.kind == "header"]
+    around = [(abs(group[0].start - token.end), token) for token in run if token.kind == "header"]
     near = [token for _, token in sorted(around, key=lambda pair: pair[0])]
     return near[0].axes if near else ()
 
 
-def _numbers(text: str, language: Language | None) -> list[_Number]:
+def _numbers(run: Sequence[Token]) -> list[_Number]:
     """The numbers of a text with their units, axes and the words that lead to them."""
-    run = tokens(text, language)
     found: list[_Number] = []
     words: list[str] = []
     joined = skipped = False

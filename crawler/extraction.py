@@ -8,7 +8,8 @@ from datetime import UTC, datetime
 from itertools import groupby
 
 from crawler.dimensions import Length, Size, agreed, sizes
-from crawler.facts import Fact, embedded_facts, facts
+from crawler.embedded import embedded_facts
+from crawler.facts import Fact, facts
 from crawler.items import RawItem
 from crawler.pages import Page, squeezed
 from crawler.pages import source_id as hashed_url

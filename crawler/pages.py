@@ -8,21 +8,41 @@ import re
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 from urllib.parse import urlsplit, urlunsplit
 
-import lxml.html
 from lxml import etree
 from w3lib.encoding import html_to_unicode
 
 from crawler.faults import InputFault
 from crawler.words import Language, language_of
 
-__all__ = ["MAXIMUM_BYTES", "BadPage", "Page", "canonical_url", "page", "saved_page", "source_id", "squeezed"]
+__all__ = [
+    "MAXIMUM_BYTES",
+    "BadPage",
+    "Element",
+    "Page",
+    "canonical_url",
+    "page",
+    "saved_page",
+    "source_id",
+    "squeezed",
+]
+
+#: lxml's own element: the classes of `lxml.html` would cost a call of Python for each.
+Element: TypeAlias = etree._Element
 
 #: The largest page that is read, after decompression: ten times the largest product page we have seen (3.1 MB).
 MAXIMUM_BYTES = 32_000_000
 
 _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
+
+
+#: What no person sees; taken out once, so that nothing that reads the tree has to ask for it.
+_UNSEEN = ("script", "style", "template", "noscript", "select")
+
+_LINKS = etree.XPath("//a/@href", smart_strings=False)
+_LINKED_DATA = etree.XPath("//script[contains(@type, 'ld+json')]/text()", smart_strings=False)
 
 
 class BadPage(InputFault):
@@ -31,12 +51,18 @@ class BadPage(InputFault):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Page:
-    """A parsed page: `root` is lxml's html element, `text` the source that it was parsed from."""
+    """A parsed page.
+
+    `root` is lxml's html element without what nobody sees (scripts, styles, comments), `text` the source that it was
+    parsed from, `linked_data` the texts of its JSON-LD, `links` the addresses of its links as they are written.
+    """
 
     url: str
     text: str
-    root: lxml.html.HtmlElement
+    root: Element
     language: Language | None
+    linked_data: tuple[str, ...] = ()
+    links: tuple[str, ...] = ()
 
     @property
     def host(self) -> str:
@@ -52,19 +78,23 @@ def page(body: bytes, url: str, content_type: str | None = None) -> Page:
     BadPage
         The body is empty, larger than `MAXIMUM_BYTES`, or holds no element.
     """
-    if not body.strip():
+    if not body or body.isspace():
         raise BadPage(f"{url}: expected a page; found nothing")
     if len(body) > MAXIMUM_BYTES:
         raise BadPage(f"{url}: expected at most {MAXIMUM_BYTES} bytes; found {len(body)}")
-    _, text = html_to_unicode(content_type, body, default_encoding="utf-8")
-    text = text.replace("\x00", "")
+    text, data = _decoded(body, content_type)
+    # The parser is told the encoding, so that no declaration inside the page can mislead it.
+    parser = etree.HTMLParser(encoding="utf-8", remove_comments=True, remove_pis=True)
     try:
-        # A declaration of an encoding inside the text would be believed over the decoding that was done.
-        root = lxml.html.document_fromstring(re.sub(r"^\s*<\?xml[^>]*\?>", "", text))
-    except (etree.ParserError, ValueError) as error:
+        root = etree.fromstring(data, parser)
+    except (etree.XMLSyntaxError, ValueError) as error:
         raise BadPage(f"{url}: expected HTML; found {error}") from None
+    if root is None:
+        raise BadPage(f"{url}: expected HTML; found no element")
+    linked_data, links = tuple(_LINKED_DATA(root)), tuple(_LINKS(root))
+    etree.strip_elements(root, *_UNSEEN, with_tail=False)
     declared = root.get("lang") or root.get("{http://www.w3.org/XML/1998/namespace}lang")
-    return Page(url, text, root, language_of(declared, urlsplit(url).hostname or ""))
+    return Page(url, text, root, language_of(declared, urlsplit(url).hostname or ""), linked_data, links)
 
 
 def saved_page(path: Path, url: str) -> Page:
@@ -100,7 +130,18 @@ def source_id(url: str) -> str:
 
 def squeezed(text: str) -> str:
     """The text without invisible signs, with single spaces."""
+    if text.isascii():
+        return " ".join(text.split())
     return " ".join(_INVISIBLE.sub("", text).split())
+
+
+def _decoded(body: bytes, content_type: str | None) -> tuple[str, bytes]:
+    """A body's text, by the encoding that its header, its mark or itself names, else UTF-8; the same as clean UTF-8."""
+    encoding, text = html_to_unicode(content_type, body, default_encoding="utf-8")
+    if encoding == "utf-8" and "\ufffd" not in text and "\x00" not in text:
+        return text, body
+    text = text.replace("\x00", "")
+    return text, text.encode(errors="replace")
 
 
 def _unpacked(path: Path, body: bytes) -> bytes:

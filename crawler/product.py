@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import html
 import json
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
+from itertools import islice
 from typing import Any
 from urllib.parse import urljoin
 
-from lxml.etree import XPath
-
-from crawler.pages import Page, squeezed
+from crawler.pages import Element, Page, squeezed
 
 __all__ = ["Product", "product"]
 
 #: More pictures of one product add little.
 MAXIMUM_IMAGES = 12
 
-#: Boxes that call themselves a breadcrumb, large or small.
-_BREADCRUMBS = XPath(
-    "//*[contains(@class, 'readcrumb') or contains(@id, 'readcrumb') or contains(@aria-label, 'readcrumb')]"
-    "[self::nav or self::ol or self::ul or self::div]"
-)
+#: Boxes that may be a breadcrumb; the first few that call themselves one are looked at.
+_BREADCRUMB_TAGS, _BREADCRUMB_BOXES = ("nav", "ol", "ul", "div"), 3
+
+#: Types of schema.org that are things with a size.
+_THINGS = ("Product", "IndividualProduct", "ProductModel", "Book")
+_USEFUL_TYPE = re.compile(rf"schema\.org/(?:{'|'.join(_THINGS)}|BreadcrumbList)\b")
 
 _AXES = ("width", "height", "depth", "length", "diameter")
 
@@ -42,39 +44,53 @@ class Product:
     sizes: tuple[tuple[str, str], ...] = ()
 
 
-def product(page: Page) -> Product:
-    """The product of a page of any site."""
-    nodes = list(_linked_data(page)) + list(_microdata(page))
-    thing = next((node for node in nodes if _is(node, "Product", "IndividualProduct", "ProductModel", "Book")), {})
+def product(page: Page, own: Product | None = None) -> Product:
+    """The product of a page of any site; what `own`, the site's own rules, has found already is not looked for."""
+    known = own or Product()
+    nodes = _nodes(page, bool(known.category_path))
+    thing = next((node for node in nodes if _is(node, *_THINGS)), {})
     return Product(
-        id=_first(thing.get("sku"), thing.get("productID"), thing.get("mpn"), thing.get("gtin13")),
-        title=_first(thing.get("name"), _meta(page, "og:title"), _heading(page), _title(page)) or "",
-        category_path=_breadcrumb(page, nodes) or _category(thing),
-        brand=_name(thing.get("brand")),
-        images=_images(page, thing),
+        id=known.id or _first(thing.get("sku"), thing.get("productID"), thing.get("mpn"), thing.get("gtin13")),
+        title=known.title or _title(page, thing),
+        category_path=known.category_path or _breadcrumb(page, nodes) or _category(thing),
+        brand=known.brand or _name(thing.get("brand")),
+        images=known.images or _images(page, thing),
         sizes=tuple(_sizes(thing)),
     )
 
 
-def _linked_data(page: Page) -> Iterator[Mapping[str, Any]]:
-    for script in page.root.iter("script"):
-        if "ld+json" in (script.get("type") or ""):
-            yield from _objects(_parsed(script.text or ""))
+def _nodes(page: Page, has_category: bool) -> list[Mapping[str, Any]]:
+    """The page's objects: JSON-LD, and microdata where JSON-LD does not name the thing or its place."""
+    nodes = [node for text in page.linked_data for node in _objects(_parsed(text))]
+    named = any(_is(node, *_THINGS) for node in nodes)
+    placed = has_category or any(_is(node, "BreadcrumbList") for node in nodes)
+    return nodes if named and placed else nodes + list(_microdata(page))
 
 
 def _microdata(page: Page) -> Iterator[Mapping[str, Any]]:
-    if "itemtype" not in page.text or "schema.org/" not in page.text:
+    if "itemtype" not in page.text or not _USEFUL_TYPE.search(page.text):
         return
-    from extruct.w3cmicrodata import MicrodataExtractor
-
     try:
-        found = MicrodataExtractor(strict=False).extract_items(page.root, page.url)
+        found = _microdata_reader().extract_items(page.root, page.url)
     except (ValueError, TypeError, RecursionError):  # broken markup costs its microdata, not the page
         return
     for item in found:
         properties = item.get("properties")
         if isinstance(properties, dict):
             yield {"@type": str(item.get("type", "")).rpartition("/")[2], **properties}
+
+
+@cache
+def _microdata_reader() -> Any:
+    from extruct.w3cmicrodata import MicrodataExtractor
+
+    class Reader(MicrodataExtractor):  # type: ignore[misc]  # extruct has no types
+        """Extruct's, which would copy and clean every property of a page that is clean already."""
+
+        def _extract_textContent(self, node: Element) -> str:  # noqa: N802 - extruct's name
+            return _text(node)
+
+    return Reader(strict=False)
 
 
 def _parsed(text: str) -> Any:
@@ -129,11 +145,18 @@ def _breadcrumb(page: Page, nodes: list[Mapping[str, Any]]) -> tuple[str, ...]:
         if _is(node, "BreadcrumbList"):
             steps = [step for step in _list(node.get("itemListElement")) if isinstance(step, dict)]
             return _path([_step_name(step) for step in steps])
-    for box in _BREADCRUMBS(page.root)[:3]:
-        path = _path([squeezed(" ".join(link.itertext())) for link in box.iter("a")])
+    for box in islice(_breadcrumb_boxes(page), _BREADCRUMB_BOXES):
+        path = _path([_text(link) for link in box.iter("a")])
         if path:
             return path
     return ()
+
+
+def _breadcrumb_boxes(page: Page) -> Iterator[Element]:
+    if "readcrumb" in page.text:
+        for box in page.root.iter(*_BREADCRUMB_TAGS):
+            if any("readcrumb" in (box.get(name) or "") for name in ("class", "id", "aria-label")):
+                yield box
 
 
 def _step_name(step: Mapping[str, Any]) -> str | None:
@@ -176,19 +199,20 @@ def _first(*values: Any) -> str | None:
     return None
 
 
+def _title(page: Page, thing: Mapping[str, Any]) -> str:
+    heading, title = (next(page.root.iter(tag), None) for tag in ("h1", "title"))
+    own = _first(thing.get("name"), _meta(page, "og:title"))
+    return own or _text(heading) or _text(title)
+
+
+def _text(element: Element | None) -> str:
+    return "" if element is None else squeezed(" ".join(element.itertext()))
+
+
 def _meta(page: Page, name: str) -> str | None:
-    found = page.root.xpath("//meta[@property=$name or @name=$name]/@content", name=name)
-    return squeezed(found[0]) if found else None
-
-
-def _heading(page: Page) -> str | None:
-    heading = next(page.root.iter("h1"), None)
-    return squeezed(" ".join(heading.itertext())) if heading is not None else None
-
-
-def _title(page: Page) -> str | None:
-    title = next(page.root.iter("title"), None)
-    return squeezed(title.text or "") if title is not None else None
+    named = (meta for meta in page.root.iter("meta") if name in {meta.get("property"), meta.get("name")})
+    content = next((meta.get("content") for meta in named if meta.get("content") is not None), None)
+    return None if content is None else squeezed(content)
 
 
 def _list(value: Any) -> list[Any]:

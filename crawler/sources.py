@@ -6,12 +6,19 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_args
 
 from crawler.items import KINDS, Kind
 from crawler.tables import BadDeclaration, Table, expect
 
-__all__ = ["OPEN_LICENCES", "BadDeclaration", "Source", "SourceFile", "UnknownSource", "source", "sources"]
+__all__ = ["OPEN_LICENCES", "BadDeclaration", "Form", "Source", "SourceFile", "UnknownSource", "source", "sources"]
+
+#: How the file read here is made of what lies at its address: it is the very file; the member of a zip archive that
+#: has the sha256; the JSON document written anew, on one line or a value a line.
+Form = Literal["same", "zip", "json-line", "json-lines"]
+
+#: What an address that follows the newest state of a repository holds: a file that may change.
+_MOVING = "/HEAD/"
 
 #: Licences under which rows may be given on inside a wheel of Apache-2.0: no copyleft, no other duty than to name.
 OPEN_LICENCES = frozenset(
@@ -35,20 +42,22 @@ class UnknownSource(BadDeclaration):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceFile:
-    """One file of a source: path in the source's folder, sha256 of the copy read here, address where that copy lies.
+    """One file of a source: path in the source's folder, sha256 of the file read here, where it is to be had.
 
-    `url` is empty where the copy was cut down from a larger set (`note` says how): such a file cannot be downloaded
-    and verified, and wants `--input`.
+    `form` says how the file is made of what lies at `url`; the sha256 is of what was made. `url` is empty where no
+    public file yields it (`note` says how it was made): such a file cannot be downloaded and verified.
     """
 
     path: str
     sha256: str
     url: str = ""
+    form: Form = "same"
     note: str = ""
 
     def __post_init__(self) -> None:
         expect(len(self.sha256) == 64, "files.sha256", "64 hexadecimal digits", self.sha256)
         expect(bool(self.url or self.note), "files.url", "an address, or a note why there is none", self.path)
+        expect(self.form in get_args(Form), "files.form", f"one of {', '.join(get_args(Form))}", self.form)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,6 +79,10 @@ class Source:
     year: int | None = None
     region: str | None = None
     files: tuple[SourceFile, ...] = ()
+    #: What is known of the addresses: how far what lies there was compared with the files read here.
+    address: str = ""
+    #: What to fetch and to pass by `--input` where a file has no address.
+    fetch: str = ""
     tables: tuple[Table, ...] = ()
     #: Module of `crawler.imports` that reads the set where it is no plain table.
     reader: str = ""
@@ -99,8 +112,16 @@ class Source:
         )
         expect(not self.ship or bool(self.attribution), f"{self.id}.attribution", "whom to name where rows ship", "")
         expect(not (self.ship and self.noncommercial), f"{self.id}.ship", "no non-commercial rows", self.noncommercial)
+        expect(self.downloads != "no" or bool(self.fetch), f"{self.id}.fetch", "what to fetch where no address is", "")
         ways = bool(self.tables) + bool(self.reader) + bool(self.excluded)
         expect(ways == 1, self.id, "one of tables, reader, excluded", ways)
+
+    @property
+    def downloads(self) -> str:
+        """Whether the files can be downloaded: yes, no, or only while their repository keeps them as they were."""
+        if not self.files or not all(file.url for file in self.files):
+            return "no"
+        return "while unchanged" if any(_MOVING in file.url for file in self.files) else "yes"
 
     @classmethod
     def declared(cls, path: Path) -> Source:

@@ -140,6 +140,9 @@ class Table:
 
     #: Files of the table, relative to the source's folder, as glob patterns.
     files: tuple[str, ...]
+    #: The public form of a table that was joined into one file: a pattern of JSON files, a record each, read in the
+    #: order of their paths where `files` is missing.
+    records: str = ""
     #: Whether the patterns mean only files that no other table of the source reads; there may be none.
     rest: bool = False
     format: Format = "csv"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from collections.abc import Mapping
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Literal
 
@@ -31,8 +32,11 @@ Language = Literal["en", "de", "fr", "it", "es", "pt", "nl"]
 _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
 
 
+@lru_cache(maxsize=8192)  # the labels of a site are the same on every page
 def plain(text: str) -> str:
     """The text in small letters, without accents and invisible signs, spaces single."""
+    if text.isascii():
+        return " ".join(text.lower().split())
     letters = unicodedata.normalize("NFKD", _INVISIBLE.sub("", text).casefold())
     return " ".join("".join(c for c in letters if not unicodedata.combining(c)).split())
 

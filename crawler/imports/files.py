@@ -1,4 +1,4 @@
-"""Where the files of an import come from and go to: a folder or a verified download; JSON Lines at one stroke."""
+"""Where the files of an import come from and go to: a folder or a download; JSON Lines at one stroke."""
 
 from __future__ import annotations
 
@@ -7,18 +7,11 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from crawler.faults import InputFault
 from crawler.imports import Import
+from crawler.imports.downloads import NoInput, downloaded
 from crawler.sources import Source
 
-__all__ = ["CACHE_VARIABLE", "NoInput", "downloaded", "quarantine_path", "source_folder", "write_import", "write_lines"]
-
-#: Moves the cache of downloaded sources.
-CACHE_VARIABLE = "METRIC_TREE_CACHE"
-
-
-class NoInput(InputFault):
-    """The files of a source are neither at hand nor to be had."""
+__all__ = ["quarantine_path", "source_folder", "write_import", "write_lines"]
 
 
 def source_folder(source: Source, given: Path | None) -> Path:
@@ -37,42 +30,6 @@ def source_folder(source: Source, given: Path | None) -> Path:
     if not given.exists():
         raise NoInput(f"{given}: expected the files of {source.id}; found no such file or folder")
     return given
-
-
-def downloaded(source: Source) -> Path:
-    """The source's files from their public addresses, checked against their sha256, in the user's cache.
-
-    Raises
-    ------
-    NoInput
-        A file has no public address, or no network answers, or what came is another file.
-    """
-    without = [file.path for file in source.files if not file.url]
-    if without or not source.files:
-        raise NoInput(
-            f"{source.id}: expected --input: {', '.join(without) or 'its files'} was cut down from a larger set "
-            f"and has no address of its own (see {source.url})"
-        )
-    import pooch
-    import requests
-
-    pooch.get_logger().setLevel("WARNING")  # a fault is one line, not two
-    store = pooch.create(
-        path=pooch.os_cache("metric-tree") / "sources" / source.id,
-        base_url="",
-        env=CACHE_VARIABLE,
-        registry={file.path: f"sha256:{file.sha256}" for file in source.files},
-        urls={file.path: file.url for file in source.files},
-    )
-    try:
-        for file in source.files:
-            store.fetch(file.path)
-    except requests.ConnectionError:
-        raise NoInput(f"{source.id}: expected a download of {file.url} or --input; found no connection") from None
-    except (requests.RequestException, OSError, ValueError) as error:
-        reason = str(error).splitlines()[0][:200]
-        raise NoInput(f"{source.id}: expected a download of {file.url} or --input; found {reason}") from None
-    return Path(store.abspath)
 
 
 def quarantine_path(path: Path) -> Path:

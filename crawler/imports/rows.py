@@ -13,7 +13,7 @@ from typing import Any
 from crawler.faults import InputFault
 from crawler.tables import Table
 
-__all__ = ["BadTable", "Row", "flat", "rows", "yaml_document"]
+__all__ = ["BadTable", "Row", "flat", "record_rows", "rows", "yaml_document"]
 
 #: Column to text; the columns of nested records are joined with a full stop.
 Row = dict[str, str]
@@ -41,6 +41,25 @@ def rows(table: Table, path: Path) -> Iterator[Row]:
         yield from read(table, path)
     except (csv.Error, ValueError, LookupError, TypeError) as error:
         raise BadTable(f"{path}: expected {table.format} in {table.encoding}; found {_one_line(error)}") from None
+
+
+def record_rows(table: Table, folder: Path) -> Iterator[Row]:
+    """The rows of a table whose records lie in a folder, a JSON file each, in the order of their paths.
+
+    Raises
+    ------
+    BadTable
+        There is none, or one of them is no JSON.
+    """
+    paths = sorted(folder.glob(table.records)) if table.records and folder.is_dir() else []
+    if not paths:
+        expected = " or ".join([*table.files, *([table.records] if table.records else [])])
+        raise BadTable(f"{folder}: expected {expected}; found no such file")
+    for path in paths:
+        try:
+            yield flat(json.loads(path.read_text(encoding=table.encoding)))
+        except ValueError as error:
+            raise BadTable(f"{path}: expected json in {table.encoding}; found {_one_line(error)}") from None
 
 
 def yaml_document(path: Path, encoding: str = "utf-8") -> Any:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crawler.imports.readings import Reading, Refused, item, year
-from crawler.imports.rows import BadTable, Row, rows
+from crawler.imports.rows import Row, record_rows, rows
 from crawler.lengths import millimetres
 from crawler.measures import Measure, UnreadableLength, extents_mm, length_mm, measures, words_mm
 from crawler.sources import Source
@@ -46,11 +46,20 @@ class _Size:
 def table_readings(source: Source, folder: Path) -> Iterator[Reading]:
     """The readings of all tables of a source, in the order of the declaration, the files and the rows."""
     for table in source.tables:
-        for path in _rest(source, folder, table) if table.rest else _files(table, folder):
-            for number, row in enumerate(rows(table, path), start=1):
-                named = _named(table, row | {"file": path.stem, "row": str(number)})
+        for stem, found in _row_files(source, table, folder):
+            for number, row in enumerate(found, start=1):
+                named = _named(table, row | {"file": stem, "row": str(number)})
                 if all(_holds(rule, named) for rule in table.only):
                     yield _reading(source, table, named)
+
+
+def _row_files(source: Source, table: Table, folder: Path) -> Iterator[tuple[str, Iterator[Row]]]:
+    """Stem and rows of each file of a table; the records of its public form stand for the file made of them."""
+    paths = _rest(source, folder, table) if table.rest else _files(table, folder)
+    for path in paths:
+        yield path.stem, rows(table, path)
+    if not paths and not table.rest and folder.is_dir():
+        yield Path(table.files[0]).stem, record_rows(table, folder)
 
 
 def filled(template: str, row: Row) -> str:
@@ -77,10 +86,7 @@ def _files(table: Table, folder: Path) -> list[Path]:
     """The table's files: `folder` may also be the one file itself."""
     if folder.is_file():
         return [folder] if any(folder.match(pattern) for pattern in table.files) else []
-    found = [path for pattern in table.files for path in sorted(folder.glob(pattern))]
-    if not found:
-        raise BadTable(f"{folder}: expected {' or '.join(table.files)}; found no such file")
-    return found
+    return [path for pattern in table.files for path in sorted(folder.glob(pattern))]
 
 
 def _rest(source: Source, folder: Path, table: Table) -> list[Path]:

@@ -7,14 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from crawler.imports.readings import Reading, Refused, item, year
-from crawler.imports.rows import Row, rows
+from crawler.imports.rows import Row, record_rows, rows
 from crawler.measures import Measure, measures, words_mm
 from crawler.sources import Source
 from crawler.tables import Table
 
 __all__ = ["readings"]
 
-_TABLE = Table(files=("walters_dims.jsonl",), format="jsonl")
+_TABLE = Table(files=("walters_dims.jsonl",), records="objects/data/**/*.json", format="jsonl")
 
 #: Classes and object names whose size is that of a sheet or a picture.
 _FLAT_CLASSES = frozenset({"Manuscripts & Rare Books", "Painting & Drawing", "Prints"})
@@ -44,9 +44,9 @@ _BOUNDS_MM = (1.0, 6000.0)
 
 
 def readings(source: Source, folder: Path) -> Iterator[Reading]:
-    """A reading per object of `walters_dims.jsonl`."""
+    """A reading per object of `walters_dims.jsonl`, or of the museum's own repository."""
     path = folder if folder.is_file() else folder / _TABLE.files[0]
-    for row in rows(_TABLE, path):
+    for row in rows(_TABLE, path) if path.is_file() else record_rows(_TABLE, folder):
         try:
             yield _item(source, row)
         except Refused as refused:

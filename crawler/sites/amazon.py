@@ -11,9 +11,10 @@ SITE = Site(
     product_page=r"/(?:dp|gp/product)/[A-Z0-9]{10}(?:[/?]|$)",
     listing_page=r"/s\?|/b/|/b\?|/gp/bestsellers|/gp/browse|[?&]node=",
     templates=("https://www.amazon.com/s?k={query}", "https://www.amazon.com/b?node={category}"),
-    title="//*[@id='productTitle' or @id='ebooksProductTitle']",
-    category="//*[@id='wayfinding-breadcrumbs_feature_div']//a",
-    brand="//*[@id='bylineInfo']",
-    images="//*[@id='landingImage' or @id='imgBlkFront' or @id='ebooksImgBlkFront']/@data-old-hires"
-    " | //*[@id='landingImage' or @id='imgBlkFront']/@src[starts-with(., 'http')]",
+    # id() looks an id up; //*[@id=...] would walk through megabytes for each.
+    title="id('productTitle ebooksProductTitle')",
+    category="id('wayfinding-breadcrumbs_feature_div')//a",
+    brand="id('bylineInfo')",
+    images="id('landingImage imgBlkFront ebooksImgBlkFront')/@data-old-hires"
+    " | id('landingImage imgBlkFront')/@src[starts-with(., 'http')]",
 )

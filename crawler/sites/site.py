@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cache
 from urllib.parse import quote, quote_plus, urljoin, urlsplit
+
+from lxml.etree import XPath
 
 from crawler.pages import Page, squeezed
 from crawler.product import MAXIMUM_IMAGES, Product, product
@@ -58,21 +61,23 @@ class Site:
 
     def product(self, page: Page) -> Product:
         """The product of one of the site's pages; what its rules do not find is read as on any site."""
-        known = product(page)
         own_id = re.search(self.id, page.url) if self.id else None
         images = [urljoin(page.url, address) for address in _texts(page, self.images)]
-        return replace(
-            known,
-            id=own_id[1] if own_id else known.id,
-            title=next(_texts(page, self.title), known.title),
-            category_path=tuple(_texts(page, self.category)) or known.category_path,
-            brand=next(_texts(page, self.brand), known.brand),
-            images=tuple(dict.fromkeys(images))[:MAXIMUM_IMAGES] or known.images,
+        own = Product(
+            id=own_id[1] if own_id else None,
+            title=next(_texts(page, self.title), ""),
+            category_path=tuple(_texts(page, self.category)),
+            brand=next(_texts(page, self.brand), None),
+            images=tuple(dict.fromkeys(images))[:MAXIMUM_IMAGES],
         )
+        return product(page, own)
+
+
+_compiled = cache(XPath)
 
 
 def _texts(page: Page, xpath: str) -> Iterator[str]:
-    for found in page.root.xpath(xpath) if xpath else ():
+    for found in _compiled(xpath)(page.root) if xpath else ():
         text = squeezed(found if isinstance(found, str) else " ".join(found.itertext()))
         if text and text not in {"›", "/", ">"}:
             yield text

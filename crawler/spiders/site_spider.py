@@ -108,7 +108,7 @@ class SiteSpider(scrapy.Spider):
 
     def _links(self, read: Page) -> Iterator[scrapy.Request]:
         seen: set[str] = set()
-        for address in read.root.xpath("//a/@href"):
+        for address in read.links:
             url = urljoin(read.url, address.strip()).split("#")[0]
             if url not in seen and url.startswith("http") and self._may_follow(url):
                 seen.add(url)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from io import BytesIO
 
 import numpy as np
@@ -16,7 +17,7 @@ from metric_tree.checks import findings
 from metric_tree.commands import main
 from metric_tree.cutout import TABLE, cut, cut_release
 from metric_tree.cutouts.backend import Settings
-from metric_tree.store import opened, sha256
+from metric_tree.store import sha256
 from tests.metric_tree.picture_fixture import HOSTILE, encoded, release_with, shop_picture, wallpaper
 
 PLAIN = Settings("plain")
@@ -143,16 +144,25 @@ def test_a_release_without_pictures_and_a_taken_path_are_told(tmp_path, no_weigh
     assert "expected a free path" in capsys.readouterr().err
 
 
-def test_two_dask_workers_cut_the_same(tmp_path):
+@pytest.mark.slow
+def test_two_dask_worker_processes_over_tcp_cut_the_same(tmp_path, no_weights, capsys):
     distributed = pytest.importorskip("distributed")
-    old = release_with(tmp_path / "old", [shop_picture(seed) for seed in range(10)])
-    here = cut_release(old, tmp_path / "here", PLAIN, version="1.0.0", created="2026-11-21")
-    with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None) as cluster,
-        distributed.Client(cluster) as client,
-    ):
-        there = cut_release(
-            old, tmp_path / "there", PLAIN, version="1.0.0", created="2026-11-21", executor=client.get_executor()
-        )
-    assert rows(here.directory) == rows(there.directory)
-    assert opened(there.directory).manifest["cutouts"] == here.manifest["cutouts"]
+    bodies = [shop_picture(seed) for seed in range(20)] + [body for body, _ in HOSTILE.values()]
+    old = release_with(tmp_path / "old", bodies)
+    assert run(old.directory, "--out", tmp_path / "here", "--backend", "plain") == 0
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, protocol="tcp", dashboard_address=None
+    ) as cluster:
+        assert cluster.scheduler_address.startswith("tcp://")
+        words = ("--backend", "plain", "--scheduler", cluster.scheduler_address)
+        assert run(old.directory, "--out", tmp_path / "there", *words) == 0
+        with distributed.Client(cluster) as client:
+            done = client.run(lambda dask_worker: (os.getpid(), dask_worker.state.transition_counter))
+    processes = {process for process, _ in done.values()}
+    assert len(processes) == 2
+    assert os.getpid() not in processes
+    assert all(counter > 0 for _, counter in done.values())  # each had work
+    files = sorted(path.relative_to(tmp_path / "here") for path in (tmp_path / "here").rglob("*") if path.is_file())
+    assert sum(path.suffix == ".png" for path in files) == 20
+    for path in files:
+        assert (tmp_path / "here" / path).read_bytes() == (tmp_path / "there" / path).read_bytes()

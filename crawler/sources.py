@@ -112,7 +112,8 @@ class Source:
         )
         expect(not self.ship or bool(self.attribution), f"{self.id}.attribution", "whom to name where rows ship", "")
         expect(not (self.ship and self.noncommercial), f"{self.id}.ship", "no non-commercial rows", self.noncommercial)
-        expect(self.downloads != "no" or bool(self.fetch), f"{self.id}.fetch", "what to fetch where no address is", "")
+        had = not self.files or self.downloads != "no" or bool(self.fetch)
+        expect(had, f"{self.id}.fetch", "what to fetch where a file has no address", "")
         ways = bool(self.tables) + bool(self.reader) + bool(self.excluded)
         expect(ways == 1, self.id, "one of tables, reader, excluded", ways)
 

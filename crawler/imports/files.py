@@ -25,11 +25,16 @@ def source_folder(source: Source, given: Path | None) -> Path:
     if given is None:
         return downloaded(source)
     below = given / source.id
-    if below.is_dir():
+    if below.is_dir() and not _is_repository(source, given):
         return below
     if not given.exists():
         raise NoInput(f"{given}: expected the files of {source.id}; found no such file or folder")
     return given
+
+
+def _is_repository(source: Source, folder: Path) -> bool:
+    """Whether the folder is the source's own repository, one folder of which may bear the source's name."""
+    return any(any(folder.glob(table.records)) for table in source.tables if table.records)
 
 
 def quarantine_path(path: Path) -> Path:

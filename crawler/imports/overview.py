@@ -1,4 +1,4 @@
-"""The table of all sources: rows, items, refusals by reason, licence, whether rows are given on."""
+"""The page of all sources: rows, items, refusals by reason, licence, whether rows are given on, where files are had."""
 
 from __future__ import annotations
 
@@ -6,16 +6,17 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from crawler.imports import Import
+from crawler.sources import Source
 from crawler.tables import REASONS
 
-__all__ = ["overview", "summary"]
+__all__ = ["overview", "summary", "terms"]
 
 _HEAD = """# Sources of open data
 
 One declaration a source: where it is from, whose terms decide, what its rows are worth as evidence (`kind`), how its
 columns are read, its traps and what is done about each. `crawler/sources.py` describes the fields, `crawler/tables.py`
-those of a plain table. A file that was cut down from a larger set has no address of its own and wants `--input`; the
-others are downloaded, checked against their sha256 and cached where `--input` is missing.
+those of a plain table. Where `--input` is missing, a source's files are downloaded, checked against their sha256 and
+cached; the last table says of which sources that holds, and what to fetch and to pass by `--input` for the others.
 
 This page, and the raw items under `data/raw` whose terms allow to give them on, are made by
 
@@ -26,21 +27,39 @@ sample of them is kept, by the hash of the id) + `refused`. Refused rows go, wit
 file beside `--out`.
 """
 
+_WHERE = """
+Where the files are had (`metric-tree import --list` prints the same). `downloads itself`: `yes`, the address names a
+commit; `while unchanged`, it follows the newest state of a repository and is refused once the sha256 fails. No address
+was tried over a network when this was written: what was compared is what the reason says, and the sha256 of every file
+is that of the file at hand.
+"""
+
 _COLUMNS = ("source", "kind", "rows", "items", "drawn out", "refused", "by reason", "licence", "rows ship")
+
+
+def terms(source: Source) -> dict[str, Any]:
+    """Where a source is had and on what terms, as the command's JSON."""
+    addresses = list(dict.fromkeys(file.url for file in source.files if file.url))
+    return {
+        "source": source.id,
+        "title": source.title,
+        "url": source.url,
+        "addresses": addresses if source.downloads != "no" else [],
+        "licence": source.licence,
+        "noncommercial": source.noncommercial,
+        "ship": source.ship,
+        "attribution": source.attribution,
+        "kind": source.kind,
+        "downloads": source.downloads,
+        "reason": source.address if source.downloads != "no" else f"fetch {source.fetch}",
+    }
 
 
 def summary(result: Import) -> dict[str, Any]:
     """The counts of an import and the terms of its source, as the command's JSON."""
     source = result.source
     return {
-        "source": source.id,
-        "title": source.title,
-        "url": source.url,
-        "licence": source.licence,
-        "noncommercial": source.noncommercial,
-        "ship": source.ship,
-        "attribution": source.attribution,
-        "kind": source.kind,
+        **terms(source),
         "rows": result.n_rows,
         "items": len(result.items),
         "physical_rows": sum(item.count for item in result.items),
@@ -64,15 +83,28 @@ def overview(summaries: Sequence[dict[str, Any]]) -> str:
     if excluded := [entry for entry in summaries if entry["excluded"]]:
         lines += ["", "Left out whole:", ""]
         lines += [f"- `{entry['source']}`: {entry['excluded']}" for entry in excluded]
+    columns = ("source", "address", "licence", "rows ship", "downloads itself", "reason")
+    lines += [_WHERE, _line(columns), _line("---" for _ in columns)]
+    lines += [_line(_where(entry)) for entry in summaries]
     return "\n".join(lines) + "\n"
 
 
 def _cells(entry: dict[str, Any]) -> list[object]:
     reasons = ", ".join(f"{code} {n}" for code, n in entry["reasons"].items())
-    ship = "yes" if entry["ship"] else "no, non-commercial" if entry["noncommercial"] else "no"
     name = f"[{entry['source']}]({entry['url']})"
     counts = [entry[key] for key in ("rows", "items", "sampled_out", "refused")]
-    return [name, entry["kind"], *counts, reasons, entry["licence"], ship]
+    return [name, entry["kind"], *counts, reasons, entry["licence"], _ships(entry)]
+
+
+def _where(entry: dict[str, Any]) -> list[object]:
+    addresses = entry["addresses"]
+    several = f"first of {len(addresses)}" if len(addresses) > 1 else "file"
+    address = f"[{several}]({addresses[0]})" if addresses else f"[set]({entry['url']})"
+    return [entry["source"], address, entry["licence"], _ships(entry), entry["downloads"], entry["reason"]]
+
+
+def _ships(entry: dict[str, Any]) -> str:
+    return "yes" if entry["ship"] else "no, non-commercial" if entry["noncommercial"] else "no"
 
 
 def _line(cells: Iterable[object]) -> str:

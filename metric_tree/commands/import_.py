@@ -10,7 +10,7 @@ from pathlib import Path
 from crawler.faults import InputFault
 from crawler.imports import Import, imported, readings
 from crawler.imports.files import source_folder, write_import, write_lines
-from crawler.imports.overview import overview, summary
+from crawler.imports.overview import overview, summary, terms
 from crawler.sources import Source, source, sources
 from metric_tree.commands.shell import print_json, print_table
 
@@ -23,7 +23,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("source", nargs="?", metavar="SOURCE", help="id of a declared source; --list names them")
     parser.add_argument("--all", action="store_true", help="every declared source")
-    parser.add_argument("--list", action="store_true", help="the declared sources and their terms")
+    parser.add_argument("--list", action="store_true", help="the declared sources: terms, where they are had")
     parser.add_argument(
         "--input",
         type=Path,
@@ -85,11 +85,12 @@ def _with_progress(chosen: Sequence[Source]) -> Iterator[Source]:
 
 
 def _print_sources(as_json: bool) -> int:
-    found = [{"source": s.id, "kind": s.kind, "licence": s.licence, "ship": s.ship, "url": s.url} for s in sources()]
+    found = [terms(one) for one in sources()]
     if as_json:
         print_json(found)
     else:
-        print_table(["source", "kind", "licence", "ship", "url"], [tuple(entry.values()) for entry in found])
+        columns = ("source", "kind", "licence", "ship", "downloads", "url", "reason")
+        print_table(columns, [tuple(entry[c] for c in columns) for entry in found])
     return 0
 
 

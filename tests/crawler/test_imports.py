@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from crawler.imports import Import, imported, readings
+from crawler.imports.files import source_folder
 from crawler.imports.rows import BadTable
 from crawler.items import RawItem
 from crawler.sources import Source, source
@@ -481,3 +483,49 @@ def test_a_damaged_table_of_standard_parts_is_one_clear_line(tmp_path: Path, dam
 def test_every_item_is_a_raw_item_that_survives_its_line(tmp_path: Path) -> None:
     result = made_up(tmp_path, REPEATED, things_csv="no,name,w\n1,Ä Ö “x”,300\n")
     assert [RawItem.parsed(item.line()) for item in result.items] == list(result.items)
+
+
+RECORDS = """
+[[tables]]
+files = ["things.jsonl"]
+records = "things/*.json"
+format = "jsonl"
+unit = "cm"
+id = "{no}"
+category = ["box"]
+axes = { width = "w" }
+"""
+
+
+def test_the_records_of_a_repository_stand_for_the_file_made_of_them(tmp_path: Path) -> None:
+    records = [{"no": "2", "w": "4"}, {"no": "1", "w": None}, {"no": "3", "w": "5"}]
+    joined, repository = tmp_path / "joined", tmp_path / "repository"
+    joined.mkdir()
+    (repository / "things").mkdir(parents=True)
+    for name, record in zip("abc", records, strict=True):
+        (repository / "things" / f"{name}.json").write_text(json.dumps(record, indent=2), encoding="utf-8")
+    lines = "".join(json.dumps(record) + "\n" for record in records)
+    of_file, of_folder = made_up(joined, RECORDS, things_jsonl=lines), made_up(repository, RECORDS)
+    assert [item.source_id for item in of_folder.items] == ["2", "3"]
+    assert (of_folder.items, of_folder.refusals) == (of_file.items, of_file.refusals)
+
+
+def test_a_repository_with_a_folder_of_the_source_name_is_read_from_its_root(tmp_path: Path) -> None:
+    (tmp_path / "made_up").mkdir()
+    (tmp_path / "made_up.toml").write_text(HEAD + RECORDS.replace("things/*", "made_up/*"), encoding="utf-8")
+    declared = source("made_up", tmp_path)
+    assert source_folder(declared, tmp_path) == tmp_path / "made_up"
+    (tmp_path / "made_up" / "a.json").write_text("{}", encoding="utf-8")
+    assert source_folder(declared, tmp_path) == tmp_path
+
+
+@pytest.mark.parametrize(
+    ("record", "line"),
+    [(None, "expected things.jsonl or things/*.json; found no such"), ("{", "a.json: expected json")],
+)
+def test_records_that_are_missing_or_none_are_named(tmp_path: Path, record: str | None, line: str) -> None:
+    if record is not None:
+        (tmp_path / "things").mkdir()
+        (tmp_path / "things" / "a.json").write_text(record, encoding="utf-8")
+    with pytest.raises(BadTable, match=re.escape(line)):
+        made_up(tmp_path, RECORDS)

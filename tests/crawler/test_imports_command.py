@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import crawler.sources
-from crawler.imports import files
+from crawler.imports import downloads, files
 from crawler.items import raw_items
 from metric_tree.commands import main
 
@@ -21,6 +21,8 @@ licence_basis = "we made them up"
 attribution = "us"
 kind = "measured"
 ship = {ship}
+address = "never tried"
+fetch = "things.csv, a table of widths"
 [[tables]]
 files = ["things.csv"]
 unit = "cm"
@@ -50,7 +52,7 @@ def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         data.mkdir(parents=True)
         (data / "things.csv").write_text("no,w\n1,12.5\n2,?x\n3,\n4,12.5\n", encoding="utf-8")
     monkeypatch.setattr(crawler.sources, "_own_folder", lambda: folder)
-    monkeypatch.setenv(files.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(downloads.CACHE_VARIABLE, str(tmp_path / "cache"))
     return tmp_path
 
 
@@ -80,6 +82,8 @@ def test_all_sources_the_shipped_ones_and_their_page(world: Path, shown: Any) ->
     assert "- `open_things`: us" in page
     assert "`shop_things`: us" not in page
     assert "| [open_things](https://example.org/open_things) | measured | 4 | 1 | 0 | 2 |" in page
+    assert "| open_things | [file](http://127.0.0.1:9/things.csv) | CC0-1.0 | yes | yes | never tried |" in page
+    assert "| shop_things | [set](https://example.org/shop_things) | none | no | no | fetch things.csv" in page
     first = (world / "ship" / "open_things.jsonl.gz").read_bytes()
     shown(*words, *more)
     assert (world / "ship" / "open_things.jsonl.gz").read_bytes() == first
@@ -94,7 +98,10 @@ def test_the_file_itself_may_be_given(world: Path, shown: Any) -> None:
 def test_the_sources_are_listed(world: Path, shown: Any) -> None:
     status, found = shown("import", "--list")
     assert status == 0
-    assert [(s["source"], s["ship"]) for s in found] == [("open_things", True), ("shop_things", False)]
+    assert [(s["source"], s["ship"], s["downloads"], s["reason"]) for s in found] == [
+        ("open_things", True, "yes", "never tried"),
+        ("shop_things", False, "no", "fetch things.csv, a table of widths"),
+    ]
 
 
 @pytest.mark.parametrize(
@@ -102,7 +109,10 @@ def test_the_sources_are_listed(world: Path, shown: Any) -> None:
     [
         (["import"], "SOURCE: expected one source, or --all; found 'neither'"),
         (["import", "lamps"], "source: expected one of open_things, shop_things; found 'lamps'"),
-        (["import", "shop_things"], "expected --input: things.csv was cut down"),
+        (
+            ["import", "shop_things"],
+            "shop_things: expected --input: things.csv, a table of widths (see https://example.org/shop_things)",
+        ),
         (["import", "open_things"], "expected a download of"),
         (["import", "open_things", "--input", "/nowhere"], "/nowhere: expected the files of open_things"),
         (["import", "open_things", "--input", "/etc"], "expected things.csv; found no such file"),

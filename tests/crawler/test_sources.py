@@ -71,6 +71,8 @@ def test_a_declaration_is_read(tmp_path: Path) -> None:
         ('category = ["lamp"]', 'category = ["lamp"]\nreject = [{{ column = "h", outcome = "no_size" }}]', "rule"),
         (SHA, "abc", "files.sha256"),
         ('url = "https://example.org/lamps.csv"', "", "files.url"),
+        ('url = "https://example.org/lamps.csv"', 'note = "drawn by hand"', "fetch"),
+        ('url = "https://example.org/lamps.csv"', 'url = "https://example.org/x"\nform = "tar"', "files.form"),
         ('title = "Made-up lamps"', "title = ", "found"),
     ],
 )
@@ -99,6 +101,8 @@ def test_a_source_says_whose_terms_hold_and_what_is_done_about_its_traps(one: So
     assert one.files
     assert all(re.fullmatch(r"[0-9a-f]{64}", file.sha256) for file in one.files)
     assert all(file.url.startswith("https://") or file.note for file in one.files)
+    assert one.fetch if one.downloads == "no" else one.address
+    assert all("/HEAD/" not in file.url for file in one.files) or one.downloads == "while unchanged"
     assert not one.reader or find_spec(f"crawler.imports.{one.reader}")
 
 

@@ -1,0 +1,121 @@
+"""The files of a source from their public addresses: downloaded, checked against their sha256, kept in a cache."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from crawler.faults import InputFault
+from crawler.sources import Source, SourceFile
+
+__all__ = ["CACHE_VARIABLE", "NoInput", "downloaded"]
+
+#: Moves the cache of downloaded sources.
+CACHE_VARIABLE = "METRIC_TREE_CACHE"
+
+#: Attempts after the first where a transfer fails or brings other bytes: one, for a line that stutters.
+RETRIES = 1
+
+#: Folder of what was downloaded to make files of; a name that no pattern of a table finds.
+_PUBLIC = ".public"
+
+
+class NoInput(InputFault):
+    """The files of a source are neither at hand nor to be had."""
+
+
+def downloaded(source: Source) -> Path:
+    """The source's files from their public addresses, checked against their sha256, in the user's cache.
+
+    Raises
+    ------
+    NoInput
+        A file has no public address, or no network answers, or what came is another file.
+    """
+    if source.downloads == "no":
+        raise NoInput(f"{source.id}: expected --input: {source.fetch or 'its files'} (see {source.url})")
+    import pooch
+    import requests
+
+    pooch.get_logger().setLevel("WARNING")  # a fault is one line, not two
+    store = _store(source)
+    for file in source.files:
+        try:
+            _keep(file, store)
+        except requests.ConnectionError:
+            raise NoInput(f"{source.id}: expected a download of {file.url} or --input; found no connection") from None
+        except (requests.RequestException, OSError, ValueError) as error:
+            reason = str(error).splitlines()[0][:200]
+            raise NoInput(f"{source.id}: expected a download of {file.url} or --input; found {reason}") from None
+    return Path(store.abspath)
+
+
+def _store(source: Source) -> Any:
+    """The cache of one source, as a registry of names, sha256 and addresses."""
+    import pooch
+
+    return pooch.create(
+        path=pooch.os_cache("metric-tree") / "sources" / source.id,
+        base_url="",
+        env=CACHE_VARIABLE,
+        registry={file.path: f"sha256:{file.sha256}" for file in source.files},
+        urls={file.path: file.url for file in source.files},
+        retry_if_failed=RETRIES,
+    )
+
+
+def _keep(file: SourceFile, store: Any) -> None:
+    """See that the file lies in the cache with its sha256, downloaded if it does not."""
+    if file.form == "same":
+        store.fetch(file.path)
+        return
+    path = Path(store.abspath) / file.path
+    if path.is_file() and _sha256(path.read_bytes()) == file.sha256:
+        return
+    _make(file, path, _public(file, store))
+
+
+def _public(file: SourceFile, store: Any) -> Path:
+    """What lies at the address, under a name of its own: nothing is known of it but what is made of it."""
+    import pooch
+
+    folder = Path(store.abspath) / _PUBLIC
+    downloader = pooch.HTTPDownloader()
+    name = _sha256(file.url.encode())
+    found: str = pooch.retrieve(file.url, known_hash=None, fname=name, path=folder, downloader=downloader)
+    return Path(found)
+
+
+def _make(file: SourceFile, path: Path, public: Path) -> None:
+    """Write the file that has the sha256; what it cannot be made of is thrown away, to be downloaded anew."""
+    try:
+        made = next((data for data in _made(file, public) if _sha256(data) == file.sha256), None)
+    except (ValueError, zipfile.BadZipFile) as error:
+        public.unlink()
+        raise ValueError(f"no {file.form.partition('-')[0]}: {error}") from None
+    if made is None:
+        public.unlink()
+        raise ValueError(f"nothing of which {file.path} with the sha256 {file.sha256[:12]}... can be made")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    part.write_bytes(made)
+    part.replace(path)
+
+
+def _made(file: SourceFile, public: Path) -> Iterator[bytes]:
+    """What can be the file: every member of an archive, the JSON document written anew."""
+    if file.form == "zip":
+        with zipfile.ZipFile(public) as archive:
+            yield from (archive.read(member) for member in archive.infolist() if not member.is_dir())
+    else:
+        indent = 0 if file.form == "json-lines" else None
+        yield json.dumps(json.loads(public.read_bytes()), indent=indent).encode()
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()

@@ -14,7 +14,7 @@ from typing import Protocol, get_args
 
 from taxonomy.categories import Category, Pose
 from taxonomy.insertions import PREFIX, Insertion, insertions
-from taxonomy.levels import KIND, LEAF, BadLevels, InnerNode, Levels, dims_of, frozen_levels, table_rows
+from taxonomy.levels import KIND, LEAF, BadLevels, InnerNode, Levels, dims_of, frozen_levels, replaced_ids, table_rows
 from taxonomy.places import taxonomy_directory
 from taxonomy.vocabularies import vocabularies, vocabulary
 
@@ -28,7 +28,6 @@ _LABELLING_LISTS = ("coco_80", "lvis_v1", "openimages_601", "objects365_v2", "su
 
 _LEAVES = ("node_id", "name", "parent_id", "hypernym", "pose", "dims", "aliases", "placed_by")
 _SYNSETS = ("synset", "parents", "lemmas")
-_SUCCESSORS = ("node_id", "successor", "reason", "reader")
 
 
 class Concepts(Protocol):
@@ -239,9 +238,9 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
         {row["synset"]: tuple(filter(None, row["lemmas"].split("; "))) for row in synsets},
     )
     leaves = [_leaf(row, where) for where, row in table_rows(folder / "leaves.csv", _LEAVES)]
-    gone = {row["node_id"]: row["successor"] for _, row in table_rows(folder / "successors.csv", _SUCCESSORS)}
     inserted = insertions(folder / "insertions.jsonl")
-    return Catalogue(frozen_levels(folder / "levels.csv"), leaves, words, gone, inserted, _labels(directory))
+    levels = frozen_levels(folder / "levels.csv")
+    return Catalogue(levels, leaves, words, replaced_ids(folder), inserted, _labels(directory))
 
 
 def _labels(directory: Path | None) -> dict[str, tuple[str, ...]]:

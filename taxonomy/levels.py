@@ -18,7 +18,17 @@ from crawler.faults import InputFault
 from taxonomy.categories import Pose
 from taxonomy.places import taxonomy_directory
 
-__all__ = ["DIMENSIONS", "KIND", "LEAF", "BadLevels", "InnerNode", "Levels", "frozen_levels", "table_rows"]
+__all__ = [
+    "DIMENSIONS",
+    "KIND",
+    "LEAF",
+    "BadLevels",
+    "InnerNode",
+    "Levels",
+    "frozen_levels",
+    "replaced_ids",
+    "table_rows",
+]
 
 #: Depth of the kinds, on which leaves hang, and of the leaves; the root is 1.
 KIND = 4
@@ -29,6 +39,7 @@ DIMENSIONS = {"L": "length", "W": "width", "H": "height"}
 
 _FILE = "levels.csv"
 _COLUMNS = ("node_id", "name", "level", "parent_id", "pose", "dims", "claims")
+_SUCCESSORS = ("node_id", "successor", "reason", "reader")
 
 
 class BadLevels(InputFault):
@@ -113,6 +124,18 @@ def frozen_levels(path: Path | None = None) -> Levels:
     """
     file = path or taxonomy_directory() / _FILE
     return Levels((_inner(row, where) for where, row in table_rows(file, _COLUMNS)), where=str(file))
+
+
+def replaced_ids(directory: Path | None = None) -> dict[str, str]:
+    """Ids that are gone, or synsets that mean the same thing, with the node that stands for each (`successors.csv`).
+
+    Raises
+    ------
+    BadLevels
+        The table cannot be read.
+    """
+    rows = table_rows((directory or taxonomy_directory()) / "successors.csv", _SUCCESSORS)
+    return {row["node_id"]: row["successor"] for _, row in rows}
 
 
 def table_rows(file: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, str]]]:

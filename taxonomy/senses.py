@@ -33,7 +33,7 @@ class Sense:
 
 #: Things with a size: what is made, what lives, what is eaten; the last few are abstractions to WordNet.
 _ABSTRACT = ("coin.n.01", "decoration.n.02", "badge.n.01", "crosier.n.01", "bill.n.03", "manuscript.n.02",
-    "street_sign.n.01", "traffic_light.n.01",
+    "street_sign.n.01", "traffic_light.n.01", "pack_of_cards.n.01", "bar_soap.n.01", "party_favor.n.01",
 )  # fmt: skip
 _MADE = ("artifact.n.01", "playing_card.n.01", "amulet.n.01", *_ABSTRACT)
 _THINGS = (

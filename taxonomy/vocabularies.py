@@ -11,7 +11,7 @@ from functools import cache
 from pathlib import Path
 
 from crawler.faults import InputFault
-from taxonomy.levels import table_rows
+from taxonomy.levels import replaced_ids, table_rows
 from taxonomy.places import taxonomy_directory
 
 __all__ = ["STUFF", "VOID", "Label", "UnknownLabel", "labelled_node", "vocabularies", "vocabulary"]
@@ -55,7 +55,7 @@ def vocabularies(directory: Path | None = None) -> tuple[str, ...]:
 
 @cache
 def vocabulary(name: str, directory: Path | None = None) -> tuple[Label, ...]:
-    """The labels of a list, in its order.
+    """The labels of a list, in its order; an id that is gone gives way to its successor.
 
     Raises
     ------
@@ -66,7 +66,10 @@ def vocabulary(name: str, directory: Path | None = None) -> tuple[Label, ...]:
         at_hand = ", ".join(vocabularies(directory))
         raise UnknownLabel(f"vocabulary: expected one of {at_hand}; found {name!r}")
     rows = table_rows((directory or taxonomy_directory()) / _FOLDER / f"{name}.csv", _COLUMNS)
-    return tuple(Label(row["label"], row["node_id"] or None, row["reason"]) for _, row in rows)
+    replaced = replaced_ids(directory)
+    return tuple(
+        Label(row["label"], replaced.get(row["node_id"], row["node_id"]) or None, row["reason"]) for _, row in rows
+    )
 
 
 def labelled_node(label: str, name: str) -> str:

@@ -1,0 +1,123 @@
+"""What differs between two releases: nodes, items of each source, coverage of label lists, priors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from metric_tree.prior import FloatArray, Prior
+from metric_tree.tree import Node, Tree
+
+__all__ = [
+    "QUANTILES",
+    "Change",
+    "changed",
+    "changes",
+    "gone",
+    "label",
+    "size_and_spread",
+    "source_changes",
+    "spread_of",
+]
+
+#: Points at which a distribution of changes is told.
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+#: Change of ln size that is rounding: a tenth of a per mille, far below what any source states.
+ROUNDING = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Change:
+    """Of one node of both releases, over the dimensions of its widest common prior.
+
+    then_mm, now_mm : (d,) medians; size : mean over the dimensions of ln (now / then); spread : the same of the
+    standard deviation of ln size.
+    """
+
+    node: Node
+    before: Node
+    dims: tuple[str, ...]
+    then_mm: FloatArray
+    now_mm: FloatArray
+    size: float
+    spread: float
+
+
+def label(tree: Tree) -> str:
+    """How a page calls a release: by its version, and by what it leaves out."""
+    left_out = "" if tree.release.manifest.get("noncommercial", True) else " without non-commercial sources"
+    return f"{tree.version}{left_out}"
+
+
+def gone(tree: Tree, before: Tree) -> list[Node]:
+    """Nodes of the release before that this one lacks, in their order."""
+    known = {node.node_id for node in tree}
+    return [node for node in before if node.node_id not in known]
+
+
+def source_changes(tree: Tree, before: Tree) -> list[tuple[str, int, int]]:
+    """Source, items of the fit before and now, where they differ; largest change first."""
+    then, now = (_items_of_sources(one.release.manifest["sources"]) for one in (before, tree))
+    rows = [(title, then.get(title, 0), now.get(title, 0)) for title in dict.fromkeys([*then, *now])]
+    return sorted((row for row in rows if row[1] != row[2]), key=lambda row: (-abs(row[2] - row[1]), row[0]))
+
+
+def changes(tree: Tree, before: Tree) -> list[Change]:
+    """The change of every node of both releases that has a common prior, in the order of the tree."""
+    known = {node.node_id: node for node in before}
+    found = (_change(node, known[node.node_id]) for node in tree if node.node_id in known)
+    return [change for change in found if change is not None]
+
+
+def changed(found: Iterable[Change], shown: int, least_items: int = 0) -> list[Change]:
+    """The nodes whose size changed most, at most `shown`, among those with so many items in both releases."""
+    able = [c for c in found if min(c.node.n_items, c.before.n_items) >= least_items and abs(c.size) > ROUNDING]
+    return sorted(able, key=lambda c: (-abs(c.size), c.node.node_id))[:shown]
+
+
+def size_and_spread(found: Sequence[Change]) -> list[tuple[str, int, FloatArray, FloatArray]]:
+    """Level, nodes, quantiles of |change of ln size| and of the change of ln spread (`QUANTILES`); last, all levels."""
+    levels: list[tuple[str, list[Change]]] = [
+        (str(level), [c for c in found if c.node.level == level]) for level in sorted({c.node.level for c in found})
+    ]
+    return [
+        (
+            name,
+            len(group),
+            np.quantile(np.abs([c.size for c in group]), QUANTILES),
+            np.quantile([c.spread for c in group], QUANTILES),
+        )
+        for name, group in [*levels, ("all", list(found))]
+        if group
+    ]
+
+
+def spread_of(prior: Prior) -> FloatArray:
+    """Standard deviation (d,) of ln size of an object of unknown source, in each dimension of a prior.
+
+    variance = sum_k w_k (covariance_k + shared + (mean_k - mean)^2)
+    """
+    mean = prior.weights @ prior.means
+    within = np.diagonal(prior.covariances, axis1=1, axis2=2) + np.diagonal(prior.shared_covariance)
+    spread: FloatArray = np.sqrt(prior.weights @ (within + (prior.means - mean) ** 2))
+    return spread
+
+
+def _change(node: Node, before: Node) -> Change | None:
+    common = [dims for dims in node.prior_dims if dims in before.prior_dims]
+    if not common:
+        return None
+    dims = max(common, key=len)
+    then, now = before.prior(dims), node.prior(dims)
+    sizes = then.quantile(0.5), now.quantile(0.5)
+    size = float(np.log(sizes[1] / sizes[0]).mean())
+    spread = float(np.log(spread_of(now) / spread_of(then)).mean())
+    return Change(node, before, dims, *sizes, size, spread)
+
+
+def _items_of_sources(records: Iterable[dict[str, Any]]) -> dict[str, int]:
+    return {str(record["title"]): int(record.get("n_fit", 0)) for record in records}

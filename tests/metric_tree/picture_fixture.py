@@ -3,25 +3,17 @@
 from __future__ import annotations
 
 import hashlib
-import struct
-import zlib
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageDraw
+from PIL import Image
 
+from benchmarks.hostile_pictures import HOSTILE as MAKERS
+from benchmarks.hostile_pictures import encoded, shop_picture
 from metric_tree.store import Release
 from tests import minitree
 
-
-def shop_picture(seed: int = 0, size: tuple[int, int] = (240, 200), kind: str = "JPEG") -> bytes:
-    """A coloured box on white, through a real encoder."""
-    generator = np.random.default_rng(seed)
-    image = Image.new("RGB", size, "white")
-    colour = tuple(int(c) for c in generator.integers(10, 180, 3))
-    ImageDraw.Draw(image).rectangle((60, 50, 179, 149), fill=colour)
-    return encoded(image, kind)
+__all__ = ["HOSTILE", "encoded", "release_with", "shop_picture", "wallpaper"]
 
 
 def wallpaper(seed: int = 0, size: tuple[int, int] = (240, 200)) -> bytes:
@@ -30,41 +22,8 @@ def wallpaper(seed: int = 0, size: tuple[int, int] = (240, 200)) -> bytes:
     return encoded(Image.fromarray(pixels).resize(size, Image.Resampling.NEAREST), "PNG")
 
 
-def encoded(image: Image.Image, kind: str = "PNG") -> bytes:
-    sink = BytesIO()
-    image.save(sink, kind)
-    return sink.getvalue()
-
-
-def bomb() -> bytes:
-    """A PNG of a few bytes whose header promises 2.5 thousand million pixels."""
-
-    def chunk(name: bytes, body: bytes) -> bytes:
-        return struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body))
-
-    header = struct.pack(">IIBBBBB", 50_000, 50_000, 8, 2, 0, 0, 0)
-    body = chunk(b"IDAT", zlib.compress(bytes(1000)))
-    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + body + chunk(b"IEND", b"")
-
-
-def animation() -> bytes:
-    frames = [Image.new("RGB", (100, 100), colour) for colour in ("red", "blue")]
-    sink = BytesIO()
-    frames[0].save(sink, "WEBP", save_all=True, append_images=frames[1:])
-    return sink.getvalue()
-
-
 #: Files that are no pictures, and what is said of each.
-HOSTILE = {
-    "bomb": (bomb(), "no_picture"),
-    "truncated": (shop_picture()[:900], "broken"),
-    "svg": (b'<svg xmlns="http://www.w3.org/2000/svg" width="200" height="200"/>', "no_picture"),
-    "text named jpg": (b"not a picture" * 20, "no_picture"),
-    "animated": (animation(), "animated"),
-    "empty": (b"", "empty"),
-    "gif": (encoded(Image.new("L", (100, 100)), "GIF"), "no_picture"),
-    "thumbnail": (encoded(Image.new("RGB", (20, 20))), "too_small"),
-}
+HOSTILE = {name: (make(), said) for name, (make, said) in MAKERS.items() if said is not None}
 
 
 def release_with(directory: Path, bodies: list[bytes]) -> Release:

@@ -13,6 +13,7 @@ from PIL import Image
 
 import metric_tree
 import metric_tree.cutout as module
+from benchmarks.hostile_pictures import HOSTILE as MAKERS
 from metric_tree.checks import findings
 from metric_tree.commands import main
 from metric_tree.cutout import TABLE, cut, cut_release
@@ -80,6 +81,12 @@ def test_each_hostile_file_is_told(name):
     body, refusal = HOSTILE[name]
     told = cut("x", body, PLAIN)
     assert (told.set_aside, told.detail, told.png) == ("unreadable", refusal, b"")
+
+
+@pytest.mark.parametrize("name", [name for name, (_, said) in MAKERS.items() if said is None])
+def test_a_picture_that_only_looks_wrong_is_cut(name):
+    told = cut("x", MAKERS[name][0](), PLAIN)
+    assert (told.method, told.set_aside) == ("plain", None)
 
 
 def test_a_picture_with_its_own_transparency_needs_no_backend():

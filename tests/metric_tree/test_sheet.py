@@ -20,7 +20,14 @@ from tests.metric_tree.picture_fixture import HOSTILE, release_with, shop_pictur
 
 @pytest.fixture
 def release(tmp_path):
-    old = release_with(tmp_path / "old", [*(shop_picture(seed) for seed in range(20)), wallpaper(), HOSTILE["bomb"][0]])
+    old = release_with(
+        tmp_path / "old",
+        [
+            *(shop_picture(seed) for seed in range(20)),
+            wallpaper(),
+            HOSTILE["bomb: header of 50,000 x 50,000"][0],
+        ],
+    )
     return cut_release(old, tmp_path / "new", Settings("plain"), version="1.0.0", created="2026-11-21")
 
 

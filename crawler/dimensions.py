@@ -10,6 +10,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise, zip_longest
 from typing import Literal
 
@@ -17,7 +18,7 @@ from crawler.lengths import UNIT_WORDS, millimetres
 from crawler.tokens import Token, tokens
 from crawler.words import Language, is_component, is_package, plain
 
-__all__ = ["Length", "Size", "agreed", "sizes"]
+__all__ = ["Length", "Size", "agreed", "flags_of", "sizes", "unit_in_brackets"]
 
 Meaning = Literal["whole", "component", "package"]
 
@@ -116,7 +117,7 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
         lengths = _lengths(group, header, label_unit or unit)
         if lengths:
             words = plain(f"{label} {' '.join(word for number in group for word in number.words)}")
-            found.append(Size(lengths, _meaning(words), words, _flags(lengths)))
+            found.append(Size(lengths, _meaning(words), words, flags_of(lengths)))
     return tuple(found)
 
 
@@ -162,7 +163,8 @@ def _is_metric(size: Size) -> bool:
     return all(length.unit in {"mm", "cm", "dm", "m"} for length in size.lengths)
 
 
-def _flags(lengths: Sequence[Length]) -> tuple[str, ...]:
+def flags_of(lengths: Sequence[Length]) -> tuple[str, ...]:
+    """What is to be said of lengths: `range` where one has two ends, `absurd_size` where one is beyond `ABSURD_MM`."""
     low, high = ABSURD_MM
     flags = []
     if any(not low <= length.mm <= high for length in lengths):
@@ -195,6 +197,15 @@ def _label_hints(label: str, language: Language | None) -> tuple[tuple[str, ...]
         if token.kind in {"word", "unit", "axis"} and bracketed and (key := _unit_word(token.text)):
             unit = key
     return axes, unit
+
+
+@lru_cache(maxsize=1024)
+def unit_in_brackets(heading: str) -> str | None:
+    """The unit that a heading gives to what stands below it: `Dimensions (mm)`."""
+    return next((key for match in _BRACKETED.finditer(heading) if (key := _unit_word(match[1]))), None)
+
+
+_BRACKETED = re.compile(r"[(\[]\s*(?:in\s+)?([^\W\d_]{2,12})\.?\s*[)\]]")
 
 
 def _unit_word(text: str) -> str | None:
@@ -272,6 +283,8 @@ def _number(
 
 
 def _unit_at(run: Sequence[Token], place: int) -> tuple[str | None, int]:
+    if _kind(run, place) == "open" and _kind(run, place + 2) == "close" and (key := _unit_word(run[place + 1].text)):
+        return key, place + 3  # `12.00 (in)`
     if _kind(run, place) == "unit":
         behind = place + 1
         if _kind(run, behind) == "other" and run[behind].text == "." and run[behind].start == run[place].end:

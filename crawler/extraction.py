@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from itertools import groupby
 
-from crawler.dimensions import Length, Size, agreed, sizes
+from crawler.dimensions import Length, Size, agreed, flags_of, sizes, unit_in_brackets
 from crawler.embedded import embedded_facts
 from crawler.facts import Fact, facts
 from crawler.items import RawItem
 from crawler.pages import Page, squeezed
 from crawler.pages import source_id as hashed_url
 from crawler.product import Product, product
-from crawler.words import Language, is_component, is_dimension_label, is_package, is_whole, plain
+from crawler.words import Language, is_component, is_dimension_label, is_foreign, is_package, is_whole, plain
 
 __all__ = ["Statement", "chosen", "raw_item", "statements"]
 
@@ -44,7 +43,7 @@ def raw_item(page: Page, source: str, found: Product | None = None, now: datetim
     found : what the site's own rules say of the product; what they leave out is read from the page's structured data.
     """
     known = product(page) if found is None else found
-    best = chosen(statements(page, known.sizes))
+    best = chosen(statements(page, known.sizes, known.title))
     flags = _flags(best)
     return RawItem(
         source=source,
@@ -62,18 +61,26 @@ def raw_item(page: Page, source: str, found: Product | None = None, now: datetim
     )
 
 
-def statements(page: Page, structured: Sequence[tuple[str, str]] = ()) -> list[Statement]:
-    """All statements of the product's size on a page; `structured` holds axis and text pairs of schema.org data."""
-    visible = list(facts(page))
-    found = _labelled(visible, page.language) + _by_axis(visible, page.language)
-    found += _of_schema(structured, page.language)
+def statements(page: Page, structured: Sequence[tuple[str, str]] = (), title: str = "") -> list[Statement]:
+    """All statements of the product's size on a page.
+
+    Parameters
+    ----------
+    structured : label and text pairs of schema.org data.
+    title : the product's; a label may repeat its words (`table height`).
+    """
+    own = plain(title)
+    found = _read(list(facts(page)), page.language, own)
+    declared = [Fact(label, text, "", "list", 0) for label, text in structured]
+    found += [replace(statement, trust=min(statement.trust, AXES)) for statement in _read(declared, page.language, own)]
     if not any(statement.trust >= TRUSTED for statement in found):
-        scripts = list(embedded_facts(page))
-        found += [
-            replace(statement, trust=SCRIPT)
-            for statement in _labelled(scripts, page.language) + _by_axis(scripts, page.language)
-        ]
+        scripts = _read(list(embedded_facts(page)), page.language, own)
+        found += [replace(statement, trust=SCRIPT) for statement in scripts]
     return found
+
+
+def _read(found: Sequence[Fact], language: Language | None, title: str) -> list[Statement]:
+    return _labelled(found, language, title) + _by_axis(found, language, title)
 
 
 def chosen(found: Iterable[Statement]) -> Statement | None:
@@ -81,7 +88,7 @@ def chosen(found: Iterable[Statement]) -> Statement | None:
 
     Statements of equal standing that disagree mark it as contradictory.
     """
-    ranked = sorted(found, key=lambda s: (s.trust >= TRUSTED, len(s.size.lengths), s.trust), reverse=True)
+    ranked = sorted(found, key=_rank, reverse=True)
     if not ranked:
         return None
     best = ranked[0]
@@ -92,18 +99,23 @@ def chosen(found: Iterable[Statement]) -> Statement | None:
     return best if size is None else replace(best, size=size)
 
 
-def _labelled(found: Iterable[Fact], language: Language | None) -> list[Statement]:
+def _rank(statement: Statement) -> tuple[bool, bool, int, int]:
+    count = len(statement.size.lengths)
+    return statement.trust >= TRUSTED, statement.trust > LOOSE and count > 1, count, statement.trust
+
+
+def _labelled(found: Iterable[Fact], language: Language | None, title: str) -> list[Statement]:
     statements = []
     for fact in found:
         label = plain(f"{fact.label} {fact.section}")
         own = plain(fact.label)
-        if is_package(label) or _is_of_a_part(own) or not (is_dimension_label(label) or _says_size(fact.value)):
+        if is_package(label) or _is_of_a_part(own) or not (is_dimension_label(label) or _says_size(fact)):
             continue
-        read = sizes(fact.value, fact.label, language)
+        read = sizes(fact.value, fact.label, language, unit_in_brackets(fact.section))
         whole = [size for size in read if size.meaning == "whole"]
         size = agreed(_fullest(whole))
         if size is not None and (len(size.lengths) > 1 or size.lengths[0].axis):
-            statements.append(Statement(size, _trust(fact, own, label), _shown(fact)))
+            statements.append(Statement(size, _trust(fact, own, label, title), _shown(fact)))
     return statements
 
 
@@ -113,7 +125,7 @@ def _fullest(found: Sequence[Size]) -> list[Size]:
     return [size for size in found if len(size.lengths) == most]
 
 
-def _trust(fact: Fact, own: str, label: str) -> int:
+def _trust(fact: Fact, own: str, label: str, title: str) -> int:
     if fact.place == "prose" or (fact.place == "line" and not is_dimension_label(own)):
         return PROSE
     if fact.place == "json":
@@ -121,55 +133,75 @@ def _trust(fact: Fact, own: str, label: str) -> int:
     if is_dimension_label(own):
         # A line of running text that names a size is a seller's description, not the site's table.
         return PROSE if fact.place == "line" else WHOLE if is_whole(own) else SIZE
-    return SIZE if is_dimension_label(label) else LOOSE
+    # Below a heading `dimensions` stand parts too, under names of their own.
+    return SIZE if is_dimension_label(label) and not is_foreign(own, title) else LOOSE
 
 
-def _by_axis(found: Iterable[Fact], language: Language | None) -> list[Statement]:
-    """Rows that name one axis each (`Width | 4 cm`), gathered by their table."""
-    statements = []
-    for (_, section), rows in groupby(found, key=lambda fact: (fact.container, fact.section)):
-        gathered: dict[str, Length] = {}
-        texts = []
-        packaged = is_package(plain(section))
-        for fact in rows:
-            own = plain(fact.label)
-            packaged = packaged or is_package(own)
-            length = None if _is_of_a_part(own) else _axis_length(fact, language)
-            if length is not None and length.axis and length.axis not in gathered:
-                gathered[length.axis] = length
-                texts.append(_shown(fact))
-            place = fact.place
-        if gathered and not packaged:
-            trust = SCRIPT if place == "json" else PROSE if place == "line" and len(gathered) < 2 else AXES
-            statements.append(Statement(Size(tuple(gathered.values()), "whole", ""), trust, "; ".join(texts)))
-    return statements
+class _Axes:
+    """Rows that name one axis each (`Width | 4 cm`), gathered as long as they speak of one thing."""
+
+    def __init__(self, fact: Fact, foreign: bool) -> None:
+        self._first = fact
+        self._foreign = foreign
+        self._found: dict[str, tuple[Length, Fact]] = {}
+
+    def takes(self, fact: Fact, axis: str) -> bool:
+        """Whether a row goes on with the same thing: below the same heading, no axis again in another container."""
+        if (fact.section, fact.place) != (self._first.section, self._first.place):
+            return False
+        known = self._found.get(axis)
+        scattered = fact.place == "json" and fact.container != self._first.container
+        return not scattered and (known is None or known[1].container == fact.container)
+
+    def add(self, length: Length, fact: Fact) -> None:
+        """Take a row in; of one axis in one container the first counts."""
+        self._found.setdefault(length.axis or "", (length, fact))
+
+    def statement(self) -> Statement | None:
+        """What the rows state together; one axis of something else is nothing."""
+        lengths = tuple(length for length, _ in self._found.values())
+        if self._foreign and len(lengths) < 2:
+            return None
+        place = self._first.place
+        trust = SCRIPT if place == "json" else PROSE if place == "line" and len(lengths) < 2 else AXES
+        text = "; ".join(_shown(fact) for _, fact in self._found.values())
+        return Statement(
+            Size(lengths, "whole", "", flags_of(lengths)), min(trust, LOOSE) if self._foreign else trust, text
+        )
+
+
+def _by_axis(found: Iterable[Fact], language: Language | None, title: str) -> list[Statement]:
+    """Rows that name one axis each, gathered; those of other names (`heel height`) apart from the thing's."""
+    groups: list[_Axes] = []
+    current: dict[bool, _Axes] = {}
+    for fact in found:
+        length = _axis_length(fact, language)
+        if length is None or not length.axis:
+            continue
+        foreign = is_foreign(plain(fact.label), title)
+        if foreign not in current or not current[foreign].takes(fact, length.axis):
+            current[foreign] = _Axes(fact, foreign)
+            groups.append(current[foreign])
+        current[foreign].add(length, fact)
+    return [statement for group in groups if (statement := group.statement()) is not None]
 
 
 def _axis_length(fact: Fact, language: Language | None) -> Length | None:
-    if not fact.label or is_package(plain(fact.label)):
+    own = plain(fact.label)
+    if not own or _is_of_a_part(own) or is_package(own) or is_package(plain(fact.section)):
         return None
-    read = sizes(fact.value, fact.label, language)
+    read = sizes(fact.value, fact.label, language, unit_in_brackets(fact.section))
     lengths = [size.lengths for size in read if size.meaning == "whole" and len(size.lengths) == 1]
     return lengths[0][0] if lengths and lengths[0][0].axis else None
-
-
-def _of_schema(structured: Sequence[tuple[str, str]], language: Language | None) -> list[Statement]:
-    lengths: dict[str, Length] = {}
-    for axis, text in structured:
-        for size in sizes(text, axis, language)[:1]:
-            if size.lengths[0].axis:
-                lengths.setdefault(size.lengths[0].axis, size.lengths[0])
-    text = "; ".join(f"{axis}: {value}" for axis, value in structured)
-    return [Statement(Size(tuple(lengths.values()), "whole", "schema.org"), AXES, text)] if lengths else []
 
 
 def _is_of_a_part(label: str) -> bool:
     return is_component(label) and not (is_whole(label) and not is_component(label.replace("overall", "")))
 
 
-def _says_size(value: str) -> bool:
-    letters = plain(value)
-    return is_dimension_label(letters) and is_whole(letters)
+def _says_size(fact: Fact) -> bool:
+    letters = plain(fact.value)
+    return is_dimension_label(letters) and (is_whole(letters) or fact.place == "prose")
 
 
 def _words(size: Size) -> dict[str, float | None]:

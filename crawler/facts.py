@@ -7,22 +7,30 @@ That is the part of a page that could hold a size; the rest costs nothing.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from typing import Literal
 
 from lxml.etree import XPath
 
+from crawler.dimensions import agreed, sizes
 from crawler.pages import Element, Page, squeezed
 from crawler.regions import LABEL_LENGTH, SKIPPED, VALUE_LENGTH, Regions
-from crawler.words import AXIS_WORDS, is_dimension_label, is_package, plain
+from crawler.words import axis_of_word, is_dimension_label, is_package, plain
 
 __all__ = ["HAS_DIGIT", "Fact", "facts", "names_a_size"]
 
-Place = Literal["table", "list", "row", "line", "json", "prose"]
+#: Where a pair stands; an `entry` is a list's line or one whose label is an element of its own.
+Place = Literal["table", "list", "row", "entry", "line", "json", "prose"]
 
 #: So far up from its text a value's label is looked for; deeper nesting is decoration.
 CLIMB = 5
+
+#: So far up a line's list entry is looked for.
+ENTRY_CLIMB = 3
+
+_LABEL_TAGS = frozenset({"b", "strong", "span", "em"})
 
 #: Longer texts are articles.
 LONGEST_TEXT = 2000
@@ -96,8 +104,23 @@ class _Reader:
             here = parent
         whole = self._text(element) if len(text) < VALUE_LENGTH else text
         value = whole if len(whole) <= VALUE_LENGTH else text
-        container = self._number(element.getparent())
-        yield from _split("", value, self.regions.heading(element), "line", container)
+        entry = self._entry(element, value)
+        container = element.getparent() if entry is None else entry
+        place: Place = "line" if entry is None else "entry"
+        yield from _split("", value, self.regions.heading(element), place, self._number(container))
+
+    def _entry(self, element: Element, value: str) -> Element | None:
+        """What a line is an entry of: the list around it, or the box of a line that begins with `<b>Label</b>`."""
+        here = element
+        for _ in range(ENTRY_CLIMB):
+            if here is None or self._text(here) != value:
+                break
+            if here.tag == "li":
+                return here.getparent()
+            here = here.getparent()
+        first = next(iter(element), None)
+        begins = first is not None and first.tag in _LABEL_TAGS and not (element.text or "").strip()
+        return element.getparent() if begins and value.startswith(self._text(first)) else None
 
     def _number(self, container: Element) -> int:
         return self._containers.setdefault(container, len(self._containers))
@@ -111,7 +134,23 @@ class _Reader:
             return _Pair("table", self._text(filled[0]), self._text(here), row.getparent())
         if len(filled) == 4 and here in {filled[1], filled[3]}:
             return _Pair("table", self._text(filled[filled.index(here) - 1]), self._text(here), row.getparent())
-        return _Pair("table", "", "", row) if len(filled) > 2 else None
+        return self._grid(row, filled, filled.index(here)) if len(filled) > 2 and here in filled else None
+
+    def _grid(self, row: Element, filled: list[Element], column: int) -> _Pair:
+        """A table of more columns: a column for each system of units, or one row below a row of axes.
+
+        Anything else is a table of several products, or of sizes to choose from: a pair without a label.
+        """
+        texts = [self._text(cell) for cell in filled]
+        if column and names_a_size(plain(texts[0])) and _is_one_length(texts[1:], texts[0]):
+            return _Pair("table", texts[0], " / ".join(texts[1:]), row.getparent())
+        table = next(row.iterancestors("table"), row)
+        first, *others = list(islice(_filled_rows(table, self._text), 3)) or [[]]
+        if len(others) == 1 and row is others[0][0].getparent() and len(first) == len(filled):
+            labels = [self._text(cell) for cell in first]
+            if sum(names_a_size(plain(label)) for label in labels) > 1:
+                return _Pair("table", labels[column], texts[column], table)
+        return _Pair("table", "", "", row)
 
     def _definition(self, here: Element) -> _Pair | None:
         if here.tag != "dd":
@@ -122,10 +161,12 @@ class _Reader:
 
     def _pair(self, here: Element, parent: Element) -> _Pair | None:
         """A box whose one neighbour before it is a short label: `<div>Width</div><div>4 cm</div>`."""
+        if sum(1 for _ in islice(here.iter("li"), 2)) > 1 or len(parent) > 12:
+            return None  # a heading above a list, whose entries have labels of their own; a long row of boxes
         before = here.getprevious()
         while before is not None and not self._text(before):
             before = before.getprevious()
-        if before is None or before.tag in SKIPPED | {"td", "tr", "img"} or len(parent) > 12:
+        if before is None or before.tag in SKIPPED | {"td", "tr", "img"}:
             return None
         label = self._text(before)
         if len(label) > LABEL_LENGTH or HAS_DIGIT.search(label):
@@ -145,17 +186,39 @@ def names_a_size(letters: str) -> bool:
     if HAS_DIGIT.search(letters):
         return False
     words = re.findall(r"[^\W\d_]+", letters)
-    return is_dimension_label(letters) or any(word in AXIS_WORDS for word in words) or is_package(letters)
+    return is_dimension_label(letters) or any(axis_of_word(word) for word in words) or is_package(letters)
+
+
+def _filled_rows(table: Element, text: Callable[[Element], str]) -> Iterator[list[Element]]:
+    for row in table.iter("tr"):
+        if filled := [cell for cell in row if cell.tag in {"td", "th"} and text(cell)]:
+            yield filled
+
+
+def _is_one_length(texts: list[str], label: str) -> bool:
+    """Whether cells state one length in several systems."""
+    read = [sizes(text, label) for text in texts]
+    if not all(len(found) == 1 and len(found[0].lengths) == 1 for found in read):
+        return False
+    size = agreed([found[0] for found in read])
+    units = {found[0].lengths[0].unit for found in read}
+    return len(units) > 1 and size is not None and "contradicts_itself" not in size.flags
 
 
 def _split(label: str, value: str, section: str, place: Place, container: int) -> Iterator[Fact]:
-    """The pair, or the pairs of a value that has labels of its own: `Width: 3 cm`, one a line."""
+    """The pair, or that of a value that has a label of its own: `Width: 3 cm`, `Size H75, W120 cm`."""
     if not value or len(value) > VALUE_LENGTH * 2:
         return
     label = label.strip(" :\u00a0")
     if not label and (own := _OWN_LABEL.match(value)):
         label, value = own[1].strip(), own[2]
-    yield Fact(label, value, section, place if label else "prose", container)
+    elif not label and (own := _SIZE_FIRST.match(value)) and is_dimension_label(plain(own[1])):
+        label, value = own[1], own[2]
+    named = label or (place == "entry" and is_dimension_label(plain(section)))
+    yield Fact(label, value, section, place if named else "prose", container)
 
 
 _OWN_LABEL = re.compile(rf"([^\d:]{{2,{LABEL_LENGTH}}}?)\s*:\s*(?=\S*\d|[^:]*\d)(.+)")
+
+#: A line that begins with a word for the size and goes on with the size.
+_SIZE_FIRST = re.compile(r"([^\W\d_]+(?: [^\W\d_]{4,})?) ((?:[^\W\d_]{1,2} ?)?\d.*)")

@@ -23,10 +23,13 @@ MAXIMUM_IMAGES = 12
 _BREADCRUMB_TAGS, _BREADCRUMB_BOXES = ("nav", "ol", "ul", "div"), 3
 
 #: Types of schema.org that are things with a size.
-_THINGS = ("Product", "IndividualProduct", "ProductModel", "Book")
+_THINGS = ("Product", "ProductGroup", "IndividualProduct", "ProductModel", "Book")
 _USEFUL_TYPE = re.compile(rf"schema\.org/(?:{'|'.join(_THINGS)}|BreadcrumbList)\b")
 
-_AXES = ("width", "height", "depth", "length", "diameter")
+_AXES = ("width", "height", "depth", "length", "diameter", "size")
+
+#: Variants of one product that are compared.
+MAXIMUM_VARIANTS = 50
 
 #: UN/CEFACT codes that schema.org's QuantitativeValue uses.
 _UNIT_CODES = {"MMT": "mm", "CMT": "cm", "MTR": "m", "INH": "in", "FOT": "ft"}
@@ -34,7 +37,7 @@ _UNIT_CODES = {"MMT": "mm", "CMT": "cm", "MTR": "m", "INH": "in", "FOT": "ft"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Product:
-    """A product: the site's own id, title, breadcrumb, brand, pictures, and sizes as (axis, text) pairs."""
+    """A product: the site's own id, title, breadcrumb, brand, pictures, and sizes as (label, text) pairs."""
 
     id: str | None = None
     title: str = ""
@@ -121,22 +124,37 @@ def _is(node: Mapping[str, Any], *names: str) -> bool:
 
 
 def _sizes(thing: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Label and text of every size that a thing's data states; of variants only what all of them share."""
     for axis in _AXES:
         if text := _quantity(thing.get(axis)):
             yield axis, text
     for extra in _list(thing.get("additionalProperty")):
-        axis = str(extra.get("name", "")).strip().lower() if isinstance(extra, dict) else ""
-        if axis in _AXES and (text := _quantity(extra)):
-            yield axis, text
+        known = _flat(extra)
+        label = known.get("name") if isinstance(known, dict) else None
+        if isinstance(label, str) and (text := _quantity(known)):
+            yield squeezed(label), text
+    variants = [
+        tuple(_sizes(part)) for part in _list(thing.get("hasVariant"))[:MAXIMUM_VARIANTS] if isinstance(part, dict)
+    ]
+    if variants and all(sizes == variants[0] for sizes in variants):
+        yield from variants[0]
+
+
+def _flat(value: Any) -> Any:
+    """An object of JSON-LD as it is, of microdata without the box around its properties."""
+    return value.get("properties", value) if isinstance(value, dict) else value
 
 
 def _quantity(value: Any) -> str | None:
-    if isinstance(value, list):
-        value = value[0] if value else None
+    value = _flat(value[0] if isinstance(value, list) and value else value)
     if isinstance(value, dict):
         code = str(value.get("unitCode") or value.get("unitText") or "")
         amount = value.get("value")
-        return None if amount is None else f"{amount} {_UNIT_CODES.get(code.upper(), code)}".strip()
+        return (
+            None
+            if not isinstance(amount, str | int | float)
+            else f"{amount} {_UNIT_CODES.get(code.upper(), code)}".strip()
+        )
     return str(value) if isinstance(value, str | int | float) and str(value).strip() else None
 
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 from crawler.lengths import UNIT_WORDS
 from crawler.numbers import NUMBER, number
-from crawler.words import AXIS_WORDS, Language, plain
+from crawler.words import Language, axis_of_word, plain
 
 __all__ = ["Token", "axis_of_letter", "tokens"]
 
@@ -115,8 +115,8 @@ def _may_carry(before: Token | None, text: str) -> bool:
 
 def _word(text: str, start: int, end: int, language: Language | None, before: Token | None) -> Token:
     bare = plain(text)
-    if bare in AXIS_WORDS:
-        return Token("axis", bare, start, end, key=AXIS_WORDS[bare])
+    if axis := axis_of_word(bare):
+        return Token("axis", bare, start, end, key=axis)
     if len(bare) <= 2 and (axis := axis_of_letter(text, language)):
         return Token("axis", bare, start, end, key=axis)
     if bare in _RANGE_WORDS and before is not None and before.kind in {"number", "unit"}:

@@ -17,8 +17,10 @@ __all__ = [
     "AXIS_WORDS",
     "Axis",
     "Language",
+    "axis_of_word",
     "is_component",
     "is_dimension_label",
+    "is_foreign",
     "is_package",
     "is_whole",
     "language_of",
@@ -48,10 +50,10 @@ def _table(groups: Mapping[str, str]) -> Mapping[str, str]:
 #: Axis words; `largo` and its like mean a length, `fondo` and `profondeur` a depth.
 AXIS_WORDS: Mapping[str, str] = _table(
     {
-        "length": "length long longueur lunghezza largo longitud comprimento lange laenge lengte lang",
-        "width": "width wide breadth breite breit largeur large larghezza ancho anchura largura breedte",
+        "length": "length long longueur lunghezza lungh largo longitud comprimento compr lange laenge lengte lang",
+        "width": "width wide breadth beam breite breit largeur large larg larghezza ancho anchura largura breedte",
         "height": "height high tall hohe hoehe hoch hauteur haut altezza alto altura alt hoogte",
-        "depth": "depth deep thickness thick tiefe tief dicke dick starke profondeur profond epaisseur "
+        "depth": "depth deep thickness thick tiefe tief dicke dick starke profondeur profond prof epaisseur "
         "profondita spessore profundidad fondo grosor espesor profundidade espessura diepte dikte",
         "diameter": "diameter diam dia durchmesser diametre diametro ø ⌀ doorsnede",
     }
@@ -59,12 +61,21 @@ AXIS_WORDS: Mapping[str, str] = _table(
 
 _PACKAGE = re.compile(
     r"\b("
-    r"pack(ag(e|ed|ing))?|parcel|shipping|shipped|ship|carton|boxed"
+    r"pack(ag(e|ed|ing)|ed)?|parcel|shipping|shipped|ship (dim\w*|size|width|height|length|depth|weight)|carton|boxed"
     r"|box (dim\w*|sizes?|width|height|length|depth|weight)|delivery|gift box|master case|inner box"
     r"|outer box|verpack\w*|paket\w*|versand\w*|karton\w*|lieferung|emballage\w*|colis|carton d"
     r"|livraison|imball\w*|confezione|spedizione|pacco|embalaje|envio|paquete|caja|embalagem|caixa"
     r"|verpakking\w*|verzend\w*|pakket\w*|doos|in (the )?box|folded for (shipping|transport)"
+    # What a thing is carried in is measured like what it is sent in.
+    r"|carry(ing)? (bag|case)|stuff sack|packmass\w*|packsack|trage(tasche|beutel)|housse|sac de transport"
+    r"|custodia|sacca|bolsa de transporte|saco de transporte|draagtas"
     r")\b"
+)
+
+#: `Size without packaging` is the thing's.
+_UNPACKED = re.compile(
+    r"\b(without|excl\w*|ohne|hors|sans|senza|sin|sem|zonder)( the| the product)? "
+    r"(pack(age|aging)?|verpackung|emballage|imball\w*|confezione|embalaje|embalagem|verpakking|box)\b"
 )
 
 _WHOLE = re.compile(
@@ -72,7 +83,7 @@ _WHOLE = re.compile(
     r"overall|total|assembled|product|item|article|unit|external|exterior|outer|outside|gesamt\w*"
     r"|produkt\w*|artikel\w*|aufgebaut|aussen\w*|montiert|produit|hors tout|totale?s?|globale?s?"
     r"|exterieur\w*|prodotto|articolo|totali|complessiv\w*|estern\w*|producto|articulo|exterior\w*"
-    r"|produto|artigo|totaal|buiten\w*"
+    r"|produto|artigo|totaal|buiten\w*|architectural"
     r")\b"
 )
 
@@ -90,6 +101,8 @@ _COMPONENT = re.compile(
     r"|schublade\w*|fach\w*|innen\w*|bildschirm\w*|assise|accoudoir\w*|dossier|pieds?|tiroir\w*"
     r"|interieur\w*|ecran|abat|plateau|seduta|bracciol\w*|schienale|gamb[ae]|piede|cassett\w*"
     r"|intern\w*|schermo|cavo|asiento|reposabrazos|respaldo|patas?|cajon\w*|interior\w*|pantalla"
+    r"|plie|zusammengeklappt|gefaltet|geklappt|piegat[oaie]|chius[oaie]|plegad[oa]s?|dobrad[oa]s?|fechad[oa]s?"
+    r"|ingeklapt|opgevouwen|collapsed|closed"
     r"|assento|encosto|bracos?|pes|gaveta\w*|ecra|tela|cabo|zit\w*|armleuning\w*|rugleuning\w*|poot"
     r"|poten|lade\w*|binnen\w*|scherm\w*|snoer\w*"
     r")\b"
@@ -105,9 +118,49 @@ _DIMENSION = re.compile(
 )
 
 
+#: German and Dutch write `overall height` as one word.
+_OF_THE_WHOLE = re.compile(
+    r"^(gesamt|produkt|artikel|gerate|geraete|mobel|aussen|product|artikel|totaal|buiten)(?=.{4})"
+)
+
+_BRACKETS = re.compile(r"\([^)]*\)")
+_WORD = re.compile(r"[^\W\d_]+")
+
+#: Words that say nothing of what is measured, and units.
+_SMALL_WORDS = frozenset(
+    re.findall(
+        r"\w+",
+        "the of in and or to for with approx approximate approximately about max maximum total actual nominal net no"
+        " not piece each per incl including inch inches cm mm dm ft der die das des dem den im und oder von mit ca circa"
+        " etwa insgesamt maximale maximaler netto pro stuck produktes gerates artikels le la les du de et ou en avec env"
+        " environ par meuble il lo gli del della dei delle dello di da al con e ed mobile el los las y un una por aprox"
+        " mueble do dos das em com os as het een van met meubel",
+    )
+)
+
+
 def is_package(label: str) -> bool:
     """Whether a plain label speaks of the package and not of the thing."""
-    return bool(_PACKAGE.search(label))
+    return bool(_PACKAGE.search(_UNPACKED.sub(" ", label)))
+
+
+def axis_of_word(word: str) -> str | None:
+    """The axis that a plain word names, alone or behind a word for the whole: `hohe`, `gesamthohe`, `producthoogte`."""
+    return AXIS_WORDS.get(word) or AXIS_WORDS.get(_OF_THE_WHOLE.sub("", word))
+
+
+def is_foreign(label: str, title: str = "") -> bool:
+    """Whether a plain label holds a word that neither names a size nor the thing: `heel height`, `turntable diameter`.
+
+    Words of the thing's own plain title are the thing's: a `table height` is a table's height.
+    """
+    words = [word for word in _WORD.findall(_BRACKETS.sub(" ", label)) if len(word) > 1]
+    return any(not _names_the_thing(word, title) for word in words)
+
+
+def _names_the_thing(word: str, title: str) -> bool:
+    known = axis_of_word(word) or word in _SMALL_WORDS or _WHOLE.search(word) or _DIMENSION.search(word)
+    return bool(known) or (len(word) > 2 and word in title)
 
 
 def is_component(label: str) -> bool:

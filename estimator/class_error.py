@@ -27,10 +27,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.axes import prior_axes
 from estimator.components import Rows
-from estimator.likelihood import prior_axes
 from estimator.scene import FloatArray, IntArray
-from estimator.symmetric import product, row_sums, unpacked
+from estimator.symmetric import dot, product, total
 from metric_tree.prior import Prior
 
 __all__ = ["NODES", "NODE_WEIGHTS", "Lines", "SharedError", "convolved", "lines", "shared_error"]
@@ -48,6 +48,7 @@ LONE_OWN_SD = 0.05
 _ANGLES = np.arange(6) * np.pi / 3
 NODES: FloatArray = np.concatenate([np.zeros((1, 2)), 2.0 * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)])
 NODE_WEIGHTS: FloatArray = np.array([1 / 2] + [1 / 12] * 6)
+_LOG_NODE: FloatArray = np.log(NODE_WEIGHTS) + 0.5 * (NODES**2).sum(axis=1)
 
 #: The stand-ins' precision is trusted by this part when nodes are placed. They overstate it where an object is an
 #: outlier or of another component; nodes too wide cost little, nodes too narrow miss mass.
@@ -70,12 +71,19 @@ class SharedError:
 class Lines:
     """Where the nodes of c classes run through v-space as u' moves: v = u' direction - offset.
 
-    direction : (c, 3); offset : (c, j, 3); log_weight : (c, j, 3) coefficients of u'^2, u', 1.
+    direction : (3, c); offset : (3, j, c); log_weight : (3, j, c) coefficients of u'^2, u', 1.
     """
 
     direction: FloatArray
     offset: FloatArray
     log_weight: FloatArray
+
+    def along(self, middle: FloatArray, half: FloatArray) -> Lines:
+        """The same lines as functions of t, u' = middle + half t; middle, half : (c,)."""
+        a, b, c = self.log_weight
+        log_weight = np.array([a * half**2, (2 * a * middle + b) * half, (a * middle + b) * middle + c])
+        offset = self.offset - (middle * self.direction)[:, None]
+        return Lines(half * self.direction, offset, log_weight)
 
 
 @lru_cache(maxsize=4096)
@@ -110,29 +118,25 @@ def lines(rows: Rows, group: IntArray, across: FloatArray) -> Lines:
     Lines, from the stand-in f(v) = exp(-(v' L v) / 2 + h' v), L and h the sums of the objects' expected precision:
     given u', z has precision P = I + U' L U and mean P^-1 U' (L 1 u' - h).
     """
-    share = _shares(rows, across.T[:, :, group])  # (m,)
+    columns = across.transpose(1, 2, 0)  # (3, 2, c)
+    share = _shares(rows, columns.take(group, axis=2))  # (m,)
     weighted = rows.columns[[*range(6), *range(9, 12)]] * (share * TRUST)  # (9, m) Lam and Lam r
-    sums = weighted @ (group[:, None] == np.arange(len(across)))  # (9, c)
-    information, pull = unpacked(sums[:6]), sums[6:].T
-    turned = across.transpose(0, 2, 1)  # (c, 2, 3)
-    precision = np.eye(2) + turned @ information @ across  # (c, 2, 2)
-    covariance = np.linalg.inv(precision)
-    slope = (covariance @ turned @ information.sum(axis=2)[:, :, None])[:, :, 0]  # (c, 2)
-    start = -(covariance @ turned @ pull[:, :, None])[:, :, 0]  # (c, 2)
-    spread = NODES @ np.linalg.cholesky(covariance).transpose(0, 2, 1)  # (c, j, 2)
-    fixed = start[:, None, :] + spread  # (c, j, 2)
-    log_ratio = np.stack(
-        [
-            np.broadcast_to(-0.5 * (slope**2).sum(axis=1)[:, None], fixed.shape[:2]),
-            -(fixed @ slope[:, :, None])[:, :, 0],
-            -0.5 * (fixed**2).sum(axis=2)
-            + 0.5 * (NODES**2).sum(axis=1)
-            + np.log(NODE_WEIGHTS)
-            + 0.5 * np.log(np.linalg.det(covariance))[:, None],
-        ],
-        axis=2,
-    )
-    return Lines(1.0 - (across @ slope[:, :, None])[:, :, 0], fixed @ turned, log_ratio)
+    sums = weighted @ (group[:, None] == np.arange(len(across)))  # (9, c) L and h
+    turned = product(sums[:6], columns)  # L U
+    p00, p11 = 1 + dot(columns, turned)  # (c,)
+    p01 = dot(columns[:, 0], [column[1] for column in turned])
+    det = p00 * p11 - p01 * p01
+    inverse = np.array([[p11, -p01], [-p01, p00]]) / det  # (2, 2, c)
+    slope = (inverse * total(turned)).sum(axis=1)  # (2, c)
+    start = -(inverse * dot(columns, sums[6:])).sum(axis=1)
+    # the nodes are spread by the Cholesky factor of P^-1
+    spread = np.sqrt(p11 / det)
+    placed = [NODES[:, :1] * spread, NODES[:, 1:] / np.sqrt(p11) - NODES[:, :1] * (p01 / det / spread)]
+    fixed = start[:, None] + placed  # (2, j, c)
+    square = np.broadcast_to((slope**2).sum(axis=0), fixed.shape[1:])
+    constant = _LOG_NODE[:, None] - 0.5 * ((fixed**2).sum(axis=0) + np.log(det))
+    log_weight = np.array([-0.5 * square, -(fixed * slope[:, None]).sum(axis=0), constant])
+    return Lines(1.0 - (columns * slope).sum(axis=1), (columns[:, :, None] * fixed).sum(axis=1), log_weight)
 
 
 def convolved(
@@ -159,15 +163,15 @@ def convolved(
     np.exp(kernel, out=kernel)
     step = (own[:, 1] - own[:, 0])[:, None]
     weighted = values * (step * inverse / math.sqrt(2 * math.pi))
-    weighted[:, [0, -1]] *= 0.5  # trapezoids: the ends' other halves belong to the tails
+    weighted[:, 0] *= 0.5  # trapezoids: the ends' other halves belong to the tails
+    weighted[:, -1] *= 0.5
     inside = (kernel @ weighted.astype(np.float32)[:, :, None])[:, :, 0]
-    left, right = _below((own[:, :1] - u) * inverse), _below((u - own[:, -1:]) * inverse)
+    left, right = _below(np.array([own[:, :1] - u, u - own[:, -1:]]) * inverse)
     return inside + left * values[:, :1] + right * values[:, -1:], kernel
 
 
 def _below(z: FloatArray) -> FloatArray:
     """Normal distribution function to 3e-4 by a tanh (Page 1977): enough for tails, without SciPy's import."""
-    z = np.clip(z, -8, 8)
     return np.asarray(0.5 * (1 + np.tanh(math.sqrt(2 / math.pi) * (z + 0.044715 * (z * z * z)))))
 
 
@@ -175,20 +179,16 @@ def _shares(rows: Rows, across: FloatArray) -> FloatArray:
     """Each row's share of its object by the evidence of its proportions, the outlier having one too, (m,).
 
     With M = Lam - Lam 1 1' Lam / lam the precision across the line and q = U z integrated out, the log evidence is
-    that of the line, plus b' P^-1 b / 2 - ln|P| / 2, b = U' M r, P = I + U' M U; across : (2, 3, m) U of each row.
+    that of the line, plus b' P^-1 b / 2 - ln|P| / 2, b = U' M r, P = I + U' M U; across : (3, 2, m) U of each row.
     """
-    one, other = across
-    along = row_sums(rows.precision)  # (3, m) Lam 1
-    along_one, along_other = (along * one).sum(axis=0), (along * other).sum(axis=0)  # (m,)
-    b0 = (rows.pull * one).sum(axis=0) - along_one * rows.line_centre
-    b1 = (rows.pull * other).sum(axis=0) - along_other * rows.line_centre
-    turned_one, turned_other = product(rows.precision, one), product(rows.precision, other)  # (3, m) Lam U
-    p00 = 1 + (one * turned_one).sum(axis=0) - along_one**2 / rows.line_precision
-    p01 = (one * turned_other).sum(axis=0) - along_one * along_other / rows.line_precision
-    p11 = 1 + (other * turned_other).sum(axis=0) - along_other**2 / rows.line_precision
+    turned = product(rows.precision, across)  # Lam U
+    along = total(turned)  # (2, m) 1' Lam U
+    b0, b1 = dot(rows.pull, across) - along * rows.line_centre
+    p00, p11 = 1 + dot(across, turned) - along**2 / rows.line_precision
+    p01 = dot(across[:, 0], [column[1] for column in turned]) - along[0] * along[1] / rows.line_precision
     det = p00 * p11 - p01 * p01
     evidence = rows.line_log_peak + 0.5 * ((p11 * b0 * b0 - 2 * p01 * b0 * b1 + p00 * b1 * b1) / det - np.log(det))
     top = np.maximum(np.maximum.reduceat(evidence, rows.start), rows.log_floor)
     raw = np.exp(evidence - top[rows.object])
-    total = np.add.reduceat(raw, rows.start) + np.exp(rows.log_floor - top)
-    return np.asarray(raw / total[rows.object])
+    whole = np.add.reduceat(raw, rows.start) + np.exp(rows.log_floor - top)
+    return np.asarray(raw / whole[rows.object])

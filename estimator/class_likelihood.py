@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from estimator.class_error import Lines, SharedError, convolved, lines
 from estimator.components import Rows
 from estimator.scene import FloatArray, IntArray
-from estimator.symmetric import product
+from estimator.symmetric import dot, product
 
 __all__ = ["ClassTerms", "joint_classes", "line_density", "single_classes"]
 
@@ -74,14 +75,13 @@ def joint_classes(components: Rows, group: IntArray, errors: Sequence[SharedErro
     """
     classes, first, class_of = np.unique(group, return_index=True, return_inverse=True)
     nodes = lines(components, class_of[components.object], np.array([errors[i].across for i in first]))
-    blocks = _Blocks.of(components)
     middle_node = Lines(nodes.direction, nodes.offset[:, :1], nodes.log_weight[:, :1])
-    log_first, _ = _log_products(components, blocks, middle_node, class_of, np.broadcast_to(u, (len(classes), len(u))))
+    log_first, _ = _log_products(components, middle_node, class_of, np.broadcast_to(u, (len(classes), len(u))))
     middle, half = _spans(log_first[:, 0], u)  # (c,)
     along_sd = np.array([errors[i].along_sd for i in first])
     needed = math.ceil(float((2 * half / (KERNEL_STEPS * along_sd)).max()))
-    own = middle[:, None] + half[:, None] * np.linspace(-1, 1, min(max(OWN_POINTS, needed), MOST_OWN_POINTS))  # (c, h)
-    log_node, outlier = _log_products(components, blocks, nodes, class_of, own)
+    own = middle[:, None] + half[:, None] * _unit_powers(min(max(OWN_POINTS, needed), MOST_OWN_POINTS))[1]  # (c, h)
+    log_node, outlier = _log_products(components, nodes, class_of, own)
     top = log_node.max(axis=(1, 2))[:, None]  # (c, 1)
     value = np.exp(log_node - top[:, None]).sum(axis=1)  # (c, h)
     smooth, kernel = convolved(value, own, u, along_sd)
@@ -89,40 +89,31 @@ def joint_classes(components: Rows, group: IntArray, errors: Sequence[SharedErro
 
 
 def _log_products(
-    components: Rows, blocks: _Blocks, nodes: Lines, class_of: IntArray, grids: FloatArray
+    components: Rows, nodes: Lines, class_of: IntArray, grids: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Log of weight and product of each class at its nodes, (c, j, h), and outlier probabilities, (n, j, h).
 
     grids : (c, h) uniform. Each is brought to t in [-1, 1], so that all share the powers of t.
     """
-    nodes = _brought(nodes, 0.5 * (grids[:, 0] + grids[:, -1]), 0.5 * (grids[:, -1] - grids[:, 0]))
-    powers = _powers(np.linspace(-1, 1, grids.shape[1]))
-    quadratics = _quadratics(components, nodes, class_of[components.object])
+    nodes = nodes.along(0.5 * (grids[:, 0] + grids[:, -1]), 0.5 * (grids[:, -1] - grids[:, 0]))
+    powers = _unit_powers(grids.shape[1])
     floor = np.exp(components.log_floor).astype(np.float32)[:, None, None]
-    density = blocks.summed(quadratics, powers) + floor  # (n, j, h)
+    density = _summed(_quadratics(components, nodes, class_of[components.object]), powers, components) + floor
     n, j, h = density.shape
     indicator = (class_of == np.arange(len(grids))[:, None]).astype(np.float32)  # (c, n)
     log_product = (indicator @ np.log(density).reshape(n, j * h)).reshape(-1, j, h)
-    return log_product + nodes.log_weight @ powers, floor / density
-
-
-def _brought(nodes: Lines, middle: FloatArray, half: FloatArray) -> Lines:
-    """The lines as functions of t, u' = middle + half t; middle, half : (c,)."""
-    a, b, c = np.moveaxis(nodes.log_weight, -1, 0)  # (c, j)
-    middle, half = middle[:, None], half[:, None]
-    log_weight = np.stack([a * half**2, (2 * a * middle + b) * half, (a * middle + b) * middle + c], axis=-1)
-    return Lines(half * nodes.direction, nodes.offset - (middle * nodes.direction)[:, None], log_weight)
+    return log_product + nodes.log_weight.T @ powers, floor / density
 
 
 def _quadratics(components: Rows, nodes: Lines, of_row: IntArray) -> NDArray[np.float32]:
     """Coefficients of t^2, t, 1 in the log of each component along each node's line, (m, j, 3); of_row : (m,) class."""
-    a = nodes.direction.T[:, of_row]  # (3, m)
-    off = nodes.offset.T[:, :, of_row] + components.residual[:, None]  # (3, j, m)
+    a = nodes.direction.take(of_row, axis=1)  # (3, m)
+    off = nodes.offset.take(of_row, axis=2) + components.residual[:, None]  # (3, j, m)
     turned = product(components.precision, off)
     found = np.empty((len(of_row), off.shape[1], 3), dtype=np.float32)
-    found[:, :, 0] = -0.5 * (a * product(components.precision, a)).sum(axis=0)[:, None]
-    found[:, :, 1] = (a[:, None] * turned).sum(axis=0).T
-    found[:, :, 2] = (components.log_weight - 0.5 * (off * turned).sum(axis=0)).T
+    found[:, :, 0] = -0.5 * dot(a, product(components.precision, a))[:, None]
+    found[:, :, 1] = dot(a, turned).T
+    found[:, :, 2] = (components.log_weight - 0.5 * dot(off, turned)).T
     return found
 
 
@@ -134,54 +125,34 @@ def _spans(log_product: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArr
     return 0.5 * (low + high), 0.5 * (high - low)
 
 
-def line_density(components: Rows, u: FloatArray) -> FloatArray:
+def line_density(components: Rows, u: FloatArray) -> NDArray[np.float32]:
     """Each object's mixture on the line v = u 1, (n, g), without the outlier."""
     lam, middle = components.line_precision, 0.5 * (u[0] + u[-1])
     centre = components.line_centre - middle
-    coefficients = np.stack([-0.5 * lam, lam * centre, components.line_log_peak - 0.5 * lam * centre**2], axis=1)
-    return _Blocks.of(components).summed(coefficients.astype(np.float32)[:, None], _powers(u - middle))[:, 0]
+    coefficients = np.array([-0.5 * lam, lam * centre, components.line_log_peak - 0.5 * lam * centre**2], np.float32)
+    return _summed(coefficients.T[:, None], _powers(u - middle), components)[:, 0]
 
 
 def _powers(t: FloatArray) -> FloatArray:
     """t^2, t, 1 as rows, (3, g)."""
-    return np.stack([t * t, t, np.ones_like(t)])
+    return np.array([t * t, t, np.ones_like(t)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Blocks:
-    """The rows of n objects in another order: the first rows of all, the second rows of those that have one, ...
+@lru_cache(maxsize=64)
+def _unit_powers(points: int) -> FloatArray:
+    return _powers(np.linspace(-1, 1, points))
 
-    Objects are taken by falling number of rows, so that each block belongs to the first of them and a sum over the
-    rows of every object is a few whole-array additions. order : (m,) rows; sizes : of the blocks; place : (n,) where
-    each object is among them.
+
+def _summed(coefficients: NDArray[np.float32], powers: FloatArray, components: Rows) -> NDArray[np.float32]:
+    """The exponentials of quadratics, (m, j, 3) coefficients, summed over each object's rows: (n, j, g).
+
+    Single precision: exponents of a thousand are off by 1e-4, a tenth of what the nodes are, for a third of the time.
     """
-
-    order: IntArray
-    sizes: list[int]
-    place: IntArray
-
-    @classmethod
-    def of(cls, components: Rows) -> _Blocks:
-        n, m = len(components.log_floor), len(components.object)
-        counts = np.diff(np.append(components.start, m))
-        place = np.empty(n, dtype=np.int64)
-        place[np.argsort(-counts, kind="stable")] = np.arange(n)
-        rank = np.arange(m) - components.start[components.object]
-        order = np.argsort(rank * n + place[components.object])
-        return cls(order, np.bincount(rank).tolist(), place)
-
-    def summed(self, coefficients: NDArray[np.float32], powers: FloatArray) -> FloatArray:
-        """The exponentials of quadratics, (m, j, 3) coefficients, summed over each object's rows: (n, j, g) float32.
-
-        Single precision: exponents of a thousand are off by 1e-4, a tenth of what the nodes are, for a third of the
-        time.
-        """
-        m, j, _ = coefficients.shape
-        values = (coefficients[self.order].reshape(m * j, 3) @ powers.astype(np.float32)).reshape(m, -1)
-        np.exp(values, out=values)
-        total = values[: self.sizes[0]]  # every object has a first row
-        start = self.sizes[0]
-        for size in self.sizes[1:]:
-            total[:size] += values[start : start + size]
-            start += size
-        return np.asarray(total[self.place].reshape(-1, j, powers.shape[1]))
+    (m, j, _), g = coefficients.shape, powers.shape[1]
+    values = (coefficients.reshape(m * j, 3) @ powers.astype(np.float32)).reshape(m, j * g)
+    np.exp(values, out=values)
+    total = np.empty((len(components.start), j * g), dtype=np.float32)
+    ends = [*components.start[1:].tolist(), m]
+    for own, start, end in zip(total, components.start.tolist(), ends, strict=True):
+        np.add.reduce(values[start:end], axis=0, out=own)
+    return total.reshape(-1, j, g)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.scene import BoolArray, FloatArray, IntArray
+from estimator.scene import FloatArray, IntArray
 
 __all__ = ["Rows"]
 
@@ -65,16 +65,10 @@ class Rows:
         place = np.full(len(self.log_floor), -1)
         place[objects] = np.arange(len(objects))
         owner = place[self.object]
-        return self._kept(owner >= 0, owner, self.log_floor[objects])
+        rows = np.flatnonzero(owner >= 0)
+        return Rows.of_objects(self.columns.take(rows, axis=1), owner[rows], self.log_floor[objects])
 
-    def pruned(self, log_negligible: FloatArray) -> Rows:
-        """Without the rows whose peak is under a part of their object's highest, (m,) natural log."""
-        highest = np.maximum.reduceat(self.line_log_peak, self.start)  # (n,)
-        keep = self.line_log_peak >= highest[self.object] + log_negligible
-        return self._kept(keep, self.object, self.log_floor)
-
-    def _kept(self, keep: BoolArray, owner: IntArray, log_floor: FloatArray) -> Rows:
-        rows = np.flatnonzero(keep)
-        owner = owner[rows]
-        start = np.searchsorted(owner, np.arange(len(log_floor)))
-        return Rows(self.columns.take(rows, axis=1), owner, start, log_floor)
+    @classmethod
+    def of_objects(cls, columns: FloatArray, owner: IntArray, log_floor: FloatArray) -> Rows:
+        """Columns (16, m) whose owners (m,) do not fall and leave no object out."""
+        return cls(columns, owner, np.searchsorted(owner, np.arange(len(log_floor))), log_floor)

@@ -73,7 +73,7 @@ def estimated(
     places = list(evidence)
     found = posterior(list(evidence.values()), known, options.level) if places or len(known) else None
     elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
-    used = [_used(item) for item in evidence.values()]
+    used = _used(list(evidence.values()))
     answer = Answer(found, places, used, reasons)
     result = result_of(objects, tree, by_name, answer, options, up, warnings, elapsed)
     if found is None or not places:
@@ -91,19 +91,16 @@ def evidence_of(
     objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning]
 ) -> tuple[dict[int, Evidence], list[str | None]]:
     """The objects that can speak, by place, and per object the reason why it cannot, or None."""
-    evidence: dict[int, Evidence] = {}
-    reasons: list[str | None] = []
+    reasons = [item.skipped or by_name[item.category].reason for item in objects]
+    stated: dict[int, Evidence] = {}
     for place, item in enumerate(objects):
         meaning = by_name[item.category]
-        reason = item.skipped or meaning.reason
-        if reason is None and meaning.node is not None and meaning.prior is not None:
-            entry = Evidence(item, meaning.prior, meaning.node.pose)
-            if usable(entry).any():
-                evidence[place] = entry
-            else:
-                reason = f"none of its extents is among {', '.join(meaning.prior.dims)}"
-        reasons.append(reason)
-    return evidence, reasons
+        if reasons[place] is None and meaning.node is not None and meaning.prior is not None:
+            stated[place] = Evidence(item, meaning.prior, meaning.node.pose)
+    for place, there in zip(list(stated), usable(list(stated.values())).tolist(), strict=True):
+        if not any(there):
+            reasons[place] = f"none of its extents is among {', '.join(stated.pop(place).prior.dims)}"
+    return stated, reasons
 
 
 def result_of(
@@ -174,9 +171,12 @@ def _report(
     )
 
 
-def _used(item: Evidence) -> tuple[str, ...]:
-    """The dimensions that count in full: there, known to the prior, not cut."""
-    return _names(item.object, usable(item) & ~np.asarray(item.object.truncated, dtype=bool))
+def _used(evidence: Sequence[Evidence]) -> list[tuple[str, ...]]:
+    """The dimensions of each object that count in full: there, known to the prior, not cut."""
+    return [
+        _names(item.object, there & ~np.asarray(item.object.truncated, dtype=bool))
+        for item, there in zip(evidence, usable(evidence), strict=True)
+    ]
 
 
 def _names(item: MeasuredObject, chosen: BoolArray) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -114,8 +115,8 @@ def interval(posterior: Curve, level: float) -> tuple[float, float]:
 def modes(posterior: Curve) -> tuple[Mode, ...]:
     """The modes, highest first, each with the mass between the valleys beside it."""
     density, grid = posterior.density, posterior.log_scale
-    rising = np.diff(density) > 0
-    peaks = np.flatnonzero(~rising & np.concatenate([[True], rising[:-1]]))
+    rising = np.append(True, density[1:] > density[:-1])
+    peaks = np.flatnonzero(rising[:-1] & ~rising[1:])
     peaks = peaks[density[peaks] > 1e-9 * density.max()]
     if not len(peaks):
         peaks = np.array([int(density.argmax())])
@@ -161,16 +162,21 @@ def _cumulative(posterior: Curve) -> FloatArray:
 
 def _upsampled(values: FloatArray, factor: int) -> FloatArray:
     """(g,) values at `factor` times the points by four-point Lagrange interpolation, (factor (g - 1) + 1,)."""
-    t = np.arange(factor) / factor  # (f,)
-    weights = np.stack(
+    first, last = 2 * values[0] - values[1], 2 * values[-1] - values[-2]  # straight on beyond the ends
+    padded = np.concatenate([[first], values, [last]])
+    windows = np.array([padded[:-3], padded[1:-2], padded[2:-1], padded[3:]])  # (4, g - 1)
+    return np.append((windows.T @ _lagrange(factor)).ravel(), values[-1])
+
+
+@lru_cache(maxsize=8)
+def _lagrange(factor: int) -> FloatArray:
+    """(4, factor) weights of four neighbours at the points from the second to the third."""
+    t = np.arange(factor) / factor
+    return np.array(
         [
             -t * (t - 1) * (t - 2) / 6,
             (t + 1) * (t - 1) * (t - 2) / 2,
             -(t + 1) * t * (t - 2) / 2,
             (t + 1) * t * (t - 1) / 6,
         ]
-    )  # (4, f)
-    first, last = 2 * values[0] - values[1], 2 * values[-1] - values[-2]  # straight on beyond the ends
-    padded = np.concatenate([[first], values, [last]])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, 4)  # (g - 1, 4)
-    return np.append((windows @ weights).ravel(), values[-1])
+    )

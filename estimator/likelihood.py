@@ -20,13 +20,15 @@ from functools import lru_cache
 import numpy as np
 
 from estimator.assignments import Layout, Variants, variants
+from estimator.axes import SORTED_AXES, is_sorted, prior_axes
+from estimator.class_error import shared_error
 from estimator.components import Rows
 from estimator.objects import AXES, MeasuredObject
 from estimator.scene import BoolArray, FloatArray, IntArray
-from estimator.symmetric import COLUMN, DIAGONAL, ROW, inverse, packed, product, row_sums
+from estimator.symmetric import DIAGONAL, dot, inverse, packed, product, row_sums, total
 from metric_tree.prior import Prior
 
-__all__ = ["OUTLIER", "Evidence", "is_sorted", "prior_axes", "rows", "usable"]
+__all__ = ["OUTLIER", "Evidence", "rows", "usable"]
 
 #: Probability that an object is not what its label says, or not measured as its sigma says. In
 #: `benchmarks/simulation.py --outlier` the medians for 0.02 to 0.1 agree within 0.4 %; with 20 % wrong labels the
@@ -46,8 +48,6 @@ GROSS_NEGLIGIBLE = 0.1
 #: Horizontal sides nearer than this many standard deviations of their difference may have changed places.
 SURE_ORDER_SD = 3.0
 
-SORTED_AXES = ("extent1", "extent2", "extent3")
-
 LOG_MM_PER_M = math.log(1000.0)
 
 
@@ -60,57 +60,57 @@ class Evidence:
     pose: str
 
 
-def is_sorted(prior: Prior) -> bool:
-    """Whether the prior is over sorted extents, not over length, width, height."""
-    return prior.dims[0] in SORTED_AXES
+def usable(evidence: Sequence[Evidence]) -> BoolArray:
+    """(n, 3) bool: the measured extents that the priors can judge, in each object's own order."""
+    there = np.isfinite([item.object.extents for item in evidence]).reshape(-1, 3)
+    judged = [_judged(item.prior, item.object.vertical_known) for item in evidence]
+    return np.asarray(there & np.array(judged, dtype=bool).reshape(-1, 3))
 
 
-def prior_axes(prior: Prior) -> IntArray:
-    """(d,) place of each of the prior's dimensions among length, width, height, or among the sorted extents."""
-    names = SORTED_AXES if is_sorted(prior) else AXES
-    return np.array([names.index(name) for name in prior.dims])
+@lru_cache(maxsize=4096)
+def _judged(prior: Prior, vertical_known: bool) -> tuple[bool, ...]:
+    if is_sorted(prior) or not vertical_known:
+        return (True, True, True)
+    return tuple(axis in prior.dims for axis in AXES)
 
 
-def usable(evidence: Evidence) -> BoolArray:
-    """(3,) bool: the measured extents that the prior can judge, in the object's own order."""
-    there = np.isfinite(evidence.object.extents)
-    if is_sorted(evidence.prior) or not evidence.object.vertical_known:
-        return np.asarray(there)
-    return np.asarray(there & np.array([axis in evidence.prior.dims for axis in AXES]))
-
-
-def rows(evidence: Sequence[Evidence], shared: FloatArray) -> Rows:
+def rows(evidence: Sequence[Evidence], alone: BoolArray) -> Rows:
     """The components of every object.
 
     Parameters
     ----------
     evidence : n objects with at least one usable extent each
-    shared : (n, 3, 3) covariance to add to each object's own: the class error where it is integrated out in closed
-        form, else zero
+    alone : (n,) bool, the only one of its class: its class error is added to its own covariance, which integrates it
+        out in closed form
     """
     extents = np.array([item.object.extents for item in evidence])  # (n, 3)
     sigma = np.array([item.object.sigma for item in evidence])  # (n, 3)
     cut = np.array([item.object.truncated for item in evidence], dtype=bool)  # (n, 3)
-    with np.errstate(invalid="ignore"):
-        y = np.log(extents)
-        close = y[:, 0] - y[:, 1] < SURE_ORDER_SD * np.hypot(sigma[:, 0], sigma[:, 1])  # (n,)
+    y = np.log(extents)
+    close = y[:, 0] - y[:, 1] < SURE_ORDER_SD * np.hypot(sigma[:, 0], sigma[:, 1])  # (n,)
     missing = np.isnan(y)
     free = np.array([not item.object.vertical_known for item in evidence])  # (n,)
     for i, item in enumerate(evidence):
         if is_sorted(item.prior):
             order = np.argsort(-np.where(missing[i], -np.inf, y[i]), kind="stable")
             y[i], sigma[i], cut[i], missing[i] = y[i, order], sigma[i, order], cut[i, order], missing[i, order]
-    codes = np.packbits(np.column_stack([missing, cut, close, free]), axis=1, bitorder="little").tolist()
-    tables = [_table(item.prior, item.pose, code) for item, (code,) in zip(evidence, codes, strict=True)]
-    return _flat(tables, np.nan_to_num(y), np.nan_to_num(sigma), shared, evidence)
+    codes = np.packbits(np.column_stack([missing, cut, close, free]), axis=1, bitorder="little")[:, 0].tolist()
+    tables = [
+        _table(item.prior, item.pose, code, lone)
+        for item, code, lone in zip(evidence, codes, alone.tolist(), strict=True)
+    ]
+    score = np.array([item.object.score for item in evidence])
+    outlier = OUTLIER + (1 - OUTLIER) * SCORE_SLOPE * (1 - np.clip(score, 0.0, 1.0))  # (n,)
+    return _flat(tables, np.nan_to_num(y), np.nan_to_num(sigma), outlier)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Table:
     """What of an object's r rows does not depend on its sizes: the prior under every variant.
 
-    columns : (14, r): the mean ln m less the shift of a cut; the packed covariance, unit on axes that do not count;
-    active, 1 or 0, of each axis; log_weight; the log part of the highest peak under which a row is dropped.
+    columns : (14, r): the mean ln m less the shift of a cut; the packed covariance (of a lone object with its class
+    error), unit on axes that do not count; active, 1 or 0, of each axis; log_weight; the log part of the highest peak
+    under which a row is dropped.
     measured : (3, r) which extent stands on each axis.
     """
 
@@ -135,7 +135,7 @@ def _layout(prior: Prior, pose: str, code: int) -> Layout:
 
 
 @lru_cache(maxsize=4096)
-def _table(prior: Prior, pose: str, code: int) -> _Table:
+def _table(prior: Prior, pose: str, code: int, alone: bool) -> _Table:
     layout = _layout(prior, pose, code)
     ways: Variants = variants(layout)
     axes = prior_axes(prior)
@@ -148,6 +148,8 @@ def _table(prior: Prior, pose: str, code: int) -> _Table:
     both = active[:, :, None] * active[:, None, :]  # (v, 3, 3)
     diagonal = ways.variance * active + (1 - active)  # (v, 3)
     spread = covariance[:, None] * both + diagonal[None, :, :, None] * np.eye(3)  # (k, v, 3, 3)
+    if alone:
+        spread += shared_error(prior).covariance * both
     shifted = (mean[:, None, :] - ways.shift) * active  # (k, v, 3)
     log_weight = np.log(np.maximum(prior.weights, 1e-300))[:, None] + ways.log_weight  # (k, v)
     log_weight = log_weight - 0.5 * math.log(2 * math.pi) * active.sum(axis=1)
@@ -162,25 +164,24 @@ def _table(prior: Prior, pose: str, code: int) -> _Table:
     return _Table(np.concatenate(columns), np.tile(ways.measured, (k, 1)).T)
 
 
-def _flat(
-    tables: list[_Table], y: FloatArray, sigma: FloatArray, shared: FloatArray, evidence: Sequence[Evidence]
-) -> Rows:
-    counts = np.array([table.measured.shape[1] for table in tables])
+def _flat(tables: Sequence[_Table], y: FloatArray, sigma: FloatArray, outlier: FloatArray) -> Rows:
+    """The rows of n objects: log extents and their standard deviations (n, 3), probability of an outlier (n,)."""
+    counts = [table.measured.shape[1] for table in tables]
     owner = np.repeat(np.arange(len(tables)), counts)  # (m,)
     columns = np.concatenate([table.columns for table in tables], axis=1)  # (14, m)
-    mean, covariance, active, log_weight, negligible = np.split(columns, (3, 9, 12, 13))
+    mean, covariance, active, log_weight = columns[:3], columns[3:9], columns[9:12], columns[12]
     extent = np.concatenate([table.measured for table in tables], axis=1) + 3 * owner  # (3, m) place in y and sigma
-    residual = (mean - y.ravel()[extent]) * active
-    covariance += packed(shared).take(owner, axis=1) * (active.take(ROW, axis=0) * active.take(COLUMN, axis=0))
-    covariance[DIAGONAL] += sigma.ravel()[extent] ** 2 * active
+    residual = (mean - y.take(extent)) * active
+    covariance[DIAGONAL] += (sigma**2).take(extent) * active
     precision, log_det = inverse(covariance)
-    precision[DIAGONAL] *= active  # the others are zero there
-    score = np.array([min(max(item.object.score, 0.0), 1.0) for item in evidence])
-    outlier = OUTLIER + (1 - OUTLIER) * SCORE_SLOPE * (1 - score)  # (n,)
+    for place, counts_or_not in zip(DIAGONAL, active, strict=True):
+        precision[place] *= counts_or_not  # off the diagonal it is zero already
     log_weight += np.log1p(-outlier)[owner] - 0.5 * log_det
     pull = product(precision, residual)
-    lam = row_sums(precision).sum(axis=0, keepdims=True)
-    centre = pull.sum(axis=0) / lam
-    peak = log_weight - 0.5 * ((residual * pull).sum(axis=0) - lam * centre**2)
-    flat = np.concatenate([precision, residual, pull, log_weight, lam, centre, peak])
-    return Rows(flat, owner, np.cumsum(counts) - counts, np.log(outlier)).pruned(negligible[0])
+    lam = total(row_sums(precision))
+    centre = total(pull) / lam
+    peak = log_weight - 0.5 * (dot(residual, pull) - lam * centre**2)
+    start = np.cumsum([0, *counts[:-1]])
+    kept = np.flatnonzero(peak >= np.maximum.reduceat(peak, start)[owner] + columns[13])
+    flat = np.array([row.take(kept) for row in (*precision, *residual, *pull, log_weight, lam, centre, peak)])
+    return Rows.of_objects(flat, owner.take(kept), np.log(outlier))

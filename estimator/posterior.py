@@ -133,8 +133,7 @@ def status_of(found: Sequence[Mode], bounds: tuple[float, float]) -> Status:
 
 def object_curves(evidence: Sequence[Evidence], log_scale: FloatArray) -> FloatArray:
     """Each object's own likelihood over log scale relative to the outlier's, (n, g); for figures."""
-    shared = np.array([shared_error(item.prior).covariance for item in evidence])
-    components = rows(evidence, shared)
+    components = rows(evidence, np.ones(len(evidence), dtype=bool))
     density = line_density(components, log_scale)
     return np.asarray(density + np.exp(components.log_floor)[:, None])
 
@@ -155,11 +154,13 @@ def _classes(evidence: Sequence[Evidence], known: FloatArray) -> _Classes:
     if not evidence:
         u = grid.evidence_grid(centre, sd, grid.SUPPORT_SD * sd)
         return _Classes((), u, np.zeros((0, len(u))), (), np.zeros(0))
-    names, group = np.unique([item.prior.node_id for item in evidence], return_inverse=True)
+    names = sorted({item.prior.node_id for item in evidence})
+    place = {name: number for number, name in enumerate(names)}
+    group = np.array([place[item.prior.node_id] for item in evidence])
     alone = np.bincount(group)[group] == 1  # (n,)
     errors = [shared_error(item.prior) for item in evidence]
     joint_sd = np.where(alone, 0.0, [error.along_sd for error in errors])
-    components = rows(evidence, np.array([error.covariance for error in errors]) * alone[:, None, None])
+    components = rows(evidence, alone)
     spread = np.sqrt(1 / components.line_precision + joint_sd[components.object] ** 2)
     over = components.line_log_peak - components.log_floor[components.object]  # ln of peak over the outlier's floor
     reach = np.minimum(np.sqrt(2 * np.maximum(over + math.log(1 / grid.UNSEEN), 0.0)), grid.SUPPORT_SD) * spread
@@ -180,7 +181,7 @@ def _classes(evidence: Sequence[Evidence], known: FloatArray) -> _Classes:
     for _, solved in terms:
         log_likelihood[solved.classes] = solved.log_likelihood
     own = np.exp(_own_centres(components))
-    return _Classes(tuple(str(name) for name in names), u, log_likelihood, tuple(terms), own)
+    return _Classes(tuple(names), u, log_likelihood, tuple(terms), own)
 
 
 def _own_centres(components: Rows) -> FloatArray:

@@ -6,7 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator.likelihood import SORTED_AXES, Evidence, is_sorted
+from estimator.axes import SORTED_AXES, is_sorted
+from estimator.likelihood import Evidence
 from estimator.objects import AXES, MeasuredObject
 from estimator.result import Verdict
 from estimator.scene import FloatArray

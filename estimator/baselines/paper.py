@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.axes import SORTED_AXES
 from estimator.baselines.candidates import candidate_scales, estimate_on
 from estimator.categories import Meaning, meanings
 from estimator.estimate import Answer, Options, result_of
 from estimator.files import text_of
-from estimator.likelihood import SORTED_AXES
 from estimator.objects import AXES, MeasuredObject
 from estimator.result import ScaleResult, UpReport
 from estimator.scene import BadScene, FloatArray, told

@@ -21,7 +21,7 @@ from metric_tree.prior import Prior
 from tests.estimator.made_priors import evidence, prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
-NONE = np.zeros((1, 3, 3))
+JOINT = np.zeros(1, dtype=bool)
 
 
 @pytest.fixture
@@ -142,16 +142,17 @@ def test_shifts_sum_to_one() -> None:
 
 
 def test_a_low_score_makes_an_outlier_likelier() -> None:
-    sure = rows([evidence(CHAIR, (0.6, 0.5, 1.0))], NONE)
-    unsure = rows([evidence(CHAIR, (0.6, 0.5, 1.0), score=0.3)], NONE)
+    sure = rows([evidence(CHAIR, (0.6, 0.5, 1.0))], JOINT)
+    unsure = rows([evidence(CHAIR, (0.6, 0.5, 1.0), score=0.3)], JOINT)
     assert unsure.log_floor[0] > sure.log_floor[0]
 
 
 def test_usable_dimensions_are_those_of_the_prior() -> None:
     keyboard = prior("keyboard.n.01", [(440, 150)], dims=("length", "width"))
-    assert usable(evidence(keyboard, (0.4, math.nan, 0.03))).tolist() == [True, False, False]
+    assert usable([evidence(keyboard, (0.4, math.nan, 0.03))]).tolist() == [[True, False, False]]
     sorted_prior = prior("stone.n.01", [(90, 60, 40)], dims=("extent1", "extent2", "extent3"))
-    assert usable(evidence(sorted_prior, (0.09, 0.04, 0.06))).all()
+    assert usable([evidence(sorted_prior, (0.09, 0.04, 0.06))]).all()
+    assert usable([]).shape == (0, 3)
 
 
 def test_sorted_prior_sorts_the_object() -> None:

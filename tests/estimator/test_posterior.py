@@ -16,8 +16,8 @@ from estimator.grid import Curve, Mode
 from estimator.likelihood import Evidence, rows
 from estimator.posterior import posterior, status_of
 from estimator.scene import FloatArray
-from estimator.symmetric import unpacked
 from tests.estimator.made_priors import evidence, prior
+from tests.estimator.test_symmetric import unpacked
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
 DESK = prior("desk.n.01", [(1300, 680, 740)], spread=0.1)
@@ -39,7 +39,7 @@ def _brute(items: list[Evidence], u: FloatArray, nodes: int = 16) -> FloatArray:
     weights = np.array(np.meshgrid(w, w, w, indexing="ij")).reshape(3, -1).prod(axis=0)
     points, weights = points[weights > 1e-10], weights[weights > 1e-10]
     e = points @ np.linalg.cholesky(shared_error(items[0].prior).covariance).T  # (q, 3)
-    parts = rows(items, np.zeros((len(items), 3, 3)))
+    parts = rows(items, np.zeros(len(items), dtype=bool))
     floor = np.exp(parts.log_floor)
     values = []
     for at in u:

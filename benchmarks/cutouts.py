@@ -1,7 +1,8 @@
 """Mask quality and speed of the backend without weights, beside its parts and bare grabCut, on rendered pictures.
 
 python -m benchmarks.cutouts --count 200            # per kind of background
-python -m benchmarks.cutouts --model u2net.onnx     # a network as well, where its weights are at hand
+python -m benchmarks.cutouts --model u2net.onnx     # a network as well, where its weights are at hand: our backend,
+                                                    # `auto` with it, and bare rembg as its README calls it
 """
 
 from __future__ import annotations
@@ -11,13 +12,16 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from benchmarks.product_pictures import KINDS, ProductPicture, pictured, things
-from metric_tree.cutouts.backend import RGB, Foreground
+from metric_tree.cutouts.backend import RGB, Auto, Foreground
 from metric_tree.cutouts.network import Network
 from metric_tree.cutouts.plain import Plain
 from metric_tree.cutouts.quality import assessment
@@ -88,6 +92,15 @@ def bare_grabcut(picture: RGB) -> Foreground:
     return Foreground(np.isin(state, (cv2.GC_FGD, cv2.GC_PR_FGD)).astype(np.uint8) * 255, "grabcut")
 
 
+def bare_rembg(session: Any, picture: RGB) -> Foreground:
+    """The library as its README calls it: a picture in, the cut-out with its alpha out, by the same network."""
+    import rembg
+
+    with np.errstate(invalid="ignore"):  # a blank picture gives 0 / 0
+        cut = rembg.remove(Image.fromarray(picture), session=session)
+    return Foreground(np.asarray(cut.getchannel("A"), np.uint8), "rembg")
+
+
 def _add(score: Score, picture: ProductPicture, foreground: _Way) -> None:
     start = time.process_time()
     found = foreground(picture.pixels)
@@ -121,7 +134,10 @@ def main() -> None:
         "bare grabCut": bare_grabcut,
     }
     if arguments.model:
-        ways[f"rembg:{arguments.model}"] = Network.loaded(arguments.model).foreground
+        network = Network.loaded(arguments.model)
+        ways[network.method] = network.foreground
+        ways[f"auto with {network.method}"] = Auto(Plain(), network).foreground
+        ways["bare rembg"] = partial(bare_rembg, network.session)
     for (kind, way), score in scores(arguments.count, ways, arguments.seed).items():
         print(json.dumps({"background": kind, "way": way, **score.row()}))
 

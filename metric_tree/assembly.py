@@ -13,14 +13,23 @@ from crawler.sources import Source
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.clean import NodeClass
 from metric_tree.em import Belief
-from metric_tree.evidence import KIND_WEIGHT
+from metric_tree.evidence import EVIDENCE, KIND_WEIGHT
 from metric_tree.fit import VAGUE, Moments
 from metric_tree.hierarchy import belief_of, commonness, inner_priors
 from metric_tree.prior import Prior
 from metric_tree.schema import NODES, PRIORS
 from taxonomy.categories import Category
 
-__all__ = ["CURATED", "Hierarchy", "kept_categories", "node_counts", "node_table", "prior_table", "source_records"]
+__all__ = [
+    "CURATED",
+    "Hierarchy",
+    "evidence_counts",
+    "kept_categories",
+    "node_counts",
+    "node_table",
+    "prior_table",
+    "source_records",
+]
 
 
 #: The project's own ranges as a source: written for it, under its licence.
@@ -132,6 +141,17 @@ def node_counts(nodes: pa.Table) -> dict[str, int]:
     levels = max(nodes["level"].to_pylist(), default=0)
     several = {f"leaves_{least}": sum(n >= least for n in leaves) for least in (1, 10, 30)}
     return {"nodes": nodes.num_rows, "leaves": len(leaves), "levels": levels} | several
+
+
+def evidence_counts(classes: Iterable[NodeClass]) -> dict[str, dict[str, int]]:
+    """Items of each set of kinds (`EVIDENCE`), and leaves with at least 1, 10 and 30 of them, repeats left out."""
+    by_kind = [one.n_by_kind for one in classes]
+    found = {}
+    for name, kinds in EVIDENCE.items():
+        items = [sum(n for kind, n in counts.items() if kind in kinds) for counts in by_kind]
+        leaves = {f"leaves_{least}": sum(n >= least for n in items) for least in (1, 10, 30)}
+        found[name] = {"items": sum(items)} | leaves
+    return found
 
 
 def prior_table(hierarchy: Hierarchy, priors: Mapping[str, Sequence[Prior]]) -> pa.Table:

@@ -31,6 +31,7 @@ from crawler.sources import Source, sources
 from metric_tree.assembly import (
     CURATED,
     Hierarchy,
+    evidence_counts,
     kept_categories,
     node_counts,
     node_table,
@@ -252,6 +253,7 @@ class Steps:
             "sources": source_records(self.declared, n_fit, n_rows, used),
             "counts": node_counts(tables["nodes.parquet"])
             | {"n_fit": n_fit.total(), "n_rows": tables["items.parquet"].num_rows, "raw": dict(sorted(counts.items()))},
+            "evidence": evidence_counts(found),
             "noncommercial": self.options.noncommercial,
             "private": sorted(self.options.private),
             "fold_out": list(self.options.fold_out) if self.options.fold_out else None,

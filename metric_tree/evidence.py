@@ -8,7 +8,7 @@ import numpy as np
 
 from metric_tree.prior import FloatArray
 
-__all__ = ["KIND_WEIGHT", "SOURCE_HALF", "row_weights", "shares"]
+__all__ = ["EVIDENCE", "KIND_WEIGHT", "SOURCE_HALF", "row_weights", "shares"]
 
 #: Weight of one row by kind. A maker's figure, a measurement and a norm are sizes of real things. An artist's model is
 #: plausible, not measured, and a museum keeps what is rare or old: about a third of a row. A category value says what
@@ -29,6 +29,12 @@ SOURCE_HALF = 50.0
 
 #: Kinds that are sizes of things as they are sold, used and measured.
 STRONG = frozenset({"product", "measured", "standard"})
+
+#: Kinds that are sizes of things one can put a rule to; a museum's are real, if rare or old.
+PHYSICAL = STRONG | {"museum"}
+
+#: Sets of kinds by which a release is counted; a curated range is none of them.
+EVIDENCE = {"any": frozenset(KIND_WEIGHT) - {"curated"}, "physical": PHYSICAL, "strong": STRONG}
 
 #: With so many strong rows a class needs no other: three statuettes called `man` must not pull at the sizes of people.
 ENOUGH_STRONG = 30

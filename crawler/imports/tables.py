@@ -14,7 +14,7 @@ from crawler.measures import Measure, UnreadableLength, extents_mm, length_mm, m
 from crawler.sources import Source
 from crawler.tables import Axis, Rule, Table
 
-__all__ = ["filled", "table_readings"]
+__all__ = ["filled", "table_categories", "table_readings"]
 
 _FIELD = re.compile(r"\{([^{}|]+)(?:\|(\w+))?\}")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_|\s]+")
@@ -51,6 +51,16 @@ def table_readings(source: Source, folder: Path) -> Iterator[Reading]:
                 named = _named(table, row | {"file": stem, "row": str(number)})
                 if all(_holds(rule, named) for rule in table.only):
                     yield _reading(source, table, named)
+
+
+def table_categories(source: Source, folder: Path) -> Iterator[tuple[str, ...]]:
+    """The category path of every row of the source's tables, whether the row has a size or not."""
+    for table in source.tables:
+        for stem, found in _row_files(source, table, folder):
+            for number, row in enumerate(found, start=1):
+                named = _named(table, row | {"file": stem, "row": str(number)})
+                if all(_holds(rule, named) for rule in table.only):
+                    yield tuple(word for part in _category(table, named) if (word := " ".join(part.split())))
 
 
 def _row_files(source: Source, table: Table, folder: Path) -> Iterator[tuple[str, Iterator[Row]]]:

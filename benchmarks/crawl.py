@@ -1,9 +1,10 @@
 """Cost of a crawl: ours beside a bare Scrapy spider that follows the same links of the same made site in the same run.
 
-    python -m benchmarks.crawl --pages 1000 10000 --padding 235000 [--kills 10]
+    python -m benchmarks.crawl --pages 1000 10000 [--real-sizes] [--shares] [--kills 10]
 
 The made site (`benchmarks/made_site.py`) runs in a process of its own; its time is not counted. CPU and memory are the
-operating system's figures of the crawling process. `--padding` gives pages the size of real ones (235 to 3,149 kB).
+operating system's figures of the crawling process. `--real-sizes` gives product pages the sizes of the sixteen saved
+real pages (235 to 3,149 kB, drawn evenly by number); `--shares` says where our time goes.
 """
 
 from __future__ import annotations
@@ -19,51 +20,46 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from benchmarks.filler import REAL_SIZES
 from benchmarks.made_site import MadeSite, Shop, expected
 
-BARE = """
-import sys, scrapy
-from scrapy.crawler import CrawlerProcess
-class Bare(scrapy.Spider):
-    name = "bare"
-    start_urls = [sys.argv[1] + "/list/0"]
-    def parse(self, response):
-        if hasattr(response, "xpath"):
-            for link in response.xpath("//a/@href").getall():
-                if link.startswith(("/item", "/list")):
-                    yield response.follow(link, self.parse)
-process = CrawlerProcess({"LOG_ENABLED": False, "ROBOTSTXT_OBEY": True, "CONCURRENT_REQUESTS_PER_DOMAIN": 16,
-    "RETRY_TIMES": 3, "TELNETCONSOLE_ENABLED": False, "DOWNLOAD_MAXSIZE": 32_000_000, "DOWNLOAD_WARNSIZE": 0})
-process.crawl(Bare)
-process.start()
-"""
 
+class ServedShop:
+    """A made site in another process: its address, and the addresses that were asked for."""
 
-@contextmanager
-def shop_process(shop: Shop) -> Iterator[str]:
-    """A made site in another process; yields its address."""
-    here, there = multiprocessing.Pipe()
-    process = multiprocessing.Process(target=_serve, args=(shop, there), daemon=True)
-    process.start()
-    yield here.recv()
-    process.terminate()
+    def __init__(self, shop: Shop) -> None:
+        self._here, there = multiprocessing.Pipe()
+        self._process = multiprocessing.Process(target=_serve, args=(shop, there), daemon=True)
+        self._process.start()
+        self.base: str = self._here.recv()
+
+    def asked(self) -> Counter[str]:
+        """How often each address was asked for."""
+        self._here.send("asked")
+        found: Counter[str] = self._here.recv()
+        return found
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.terminate()
 
 
 def _serve(shop: Shop, pipe: Any) -> None:
     with MadeSite(shop) as site:
         pipe.send(site.base)
-        time.sleep(86_400)
+        while pipe.recv():
+            pipe.send(site.fetched)
 
 
-def _ours(base: str, out: Path, *words: str) -> list[str]:
+def _ours(base: str, out: Path, *words: str, shares: Path | None = None) -> list[str]:
     code = "from metric_tree.commands import main; raise SystemExit(main())"
+    program = ["-c", code] if shares is None else ["-m", "benchmarks.crawl_shares", str(shares)]
     fixed = ["crawl", "generic", "--out", str(out), "--start-url", f"{base}/list/0", "--contact", "bench@example.org"]
-    return [sys.executable, "-c", code, *fixed, "--delay", "0", "--private", "--json", *words]
+    return [sys.executable, *program, *fixed, "--delay", "0", "--private", "--json", *words]
 
 
 def measured(command: list[str]) -> dict[str, float]:
@@ -81,26 +77,43 @@ def measured(command: list[str]) -> dict[str, float]:
     return {"wall_s": time.monotonic() - started, "cpu_s": cpu, "peak_mb": peak / 1024}
 
 
-def compared(pages: int, padding: int) -> list[dict[str, Any]]:
+def compared(shop: Shop, with_shares: bool) -> list[dict[str, Any]]:
     """Ours and a bare spider over one made site, and what ours brought home against truth."""
-    shop = Shop(products=pages, padding=padding)
-    rows = []
+    rows: list[dict[str, Any]] = []
+    asked: list[Counter[str]] = []
     with tempfile.TemporaryDirectory() as scratch:
+        out, shares = Path(scratch) / "out", Path(scratch) / "shares.json"
         for name in ("bare", "ours"):
-            with shop_process(shop) as base:
-                command = [sys.executable, "-c", BARE, base] if name == "bare" else _ours(base, Path(scratch) / "out")
-                figures = measured(command)
-            rate = {"ms_per_page": 1000 * figures["cpu_s"] / pages, "pages_per_s": pages / figures["wall_s"]}
-            rows.append({"spider": name, "pages": pages, **figures, **rate})
-        truth, found = expected(shop), _items(Path(scratch) / "out")
-        right = sum(truth.get(title) == size for title, size in found)
-        rows[-1] |= {
-            "expected": len(truth),
-            "items": len(found),
-            "right": right,
-            "doubled": len(found) - len(dict(found)),
-        }
+            served = ServedShop(shop)
+            command = [sys.executable, "-m", "benchmarks.bare_spider", served.base]
+            if name == "ours":
+                command = _ours(served.base, out, shares=shares if with_shares else None)
+            figures = measured(command)
+            asked.append(served.asked())
+            served.close()
+            rows.append({"spider": name, **_rates(figures, asked[-1])})
+        rows[-1] |= _against_truth(shop, out) | {"other_addresses": len(set(asked[0]) ^ set(asked[1]))}
+        if with_shares:
+            rows[-1]["cpu_s_by_part"] = json.loads(shares.read_text())
     return rows
+
+
+def _rates(figures: dict[str, float], asked: Counter[str]) -> dict[str, float]:
+    """A page is an answer that was asked for, of a product, a list or a calendar."""
+    pages = asked.total()
+    products = sum(path.startswith("/item/") for path in asked)
+    rates = {"ms_per_page": 1000 * figures["cpu_s"] / pages, "ms_per_product": 1000 * figures["cpu_s"] / products}
+    return {"products": products, "pages": pages, **figures, **rates, "pages_per_s": pages / figures["wall_s"]}
+
+
+def _against_truth(shop: Shop, out: Path) -> dict[str, int]:
+    truth, found = expected(shop), _items(out)
+    right = sum(truth.get(title) == size for title, size in found)
+    counts = {"expected": len(truth), "items": len(found), "right": right}
+    return counts | {
+        "missed": len(set(truth) - {title for title, _ in found}),
+        "doubled": len(found) - len(dict(found)),
+    }
 
 
 def killed(pages: int, kills: int) -> dict[str, int]:
@@ -108,13 +121,15 @@ def killed(pages: int, kills: int) -> dict[str, int]:
     generator = random.Random(7)  # noqa: S311 - moments of kills, not secrets
     shop = Shop(products=pages, faults=False, delay=0.01)
     out = Path(tempfile.mkdtemp())
-    with shop_process(shop) as base:
-        for number in range(kills):
-            process = subprocess.Popen(_ours(base, out, *(["--resume"] if number else [])), stdout=subprocess.DEVNULL)
-            time.sleep(1.0 + 3.0 * generator.random())
-            process.send_signal(signal.SIGKILL)
-            process.wait()
-        subprocess.run(_ours(base, out, "--resume"), stdout=subprocess.DEVNULL, check=True)
+    served = ServedShop(shop)
+    for number in range(kills):
+        command = _ours(served.base, out, *(["--resume"] if number else []))
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+        time.sleep(1.0 + 3.0 * generator.random())
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    subprocess.run(_ours(served.base, out, "--resume"), stdout=subprocess.DEVNULL, check=True)
+    served.close()
     found = _items(out)
     shutil.rmtree(out)
     return {"kills": kills, "lost": pages - len(dict(found)), "doubled": len(found) - len(dict(found))}
@@ -125,19 +140,22 @@ def _items(out: Path) -> list[tuple[str, tuple[float, ...]]]:
     return [(item["title"], tuple(item["extents_mm"])) for item in map(json.loads, lines)]
 
 
+def _rounded(row: dict[str, Any]) -> dict[str, Any]:
+    return {name: round(value, 2) if isinstance(value, float) else value for name, value in row.items()}
+
+
 def main() -> None:
     """Print a line per crawl."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pages", type=int, nargs="+", default=[1000])
-    parser.add_argument("--padding", type=int, default=235_000)
+    parser.add_argument("--real-sizes", action="store_true")
+    parser.add_argument("--shares", action="store_true")
     parser.add_argument("--kills", type=int, default=0)
     arguments = parser.parse_args()
     for pages in arguments.pages:
-        for row in compared(pages, arguments.padding):
-            print(
-                {name: round(value, 2) if isinstance(value, float) else value for name, value in row.items()},
-                flush=True,
-            )
+        shop = Shop(products=pages, sizes=REAL_SIZES if arguments.real_sizes else ())
+        for row in compared(shop, arguments.shares):
+            print(_rounded(row), flush=True)
     if arguments.kills:
         print(killed(300, arguments.kills))
 

@@ -19,6 +19,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
+from benchmarks.filler import filler
+
 __all__ = ["FAULTS", "MadeSite", "Shop", "expected", "product_page"]
 
 #: Share of pages with each fault, in thousandths; the rest is honest.
@@ -36,10 +38,10 @@ LISTED = 100
 
 @dataclass(frozen=True, slots=True)
 class Shop:
-    """How many products, how large a page (bytes of padding), whether there are faults, seconds an answer takes."""
+    """How many products, page sizes to draw from (kB), whether there are faults, seconds that an answer takes."""
 
     products: int
-    padding: int = 0
+    sizes: tuple[int, ...] = ()
     faults: bool = True
     delay: float = 0.0
 
@@ -73,6 +75,11 @@ def expected(shop: Shop) -> dict[str, tuple[int, ...]]:
     }
 
 
+def page_bytes(number: int, shop: Shop) -> int:
+    """The size that is drawn for a product's page, bytes."""
+    return 1000 * shop.sizes[_draw(number, "size", len(shop.sizes))] if shop.sizes else 0
+
+
 def product_page(number: int, shop: Shop) -> str:
     """The page of a product, in one of the markups."""
     width, depth, height = (mm / 10 for mm in size_mm(number))
@@ -81,14 +88,14 @@ def product_page(number: int, shop: Shop) -> str:
         case or "", _MARKUPS[number % len(_MARKUPS)]
     )(width, depth, height)
     nested = "<div>" * 3000 if case == "deep" else ""
-    padding = "<script>/*" + "x" * shop.padding + "*/</script>"
+    around = filler(number, page_bytes(number, shop), shop.products)
     also = "".join(f'<a href="/item/{(number + step) % shop.products}">more</a>' for step in (1, 7, 31))
     return (
-        f'<!doctype html><html lang="en"><head><title>Chair {number}</title>{padding}</head><body>'
+        f'<!doctype html><html lang="en"><head><title>Chair {number}</title></head><body>'
         f'<nav class="breadcrumb"><a href="/">Home</a><a href="/list/0">Furniture</a><a href="/list/1">Chairs</a></nav>'
         f"<h1>Chair {number}</h1>{size}<table><tr><th>Package Dimensions</th><td>150 x 120 x 60 cm</td></tr></table>"
         f'<div class="carousel"><h3>Others bought</h3><dl><dt>Dimensions</dt><dd>9 x 9 x 9 cm</dd></dl>{also}</div>'
-        f'{nested}<a href="/calendar/{number}">dates</a></body></html>'
+        f'{around}{nested}<a href="/calendar/{number}">dates</a></body></html>'
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import islice
 from typing import Literal
 
@@ -181,6 +182,7 @@ class _Reader:
         return _Pair("row", f"{label} {tail}".strip(), value, parent if above is None else above)
 
 
+@lru_cache(maxsize=8192)  # as for `plain`
 def names_a_size(letters: str) -> bool:
     """Whether a plain label without digits names a size, an axis or a package."""
     if HAS_DIGIT.search(letters):

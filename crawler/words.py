@@ -130,11 +130,11 @@ _WORD = re.compile(r"[^\W\d_]+")
 _SMALL_WORDS = frozenset(
     re.findall(
         r"\w+",
-        "the of in and or to for with approx approximate approximately about max maximum total actual nominal net no"
-        " not piece each per incl including inch inches cm mm dm ft der die das des dem den im und oder von mit ca circa"
-        " etwa insgesamt maximale maximaler netto pro stuck produktes gerates artikels le la les du de et ou en avec env"
-        " environ par meuble il lo gli del della dei delle dello di da al con e ed mobile el los las y un una por aprox"
-        " mueble do dos das em com os as het een van met meubel",
+        "the of in and or to for with approx approximate approximately about max maximum total actual nominal net "
+        "no not piece each per incl including inch inches cm mm dm ft der die das des dem den im und oder von mit "
+        "ca circa etwa insgesamt maximale maximaler netto pro stuck produktes gerates artikels le la les du de et "
+        "ou en avec env environ par meuble il lo gli del della dei delle dello di da al con e ed mobile el los "
+        "las y un una por aprox mueble do dos em com os as het een van met meubel",
     )
 )
 

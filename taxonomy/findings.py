@@ -17,6 +17,10 @@ THRESHOLD = 0.8
 
 #: How often a rule is right before it has been measured, and how many strings that belief is worth.
 _BELIEF = {"decision": 0.97, "source synset": 0.95, "class": 0.95, "exact": 0.95, "compound": 0.9, "head": 0.8}
+#: A title says much besides the thing, so a rule is believed less of it.
+_TITLE = "title "
+_TITLE_BELIEF = 0.8
+
 _CERTAINTY = {"ruled": 1.02, "sole": 1.0, "domain": 0.97, "frequent": 0.9, "rare": 0.85}
 _BELIEF_WEIGHT = 6.0
 
@@ -28,7 +32,8 @@ class Finding:
     """What was found: `subject` is the phrase that a decision would be about, `rule` how it was found.
 
     The rules are `decision`, `source synset`, `class`, and `exact`, `compound` or `head` with the certainty of the
-    sense (`exact/sole`); without a concept `unknown`, `part`, `set` or `none`.
+    sense (`exact/sole`), with `title ` before it where there is nothing but a title; without a concept `unknown`,
+    `part`, `set` or `none`.
     """
 
     concept: str | None
@@ -50,6 +55,8 @@ def nothing(rule: str, reason: str, subject: str) -> Finding:
 
 def believed(rule: str) -> float:
     """The share of right matches believed of a rule before any is counted."""
+    if rule.startswith(_TITLE):
+        return _TITLE_BELIEF * believed(rule.removeprefix(_TITLE))
     form, _, certainty = rule.partition("/")
     return _BELIEF[form] * _CERTAINTY.get(certainty, 1.0)
 

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cache, cached_property
 
 from taxonomy.insertions import PREFIX, Insertion, insertions
+from taxonomy.levels import table_rows
+from taxonomy.places import taxonomy_directory
 from taxonomy.wordnet import WordNet, default_wordnet
 from taxonomy.words import folded, singulars
 
@@ -23,11 +25,16 @@ class Lexicon:
     ----------
     wordnet : WordNet
     inserted : insertions by id, parents before children.
+    placed : leaves that a reader gave the tree for label lists; a name of theirs that WordNet or an insertion has too
+        means that one.
     """
 
-    def __init__(self, wordnet: WordNet, inserted: Mapping[str, Insertion]) -> None:
+    def __init__(
+        self, wordnet: WordNet, inserted: Mapping[str, Insertion], placed: Mapping[str, Insertion] | None = None
+    ) -> None:
         self.wordnet = wordnet
-        self.inserted = inserted
+        self.inserted = {**(placed or {}), **inserted}
+        self._placed = frozenset(placed or ()) - frozenset(inserted)
         self._above: dict[str, tuple[str, ...]] = {}
         self._found: dict[str, tuple[tuple[str, ...], ...]] = {}
 
@@ -93,10 +100,13 @@ class Lexicon:
     @cached_property
     def _inserted_by_name(self) -> Mapping[str, tuple[str, ...]]:
         names: defaultdict[str, dict[str, None]] = defaultdict(dict)
+        placed: defaultdict[str, dict[str, None]] = defaultdict(dict)
         for insertion in self.inserted.values():
+            into = placed if insertion.id in self._placed else names
             for name in (insertion.name, *insertion.aliases):
-                names[folded(name)][insertion.id] = None
-        return {name: tuple(ids) for name, ids in names.items()}
+                into[folded(name)][insertion.id] = None
+        fresh = {name: ids for name, ids in placed.items() if name not in names and name not in self._lemmas}
+        return {name: tuple(ids) for name, ids in (names | fresh).items()}
 
     @cached_property
     def _lemmas(self) -> Mapping[str, tuple[str, ...]]:
@@ -116,5 +126,20 @@ class Lexicon:
 
 @cache
 def default_lexicon() -> Lexicon:
-    """WordNet and the insertions of this checkout, read once."""
-    return Lexicon(default_wordnet(), insertions())
+    """WordNet, the insertions and the leaves of this checkout, read once."""
+    return Lexicon(default_wordnet(), insertions(), _placed_leaves())
+
+
+def _placed_leaves() -> dict[str, Insertion]:
+    """Leaves with an id of ours, as insertions: those that label lists asked for stand in `leaves.csv` alone."""
+    rows = table_rows(taxonomy_directory() / "leaves.csv", ("node_id", "name", "hypernym", "aliases"))
+    return {
+        row["node_id"]: Insertion(
+            id=row["node_id"],
+            name=row["name"],
+            parent=row["hypernym"],
+            aliases=tuple(filter(None, row["aliases"].split("; "))),
+        )
+        for _, row in rows
+        if row["node_id"].startswith(PREFIX) and row["hypernym"]
+    }

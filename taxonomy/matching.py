@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
@@ -16,6 +17,12 @@ from taxonomy.wordnet import UnknownSynset
 from taxonomy.words import folded, noun_phrase
 
 __all__ = ["THRESHOLD", "Finding", "Matcher", "default_matcher"]
+
+#: What parts a shop's title: `FREKVENS: Bar stool, in/outdoor`, `Acme - Folding Chair | Black`.
+_TITLE_BREAKS = re.compile(r"\s*[:;,|()]\s*|\s+[-–—]\s+")
+
+#: A brand or a series in capitals before a colon, which may well be a word (`BILLY: Bookcase`).
+_SERIES = re.compile(r"^[^a-z:]+:\s*")
 
 
 class Matcher:
@@ -66,6 +73,7 @@ class Matcher:
             self._ruled(source, category_path, texts)
             or self._named_by_source(synset, subject)
             or self._of_class(reading, category_path, subject)
+            or self._of_title(reading, category_path, texts, title)
             or self._of_words(reading, texts, subject)
         )
         return self._refined(found, reading, title)
@@ -94,6 +102,18 @@ class Matcher:
         if concept is None:
             return None
         return Finding(concept, self._namer.score("class"), f"all of the source's {path[0]}", "class", subject)
+
+    def _of_title(self, reading: Reading, path: tuple[str, ...], texts: tuple[str, ...], title: str) -> Finding | None:
+        """What the title alone names, by rules and scores of its own, where a source gives neither path nor synset."""
+        if path or texts or not title:
+            return None
+        for part in filter(None, _TITLE_BREAKS.split(_SERIES.sub("", title))):
+            found = self._namer.finding(part, DOMAINS[reading.domain])
+            if found.concept or found.rule in {"part", "set"}:
+                rule = f"title {found.rule}"
+                score = self._namer.score(rule) if found.concept else found.score
+                return replace(found, rule=rule, score=score, reason=f"title: {found.reason}", subject=folded(title))
+        return nothing("unknown", "no name in the title", folded(title))
 
     def _of_words(self, reading: Reading, texts: tuple[str, ...], subject: str) -> Finding:
         found = [self._namer.finding(text, DOMAINS[reading.domain], reading.whole) for text in texts]

@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.detectors import RegisteredDetector, downloaded, registered
+from estimator.detectors import RegisteredDetector, downloaded, known_file, registered
 from estimator.instances import crop_at
 from estimator.pictures import image_file
 from estimator.scene import BadScene, BoolArray, FloatArray, Instance, IntArray, Scene, View, told
@@ -160,8 +160,9 @@ def detector_at(ref: str | Path, labels: Path | None = None) -> Detector:
     BadScene
         There is no such file or name, or the download is not to be had; the message says how to get a detector.
     """
-    entry = None if Path(ref).is_file() else registered(str(ref))
-    path = Path(ref) if entry is None else downloaded(entry)
+    is_file = Path(ref).is_file()
+    entry = known_file(Path(ref)) if is_file else registered(str(ref))
+    path = Path(ref) if is_file or entry is None else downloaded(entry)
     if labels is not None:
         names = ("", *(line.strip() for line in labels.read_text(encoding="utf-8").splitlines()))
     else:

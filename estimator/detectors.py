@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,21 +11,31 @@ from pathlib import Path
 from estimator.scene import BadScene, told
 from metric_tree.releases import data_directory
 
-__all__ = ["CACHE_VARIABLE", "RegisteredDetector", "downloaded", "how_to_get_one", "registered", "registry"]
+__all__ = [
+    "CACHE_VARIABLE",
+    "RegisteredDetector",
+    "downloaded",
+    "how_to_get_one",
+    "known_file",
+    "registered",
+    "registry",
+]
 
 #: Moves the folder in which downloaded detectors are kept (default: the user's cache).
 CACHE_VARIABLE = "METRIC_TREE_CACHE"
 
-_FIELDS = ("title", "url", "sha256", "licence", "input", "labels")
+_FIELDS = ("title", "urls", "sha256", "licence", "input", "labels")
+
+_SHA256 = re.compile("[0-9a-f]{64}")
 
 
 @dataclass(frozen=True, slots=True)
 class RegisteredDetector:
-    """A detector that anybody may use; `url` and `sha256` are empty until a maintainer has filled them in."""
+    """A detector that anybody may use: where its file lies (addresses are tried in turn), and the file's sha256."""
 
     name: str
     title: str
-    url: str
+    urls: tuple[str, ...]
     sha256: str
     licence: str
     input: str
@@ -31,10 +43,23 @@ class RegisteredDetector:
 
 
 def registry(file: Path | None = None) -> tuple[RegisteredDetector, ...]:
-    """The detectors of the registry file."""
+    """The detectors of the registry file.
+
+    Raises
+    ------
+    BadScene
+        An entry lacks an address or a sha256: a file that nobody can check is none to run.
+    """
     path = file or data_directory() / "detectors.toml"
     entries = tomllib.loads(path.read_text(encoding="utf-8"))
-    return tuple(RegisteredDetector(name, *(entry[field] for field in _FIELDS)) for name, entry in entries.items())
+    for name, entry in entries.items():
+        if not entry.get("urls") or not _SHA256.fullmatch(entry.get("sha256", "")):
+            expected = "an address and a sha256 of 64 hexadecimal digits"
+            raise BadScene.at(path, name, expected, told(f"{entry.get('urls')}, {entry.get('sha256')}"))
+    rows = ({**entry, "urls": tuple(entry["urls"])} for entry in entries.values())
+    return tuple(
+        RegisteredDetector(name, *(row[field] for field in _FIELDS)) for name, row in zip(entries, rows, strict=True)
+    )
 
 
 def registered(name: str) -> RegisteredDetector:
@@ -47,37 +72,41 @@ def registered(name: str) -> RegisteredDetector:
     )
 
 
+def known_file(file: Path) -> RegisteredDetector | None:
+    """The entry whose file this is, by its sha256: somebody may have fetched it by hand."""
+    with file.open("rb") as body:
+        found = hashlib.file_digest(body, "sha256").hexdigest()
+    return next((entry for entry in registry() if entry.sha256 == found), None)
+
+
 def downloaded(entry: RegisteredDetector) -> Path:
     """The detector's file in the cache, fetched and checked against its sha256 where it is not there yet.
 
     Raises
     ------
     BadScene
-        The registry states no sha256, the download fails, or the file is another one.
+        No address gives it, or what comes is another file.
     """
-    if not entry.url or not entry.sha256:
-        expected = "an address and a sha256 in detectors.toml, to be filled in by a maintainer"
-        raise BadScene.at(entry.name, "--detector", expected, told("none"))
     try:
         import pooch
     except ImportError:
         expected = "pooch for downloads (pip install 'metric-tree[build]')"
         raise BadScene.at(entry.name, "--detector", expected, told("not installed")) from None
-    folder = pooch.os_cache("metric-tree") / "detectors"
-    try:
-        kept = pooch.create(folder, "", env=CACHE_VARIABLE).abspath
-        return Path(pooch.retrieve(entry.url, f"sha256:{entry.sha256}", f"{entry.name}.onnx", kept))
-    except (OSError, ValueError) as fault:  # no network (requests' errors are OSErrors), or another checksum
-        line = (str(fault).splitlines() or [type(fault).__name__])[0]
-        expected = f"a download of {entry.url} with sha256 {entry.sha256}"
-        raise BadScene.at(entry.name, "--detector", expected, told(line)) from None
+    kept = pooch.create(pooch.os_cache("metric-tree") / "detectors", "", env=CACHE_VARIABLE).abspath
+    faults = []
+    for url in entry.urls:
+        try:
+            return Path(pooch.retrieve(url, f"sha256:{entry.sha256}", f"{entry.name}.onnx", kept))
+        except (OSError, ValueError) as fault:  # no network (requests' errors are OSErrors), or another checksum
+            faults.append((str(fault).splitlines() or [type(fault).__name__])[0])
+    expected = f"a download of {' or '.join(entry.urls)} with sha256 {entry.sha256}"
+    raise BadScene.at(entry.name, "--detector", expected, told("; ".join(faults)))
 
 
 def how_to_get_one() -> str:
     """One sentence on where a detector comes from, for those who have none."""
     own = "--images DIR --detector model.onnx makes them with a Mask R-CNN of your own"
-    ready = [entry for entry in registry() if entry.url and entry.sha256]
-    if not ready:
+    first = next(iter(registry()), None)
+    if first is None:
         return own
-    first = ready[0]
-    return f"{own}, --detector {first.name} with an open one from {first.url} (sha256 {first.sha256})"
+    return f"{own}, --detector {first.name} with an open one from {first.urls[0]} (sha256 {first.sha256})"

@@ -39,8 +39,11 @@ def paint_graph(path: Path, fixed: tuple[int, int] | None = None) -> Path:
     return save(path, nodes, constants, picture, outputs)
 
 
-def box_mask_graph(path: Path, box: tuple[float, float, float, float], mask: np.ndarray) -> Path:
-    """The zoo's signature: one fixed box in the fed picture's pixels, and a small mask of it."""
+def box_mask_graph(path: Path, box: tuple[float, float, float, float], mask: np.ndarray, channel: int = -1) -> Path:
+    """The zoo's signature: one fixed box in the fed picture's pixels, and a small mask of it.
+
+    The score is 0.8, or where a channel of the input is given, the largest value in it over 200.
+    """
     constants = {
         "boxes_value": np.array([box], dtype=np.float32), "labels_value": np.array([1], dtype=np.int64),
         "scores_value": np.array([0.8], dtype=np.float32), "masks_value": mask[None, None].astype(np.float32),
@@ -48,6 +51,14 @@ def box_mask_graph(path: Path, box: tuple[float, float, float, float], mask: np.
     names = ("6568", "6570", "6572", "6887")  # the exporter's own
     values = ("boxes", "labels", "scores", "masks")
     nodes = [helper.make_node("Identity", [f"{v}_value"], [n]) for v, n in zip(values, names, strict=True)]
+    if channel >= 0:
+        constants |= {"channel": np.array([channel]), "most": np.float32(200), "one": np.array([1])}
+        nodes[2:3] = [
+            helper.make_node("Gather", ["image", "channel"], ["own"], axis=0),
+            helper.make_node("ReduceMax", ["own"], ["peak"], axes=[0, 1, 2], keepdims=0),
+            helper.make_node("Div", ["peak", "most"], ["share"]),
+            helper.make_node("Reshape", ["share", "one"], [names[2]]),
+        ]
     picture = helper.make_tensor_value_info("image", TensorProto.FLOAT, [3, "height", "width"])
     return save(path, nodes, constants, picture, _outputs(names, (1, 1, *mask.shape)))
 

@@ -6,6 +6,7 @@ import hashlib
 import json
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -86,6 +87,26 @@ def test_small_masks_are_stretched_over_their_boxes(tmp_path: Path, size: tuple[
     assert columns.max() + 1 == pytest.approx(200, abs=2)
 
 
+@pytest.mark.parametrize(("channel", "mean"), [(0, 102.9801), (1, 115.9465), (2, 122.7717)])
+def test_the_zoos_input_is_blue_green_red_less_the_means(tmp_path: Path, channel: int, mean: float) -> None:
+    graph = box_mask_graph(tmp_path / "zoo.onnx", (0, 0, 100, 100), np.ones((28, 28)), channel)
+    picture = np.zeros((40, 60, 3), dtype=np.uint8)  # RGB
+    picture[..., 2 - channel] = 250
+    detector = Detector(graph, ("", "person"), "caffe")
+    assert detector(picture).scores == pytest.approx([(250 - mean) / 200], abs=1e-4)
+    assert len(detector(250 - picture).scores) == 0  # the other two channels: nothing here
+
+
+def test_a_file_of_the_registry_is_known_by_its_sha256(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = box_mask_graph(tmp_path / "any name.onnx", (0, 0, 100, 100), np.ones((28, 28)))
+    own = RegisteredDetector(
+        "zoo", "", ("https://example.org/a",), hashlib.sha256(graph.read_bytes()).hexdigest(), "MIT", "caffe", "coco_80"
+    )
+    assert (detector_at(graph).form, detector_at(graph).labels[12]) == ("torchvision", "")
+    monkeypatch.setattr("estimator.detectors.registry", lambda: (own,))
+    assert (detector_at(graph).form, detector_at(graph).labels[12]) == ("caffe", "stop sign")
+
+
 def test_a_box_beyond_the_picture_is_cut(tmp_path: Path) -> None:
     graph = box_mask_graph(tmp_path / "zoo.onnx", (-50, -50, 100, 2000), np.ones((28, 28)))
     (seen,) = Detector(graph, ("", "person"))(np.zeros((200, 300, 3), dtype=np.uint8)).masks
@@ -139,7 +160,6 @@ def test_the_whole_command_needs_no_masks_file(
         (["--images", "."], "together"),
         (["--detector-labels", "x"], "--detector"),
         (["--images", ".", "--detector", "no-such"], "maskrcnn-12"),
-        (["--images", ".", "--detector", "torchvision-maskrcnn-v2"], "maintainer"),
         (["--images", ".", "--detector", "x", "--instances", "y"], "--instances"),
     ],
 )
@@ -187,11 +207,21 @@ def test_coco_ids_have_their_gaps() -> None:
 
 def test_the_registry_is_whole() -> None:
     entries = registry()
-    assert any(entry.sha256 for entry in entries)
+    assert [entry.name for entry in entries] == ["maskrcnn-12", "maskrcnn-12-int8"]
     for entry in entries:
         assert entry.input in {"torchvision", "caffe"}
         assert label_names(entry.labels)[1] == "person"
-        assert not entry.sha256 or (len(entry.sha256) == 64 and entry.url.startswith("https://"))
+        assert len(entry.sha256) == 64
+        assert all(url.startswith("https://") for url in entry.urls)
+
+
+@pytest.mark.parametrize("line", ['sha256 = ""', 'urls = []\nsha256 = "%s"' % ("0" * 64), 'sha256 = "bf2d0c1e"'])
+def test_an_entry_that_nobody_can_check_is_refused(tmp_path: Path, line: str) -> None:
+    file = tmp_path / "detectors.toml"
+    urls = "" if "urls" in line else 'urls = ["https://example.org/a.onnx"]\n'
+    file.write_text(f'[made]\ntitle = ""\nlicence = "MIT"\ninput = "caffe"\nlabels = "coco_80"\n{urls}{line}\n')
+    with pytest.raises(BadScene, match=r"detectors\.toml: made: expected an address and a sha256"):
+        registry(file)
 
 
 @pytest.fixture
@@ -209,12 +239,13 @@ def server(tmp_path: Path) -> Iterator[str]:
 def test_a_download_is_checked_and_kept(server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("METRIC_TREE_CACHE", str(tmp_path / "cache"))
     right = hashlib.sha256((tmp_path / "served" / "model.onnx").read_bytes()).hexdigest()
-    entry = RegisteredDetector("made", "", server, "0" * 64, "CC0-1.0", "torchvision", "coco_80")
+    entry = RegisteredDetector("made", "", (server,), right, "CC0-1.0", "torchvision", "coco_80")
     with pytest.raises(BadScene, match="sha256"):
-        downloaded(entry)
-    kept = downloaded(RegisteredDetector("made", "", server, right, "CC0-1.0", "torchvision", "coco_80"))
+        downloaded(replace(entry, sha256="0" * 64))
+    kept = downloaded(entry)
     assert kept.is_relative_to(tmp_path / "cache")
     assert detector_at(kept).labels[62] == "chair"
-    gone = RegisteredDetector("gone", "", "http://127.0.0.1:9/x", right, "CC0-1.0", "torchvision", "coco_80")
+    gone = "http://127.0.0.1:9/x"
     with pytest.raises(BadScene, match="download"):
-        downloaded(gone)
+        downloaded(replace(entry, name="gone", urls=(gone,)))
+    assert downloaded(replace(entry, name="moved", urls=(gone, server))).is_file()  # the second address has it

@@ -13,7 +13,8 @@ import numpy as np
 
 from metric_tree.report import ENOUGH, Coverage, coverage
 from metric_tree.report_changes import (
-    QUANTILES,
+    SIZE_QUANTILES,
+    SPREAD_QUANTILES,
     Change,
     changed,
     changes,
@@ -145,8 +146,8 @@ def _model_note(whole: Tree, opened: Tree) -> str:
 
 
 def _distribution(found: Sequence[Change]) -> str:
-    marks = [f"{q:.0%}" for q in QUANTILES]
-    head = ("level", "nodes", *(f"size {m}" for m in marks), *(f"width {m}" for m in marks))
+    sizes_at, widths_at = ([f"{q:.0%}" for q in marks] for marks in (SIZE_QUANTILES, SPREAD_QUANTILES))
+    head = ("level", "nodes", *(f"size {m}" for m in sizes_at), *(f"width {m}" for m in widths_at))
     rows = [
         (level, n, *(f"{np.expm1(s):.1%}" for s in sizes), *(f"{np.expm1(w):+.1%}" for w in widths))
         for level, n, sizes, widths in size_and_spread(found)

@@ -14,19 +14,32 @@ from math import exp
 
 import numpy as np
 
-from metric_tree.checks import findings
+from metric_tree.build_report import SHARE, is_mixed
+from metric_tree.checks import CODES, findings
+from metric_tree.report_changes import (
+    SIZE_QUANTILES,
+    SPREAD_QUANTILES,
+    Change,
+    changed,
+    changes,
+    gone,
+    label,
+    size_and_spread,
+    source_changes,
+)
 from metric_tree.report_figures import coverage_figure, size_figure
+from metric_tree.report_html import Linked, framed, paragraph, table
 from metric_tree.tree import Node, Tree, UnknownName
 from taxonomy.vocabularies import Label, vocabularies, vocabulary
 
 __all__ = [
     "ENOUGH",
     "Coverage",
-    "changed_sizes",
     "coverage",
     "covered_items",
     "disagreements",
     "level_counts",
+    "mixed",
     "page",
     "source_counts",
     "typical_nodes",
@@ -38,8 +51,8 @@ ENOUGH = 10
 #: Rows of a table in which the reader looks for the worst.
 SHOWN = 20
 
-#: Change of a median between releases that is worth a reader's eye: a third of the spread of an everyday class.
-NOTABLE = 0.10
+#: Findings of one code that are shown: enough to see what it is about.
+EXAMPLES = 5
 
 #: Categories of the figure, as in the paper's figure of size distributions, with others of everyday rooms and streets;
 #: those that the release lacks are left out.
@@ -60,14 +73,6 @@ TYPICAL = (
     "bicycle.n.01",
     "oak.n.02",
 )
-
-_STYLE = """
-body { font: 16px/1.5 Georgia, serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
-h1, h2 { font-weight: normal } h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc }
-table { border-collapse: collapse; font: 14px/1.4 system-ui, sans-serif; margin: 1rem 0 }
-td, th { padding: .15rem .8rem .15rem 0; text-align: left; vertical-align: top } th { border-bottom: 1px solid #888 }
-td.n, th.n { text-align: right } p.note { color: #555 } svg { max-width: 100%; height: auto }
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,26 +144,20 @@ def disagreements(tree: Tree) -> list[tuple[str, int, int, float]]:
     return sorted(rows, key=lambda row: -row[3])[:SHOWN]
 
 
-def changed_sizes(tree: Tree, before: Tree) -> list[tuple[str, str, float, float]]:
-    """Node, dimension, median before and now in mm, where it moved by more than `NOTABLE`; largest change first."""
+def mixed(tree: Tree) -> list[tuple[str, int, str]]:
+    """Leaves that look like two kinds of thing under one name: path, items, medians of the parts; most items first.
+
+    The part sizes are geometric means over the dimensions, in mm.
+    """
     rows = []
-    known = {node.node_id: node for node in before}
     for node in tree:
-        old = known.get(node.node_id)
-        if old is not None and node.level >= 4 and min(node.n_items, old.n_items) >= ENOUGH:
-            for dim, then, now in _medians(old, node):
-                if abs(now / then - 1) > NOTABLE:
-                    rows.append((node.name, dim, then, now))
-    return sorted(rows, key=lambda row: -abs(np.log(row[3] / row[2])))[:SHOWN]
-
-
-def _medians(old: Node, new: Node) -> list[tuple[str, float, float]]:
-    shared = [dims for dims in new.prior_dims if dims in old.prior_dims][-1:]
-    return [
-        (dim, float(old.prior((dim,)).quantile(0.5)[0]), float(new.prior((dim,)).quantile(0.5)[0]))
-        for dims in shared
-        for dim in dims
-    ]
+        if not node.children and node.n_items >= ENOUGH and node.prior_dims:
+            prior = node.prior(max(node.prior_dims, key=len))
+            if is_mixed(prior):
+                parts = sorted(zip(np.exp(prior.means.mean(axis=1)), prior.weights, strict=True))
+                text = ", ".join(f"{size:.0f} mm ({weight:.0%})" for size, weight in parts if weight >= SHARE)
+                rows.append((" > ".join(node.path[1:]), node.n_items, text))
+    return sorted(rows, key=lambda row: (-row[1], row[0]))
 
 
 def page(tree: Tree, against: Tree | None = None) -> str:
@@ -168,44 +167,55 @@ def page(tree: Tree, against: Tree | None = None) -> str:
         ("What it holds", _holdings(tree)),
         ("Where it comes from", _sources(tree)),
         ("Words of detectors", _coverage(lists)),
-        ("Sizes of typical categories", size_figure(typical_nodes(tree)) + _SIZE_NOTE),
+        ("Sizes of typical categories", size_figure(typical_nodes(tree)) + paragraph(_SIZE_NOTE, note=True)),
         ("What to look at", _findings(tree)),
-        *([(f"What changed since {escape(against.version)}", _changes(tree, against))] if against else []),
+        *([(f"What changed since {label(against)}", _changes(tree, against, lists))] if against else []),
     ]
-    body = "\n".join(f"<h2>{title}</h2>\n{content}" for title, content in sections)
-    title = f"{escape(tree.name)} {escape(tree.version)}"
-    created = escape(str(tree.release.manifest["created"]))
-    return (
-        f'<!doctype html>\n<html lang="en">\n<meta charset="utf-8">\n<title>{title}</title>\n<style>{_STYLE}</style>\n'
-        f"<h1>{title}</h1>\n<p class=note>Release of {created}; {len(tree)} categories on five levels.</p>\n"
-        f"{body}\n</html>\n"
-    )
+    note = f"Release of {tree.release.manifest['created']}; {len(tree):,} categories on five levels."
+    return framed(f"{tree.name} {label(tree)}", note, sections)
 
 
 _SIZE_NOTE = (
-    "<p class=note>Density of the prior over log size; a band for each dimension that the category uses by default. "
-    "The histogram shows the items whose rows the release may ship.</p>"
+    "Density of the prior over log size; a band for each dimension that the category uses by default. Steps: the items "
+    f"whose rows the release may ship, where there are {ENOUGH} or more; their number stands behind that of all "
+    "items. They are fewer than those of the fit, from other sources, and need not follow the band."
 )
+
+_EVIDENCE = {
+    "any": "any but curated ranges",
+    "physical": "product, measured, standard, museum",
+    "strong": "product, measured, standard",
+}
 
 
 def _holdings(tree: Tree) -> str:
     realms = [node for node in tree if node.level == 2]
-    leaves = Counter(node.path[1] for node in tree if node.level == 5 and node.n_items)
+    leaves = Counter(node.path[1] for node in tree if not node.children and node.n_items)
     rows = [(node.name, leaves[node.name], node.n_items) for node in sorted(realms, key=lambda n: -n.n_items)]
-    return _table(("level", "nodes", "with 1 item", "with 10", "with 30"), level_counts(tree)) + _table(
-        ("realm", "leaves with items", "items"), rows
+    evidence = tree.release.manifest.get("evidence") or {}
+    by_kind = [
+        (_EVIDENCE.get(name, name), own["items"], *(own[f"leaves_{least}"] for least in (1, 10, 30)))
+        for name, own in evidence.items()
+    ]
+    head = ("leaves by the kind of their items", "items", "with 1 item", "with 10", "with 30")
+    return (
+        table(("level", "nodes", "with 1 item", "with 10", "with 30"), level_counts(tree))
+        + (table(head, by_kind) if by_kind else "")
+        + table(("realm", "leaves with items", "items"), rows)
     )
 
 
 def _sources(tree: Tree) -> str:
-    return _table(("source", "kind", "licence", "items of the fit", "rows shipped"), source_counts(tree))
+    urls = {record["title"]: str(record.get("url") or "") for record in tree.release.manifest["sources"]}
+    rows = [(Linked(title, urls[title]), *rest) for title, *rest in source_counts(tree)]
+    return table(("source", "kind", "licence", "items of the fit", "rows shipped"), rows)
 
 
 def _coverage(lists: Sequence[Coverage]) -> str:
     rows = [(c.name, c.labels, _share(c.enough, c), _share(c.real, c), _share(c.any, c)) for c in lists]
     head = ("list", "labels that need a prior", f"{ENOUGH}+ real items", "any real item", "any prior")
     shares = [(c.name, c.enough / c.labels, c.real / c.labels, c.any / c.labels) for c in lists if c.labels]
-    return coverage_figure(shares) + _table(head, rows)
+    return coverage_figure(shares) + table(head, rows)
 
 
 def _share(count: int, whole: Coverage) -> str:
@@ -214,49 +224,95 @@ def _share(count: int, whole: Coverage) -> str:
 
 def _findings(tree: Tree) -> str:
     found = findings(tree.release.directory)
-    counts = sorted(Counter(finding.code for finding in found).items())
-    first = [(finding.code, finding.subject, finding.message) for finding in found[:SHOWN]]
+    counts = Counter(finding.code for finding in found)
+    examples = [f for code in sorted(counts) for f in [f for f in found if f.code == code][:EXAMPLES]]
+    checked = (
+        table(("code", "what it means", "findings"), [(c, CODES.get(c, ""), n) for c, n in sorted(counts.items())])
+        + paragraph(f"The first {EXAMPLES} of each code; metric-tree validate prints all of them:")
+        + table(("code", "where", "finding"), [(f.code, f.subject, f.message) for f in examples])
+        if counts
+        else paragraph("The checks find nothing.")
+    )
+    differing = [(*row[:3], f"{row[3]:.0f} %") for row in disagreements(tree)]
+    several = mixed(tree)
     return (
-        (_table(("code", "findings"), counts) if counts else "<p>The checks find nothing.</p>")
-        + (_table(("code", "where", "finding"), first) if first else "")
-        + "<p>Sources that differ most about a category, as one standard deviation between sources:</p>"
-        + _table(
-            ("category", "sources", "items", "differ by"),
-            [(*row[:3], f"{row[3]:.0f} %") for row in disagreements(tree)],
+        "<h3>Findings of the checks</h3>\n"
+        + checked
+        + "<h3>Sources that differ most about a category</h3>\n"
+        + paragraph(
+            "Differ by: one standard deviation between sources, in the dimension where it is largest.", note=True
+        )
+        + table(("category", "sources", "items", "differ by"), differing)
+        + "<h3>Categories that look like two kinds of thing</h3>\n"
+        + paragraph(f"{len(several)} leaves, of which the {min(SHOWN, len(several))} with most items:", note=True)
+        + table(("category", "items", "parts, by geometric mean size"), several[:SHOWN])
+    )
+
+
+def _changes(tree: Tree, before: Tree, lists: Sequence[Coverage]) -> str:
+    lost, new = gone(tree, before), gone(before, tree)
+    found = changes(tree, before)
+    counts = [
+        ("nodes", len(before), len(tree)),
+        ("leaves with items", *(sum(not n.children and n.n_items > 0 for n in one) for one in (before, tree))),
+        ("items of the fit", before.root.n_items, tree.root.n_items),
+        ("sources", *(len(one.release.manifest["sources"]) for one in (before, tree))),
+    ]
+    then = {name: coverage(before, name) for name in vocabularies()}
+    words = [
+        (c.name, *(text for field in ("enough", "real", "any") for text in _both(then[c.name], c, field)))
+        for c in lists
+        if any(getattr(c, field) != getattr(then[c.name], field) for field in ("enough", "real", "any"))
+    ]
+    head = ("list", f"{ENOUGH}+ items before", "now", "any item before", "now", "any prior before", "now")
+    return (
+        table(("", "before", "now"), counts)
+        + paragraph(f"{len(new):,} categories are new{_some(new)}; {len(lost):,} are gone{_some(lost)}.")
+        + _if_any("Items of the fit by source", ("source", "before", "now"), source_changes(tree, before))
+        + _if_any("Words of detectors", head, words)
+        + _if_any("How far the priors of the nodes of both differ", _moved_head(), _moved(found))
+        + paragraph(_MOVED_NOTE, note=True)
+        + _if_any(
+            f"Sizes that changed most, of nodes with {ENOUGH} items or more in both",
+            ("category", "items before", "now", "dimensions", "medians before, mm", "now", "size", "width"),
+            [_change(change) for change in changed(found, SHOWN, ENOUGH)],
         )
     )
 
 
-def _changes(tree: Tree, before: Tree) -> str:
-    old, new = {node.node_id for node in before}, {node.node_id for node in tree}
-    sizes = [(name, dim, f"{then:.0f}", f"{now:.0f}") for name, dim, then, now in changed_sizes(tree, before)]
-    return (
-        _table(
-            ("", "before", "now"),
-            [
-                ("nodes", len(old), len(new)),
-                ("items of the fit", before.root.n_items, tree.root.n_items),
-                ("sources", len(before.release.manifest["sources"]), len(tree.release.manifest["sources"])),
-            ],
-        )
-        + f"<p>{len(new - old)} categories are new, {len(old - new)} are gone{_some(old - new)}.</p>"
-        + (_table(("category", "dimension", "median before, mm", "now"), sizes) if sizes else "")
-    )
+def _if_any(title: str, head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    return f"<h3>{escape(title)}</h3>\n{table(head, rows)}" if rows else ""
 
 
-def _some(ids: set[str]) -> str:
-    return f": {escape(', '.join(sorted(ids)[:SHOWN]))}" if ids else ""
+def _both(then: Coverage, now: Coverage, field: str) -> tuple[str, str]:
+    return _share(getattr(then, field), then), _share(getattr(now, field), now)
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    lines = [_row(head, "th")]
-    lines += [_row(row, "td") for row in rows]
-    return "<table>\n" + "\n".join(lines) + "\n</table>\n"
+_MOVED_NOTE = (
+    "Size: |change of ln median| as a factor less one; width: change of the standard deviation of ln size; both are "
+    "means over the dimensions of a node, and a column is a quantile over the nodes of a level."
+)
 
 
-def _row(cells: Sequence[object], tag: str) -> str:
-    return "<tr>" + "".join(f"<{tag}{_numeric(cell)}>{escape(str(cell))}</{tag}>" for cell in cells) + "</tr>"
+def _moved_head() -> tuple[str, ...]:
+    sizes, widths = (f"size {q:.0%}" for q in SIZE_QUANTILES), (f"width {q:.0%}" for q in SPREAD_QUANTILES)
+    return ("level", "nodes", *sizes, *widths)
 
 
-def _numeric(cell: object) -> str:
-    return " class=n" if isinstance(cell, int | float) else ""
+def _moved(found: Sequence[Change]) -> list[tuple[object, ...]]:
+    return [
+        (level, n, *(f"{np.expm1(s):.1%}" for s in sizes), *(f"{np.expm1(w):+.1%}" for w in widths))
+        for level, n, sizes, widths in size_and_spread(found)
+    ]
+
+
+def _change(change: Change) -> tuple[object, ...]:
+    then, now = (" x ".join(f"{size:.0f}" for size in sizes) for sizes in (change.then_mm, change.now_mm))
+    path = " > ".join(change.node.path[1:]) or change.node.name
+    moved = (f"{np.expm1(value):+.0%}" for value in (change.size, change.spread))
+    return (path, change.before.n_items, change.node.n_items, " x ".join(change.dims), then, now, *moved)
+
+
+def _some(nodes: Sequence[Node]) -> str:
+    names = [node.name for node in nodes[:SHOWN]]
+    return f" ({', '.join(names)}{', ...' if len(nodes) > SHOWN else ''})" if names else ""

@@ -12,7 +12,8 @@ from metric_tree.prior import FloatArray, Prior
 from metric_tree.tree import Node, Tree
 
 __all__ = [
-    "QUANTILES",
+    "SIZE_QUANTILES",
+    "SPREAD_QUANTILES",
     "Change",
     "changed",
     "changes",
@@ -23,8 +24,9 @@ __all__ = [
     "spread_of",
 ]
 
-#: Points at which a distribution of changes is told.
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+#: Points at which the distribution of changes is told: of sizes, most of which stay, the far end; of spreads both.
+SIZE_QUANTILES = (0.5, 0.75, 0.95, 0.99)
+SPREAD_QUANTILES = (0.05, 0.5, 0.95)
 
 #: Change of ln size that is rounding: a tenth of a per mille, far below what any source states.
 ROUNDING = 1e-4
@@ -80,7 +82,7 @@ def changed(found: Iterable[Change], shown: int, least_items: int = 0) -> list[C
 
 
 def size_and_spread(found: Sequence[Change]) -> list[tuple[str, int, FloatArray, FloatArray]]:
-    """Level, nodes, quantiles of |change of ln size| and of the change of ln spread (`QUANTILES`); last, all levels."""
+    """Level, nodes, quantiles of |change of ln size| and of the change of ln spread; last, all levels."""
     levels: list[tuple[str, list[Change]]] = [
         (str(level), [c for c in found if c.node.level == level]) for level in sorted({c.node.level for c in found})
     ]
@@ -88,8 +90,8 @@ def size_and_spread(found: Sequence[Change]) -> list[tuple[str, int, FloatArray,
         (
             name,
             len(group),
-            np.quantile(np.abs([c.size for c in group]), QUANTILES),
-            np.quantile([c.spread for c in group], QUANTILES),
+            np.quantile(np.abs([c.size for c in group]), SIZE_QUANTILES),
+            np.quantile([c.spread for c in group], SPREAD_QUANTILES),
         )
         for name, group in [*levels, ("all", list(found))]
         if group

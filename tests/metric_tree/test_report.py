@@ -5,8 +5,9 @@ import json
 import pytest
 
 from metric_tree.commands import main
-from metric_tree.report import changed_sizes, coverage, covered_items, level_counts, page, source_counts, typical_nodes
+from metric_tree.report import coverage, covered_items, level_counts, mixed, page, source_counts, typical_nodes
 from metric_tree.report_figures import size_figure
+from metric_tree.report_html import Linked, table
 from metric_tree.tree import Tree
 from taxonomy.vocabularies import Label
 from tests import minitree
@@ -50,19 +51,33 @@ def test_sizes_are_drawn_as_one_figure(tree):
     assert figure.count("<svg") == 1
 
 
-def test_a_moved_median_is_found_and_an_unmoved_one_is_not(tmp_path, tree):
+def test_a_class_of_two_kinds_is_named_with_its_parts(tmp_path, tree):
+    assert mixed(tree) == []
     content = minitree.rows()
     for prior in content["priors.parquet"]:
-        if prior["node_id"] == "swivel_chair.n.01":
-            prior["means"] = [[value + 0.5 for value in mean] for mean in prior["means"]]
-    before = Tree(minitree.release(tmp_path / "before", content))
-    assert {row[0] for row in changed_sizes(tree, before)} == {"swivel chair"}
-    assert changed_sizes(tree, tree) == []
+        if prior["node_id"] == "swivel_chair.n.01" and len(prior["dims"]) == 3:
+            prior["weights"] = [0.7, 0.3]
+            prior["means"] = [[6.0] * 3, [8.0] * 3]
+            prior["covariances"] = [prior["covariances"][0]] * 2
+    two = Tree(minitree.release(tmp_path / "two", content))
+    assert mixed(two) == [("furniture > seat > chair > swivel chair", 14, "403 mm (70%), 2981 mm (30%)")]
+
+
+def test_numbers_stand_to_the_right_and_text_is_escaped():
+    text = table(
+        ("what", "how many", "share"), [("<b>", 1200, "70 (59%)"), (Linked("a", "https://x.org/?a&b"), 3, "–")]
+    )
+    assert "<td>&lt;b&gt;</td><td class=n>1,200</td><td>70 (59%)</td>" in text
+    assert '<td><a href="https://x.org/?a&amp;b">a</a></td>' in text
+    assert "<a" not in table(("x",), [(Linked("a", "javascript:alert()"),)])
 
 
 def test_the_page_holds_every_section_and_no_script(tree, tmp_path):
     content = minitree.rows()
     content["nodes.parquet"][-1]["name"] = "rat <b>"
+    content["priors.parquet"][0]["means"] = [[value + 0.5 for value in content["priors.parquet"][0]["means"][0]]]
+    content["priors.parquet"][0]["weights"] = [1.0]
+    content["priors.parquet"][0]["covariances"] = content["priors.parquet"][0]["covariances"][:1]
     text = page(tree, Tree(minitree.release(tmp_path / "before", content)))
     for title in (
         "What it holds",
@@ -70,6 +85,8 @@ def test_the_page_holds_every_section_and_no_script(tree, tmp_path):
         "Words of detectors",
         "What to look at",
         "What changed since",
+        "Sizes that changed most",
+        "W2",
     ):
         assert title in text
     assert "<script" not in text

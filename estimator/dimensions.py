@@ -58,10 +58,11 @@ class Dimensions:
 def inliers(points: FloatArray, basis: FloatArray, outliers: Literal["neighbours", "forest"]) -> Inliers:
     """The points (n, 3) of an object that are left after outliers; `basis` (3, 3) has up as its last row."""
     rows = np.arange(0, len(points), max(1, -(-len(points) // MAX_OBJECT_POINTS)))
-    level = points[rows] @ basis.T
-    kept = forest_inliers(level) if outliers == "forest" else neighbour_inliers(level)
-    rows, level = rows[kept], level[kept]
-    return Inliers(rows, level, surface_noise(level))
+    # coordinate by coordinate in memory: what follows runs along one at a time
+    level = np.asfortranarray(points.take(rows, axis=0) @ basis.T)
+    kept = np.flatnonzero(forest_inliers(level) if outliers == "forest" else neighbour_inliers(level))
+    level = level.T.take(kept, axis=1).T
+    return Inliers(rows[kept], level, surface_noise(level))
 
 
 def dimensions(found: Inliers, basis: FloatArray, usual_noise: float, robust: bool = True) -> Dimensions:
@@ -73,7 +74,7 @@ def dimensions(found: Inliers, basis: FloatArray, usual_noise: float, robust: bo
     level = found.level
     turn = footprint_axes(level[:, :2]) if robust else smallest_rectangle_axes(level[:, :2])
     axes = np.vstack([turn @ basis[:2], basis[2]])
-    local = np.column_stack([level[:, :2] @ turn.T, level[:, 2]])
+    local = np.vstack([turn @ level[:, :2].T, level[:, 2]]).T
     low, high = edges(local, found.noise)
     # a sheet is all face: there the noise of others is the better guess where its own is not known
     sheet = (high - low < SHEET_NOISES * usual_noise) & (found.noise < usual_noise)

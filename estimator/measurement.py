@@ -126,7 +126,7 @@ def _shapes(
 ) -> list[_Shape]:
     """The points and box of each track; those with few points take the noise of the others."""
     chosen = [_cloud_of([vote.rows[number] for vote in votes]) for number in range(len(votes[0].rows))]
-    points = [clouds[cloud].points[rows] for cloud, rows in chosen]
+    points = [clouds[cloud].points.take(rows, axis=0) for cloud, rows in chosen]
     found: list[Inliers | None] = [
         inliers(own, basis, options.outliers) if len(own) >= MIN_OBJECT_POINTS else None for own in points
     ]

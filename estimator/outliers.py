@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import label, uniform_filter
 from scipy.spatial import cKDTree
 
-from estimator.extents import surface_cells
+from estimator.extents import quantiles, surface_cells
 from estimator.scene import BoolArray, FloatArray, IntArray
 
 __all__ = ["forest_inliers", "neighbour_inliers"]
@@ -48,10 +48,13 @@ def neighbour_inliers(points: FloatArray) -> BoolArray:
     flat: IntArray = (placed[:, 0] * shape[1] + placed[:, 1]) * shape[2] + placed[:, 2]
     counts = np.bincount(flat, minlength=int(np.prod(shape))).reshape(shape).astype(np.float32)
     around = uniform_filter(counts, 3, mode="constant").ravel()[flat] * 27
-    kept = inside.copy()
-    kept[inside] = around >= LONELY_SHARE * np.median(around)
-    kept[kept] = _near_clusters(points[kept], cells[kept], shape)
-    return np.asarray(kept, dtype=bool)
+    usual = np.float32(quantiles(around, np.array([0.5]))[0])
+    rows = np.flatnonzero(inside)
+    dense = np.flatnonzero(around >= LONELY_SHARE * usual)
+    near = _near_clusters(points, rows[dense], flat[dense], shape)
+    kept = np.zeros(len(points), dtype=bool)
+    kept[rows[dense]] = near
+    return kept
 
 
 def forest_inliers(points: FloatArray, seed: int = 0) -> BoolArray:
@@ -68,14 +71,17 @@ def forest_inliers(points: FloatArray, seed: int = 0) -> BoolArray:
     return np.asarray(kept, dtype=bool)
 
 
-def _near_clusters(points: FloatArray, cells: IntArray, shape: tuple[int, ...]) -> BoolArray:
-    """(n,) True for points of the main cluster and of every cluster that is not both small and far from it."""
+def _near_clusters(points: FloatArray, rows: IntArray, cells: IntArray, shape: tuple[int, ...]) -> BoolArray:
+    """(m,) True for those of the points (n, 3) in rows (m,) that are in the main cluster or not both small and far.
+
+    cells : (m,) place of each in the flat grid of `shape`.
+    """
     grid = np.zeros(shape, dtype=bool)
-    grid[tuple(cells.T)] = True
+    grid.ravel()[cells] = True
     names, count = label(grid, np.ones((3, 3, 3)))
     if count == 1:
-        return np.ones(len(points), dtype=bool)
-    names = names[tuple(cells.T)]
+        return np.ones(len(rows), dtype=bool)
+    points, names = points.take(rows, axis=0), names.ravel()[cells]
     sizes = np.bincount(names, minlength=count + 1)
     main = points[names == sizes.argmax()]
     low, high = main.min(axis=0), main.max(axis=0)

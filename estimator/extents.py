@@ -110,7 +110,7 @@ def surface_noise(points: FloatArray) -> float:
     mean = sums[full] / count[full, None]
     scatter = products[full].reshape(-1, 3, 3) - number * mean[:, :, None] * mean[:, None, :]
     # three parameters of a plane are spent
-    smallest = np.linalg.eigvalsh(scatter / (number - 3))[:, 0]
+    smallest = np.asarray(np.linalg.eigvalsh(scatter / (number - 3))[:, 0], dtype=float)
     return float(np.sqrt(max(float(quantiles(smallest, np.array([FLAT_CELLS]))[0]), 0.0)))
 
 

@@ -112,7 +112,7 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
     label_axes, label_unit = _label_hints(label, language)
     run = tokens(text, language)
     found = []
-    for group in _groups(_numbers(run)):
+    for group in _as_announced(list(_groups(_numbers(run))), label_axes):
         header = _header_in(run, group) or label_axes
         lengths = _lengths(group, header, label_unit or unit)
         if lengths:
@@ -331,6 +331,12 @@ def _groups(numbers: Sequence[_Number]) -> Iterator[list[_Number]]:
         group.append(number)
     if group:
         yield group
+
+
+def _as_announced(groups: list[list[_Number]], axes: Sequence[str]) -> list[list[_Number]]:
+    """As many lengths as the label announces axes are one size, whatever parts them: `B/H/T`, `4 cm / 2 cm / 3 cm`."""
+    alone = all(len(group) == 1 and group[0].axis is None for group in groups)
+    return [[group[0] for group in groups]] if alone and 2 <= len(groups) == len(axes) else groups
 
 
 def _continues(group: Sequence[_Number], number: _Number) -> bool:

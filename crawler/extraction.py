@@ -114,7 +114,7 @@ def _labelled(found: Iterable[Fact], language: Language | None, title: str) -> l
         read = sizes(fact.value, fact.label, language, unit_in_brackets(fact.section))
         whole = [size for size in read if size.meaning == "whole"]
         size = agreed(_fullest(whole))
-        if size is not None and (len(size.lengths) > 1 or size.lengths[0].axis):
+        if size is not None and _is_stated(size, fact):
             statements.append(Statement(size, _trust(fact, own, label, title), _shown(fact)))
     return statements
 
@@ -191,8 +191,13 @@ def _axis_length(fact: Fact, language: Language | None) -> Length | None:
     if not own or _is_of_a_part(own) or is_package(own) or is_package(plain(fact.section)):
         return None
     read = sizes(fact.value, fact.label, language, unit_in_brackets(fact.section))
-    lengths = [size.lengths for size in read if size.meaning == "whole" and len(size.lengths) == 1]
-    return lengths[0][0] if lengths and lengths[0][0].axis else None
+    alone = [size for size in read if size.meaning == "whole" and len(size.lengths) == 1]
+    if not alone or not alone[0].lengths[0].axis:
+        return None
+    same = agreed([size for size in alone if size.lengths[0].axis in {None, alone[0].lengths[0].axis}])
+    length = alone[0].lengths[0]
+    # Of one length in two systems the metric one: the other was rounded.
+    return length if same is None or "contradicts_itself" in same.flags else replace(same.lengths[0], axis=length.axis)
 
 
 def _is_of_a_part(label: str) -> bool:
@@ -201,7 +206,14 @@ def _is_of_a_part(label: str) -> bool:
 
 def _says_size(fact: Fact) -> bool:
     letters = plain(fact.value)
-    return is_dimension_label(letters) and (is_whole(letters) or fact.place == "prose")
+    return fact.place == "prose" or (is_dimension_label(letters) and is_whole(letters))
+
+
+def _is_stated(size: Size, fact: Fact) -> bool:
+    """Whether a reading is a statement: in prose that announces no size, three axes must be named."""
+    if fact.place == "prose" and not is_dimension_label(plain(f"{fact.value} {fact.section}")):
+        return len(size.dimensions_mm()) == 3
+    return len(size.lengths) > 1 or bool(size.lengths[0].axis)
 
 
 def _words(size: Size) -> dict[str, float | None]:

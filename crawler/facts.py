@@ -212,15 +212,22 @@ def _split(label: str, value: str, section: str, place: Place, container: int) -
     if not value or len(value) > VALUE_LENGTH * 2:
         return
     label = label.strip(" :\u00a0")
-    if not label and (own := _OWN_LABEL.match(value)):
+    own = None if label else _OWN_LABEL.match(value) or _LETTER_FIRST.fullmatch(value) or _size_first(value)
+    if own:
         label, value = own[1].strip(), own[2]
-    elif not label and (own := _SIZE_FIRST.match(value)) and is_dimension_label(plain(own[1])):
-        label, value = own[1], own[2]
     named = label or (place == "entry" and is_dimension_label(plain(section)))
     yield Fact(label, value, section, place if named else "prose", container)
 
 
+def _size_first(value: str) -> re.Match[str] | None:
+    own = _SIZE_FIRST.match(value)
+    return own if own and is_dimension_label(plain(own[1])) else None
+
+
 _OWN_LABEL = re.compile(rf"([^\d:]{{2,{LABEL_LENGTH}}}?)\s*:\s*(?=\S*\d|[^:]*\d)(.+)")
+
+#: A line of one axis by its letter, `H 84.5 cm`.
+_LETTER_FIRST = re.compile(r"([HWDLBTØ])\.?\s*(\d[\d.,/ ]*\s?(?:[cm]?m|in|inches|[\"″]))\.?")
 
 #: A line that begins with a word for the size and goes on with the size.
 _SIZE_FIRST = re.compile(r"([^\W\d_]+(?: [^\W\d_]{4,})?) ((?:[^\W\d_]{1,2} ?)?\d.*)")

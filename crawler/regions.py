@@ -36,6 +36,7 @@ _PACKAGE_REGION = re.compile(r"packag(?!e-?details-?page)|shipping|delivery|verp
 
 SKIPPED = frozenset({"script", "style", "noscript", "template", "select", "option", "nav", "footer", "head"})
 _HEADINGS = frozenset({"h1", "h2", "h3", "h4", "h5", "h6", "legend", "summary", "caption", "dt"})
+_BOLD, _BOXES = frozenset({"b", "strong"}), frozenset({"ul", "ol", "dl", "table", "p", "div"})
 _HEADING_CLASS = re.compile(r"title|heading|header|group-?name|section-?name|caption", re.IGNORECASE)
 
 
@@ -118,11 +119,21 @@ class Regions:
             title = self.text(element)
         elif element.tag == "table":
             return ""
+        elif _stands_above(element):
+            title = self.text(element)
         else:
             inner = next(element.iter("h2"), None)
             inner = inner if inner is not None else next(element.iter("h3"), None)
             title = self.text(inner) if inner is not None and len(self.text(element)) <= LABEL_LENGTH else ""
         return title if len(title) <= LABEL_LENGTH else ""
+
+
+def _stands_above(element: Element) -> bool:
+    """Whether bold text is a heading: alone on its line, right above a box or a list."""
+    if element.tag not in _BOLD or (element.tail or "").strip():
+        return False
+    below = element.getnext()
+    return below is not None and below.tag in _BOXES
 
 
 def _points_elsewhere(element: Element) -> bool:

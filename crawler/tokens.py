@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from crawler.lengths import UNIT_WORDS
@@ -64,7 +64,17 @@ def tokens(text: str, language: Language | None = None) -> list[Token]:
     found: list[Token] = []
     for match in _TOKEN.finditer(text):
         found.append(_token(match, language, found[-1] if found else None))
-    return _with_word_headers(found)
+    return _with_word_headers(_as_romance(found))
+
+
+def _as_romance(found: list[Token]) -> list[Token]:
+    """Beside a `P` an `L` is a width: largeur, largura, larghezza (`H 75 x L 90 x P 40`), as in a header."""
+    letters = {token.text.upper() for token in found if token.kind == "axis" and len(token.text) <= 2}
+    if "L" not in letters or not {"P", "PR"} & letters or {"W", "B"} & letters:
+        return found
+    return [
+        replace(token, key="width") if token.kind == "axis" and token.text.upper() == "L" else token for token in found
+    ]
 
 
 def _with_word_headers(found: list[Token]) -> list[Token]:

@@ -63,7 +63,7 @@ _PACKAGE = re.compile(
     r"\b("
     r"pack(ag(e|ed|ing)|ed)?|parcel|shipping|shipped|ship (dim\w*|size|width|height|length|depth|weight)|carton|boxed"
     r"|box (dim\w*|sizes?|width|height|length|depth|weight)|delivery|gift box|master case|inner box"
-    r"|outer box|verpack\w*|paket\w*|versand\w*|karton\w*|lieferung|emballage\w*|colis|carton d"
+    r"|outer box|verpack\w*|paket\w*|versand\w*|karton\w*|lieferung|emball\w*|colis|carton d"
     r"|livraison|imball\w*|confezione|spedizione|pacco|embalaje|envio|paquete|caja|embalagem|caixa"
     r"|verpakking\w*|verzend\w*|pakket\w*|doos|in (the )?box|folded for (shipping|transport)"
     # What a thing is carried in is measured like what it is sent in.
@@ -76,6 +76,12 @@ _PACKAGE = re.compile(
 _UNPACKED = re.compile(
     r"\b(without|excl\w*|ohne|hors|sans|senza|sin|sem|zonder)( the| the product)? "
     r"(pack(age|aging)?|verpackung|emballage|imball\w*|confezione|embalaje|embalagem|verpakking|box)\b"
+)
+
+#: Parts that a size counts in or leaves out: `depth (excluding handles)`.
+_ASIDE = re.compile(
+    r"\b(excluding|excl|without|including|incl|inkl|inklusive|exkl|ohne|sans|hors|senza|sin|sem|zonder|exclusief"
+    r"|inclusief)\b\.? \w+"
 )
 
 _WHOLE = re.compile(
@@ -164,8 +170,8 @@ def _names_the_thing(word: str, title: str) -> bool:
 
 
 def is_component(label: str) -> bool:
-    """Whether a plain label speaks of a part, an adjustment or another quantity."""
-    return bool(_COMPONENT.search(label))
+    """Whether a plain label speaks of a part, an adjustment or another quantity; `depth without handles` does not."""
+    return bool(_COMPONENT.search(_ASIDE.sub(" ", label)))
 
 
 def is_whole(label: str) -> bool:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from metric_tree.report import ENOUGH, Coverage, coverage
 from metric_tree.report_changes import (
     SIZE_QUANTILES,
     SPREAD_QUANTILES,
@@ -23,6 +22,7 @@ from metric_tree.report_changes import (
     size_and_spread,
     source_changes,
 )
+from metric_tree.report_counts import ENOUGH, Coverage, coverage
 from metric_tree.tree import Node, Tree, open_tree
 from taxonomy.vocabularies import vocabularies
 

@@ -17,7 +17,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from crawler.items import raw_items
-from metric_tree.report import ENOUGH, Coverage, coverage, covered_items
+from metric_tree.report_counts import ENOUGH, Coverage, coverage, covered_items
 from metric_tree.tree import open_tree
 from taxonomy.lexicon import default_lexicon
 from taxonomy.tree import default_taxonomy

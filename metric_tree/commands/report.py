@@ -22,23 +22,24 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the page; print where it is, or with `--json` the figures it shows."""
-    from metric_tree import report
+    from metric_tree.report import page
+    from metric_tree.report_counts import coverage, level_counts
     from taxonomy.vocabularies import vocabularies
 
     tree = open_tree(arguments.release)
     against = open_tree(arguments.against) if arguments.against else None
-    _write(arguments.out, report.page(tree, against))
+    _write(arguments.out, page(tree, against))
     if arguments.json:
         print_json(
             {
                 "page": str(arguments.out),
                 "levels": [
                     dict(zip(("level", "nodes", "with_1", "with_10", "with_30"), row, strict=True))
-                    for row in report.level_counts(tree)
+                    for row in level_counts(tree)
                 ],
                 "vocabularies": [
                     {"list": c.name, "labels": c.labels, "enough": c.enough, "real": c.real, "any": c.any}
-                    for c in (report.coverage(tree, name) for name in vocabularies())
+                    for c in (coverage(tree, name) for name in vocabularies())
                 ],
             }
         )

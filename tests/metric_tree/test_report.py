@@ -5,7 +5,16 @@ import json
 import pytest
 
 from metric_tree.commands import main
-from metric_tree.report import coverage, covered_items, level_counts, mixed, page, source_counts, typical_nodes
+from metric_tree.report import page
+from metric_tree.report_counts import (
+    coverage,
+    covered_items,
+    known_shares,
+    level_counts,
+    mixed,
+    source_counts,
+    typical_nodes,
+)
 from metric_tree.report_figures import size_figure
 from metric_tree.report_html import Linked, table
 from metric_tree.tree import Tree
@@ -26,6 +35,14 @@ def test_levels_count_nodes_with_enough_items(tree):
 
 def test_sources_say_what_they_give(tree):
     assert source_counts(tree)[0][:3] == ("made for tests", "product", "CC0-1.0")
+
+
+def test_shares_of_items_that_know_year_and_region(tree, tmp_path):
+    content = minitree.rows()
+    for number, row in enumerate(content["items.parquet"]):
+        row["year"], row["region"] = (2001 if number < 10 else None), None
+        row["kind"] = "curated" if number == 0 else row["kind"]
+    assert known_shares(Tree(minitree.release(tmp_path / "dated", content))) == (39, pytest.approx(9 / 39), 0)
 
 
 def test_coverage_counts_labels_with_priors(tree):

@@ -90,7 +90,8 @@ def _print_sources(as_json: bool) -> int:
         print_json(found)
     else:
         columns = ("source", "kind", "licence", "ship", "downloads", "url", "reason")
-        print_table(columns, [tuple(entry[c] for c in columns) for entry in found])
+        shown = [entry | {"ship": "yes" if entry["ship"] else "no"} for entry in found]
+        print_table(columns, [tuple(entry[c] for c in columns) for entry in shown])
     return 0
 
 

@@ -42,7 +42,7 @@ def main() -> int:
     clocked(site_spider, "page", "parse")
     clocked(site_spider.SiteSpider, "_item", "own work")
     clocked(site_spider.SiteSpider, "_links", "links")
-    for name in ("add", "lease", "put_back", "commit", "waiting", "in_hands"):
+    for name in ("add", "lease", "put_back", "commit", "is_exhausted"):
         clocked(frontier_sqlite.SqliteFrontier, name, "frontier")
     clocked(crawl, "write_segments", "writing")
     status = metric_tree(sys.argv[2:])

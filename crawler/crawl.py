@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -97,7 +98,11 @@ def crawled(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None =
         pictures=crawl.folder / "pictures" if crawl.pictures else None,
     )  # fmt: skip
     running.addErrback(failures.append)
+    # What the libraries brought along stays; the collector need not walk over it again after every few pages.
+    gc.collect()
+    gc.freeze()
     process.start()
+    gc.unfreeze()
     if failures:
         failures[0].raiseException()
     write_segments(frontier, crawl.folder)

@@ -69,11 +69,8 @@ class Frontier(Protocol):
     def commit(self, outcome: Outcome) -> int:
         """Write what came of a leased task, in one transaction; the number of items that were new."""
 
-    def waiting(self) -> int:
-        """Tasks that wait to be leased by anyone."""
-
-    def in_hands(self) -> int:
-        """Tasks that are leased, by this or another process."""
+    def is_exhausted(self) -> bool:
+        """Whether nothing waits, and nothing is in any worker's hands and might come back."""
 
     def counts(self) -> dict[str, int]:
         """Tasks by state, and items."""

@@ -109,21 +109,21 @@ class RedisFrontier:
         pipe.execute()
         return new
 
-    def waiting(self) -> int:
-        """Tasks that wait, those with leases that ran out included."""
-        late = self._redis.zcount(self._keys["leases"], "-inf", time.time())
-        return int(self._redis.zcard(self._keys["queue"])) + int(late)
-
-    def in_hands(self) -> int:
-        """Tasks that are leased by anyone."""
-        return int(self._redis.zcard(self._keys["leases"]))
+    def is_exhausted(self) -> bool:
+        """Whether no task waits or is leased by anyone."""
+        return not (self._redis.zcard(self._keys["queue"]) or self._redis.zcard(self._keys["leases"]))
 
     def counts(self) -> dict[str, int]:
         """Tasks by state over all workers, and this worker's items."""
         done = sum(map(int, self._redis.hvals(self._keys["done"])))
         failed = sum(map(int, self._redis.hvals(self._keys["failed"])))
         own = {"items": self._items.counts()["items"]}
-        return {"waiting": self.waiting(), "leased": self.in_hands(), "done": done, "failed": failed} | own
+        leased, late = (
+            self._redis.zcard(self._keys["leases"]),
+            self._redis.zcount(self._keys["leases"], "-inf", time.time()),
+        )
+        waiting = int(self._redis.zcard(self._keys["queue"])) + int(late)  # leases that ran out wait again
+        return {"waiting": waiting, "leased": int(leased), "done": done, "failed": failed} | own
 
     def failures(self) -> dict[str, int]:
         """Failed tasks by their reason, over all workers."""

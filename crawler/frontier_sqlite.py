@@ -69,13 +69,10 @@ class SqliteFrontier:
             )
         return new
 
-    def waiting(self) -> int:
-        """Tasks that wait."""
-        return self._count(WAITING)
-
-    def in_hands(self) -> int:
-        """Tasks that are leased."""
-        return self._count(LEASED)
+    def is_exhausted(self) -> bool:
+        """Whether no task waits or is leased; asked before every request, so it counts nothing."""
+        query = "SELECT EXISTS (SELECT 1 FROM tasks WHERE state IN (?, ?))"
+        return not self._connection.execute(query, (WAITING, LEASED)).fetchone()[0]
 
     def counts(self) -> dict[str, int]:
         """Tasks by state, and items."""
@@ -107,10 +104,6 @@ class SqliteFrontier:
                 (key, WAITING, task.priority, self._number, whole.text()),
             ).rowcount
         return added
-
-    def _count(self, state: int) -> int:
-        # EXISTS would do for the scheduler, but the queue's index makes the count cheap.
-        return int(self._connection.execute("SELECT count(*) FROM tasks WHERE state=?", (state,)).fetchone()[0])
 
     def _transaction(self) -> _Transaction:
         return _Transaction(self._connection)

@@ -22,6 +22,9 @@ __all__ = ["KEY", "CommitMiddleware", "FrontierScheduler", "frontier_of"]
 #: The request's meta that holds the task's key.
 KEY = "frontier_key"
 
+#: Addresses that a spider remembers: some twenty megabytes. Forgetting costs time only, the frontier knows them all.
+KNOWN = 100_000
+
 #: Set once a failure is committed: Scrapy passes the errback's empty output through the spider middlewares too.
 _SETTLED = "frontier_settled"
 
@@ -53,7 +56,7 @@ class FrontierScheduler(BaseScheduler):
 
     def has_pending_requests(self) -> bool:
         """Whether anything waits, or is in any worker's hands and might come back."""
-        return self._frontier.waiting() > 0 or self._frontier.in_hands() > 0
+        return not self._frontier.is_exhausted()
 
     def enqueue_request(self, request: Request) -> bool:
         """Add a request to the frontier; one that is leased (a redirect, a retry) goes back to it."""
@@ -92,6 +95,7 @@ class CommitMiddleware:
 
     def __init__(self, crawler: Crawler) -> None:
         self._frontier = frontier_of(crawler)
+        self._crawler = crawler
         self._stats = crawler.stats
 
     @classmethod
@@ -117,6 +121,8 @@ class CommitMiddleware:
             items, tasks = [], []
         if KEY in response.meta and not response.meta.get(_SETTLED):
             new = self._frontier.commit(Outcome(response.meta[KEY], items, tasks, failure))
+            if failure is None:
+                _remember(getattr(self._crawler.spider, "known", None), tasks)
             self._count("items", new)
             self._count("dropped/duplicate", len(items) - new)
             self._count("pages")
@@ -129,6 +135,14 @@ class CommitMiddleware:
     def _count(self, name: str, count: int = 1) -> None:
         if count and self._stats is not None:
             self._stats.inc_value(f"metric_tree/{name}", count)
+
+
+def _remember(known: set[str] | None, tasks: list[Task]) -> None:
+    """Tell the spider which addresses the frontier holds, so that it does not offer them page after page."""
+    if known is not None:
+        if len(known) > KNOWN:
+            known.clear()
+        known.update(task.url for task in tasks)
 
 
 def _task(request: Request, depth: int | None = None) -> Task:

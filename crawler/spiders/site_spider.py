@@ -52,6 +52,8 @@ class SiteSpider(scrapy.Spider):
         self._start = [*start, *self.site.addresses(query=query, category=category)]
         self._hosts = {urlsplit(url).hostname for url in self._start}
         self._limit, self._pictures, self._items = limit, pictures, 0
+        #: Addresses that the frontier holds already; whoever commits pages fills it.
+        self.known: set[str] = set()
 
     def allows(self, url: str) -> bool:
         """Whether an address is the site's: asked before every download, after every redirect."""
@@ -108,11 +110,21 @@ class SiteSpider(scrapy.Spider):
 
     def _links(self, read: Page) -> Iterator[scrapy.Request]:
         seen: set[str] = set()
-        for address in read.links:
-            url = urljoin(read.url, address.strip()).split("#")[0]
-            if url not in seen and url.startswith("http") and self._may_follow(url):
-                seen.add(url)
+        for address in dict.fromkeys(read.links):
+            url = _joined(read.url, address.strip()).split("#")[0]
+            if url in seen or url in self.known:
+                continue
+            seen.add(url)
+            if url.startswith("http") and self._may_follow(url):
                 if self.site.is_product(url):
                     yield scrapy.Request(url, callback=self.parse, priority=PRODUCT)
                 elif self.site.is_listing(url):
                     yield scrapy.Request(url, callback=self.parse, priority=LISTING)
+
+
+def _joined(base: str, address: str) -> str:
+    """The whole address of a link; most name a path from the root, for which `urljoin` is slow."""
+    if address.startswith("/") and not address.startswith("//") and "/." not in address:
+        scheme, _, rest = base.partition("//")
+        return f"{scheme}//{rest.partition('/')[0]}{address}"
+    return urljoin(base, address)

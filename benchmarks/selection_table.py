@@ -1,6 +1,9 @@
 """The tables of docs/training.md: our choice of categories, the paper's beside it, and the differences by reason.
 
-python -m benchmarks.selection_table [--tree REF]
+python -m benchmarks.selection_table [--tree REF] [--lists ../shared/data/sizes/metric_tree_2020/scale_metrics]
+
+`--lists` names the authors' own lists of sizes (one CSV of millimetres for each of their 43): samples and divergence in
+them stand beside ours.
 """
 
 from __future__ import annotations
@@ -8,7 +11,10 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from metric_tree.commands.select import selection
 from metric_tree.selection import TRAINING_LISTS, Rules, candidates, chosen
@@ -31,7 +37,9 @@ GROUPS = (
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--tree", help="release (default: the shipped one)")
-    tree = open_tree(parser.parse_args().tree)
+    parser.add_argument("--lists", type=Path, help="the authors' lists, scale_metrics")
+    arguments = parser.parse_args()
+    tree = open_tree(arguments.tree)
     ranked, rules = candidates(tree), Rules()
     found = selection(tree, ranked, chosen(ranked, rules), rules)
     both = sum(row["chosen"] for row in found["paper"])
@@ -39,12 +47,39 @@ def main() -> None:
         f"{tree.name} {tree.version}: {found['candidates']} candidates; {both} of the {rules.count} are the paper's\n"
     )
     _table(("category", *FIGURES, "the paper's name"), [(r["name"], *_figures(r), r["paper"]) for r in found["chosen"]])
-    columns = ("the paper's", "category", *FIGURES, "why not ours")
-    _table(columns, [(r["paper"], r.get("name"), *_figures(r), r["reason"]) for r in found["paper"]])
+    theirs = {row["paper"]: _theirs(arguments.lists, row["paper"]) for row in found["paper"]}
+    columns = ("the paper's", "category", *FIGURES, "theirs: samples", "divergence", "why not ours")
+    rows = [(r["paper"], r.get("name"), *_figures(r), *theirs[r["paper"]], r["reason"]) for r in found["paper"]]
+    _table(columns, rows)
     for title, pattern in GROUPS:
         names = [row["paper"] for row in found["paper"] if row["reason"] and re.search(pattern, row["reason"])]
         if names:
             print(f"- {title} ({len(names)}): {', '.join(names)}")
+    _told(list(theirs.values()), rules)
+
+
+def _told(theirs: Sequence[tuple[int | None, str | None]], rules: Rules) -> None:
+    """What of our thresholds the authors' lists themselves would keep to."""
+    rows = [(count, float(spread)) for count, spread in theirs if count is not None and spread is not None]
+    if not rows:
+        return
+    counts = sorted(count for count, _ in rows)
+    few = sum(count < rules.least_samples for count in counts)
+    wide = sum(spread > rules.most_divergence for _, spread in rows)
+    kept = sum(count >= rules.least_samples and spread <= rules.most_divergence for count, spread in rows)
+    print(
+        f"\ntheir lists: {counts[0]} to {counts[-1]} rows, {counts[len(counts) // 2]} in the middle; {few} have under"
+    )
+    print(f"{rules.least_samples}, {wide} a divergence over {rules.most_divergence}; {kept} keep to both")
+
+
+def _theirs(lists: Path | None, label: str) -> tuple[int | None, str | None]:
+    """Rows of the authors' list and its divergence, as ours is reckoned."""
+    if lists is None:
+        return None, None
+    sizes = np.loadtxt(lists / f"{label}.csv", delimiter=",", ndmin=2)
+    spread = np.log(sizes).std(axis=0, ddof=1)
+    return len(sizes), f"{np.sqrt((spread**2).mean()):.2f}"
 
 
 def _figures(row: dict[str, Any]) -> tuple[object, ...]:

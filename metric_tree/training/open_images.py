@@ -1,8 +1,8 @@
 """Open Images, segmentation masks (V5 to V7): a table of masks, pictures of masks, a table of class names.
 
-The folder holds, at any depth, `*-annotations-object-segmentation.csv`, `class-descriptions*.csv` (two columns,
-machine id and name, no header), the masks' pictures and the pictures `<ImageID>.jpg`. A mask's picture may be of
-another size than the picture's own: it covers the same view.
+The folder holds, at any depth, a table of masks, a table of class names, the masks' pictures and the pictures
+`<ImageID>.jpg`, called as the set calls them (V7's class names have a header, V5's none) or as FiftyOne stores them. A
+mask's picture may be of another size than the picture's own: it covers the same view.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ __all__ = ["LISTS", "open_images_pictures"]
 #: How its names are read.
 LISTS = ("openimages_601",)
 
-TABLES, NAMES = "*-annotations-object-segmentation.csv", "class-descriptions*.csv"
+#: By the set's own names, then by FiftyOne's.
+TABLES = ("*-annotations-object-segmentation.csv", "segmentations.csv")
+NAMES = ("*class-descriptions*.csv", "classes.csv")
 _COLUMNS = ("MaskPath", "ImageID", "LabelName")
 
 
@@ -65,20 +67,20 @@ def _picture(
 
 def _names(folder: Path) -> dict[str, str]:
     names: dict[str, str] = {}
-    for file in sorted(folder.rglob(NAMES)):
-        with file.open(encoding="utf-8", newline="") as lines:
-            names |= {row[0]: row[1] for row in csv.reader(lines) if len(row) == 2}
+    for file in _files(folder, NAMES):
+        with file.open(encoding="utf-8", newline="") as lines:  # machine ids begin with a slash, a header does not
+            names |= {row[0]: row[1] for row in csv.reader(lines) if len(row) == 2 and row[0].startswith("/")}
     if not names:
-        raise BadAnnotations.at(folder, "class names", NAMES, "none")
+        raise BadAnnotations.at(folder, "class names", " or ".join(NAMES), "none")
     return names
 
 
 def _rows(folder: Path) -> dict[str, list[tuple[str, str]]]:
     """Mask file and label of each picture's objects."""
     rows: dict[str, list[tuple[str, str]]] = {}
-    tables = sorted(folder.rglob(TABLES))
+    tables = _files(folder, TABLES)
     if not tables:
-        raise BadAnnotations.at(folder, "masks", TABLES, "none")
+        raise BadAnnotations.at(folder, "masks", " or ".join(TABLES), "none")
     for file in tables:
         with file.open(encoding="utf-8", newline="") as lines:
             reader = csv.DictReader(lines)
@@ -87,3 +89,7 @@ def _rows(folder: Path) -> dict[str, list[tuple[str, str]]]:
             for row in reader:
                 rows.setdefault(row["ImageID"], []).append((row["MaskPath"], row["LabelName"]))
     return rows
+
+
+def _files(folder: Path, patterns: tuple[str, ...]) -> list[Path]:
+    return sorted({file for pattern in patterns for file in folder.rglob(pattern)})

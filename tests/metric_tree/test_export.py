@@ -259,7 +259,7 @@ def _ade20k_challenge(folder: Path) -> list[str]:
     return ["--ade20k", str(folder)]
 
 
-def _open_images(folder: Path) -> list[str]:
+def _open_images(folder: Path, masks: str = "train-annotations-object-segmentation.csv") -> list[str]:
     _picture(folder / "train" / "00a1b2c3d4e5f607.jpg", (100, 200))
     names = [("/m/01mzpv", "Chair"), ("/m/020lf", "Computer mouse"), ("/m/0k4j", "Car")]
     with (folder / "class-descriptions-boxable.csv").open("w", newline="") as file:
@@ -270,13 +270,28 @@ def _open_images(folder: Path) -> list[str]:
         "00a1b2c3d4e5f607_m0k4j_bb.png,00a1b2c3d4e5f607,/m/0k4j,bb,0.05,0.3,0.1,0.5,0.9,",
         "ffffffffffffffff_m01mzpv_cc.png,ffffffffffffffff,/m/01mzpv,cc,0.05,0.3,0.1,0.5,0.9,",
     ]
-    (folder / "train-annotations-object-segmentation.csv").write_text("\n".join([header, *rows]) + "\n")
+    (folder / masks).write_text("\n".join([header, *rows]) + "\n")
     mask = np.zeros((50, 100), dtype=np.uint8)  # half the picture's size, as happens there
     mask[5:25, 5:30] = 255
     for name in ("00a1b2c3d4e5f607_m01mzpv_aa.png", "00a1b2c3d4e5f607_m0k4j_bb.png"):
         (folder / "masks").mkdir(exist_ok=True)
         cv2.imwrite(str(folder / "masks" / name), mask)
     return ["--open-images", str(folder)]
+
+
+def _open_images_v7(folder: Path) -> list[str]:
+    words = _open_images(folder)
+    text = (folder / "class-descriptions-boxable.csv").read_text()
+    (folder / "class-descriptions-boxable.csv").unlink()
+    (folder / "oidv7-class-descriptions-boxable.csv").write_text(f"LabelName,DisplayName\n{text}")
+    return words
+
+
+def _open_images_of_fiftyone(folder: Path) -> list[str]:
+    words = _open_images(folder, "segmentations.csv")
+    (folder / "metadata").mkdir()
+    (folder / "class-descriptions-boxable.csv").rename(folder / "metadata" / "classes.csv")
+    return words
 
 
 @pytest.mark.parametrize(
@@ -286,6 +301,8 @@ def _open_images(folder: Path) -> list[str]:
         (_ade20k, [("chair", 25 * 40, 0)]),
         (_ade20k_of_2017, [("chair", 50 * 40, 0)]),
         (_open_images, [("chair", 50 * 40, 0)]),
+        (_open_images_v7, [("chair", 50 * 40, 0)]),
+        (_open_images_of_fiftyone, [("chair", 50 * 40, 0)]),
     ],
 )
 def test_other_sets_are_read_in_their_own_form(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import re
 import unicodedata
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
@@ -17,7 +16,8 @@ _IRREGULAR = {
     "scarves": "scarf", "shelves": "shelf", "teeth": "tooth", "wolves": "wolf", "women": "woman",
 }  # fmt: skip
 
-_NO_WORD = re.compile(r"[^a-z0-9]+")
+#: What becomes of each ASCII character: letters small, apostrophes gone, all but letters and digits a space.
+_ASCII = {code: chr(code).lower() if chr(code).isalnum() else " " for code in range(128)} | {ord("'"): None}
 
 #: Endings of singular nouns that look like plurals (glass, bus, basis, series, corps).
 _SINGULAR_ENDINGS = ("ss", "us", "is", "series", "species", "corps")
@@ -29,7 +29,7 @@ _ES_ENDINGS = ("ses", "xes", "zes", "ches", "shes", "oes")
 def folded(name: str) -> str:
     """The name in lower case, without accents, with every separator as one space."""
     if name.isascii():
-        return " ".join(_NO_WORD.sub(" ", name.replace("'", "").lower()).split())
+        return " ".join(name.translate(_ASCII).split())
     plain = unicodedata.normalize("NFKD", name).casefold()
     letters = "".join(c if c.isalnum() else " " for c in plain if not unicodedata.combining(c) and c not in "'’")
     return " ".join(letters.split())

@@ -48,7 +48,10 @@ class Release:
         path = self.directory / f"{name}.parquet"
         try:
             with pq.ParquetFile(path) as file:
-                return file.read() if node_ids is None else _rows_of(file, node_ids)
+                if node_ids is not None:
+                    return _rows_of(file, node_ids)
+                # one group is read sooner than threads are started
+                return file.read(use_threads=file.num_row_groups > 1)
         except (OSError, pa.ArrowInvalid) as error:
             raise BadRelease(f"{path}: expected a Parquet table; found {_first_line(error)}") from None
 

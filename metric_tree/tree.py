@@ -104,25 +104,25 @@ class Node:
 
 
 class Tree:
-    """A release in memory: nodes at once, priors and items when they are asked for."""
+    """A release in memory: a node, priors and items are read when they are asked for."""
 
     def __init__(self, release: Release) -> None:
         self.release = release
-        rows = release.table("nodes").to_pylist()
-        self._nodes = {row["node_id"]: _node(self, row) for row in rows}
-        self._children: dict[str, list[Node]] = {}
-        for node in self._nodes.values():
-            if node.parent_id is not None:
-                self._children.setdefault(node.parent_id, []).append(node)
+        self._table = release.table("nodes")
+        self._places = {node_id: place for place, node_id in enumerate(self._table["node_id"].to_pylist())}
+        self._nodes: dict[str, Node] = {}
 
     def __repr__(self) -> str:
-        return f"<Tree {self.name} {self.version}: {len(self._nodes)} nodes>"
+        return f"<Tree {self.name} {self.version}: {len(self)} nodes>"
 
     def __iter__(self) -> Iterator[Node]:
-        return iter(self._nodes.values())
+        if len(self._nodes) < len(self):  # all at once, where one by one takes ten times as long
+            for row in self._table.to_pylist():
+                self._nodes.setdefault(row["node_id"], _node(self, row))
+        return (self._nodes[node_id] for node_id in self._places)
 
     def __len__(self) -> int:
-        return len(self._nodes)
+        return len(self._places)
 
     @property
     def name(self) -> str:
@@ -137,22 +137,24 @@ class Tree:
     @property
     def root(self) -> Node:
         """The one node of level 1."""
-        return next(node for node in self if node.parent_id is None)
+        return self.node(self._below[None][0])
 
     def leaves(self) -> tuple[Node, ...]:
         """The nodes without children."""
-        return tuple(node for node in self if node.node_id not in self._children)
+        return tuple(node for node in self if node.node_id not in self._below)
 
     def node(self, node_id: str) -> Node:
         """The node of an id; UnknownName where there is none."""
-        try:
-            return self._nodes[node_id]
-        except KeyError:
-            raise UnknownName(f"{node_id}: no node has this id") from None
+        if node_id not in self._places:
+            raise UnknownName(f"{node_id}: no node has this id")
+        if node_id not in self._nodes:
+            (row,) = self._table.slice(self._places[node_id], 1).to_pylist()
+            self._nodes.setdefault(node_id, _node(self, row))
+        return self._nodes[node_id]
 
     def children(self, node_id: str) -> tuple[Node, ...]:
         """The nodes right below a node."""
-        return tuple(self._children.get(node_id, ()))
+        return tuple(self.node(child) for child in self._below.get(node_id, ()))
 
     def find(self, name: str, vocabulary: str | None = None) -> Node:
         """The node that a name means: an id, synset, name, alias or detector label.
@@ -168,9 +170,9 @@ class Tree:
         """
         if vocabulary is not None:
             return self.node(_labelled(name, vocabulary))
-        if name in self._nodes:
-            return self._nodes[name]
-        found = sorted((self._nodes[id_] for id_ in self._index.ids(name)), key=lambda node: -node.n_items)
+        if name in self._places:
+            return self.node(name)
+        found = sorted(map(self.node, self._index.ids(name)), key=lambda node: -node.n_items)
         if not found:
             nearest = ", ".join(self._index.nearest(name)) or "nothing like it"
             raise UnknownName(f"{name!r}: no node bears this name; nearest: {nearest}")
@@ -216,8 +218,21 @@ class Tree:
         return rows
 
     @cached_property
+    def _below(self) -> dict[str | None, list[str]]:
+        """Ids of the nodes right below each; those of no parent under None."""
+        parents = self._table["parent_id"].to_pylist()
+        below: dict[str | None, list[str]] = {}
+        for node_id, place in self._places.items():
+            below.setdefault(parents[place], []).append(node_id)
+        return below
+
+    @cached_property
     def _index(self) -> NameIndex:
-        return NameIndex((n.node_id, (n.name, *n.aliases, *([n.synset] if n.synset else []))) for n in self)
+        columns = self._table.select(["node_id", "name", "aliases", "synset"]).to_pydict().values()
+        return NameIndex(
+            (node_id, (name, *(aliases or ()), *([synset] if synset else [])))
+            for node_id, name, aliases, synset in zip(*columns, strict=True)
+        )
 
 
 def open_tree(ref: str | Path | None = None) -> Tree:

@@ -136,7 +136,10 @@ def cut_release(
     images = release.table("images")
     paths = _files(release, images)
     if not paths:
-        raise InputFault(f"{release.directory / 'images.parquet'}: expected pictures with files; found none")
+        raise InputFault(
+            f"{release.directory / 'images.parquet'}: expected pictures with files; found none (`build` takes those of"
+            " a crawl, and with `--private SOURCE` those that may not be given on)"
+        )
     key = fingerprint([release.directory / "images.parquet", *_code()], repr(settings) + _model_sha(settings))
     with WorkFolder.opened(out.with_name(f"{out.name}.cutout"), key) as work:
         extras = work.directory / "extras"

@@ -18,7 +18,7 @@ from crawler.lengths import UNIT_WORDS, millimetres
 from crawler.tokens import Token, tokens
 from crawler.words import Language, is_component, is_package, plain
 
-__all__ = ["Length", "Size", "agreed", "flags_of", "sizes", "unit_in_brackets"]
+__all__ = ["Length", "Size", "agreed", "flags_of", "names_unit", "sizes", "unit_in_brackets"]
 
 Meaning = Literal["whole", "component", "package"]
 
@@ -107,7 +107,7 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
     label : what stands before the text (a table's cell, a heading); it may name axes and a unit: `Size (LxWxH, cm)`.
     unit : the unit that the place itself implies, used where neither text nor label names one.
     """
-    if unit is None and not (_UNIT.search(text) or _UNIT.search(label)):
+    if unit is None and not (names_unit(text) or names_unit(label)):
         return ()
     label_axes, label_unit = _label_hints(label, language)
     run = tokens(text, language)
@@ -119,6 +119,11 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
             words = plain(f"{label} {' '.join(word for number in group for word in number.words)}")
             found.append(Size(lengths, _meaning(words), words, flags_of(lengths)))
     return tuple(found)
+
+
+def names_unit(text: str) -> bool:
+    """Whether a text may name a unit of length; where neither text nor label does, there is no size."""
+    return bool(_UNIT.search(text))
 
 
 def agreed(found: Sequence[Size]) -> Size | None:

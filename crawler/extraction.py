@@ -13,7 +13,16 @@ from crawler.items import RawItem
 from crawler.pages import Page, squeezed
 from crawler.pages import source_id as hashed_url
 from crawler.product import Product, product
-from crawler.words import Language, is_component, is_dimension_label, is_foreign, is_package, is_whole, plain
+from crawler.words import (
+    Language,
+    is_component,
+    is_dimension_label,
+    is_foreign,
+    is_package,
+    is_part_heading,
+    is_whole,
+    plain,
+)
 
 __all__ = ["Statement", "chosen", "raw_item", "statements"]
 
@@ -111,6 +120,8 @@ def _labelled(found: Iterable[Fact], language: Language | None, title: str) -> l
         own = plain(fact.label)
         if is_package(label) or _is_of_a_part(own) or not (is_dimension_label(label) or _says_size(fact)):
             continue
+        if not is_dimension_label(own) and is_part_heading(plain(fact.section)):
+            continue
         read = sizes(fact.value, fact.label, language, unit_in_brackets(fact.section))
         whole = [size for size in read if size.meaning == "whole"]
         size = agreed(_fullest(whole))
@@ -188,7 +199,8 @@ def _by_axis(found: Iterable[Fact], language: Language | None, title: str) -> li
 
 def _axis_length(fact: Fact, language: Language | None) -> Length | None:
     own = plain(fact.label)
-    if not own or _is_of_a_part(own) or is_package(own) or is_package(plain(fact.section)):
+    section = plain(fact.section)
+    if not own or _is_of_a_part(own) or is_package(own) or is_package(section) or is_part_heading(section):
         return None
     read = sizes(fact.value, fact.label, language, unit_in_brackets(fact.section))
     alone = [size for size in read if size.meaning == "whole" and len(size.lengths) == 1]

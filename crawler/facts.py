@@ -15,7 +15,7 @@ from typing import Literal
 
 from lxml.etree import XPath
 
-from crawler.dimensions import agreed, sizes
+from crawler.dimensions import agreed, names_unit, sizes
 from crawler.pages import Element, Page, squeezed
 from crawler.regions import LABEL_LENGTH, SKIPPED, VALUE_LENGTH, Regions
 from crawler.words import axis_of_word, is_dimension_label, is_package, plain
@@ -27,6 +27,9 @@ Place = Literal["table", "list", "row", "entry", "line", "json", "prose"]
 
 #: So far up from its text a value's label is looked for; deeper nesting is decoration.
 CLIMB = 5
+
+#: What a size has whose unit stands elsewhere, in its label or its heading.
+_COMPOSED = re.compile(r"[x×X*:]")
 
 #: So far up a line's list entry is looked for.
 ENTRY_CLIMB = 3
@@ -105,6 +108,8 @@ class _Reader:
             here = parent
         whole = self._text(element) if len(text) < VALUE_LENGTH else text
         value = whole if len(whole) <= VALUE_LENGTH else text
+        if not names_unit(value) and not _COMPOSED.search(value):
+            return  # a price, a count, a date
         entry = self._entry(element, value)
         container = element.getparent() if entry is None else entry
         place: Place = "line" if entry is None else "entry"

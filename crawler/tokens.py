@@ -117,10 +117,10 @@ def _token(match: re.Match[str], language: Language | None, before: Token | None
 
 
 def _may_carry(before: Token | None, text: str) -> bool:
-    """Whether a unit may stand behind a token: a number, or the letter of its axis (`63H cm`)."""
+    """Whether a unit may stand behind a token: a number, or the letters of its axis (`63H cm`, `88Al cm`)."""
     if before is None:
         return False
-    return before.kind == "number" or (before.kind == "axis" and len(before.text) == 1 and len(text) > 1)
+    return before.kind == "number" or (before.kind == "axis" and len(before.text) <= 2 and len(text) > 1)
 
 
 def _word(text: str, start: int, end: int, language: Language | None, before: Token | None) -> Token:

@@ -22,6 +22,7 @@ __all__ = [
     "is_dimension_label",
     "is_foreign",
     "is_package",
+    "is_part_heading",
     "is_whole",
     "language_of",
     "plain",
@@ -172,6 +173,12 @@ def _names_the_thing(word: str, title: str) -> bool:
 def is_component(label: str) -> bool:
     """Whether a plain label speaks of a part, an adjustment or another quantity; `depth without handles` does not."""
     return bool(_COMPONENT.search(_ASIDE.sub(" ", label)))
+
+
+def is_part_heading(heading: str) -> bool:
+    """Whether a plain heading announces the size of a part: `seat dimensions`, but not `dimensions and weight`."""
+    single = not re.search(r"[&,/+]|\b(and|und|et|e|y|en)\b", heading)
+    return single and is_dimension_label(heading) and is_component(heading) and not is_whole(heading)
 
 
 def is_whole(label: str) -> bool:

@@ -1,0 +1,39 @@
+"""Contracts of the site spiders: each reads stored pages in every layout of its site, offline."""
+
+from __future__ import annotations
+
+import pytest
+from scrapy import Request
+from scrapy.http import HtmlResponse
+
+from crawler.items import RawItem
+from crawler.pages import source_id
+from crawler.sites import GENERIC, SITES, site_of
+from crawler.spiders import spider_class
+from tests.crawler.site_pages import PAGES, Stored, stored
+
+
+@pytest.mark.parametrize("case", PAGES, ids=[f"{case.spider}: {case.layout}" for case in PAGES])
+def test_a_stored_page_keeps_its_contract(case: Stored) -> None:
+    assert site_of(case.url).name == case.spider
+    headers = {"Content-Type": "text/html; charset=utf-8"}
+    response = HtmlResponse(case.url, body=stored(case), request=Request(case.url), headers=headers)
+    found = list(spider_class(case.spider)(start=[case.url]).parse(response))
+    items = [part for part in found if isinstance(part, RawItem)]
+    if case.extents is None:
+        assert (items, found.count("no_size")) == ([], 1)
+        return
+    (item,) = items
+    assert (item.source, item.title, item.category_path) == (case.spider, case.title, case.category)
+    assert item.source_id == (case.id or source_id(case.url))
+    assert item.extents_mm == pytest.approx(case.extents, abs=0.15)
+    assert not {"contradicts_itself", "absurd_size"} & set(item.flags)
+    assert ("low_trust" in item.flags) == (case.layout == "text")
+    if case.words is not None:
+        assert {axis: mm for axis, mm in item.dimensions_mm.items() if mm} == pytest.approx(case.words, abs=0.15)
+
+
+def test_every_spider_of_pages_has_stored_ones() -> None:
+    assert {case.spider for case in PAGES} == {site.name for site in (*SITES, GENERIC)}
+    amazon = {case.layout.rpartition(" ")[2] for case in PAGES if case.spider == "amazon"}
+    assert amazon == {"com", "co.uk", "de", "fr", "it", "es"}

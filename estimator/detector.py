@@ -33,9 +33,10 @@ InputForm = Literal["torchvision", "caffe"]
 MIN_SCORE = 0.5
 #: A pixel belongs to the mask from here on: torchvision's own example and COCO's evaluation.
 MASK_THRESHOLD = 0.5
-#: Means of blue, green, red that Caffe's models subtract, and the shorter side and divisor their graph was traced with.
+#: Means of blue, green, red that Caffe's models subtract; sides they were trained with (the shorter, and the longest
+#: that a narrow picture may have), and the divisor their graph was traced with.
 CAFFE_MEANS = (102.9801, 115.9465, 122.7717)
-CAFFE_SHORT_SIDE, CAFFE_DIVISOR = 800, 32
+CAFFE_SHORT_SIDE, CAFFE_LONGEST_SIDE, CAFFE_DIVISOR = 800, 1333, 32
 #: COCO's category ids run to 90, of which these ten name nothing; torchvision's labels are these ids.
 COCO_91_GAPS = frozenset({12, 26, 29, 30, 45, 66, 68, 69, 71, 83})
 #: A box whose corner is this many pictures away, or no number, holds nothing that could be pasted.
@@ -144,7 +145,7 @@ class Detector:
         if isinstance(fixed_height, int) and isinstance(fixed_width, int):
             return fixed_width, fixed_height
         if self.form == "caffe":
-            factor = CAFFE_SHORT_SIDE / min(width, height)
+            factor = min(CAFFE_SHORT_SIDE / min(width, height), CAFFE_LONGEST_SIDE / max(width, height))
             return round(width * factor), round(height * factor)
         return width, height
 

@@ -72,10 +72,10 @@ def test_a_graph_traced_for_one_size_is_fed_that_size(folder: Path, tmp_path: Pa
         assert abs(int(instance.mask.sum()) / int(twin.mask.sum()) - 1) < 0.1
 
 
-@pytest.mark.parametrize("size", [(400, 600), (1600, 900)])
+@pytest.mark.parametrize("size", [(400, 600), (1600, 900), (300, 2400)])
 def test_small_masks_are_stretched_over_their_boxes(tmp_path: Path, size: tuple[int, int]) -> None:
     height, width = size
-    factor = 800 / min(size)
+    factor = min(800 / min(size), 1333 / max(size))
     mask = np.zeros((28, 28))
     mask[:, :14] = 1  # the left half of the box
     box = np.array([100, 60, 300, 260.0])

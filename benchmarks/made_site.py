@@ -12,8 +12,10 @@ import gzip
 import hashlib
 import json
 import socketserver
+import struct
 import threading
 import time
+import zlib
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -31,6 +33,9 @@ FAULTS = {
 
 #: Marks an answer whose body is repeated until the other side hangs up.
 ENDLESS = "X-Endless"
+
+#: Different pictures; further products share them.
+PICTURES = 7
 
 #: Products that one listing links to.
 LISTED = 100
@@ -91,7 +96,8 @@ def product_page(number: int, shop: Shop) -> str:
     around = filler(number, page_bytes(number, shop), shop.products)
     also = "".join(f'<a href="/item/{(number + step) % shop.products}">more</a>' for step in (1, 7, 31))
     return (
-        f'<!doctype html><html lang="en"><head><title>Chair {number}</title></head><body>'
+        f'<!doctype html><html lang="en"><head><title>Chair {number}</title>'
+        f'<meta property="og:image" content="/picture/{number % PICTURES}"></head><body>'
         f'<nav class="breadcrumb"><a href="/">Home</a><a href="/list/0">Furniture</a><a href="/list/1">Chairs</a></nav>'
         f"<h1>Chair {number}</h1>{size}<table><tr><th>Package Dimensions</th><td>150 x 120 x 60 cm</td></tr></table>"
         f'<div class="carousel"><h3>Others bought</h3><dl><dt>Dimensions</dt><dd>9 x 9 x 9 cm</dd></dl>{also}</div>'
@@ -132,10 +138,14 @@ _MARKUPS: tuple[Callable[[float, float, float], str], ...] = (_table, _bullets, 
 
 @dataclass
 class MadeSite:
-    """A running shop. `fetched` counts requests by path, `base` is its address; use it as a context manager."""
+    """A running shop; use it as a context manager.
+
+    `base` is its address, `fetched` counts requests by path, `unchanged` those that a 304 answered.
+    """
 
     shop: Shop
     fetched: Counter[str] = field(default_factory=Counter)
+    unchanged: Counter[str] = field(default_factory=Counter)
 
     def __enter__(self) -> MadeSite:
         socketserver.TCPServer.allow_reuse_address = True
@@ -162,6 +172,8 @@ class MadeSite:
             return _html(self._listing(int(number)))
         if name == "item" and number.isdigit() and int(number) < self.shop.products:
             return self._item(int(number), "?" in path, before)
+        if name == "picture" and number.isdigit():
+            return 200, {"Content-Type": "image/png"}, _picture(int(number))
         if name == "calendar":
             return _html(f'<html><body><a href="/calendar/{number}/next">next</a></body></html>')
         return 404, {"Content-Type": "text/plain"}, b"nothing here"
@@ -212,6 +224,21 @@ def _html(text: str) -> tuple[int, dict[str, str], bytes]:
     return 200, {"Content-Type": "text/html; charset=utf-8"}, text.encode()
 
 
+def _picture(number: int) -> bytes:
+    """A grey PNG of 100 by 80 pixels."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    row = b"\x00" + bytes([10 + number]) * 100
+    parts = (
+        (b"IHDR", struct.pack(">IIBBBBB", 100, 80, 8, 0, 0, 0, 0)),
+        (b"IDAT", zlib.compress(row * 80)),
+        (b"IEND", b""),
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunk(kind, data) for kind, data in parts)
+
+
 _BOMB: list[bytes] = []
 
 
@@ -232,6 +259,11 @@ def _handler(site: MadeSite) -> type[BaseHTTPRequestHandler]:
             if site.shop.delay:
                 time.sleep(site.shop.delay)
             status, headers, body = site.answer(self.path)
+            if status == 200 and ENDLESS not in headers:
+                headers = headers | {"ETag": f'"{zlib.crc32(body):08x}"'}
+                if self.headers.get("If-None-Match") == headers["ETag"]:
+                    site.unchanged[self.path] += 1
+                    status, body = 304, b""
             self.send_response(status)
             for name, value in headers.items():
                 self.send_header(name, value)

@@ -18,8 +18,8 @@ from crawler.sites.site import Site
 
 __all__ = ["GENERIC", "SITES", "Site", "item_of", "site_of"]
 
-#: Any site: schema.org data, Open Graph, breadcrumbs, tables.
-GENERIC = Site(name="generic", hosts=())
+#: Any site: schema.org data, Open Graph, breadcrumbs, tables. We do not know its terms: whoever asks for pictures does.
+GENERIC = Site(name="generic", hosts=(), pictures="")
 
 #: Sites with rules of their own, first match wins.
 SITES: tuple[Site, ...] = (

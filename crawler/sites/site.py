@@ -25,6 +25,8 @@ class Site:
     templates : addresses to begin with, with `{query}` or `{category}` to be filled in.
     id : a regular expression on the address whose first group is the site's own id of the product.
     category, images : XPaths that yield texts and addresses; title, brand : XPaths of an element or text.
+    pictures : a regular expression of the pictures' addresses that the site's terms allow to store; None where they
+        allow none: then the links alone are kept. `data/sources/SITES.md` says why.
     """
 
     name: str
@@ -37,6 +39,7 @@ class Site:
     category: str = ""
     brand: str = ""
     images: str = ""
+    pictures: str | None = None
 
     def owns(self, url: str) -> bool:
         """Whether an address belongs to the site."""
@@ -50,6 +53,10 @@ class Site:
     def is_listing(self, url: str) -> bool:
         """Whether an address lists products or categories."""
         return bool(re.search(self.listing_page, url))
+
+    def may_store(self, picture_url: str) -> bool:
+        """Whether a picture may be stored, by what is known of the site's terms."""
+        return self.pictures is not None and bool(re.search(self.pictures, picture_url))
 
     def addresses(self, query: str = "", category: str = "") -> Iterator[str]:
         """Addresses to begin with: the templates that what is given fills."""

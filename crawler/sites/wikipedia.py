@@ -13,5 +13,7 @@ SITE = Site(
     id=r"/(?:wiki|html)/([^?#]+)",
     title="//*[@id='firstHeading'] | //h1",
     category="//*[@id='mw-normal-catlinks']//li/a",
+    # What Commons holds is free; what a Wikipedia holds itself is mostly there by fair use.
+    pictures=r"//upload\.wikimedia\.org/wikipedia/commons/",
     images="//*[contains(concat(' ', @class, ' '), ' infobox ')]//img/@src",
 )

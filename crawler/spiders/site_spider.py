@@ -33,7 +33,8 @@ class SiteSpider(scrapy.Spider):
     Parameters
     ----------
     start : addresses to begin with; the site's own if none. query, category : filled into the site's templates.
-    pictures : folder for the items' pictures; None keeps the links alone. limit : items after which to stop.
+    pictures : folder for the items' pictures, where the site's terms allow to store them; None keeps the links alone.
+    limit : items after which to stop.
     """
 
     name = "site"
@@ -102,11 +103,13 @@ class SiteSpider(scrapy.Spider):
         trapped = any(parts.count(part) >= REPEATS for part in parts)
         return not trapped and not _NO_PAGE.search(url) and self.allows(url)
 
-    def _picture_requests(self, item: RawItem) -> Iterator[scrapy.Request]:
-        if self._pictures is not None:
-            for url in item.images:
-                meta = {"item": f"{item.source}:{item.source_id}"}
-                yield scrapy.Request(url, callback=self.picture, priority=PICTURE, meta=meta)
+    def _picture_requests(self, item: RawItem) -> Iterator[scrapy.Request | str]:
+        """Requests of the pictures that may be stored; of the others the item keeps the links."""
+        for url in item.images if self._pictures is not None else ():
+            if self.site.may_store(url):
+                yield scrapy.Request(url, callback=self.picture, priority=PICTURE, meta={"item": item.identity})
+            else:
+                yield "picture_link_only"
 
     def _links(self, read: Page) -> Iterator[scrapy.Request]:
         seen: set[str] = set()

@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from benchmarks.made_site import MadeSite, Shop, expected, fault
+from benchmarks.made_site import PICTURES, MadeSite, Shop, expected, fault
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -102,6 +102,36 @@ def test_a_limit_stops_and_a_resume_goes_on(tmp_path: Path) -> None:
         assert 20 <= len(items(tmp_path / "out")) < 60
         crawl(site, tmp_path / "out", "--resume")
         assert len(items(tmp_path / "out")) == 60
+
+
+def test_a_crawl_with_a_cache_asks_whether_pages_changed(tmp_path: Path) -> None:
+    with MadeSite(Shop(products=30, faults=False)) as site:
+        cache = ["--cache", str(tmp_path / "cache")]
+        crawl(site, tmp_path / "first", *cache)
+        assert not site.unchanged
+        asked = site.fetched.copy()
+        crawl(site, tmp_path / "second", *cache)
+        again = site.fetched - asked
+        pages = {path: count for path, count in again.items() if path.startswith(("/item", "/list", "/calendar"))}
+        assert len(pages) > 30
+        assert {path: site.unchanged[path] for path in pages} == pages  # each was asked for, and none was sent
+        assert sizes(tmp_path / "second") == sizes(tmp_path / "first") == expected(site.shop)
+        unchanged = site.unchanged.copy()
+        site.shop = Shop(products=30, faults=False, sizes=(10,))  # every product's page is another now
+        crawl(site, tmp_path / "third", *cache)
+        sent_again = [path for path in site.unchanged - unchanged if path.startswith("/item")]
+        assert sent_again == []
+        assert sizes(tmp_path / "third") == expected(site.shop)
+
+
+def test_pictures_are_stored_once_and_named_by_their_items(tmp_path: Path) -> None:
+    with MadeSite(Shop(products=20, faults=False)) as site:
+        crawl(site, tmp_path / "out", "--pictures")
+        asked = {path for path in site.fetched if path.startswith("/picture/")}
+    files = [path for path in (tmp_path / "out" / "pictures").rglob("*.png") if path.is_file()]
+    lines = [line for path in (tmp_path / "out").glob("pictures-*.jsonl") for line in path.read_text().splitlines()]
+    assert len(asked) == len(files) == len({json.loads(line)["image_id"] for line in lines}) == PICTURES
+    assert all(item["images"] for item in items(tmp_path / "out"))
 
 
 @pytest.mark.skipif(shutil.which("redis-server") is None, reason="redis-server is not installed")

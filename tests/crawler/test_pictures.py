@@ -6,8 +6,12 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
+from scrapy import Request
+from scrapy.http import HtmlResponse
 
+from crawler.items import RawItem
 from crawler.pictures import Picture, picture
+from crawler.spiders import spider_class
 
 
 def _bytes(size: tuple[int, int] = (100, 80), kind: str = "PNG", **options: object) -> bytes:
@@ -62,3 +66,32 @@ def test_a_picture_is_stored_once_under_its_hash(tmp_path: Path, kind: str) -> N
 def test_a_hostile_file_costs_one_picture(tmp_path: Path, body: bytes, reason: str) -> None:
     assert picture(body, "https://x.example/a", "shop:1", tmp_path) == reason
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "url", "picture_url", "stored"),
+    [
+        ("amazon", "https://www.amazon.de/dp/B0ABCDEF01", "https://m.media-amazon.com/images/I/1.jpg", False),
+        ("ikea", "https://www.ikea.com/gb/en/p/made-00123456/", "https://www.ikea.com/x.jpg", False),
+        ("wikipedia", "https://en.wikipedia.org/wiki/A", "https://upload.wikimedia.org/wikipedia/en/a/ab/A.jpg", False),
+        (
+            "wikipedia",
+            "https://en.wikipedia.org/wiki/A",
+            "https://upload.wikimedia.org/wikipedia/commons/a/A.jpg",
+            True,
+        ),
+        ("generic", "https://shop.example/p", "https://cdn.shop.example/1.jpg", True),
+    ],
+)
+def test_the_link_alone_is_kept_where_terms_allow_no_more(
+    tmp_path: Path, name: str, url: str, picture_url: str, stored: bool
+) -> None:
+    body = f"""<html><body><h1>Made</h1><img id="landingImage" src="{picture_url}"><table class="infobox"><tr>
+    <td>Dimensions</td><td>1 x 2 x 3 m <img src="{picture_url}"></td></tr></table></body></html>"""
+    head = f'<meta property="og:image" content="{picture_url}">'
+    response = HtmlResponse(url, body=(head + body).encode(), request=Request(url))
+    found = list(spider_class(name)(start=[url], pictures=tmp_path).parse(response))
+    (item,) = (part for part in found if isinstance(part, RawItem))
+    assert item.images == (picture_url,)
+    assert [part.url for part in found if isinstance(part, Request)] == ([picture_url] if stored else [])
+    assert found.count("picture_link_only") == (0 if stored else 1)

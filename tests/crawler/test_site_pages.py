@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from scrapy import Request
 from scrapy.http import HtmlResponse
@@ -9,7 +12,7 @@ from scrapy.http import HtmlResponse
 from crawler.items import RawItem
 from crawler.pages import source_id
 from crawler.sites import GENERIC, SITES, site_of
-from crawler.spiders import spider_class
+from crawler.spiders import SPIDERS, spider_class
 from tests.crawler.site_pages import PAGES, Stored, stored
 
 
@@ -37,3 +40,11 @@ def test_every_spider_of_pages_has_stored_ones() -> None:
     assert {case.spider for case in PAGES} == {site.name for site in (*SITES, GENERIC)}
     amazon = {case.layout.rpartition(" ")[2] for case in PAGES if case.spider == "amazon"}
     assert amazon == {"com", "co.uk", "de", "fr", "it", "es"}
+
+
+def test_the_terms_of_every_spider_s_site_are_written_down() -> None:
+    text = (Path(__file__).resolve().parents[2] / "data" / "sources" / "SITES.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^## (\w+)$", text, re.MULTILINE)) == set(SPIDERS)
+    assert "not fetched; check before crawling" in text
+    stores = {site.name for site in (*SITES, GENERIC) if site.pictures is not None}
+    assert stores == {"wikipedia", "generic"}  # what SITES.md says of pictures

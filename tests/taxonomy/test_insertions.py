@@ -1,0 +1,190 @@
+"""No id of ours stands for what WordNet has: all insertions, and the leaves that label lists asked for."""
+
+from collections import defaultdict
+from functools import cache
+
+import pytest
+
+from taxonomy.insertions import PREFIX
+from taxonomy.lexicon import Lexicon, default_lexicon
+from taxonomy.senses import DOMAINS, fits
+from taxonomy.words import folded, singulars
+
+#: WordNet has the word, but means something else, or lumps what differs in size (reasons in docs/matching.md).
+HOMONYMS = frozenset(
+    "mt:" + name
+    for name in [
+        "barbet_dog",
+        "battery_charger",
+        "bean_bag",
+        "bed_frame",
+        "blue_jacaranda",
+        "c_battery",
+        "chinook_dog",
+        "coach_bus",
+        "compote_dish",
+        "crossover",
+        "cup_and_saucer",
+        "divan_bed",
+        "english_cocker_spaniel",
+        "gas_hob",
+        "intaglio_gem",
+        "medallion",
+        "plaque",
+        "playground_ball",
+        "podium",
+        "pram",
+        "pushchair",
+        "roller_bearing",
+        "round_table",
+        "runabout_boat",
+        "scarab_amulet",
+        "vinaigrette_box",
+    ]
+)
+
+#: A thing below the parent is called by some of the words of the name, but is another thing or a wider one.
+WIDER = frozenset(
+    "mt:" + name
+    for name in [
+        "amulet_ornament",
+        "ball_pit",
+        "bar_table",
+        "basset_fauve_de_bretagne",
+        "bearded_collie",
+        "board_game_set",
+        "bottom_freezer_refrigerator",
+        "canary_island_date_palm",
+        "card_game_set",
+        "cavalier_king_charles_spaniel",
+        "chemical_tanker",
+        "christmas_bauble",
+        "digital_piano",
+        "doll_accessory",
+        "doll_furniture",
+        "dress_up_hat",
+        "dressing_glass",
+        "duvet_cover",
+        "false_olive",
+        "folio_sheet",
+        "game_piece",
+        "grand_basset_griffon_vendeen",
+        "handheld_game",
+        "hong_kong_orchid_tree",
+        "hot_water_jug",
+        "irish_red_and_white_setter",
+        "laptop_bag",
+        "magnetic_doll",
+        "miniature_bull_terrier",
+        "parking_garage",
+        "petit_basset_griffon_vendeen",
+        "portrait_miniature",
+        "quad_bike",
+        "red_flowering_gum",
+        "salt_pepper_shakers",
+        "server",
+        "sofa_armrest",
+        "sugar_caster",
+        "swing_set",
+        "textile_panel",
+        "top_freezer_refrigerator",
+        "wall_plaque",
+        "water_polo_ball",
+        "water_tank_steamer",
+        "weeping_fig",
+        "wheelchair_user",
+    ]
+)
+
+#: Ends the ids of coins by their worth: WordNet has the cent and the dollar.
+COIN = "_coin"
+
+#: Words that join others and tell nothing apart.
+JOINTS = {"of", "the", "and", "s"}
+
+
+@pytest.fixture(scope="module")
+def lexicon(wordnet) -> Lexicon:
+    assert wordnet.knows("chair.n.01")
+    return default_lexicon()
+
+
+@cache
+def lemmas() -> dict[str, set[str]]:
+    """Senses of every noun by its folded spelling, and by that without spaces."""
+    wordnet = default_lexicon().wordnet
+    found = defaultdict(set)
+    for noun in wordnet.nouns:
+        for spelling in (folded(noun), folded(noun).replace(" ", "")):
+            found[spelling].update(wordnet.senses(noun))
+    return found
+
+
+def below(concept: str) -> set[str]:
+    """All synsets below one."""
+    wordnet = default_lexicon().wordnet
+    found, level = set(), {concept}
+    while level:
+        level = {child for above in level for child in wordnet.children(above)} - found
+        found |= level
+    return found
+
+
+def words(name: str) -> frozenset[str]:
+    """The words of a name, plurals as their singulars, without those that join."""
+    return frozenset(next(iter(singulars(word)), word) for word in folded(name).split()) - JOINTS
+
+
+def synset_above(concept: str, lexicon: Lexicon) -> str:
+    """The nearest synset that an insertion was put under."""
+    return next(above for above in lexicon.hypernyms(concept) if not above.startswith(PREFIX))
+
+
+def namesakes(lexicon: Lexicon) -> set[str]:
+    """Ids of ours whose name, singular or plural, in one word or several, British or American, WordNet has for a thing."""
+    found = set()
+    for one in lexicon.inserted.values():
+        name = folded(one.name)
+        spellings = {name, *singulars(name), name.replace(" ", ""), *singulars(name.replace(" ", ""))}
+        senses = {sense for spelling in spellings for sense in lemmas().get(spelling, ())}
+        if any(fits(sense, DOMAINS["things"], lexicon) for sense in senses):
+            found.add(one.id)
+    return found
+
+
+def partly_named(lexicon: Lexicon) -> set[str]:
+    """Ids of ours below whose parent WordNet has a thing with some of the same words, or all in another order."""
+    found = set()
+    for one in lexicon.inserted.values():
+        own = words(one.name)
+        parent = synset_above(one.id, lexicon)
+        others = {words(lemma) for synset in below(parent) for lemma in lexicon.wordnet.lemmas(synset)}
+        of_parent = {words(lemma) for lemma in lexicon.wordnet.lemmas(parent)}
+        if any(other and other <= own and other not in of_parent for other in others):
+            found.add(one.id)
+    return found
+
+
+def test_the_check_finds_what_a_reader_found(lexicon) -> None:
+    """Ids that were taken out for it: in one word, in another order, with a word more."""
+    from taxonomy.insertions import Insertion
+
+    gone = {
+        "mt:jam_pot": ("jam pot", "pot.n.01"),
+        "mt:party_favour": ("party favour", "keepsake.n.01"),
+        "mt:night_light": ("night lights", "lamp.n.02"),
+        "mt:belgian_malinois": ("Belgian malinois", "belgian_sheepdog.n.01"),
+        "mt:soap_bar": ("bar of soap", "soap.n.01"),
+    }
+    inserted = {key: Insertion(id=key, name=name, parent=parent) for key, (name, parent) in gone.items()}
+    small = Lexicon(lexicon.wordnet, inserted)
+    assert namesakes(small) | partly_named(small) == set(gone)
+
+
+def test_wordnet_lacks_what_bears_an_id_of_ours(lexicon) -> None:
+    assert namesakes(lexicon) == HOMONYMS
+
+
+def test_nothing_below_the_parent_has_the_same_words(lexicon) -> None:
+    found = {one for one in partly_named(lexicon) - HOMONYMS if not one.endswith(COIN)}
+    assert found == WIDER

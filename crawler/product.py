@@ -12,6 +12,8 @@ from itertools import islice
 from typing import Any
 from urllib.parse import urljoin
 
+from lxml.etree import XPath
+
 from crawler.pages import Element, Page, squeezed
 
 __all__ = ["Product", "product"]
@@ -25,6 +27,9 @@ _BREADCRUMB_TAGS, _BREADCRUMB_BOXES = ("nav", "ol", "ul", "div"), 3
 #: Types of schema.org that are things with a size.
 _THINGS = ("Product", "ProductGroup", "IndividualProduct", "ProductModel", "Book")
 _USEFUL_TYPE = re.compile(rf"schema\.org/(?:{'|'.join(_THINGS)}|BreadcrumbList)\b")
+
+#: Properties of a thing that say nothing of it, at length.
+_UNREAD = frozenset({"review", "reviews", "offers", "aggregateRating", "isRelatedTo", "isSimilarTo"})
 
 _AXES = ("width", "height", "depth", "length", "diameter", "size")
 
@@ -87,8 +92,21 @@ def _microdata(page: Page) -> Iterator[Mapping[str, Any]]:
 def _microdata_reader() -> Any:
     from extruct.w3cmicrodata import MicrodataExtractor
 
+    wanted = [f"contains(@itemtype, 'schema.org/{kind}')" for kind in (*_THINGS, "BreadcrumbList")]
+
     class Reader(MicrodataExtractor):  # type: ignore[misc]  # extruct has no types
-        """Extruct's, which would copy and clean every property of a page that is clean already."""
+        """Extruct's, for the items that are of use, without what they hold of opinions and offers.
+
+        It would read every item of a page, and copy and clean each property of a page that is clean already.
+        """
+
+        _xp_item = XPath(f"descendant-or-self::*[@itemscope][{' or '.join(wanted)}]")
+
+        def get_docid(self, node: Element, _: object) -> Element:
+            return node
+
+        def _extract_property(self, node: Element, **named: Any) -> list[Any]:
+            return [] if node.get("itemprop") in _UNREAD else super()._extract_property(node, **named)
 
         def _extract_textContent(self, node: Element) -> str:  # noqa: N802 - extruct's name
             return _text(node)

@@ -11,7 +11,7 @@ item's id puts it in a half; a shop counts for no more than `MOST_TITLES` items,
 
 A string is *covered* when it is matched above the threshold, and counts towards coverage when its label names a
 category. A match is *right* when it is one of the label's categories; a label that also allows `none` says that a
-careful reader would not insist.
+careful reader would not insist. Ids that are gone count as their successors, in labels as in findings.
 """
 
 from __future__ import annotations
@@ -23,11 +23,12 @@ import json
 import time
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from crawler.items import RawItem, raw_items
 from taxonomy.findings import Finding, measured_reliability, reliabilities
+from taxonomy.levels import replaced_ids
 from taxonomy.lexicon import default_lexicon
 from taxonomy.matching import Matcher, default_matcher
 from taxonomy.places import taxonomy_directory
@@ -58,7 +59,8 @@ class Labelled:
 
     def finding(self, matcher: Matcher) -> Finding:
         """What a matcher finds for the string."""
-        return matcher.finding(self.source, self.path, self.title, self.synset)
+        found = matcher.finding(self.source, self.path, self.title, self.synset)
+        return replace(found, concept=replaced_ids().get(found.concept or "", found.concept))
 
 
 def labelled(path: Path = LABELS) -> list[Labelled]:
@@ -69,7 +71,7 @@ def labelled(path: Path = LABELS) -> list[Labelled]:
                 path=tuple(filter(None, row["category_path"].split(" > "))),
                 title=row["title"],
                 synset=row["source_synset"] or None,
-                label=frozenset(row["label"].split("|")),
+                label=frozenset(replaced_ids().get(one, one) for one in row["label"].split("|")),
                 half=row["half"],
             )
             for row in csv.DictReader(lines)

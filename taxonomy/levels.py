@@ -10,7 +10,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from typing import get_args
 
@@ -126,7 +126,8 @@ def frozen_levels(path: Path | None = None) -> Levels:
     return Levels((_inner(row, where) for where, row in table_rows(file, _COLUMNS)), where=str(file))
 
 
-def replaced_ids(directory: Path | None = None) -> dict[str, str]:
+@cache
+def replaced_ids(directory: Path | None = None) -> Mapping[str, str]:
     """Ids that are gone, or synsets that mean the same thing, with the node that stands for each (`successors.csv`).
 
     Raises

@@ -141,7 +141,7 @@ def synset_above(concept: str, lexicon: Lexicon) -> str:
 
 
 def namesakes(lexicon: Lexicon) -> set[str]:
-    """Ids of ours whose name, singular or plural, in one word or several, British or American, WordNet has for a thing."""
+    """Ids of ours whose name, as it is, singular, in one word or in American spelling, WordNet has for a thing."""
     found = set()
     for one in lexicon.inserted.values():
         name = folded(one.name)

@@ -161,7 +161,7 @@ def is_foreign(label: str, title: str = "") -> bool:
 
     Words of the thing's own plain title are the thing's: a `table height` is a table's height.
     """
-    words = [word for word in _WORD.findall(_BRACKETS.sub(" ", label)) if len(word) > 1]
+    words = [word for word in _WORD.findall(_ASIDE.sub(" ", _BRACKETS.sub(" ", label))) if len(word) > 1]
     return any(not _names_the_thing(word, title) for word in words)
 
 

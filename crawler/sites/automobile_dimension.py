@@ -7,8 +7,10 @@ __all__ = ["SITE"]
 SITE = Site(
     name="automobile_dimension",
     hosts=(r"(.*\.)?(automobiledimension|carsized|ultimatespecs)\.com",),
-    product_page=r"/model/|/models/[^/]+/|-\d{4}\.html|-dimensions",
-    listing_page=r"-car-dimensions|/brands?/|/makes?/|\.html$",
+    id=r"/models?/([^?#]+)",
+    product_page=r"/models?/[^/]+/[^/]+",
+    listing_page=r"-(?:car-)?dimensions|/brands?/|/makes?/|\.html$",
     templates=("https://www.automobiledimension.com/{category}-car-dimensions.html",),
     title="//h1",
+    listed_order="L x W x H",
 )

@@ -12,6 +12,7 @@ from scrapy.http import Response
 
 from crawler.extraction import raw_item
 from crawler.items import RawItem
+from crawler.listing import listed_items
 from crawler.pages import Page, page
 from crawler.pictures import Picture, picture
 from crawler.sites.site import Site
@@ -85,18 +86,24 @@ class SiteSpider(scrapy.Spider):
 
     def _item(self, read: Page) -> Iterator[Any]:
         if not self.site.is_product(read.url):
+            if self.site.listed_order:
+                yield from map(self._counted, listed_items(read, self.site))
             return
         item = raw_item(read, self.site.name, self.site.product(read))
         if item.extents_mm is None:
             yield "no_size" if item.title else "no_product"
             return
-        yield item
+        yield self._counted(item)
         yield from self._picture_requests(item)
+
+    def _counted(self, item: RawItem) -> RawItem:
+        """The item; with the last one that was asked for the crawl ends."""
         self._items += 1
-        if self._limit and self._items >= self._limit and self.crawler.engine is not None:
+        if self._limit and self._items == self._limit and self.crawler.engine is not None:
             from scrapy.utils.defer import deferred_from_coro
 
             deferred_from_coro(self.crawler.engine.close_spider_async(reason="limit"))
+        return item
 
     def _may_follow(self, url: str) -> bool:
         parts = [part for part in urlsplit(url).path.split("/") if part]

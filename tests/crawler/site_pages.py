@@ -194,7 +194,7 @@ PAGES = [
         """<h1>Made thing</h1><div class="medidas"><h2>Dimensions</h2><ul><li><strong>Length:</strong> 4055 mm</li><li><strong>Width:</strong> 1745 mm</li><li><strong>Height:</strong> 1430 mm</li>
         <li><strong>Boot space:</strong> 309 dm3</li><li><strong>Wheelbase:</strong> 2540 mm</li></ul></div>
         <div class="similar"><h2>Similar cars</h2><ul><li>Length: 3999 mm</li></ul></div>""",
-        (4055, 1745, 1430), {"length": 4055, "width": 1745, "height": 1430},
+        (4055, 1745, 1430), {"length": 4055, "width": 1745, "height": 1430}, "made/thing",
     ),
     Stored(
         "dimensions_com", "a drawing", "https://www.dimensions.com/element/made-thing", "en",

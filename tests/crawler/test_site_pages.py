@@ -48,3 +48,29 @@ def test_the_terms_of_every_spider_s_site_are_written_down() -> None:
     assert "not fetched; check before crawling" in text
     stores = {site.name for site in (*SITES, GENERIC) if site.pictures is not None}
     assert stores == {"wikipedia", "generic"}  # what SITES.md says of pictures
+
+
+def test_a_listing_of_cars_is_an_item_a_car() -> None:
+    tiles = "".join(
+        f"""<div class="unit"><a href="/model/made/{name}"><img src="{name}.jpg" alt="Made {name}"></a>
+        <h2><a href="/model/made/{name}">Made {name}</a></h2><p>{text}</p></div>"""
+        for name, text in (
+            ("one", "4055 x 1745 x 1430 mm. Boot space 309 dm3"),
+            ("two", "Length x width x height: 4,284 x 1,789 x 1,452 mm"),
+            ("three", "Length: 4500 mm, Width: 1800 mm, Height: 1500 mm"),
+            ("four", "Not yet on sale"),
+        )
+    )
+    body = f"<html lang='en'><body><h1>Made cars</h1>{tiles}<p>From 4055 to 4500 mm</p></body></html>".encode()
+    url = "https://www.automobiledimension.com/made-car-dimensions.html"
+    response = HtmlResponse(url, body=body, request=Request(url), headers={"Content-Type": "text/html"})
+    found = list(spider_class("automobile_dimension")(start=[url]).parse(response))
+    read = {item.title: item.dimensions_mm for item in found if isinstance(item, RawItem)}
+    assert read == {
+        "Made one": {"length": 4055, "width": 1745, "height": 1430},
+        "Made two": {"length": 4284, "width": 1789, "height": 1452},
+        "Made three": {"length": 4500, "width": 1800, "height": 1500},
+    }
+    ids = [item.source_id for item in found if isinstance(item, RawItem)]
+    assert ids == ["made/one", "made/two", "made/three"]
+    assert sum(isinstance(part, Request) for part in found) == 4

@@ -32,8 +32,8 @@ class Finding:
     """What was found: `subject` is the phrase that a decision would be about, `rule` how it was found.
 
     The rules are `decision`, `source synset`, `class`, and `exact`, `compound` or `head` with the certainty of the
-    sense (`exact/sole`), with `title ` before it where there is nothing but a title; without a concept `unknown`,
-    `part`, `set` or `none`.
+    sense (`exact/sole`), with `title ` before it where there is nothing but a title, or `title of series ` where that
+    begins with a series in capitals and a colon; without a concept `unknown`, `part`, `set` or `none`.
     """
 
     concept: str | None
@@ -56,7 +56,7 @@ def nothing(rule: str, reason: str, subject: str) -> Finding:
 def believed(rule: str) -> float:
     """The share of right matches believed of a rule before any is counted."""
     if rule.startswith(_TITLE):
-        return _TITLE_BELIEF * believed(rule.removeprefix(_TITLE))
+        return _TITLE_BELIEF * believed(rule.rpartition(" ")[2])
     form, _, certainty = rule.partition("/")
     return _BELIEF[form] * _CERTAINTY.get(certainty, 1.0)
 

@@ -107,10 +107,12 @@ class Matcher:
         """What the title alone names, by rules and scores of its own, where a source gives neither path nor synset."""
         if path or texts or not title:
             return None
-        for part in filter(None, _TITLE_BREAKS.split(_SERIES.sub("", title))):
+        named = _SERIES.sub("", title)
+        form = "title" if named == title else "title of series"
+        for part in filter(None, _TITLE_BREAKS.split(named)):
             found = self._namer.finding(part, DOMAINS[reading.domain])
             if found.concept or found.rule in {"part", "set"}:
-                rule = f"title {found.rule}"
+                rule = f"{form} {found.rule}"
                 score = self._namer.score(rule) if found.concept else found.score
                 return replace(found, rule=rule, score=score, reason=f"title: {found.reason}", subject=folded(title))
         return nothing("unknown", "no name in the title", folded(title))

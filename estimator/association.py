@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from estimator.labels import PointLabels
+from estimator.places import Places, relative_distance
 from estimator.scene import BoolArray, FloatArray, Instance, IntArray
 
 __all__ = ["Track", "incremental_tracks", "shared_tracks", "voted_category"]
@@ -31,19 +33,11 @@ MIN_SHARED_POINTS = 3
 # Of two masks that see little of each other's points the few they share prove little: this share of the smaller mask's
 # own points is added below the line, so that a full tenth of them must be in common before it counts half.
 DOUBT_SHARE = 0.1
-# The paper's threshold is a length in an unknown unit. Two views of one object leave gaps of a few point spacings
-# between their clouds; two touching objects of one kind lie a whole width apart. The threshold is this share of the
-# larger cloud's diagonal, and not under the spacing of the points themselves.
-DISTANCE_SHARE = 0.15
-# Clouds of one point have no size; whatever is nearer than this is in one place.
-SAME_PLACE = 1e-9
 # Groups that lie in one place are joined too, unless the views say otherwise: where they see enough of each other's
 # points, this share at least must be common.
 NOT_CONTRADICTED_SHARE = 0.2
 # Clouds of fewer points have a spacing as large as themselves, and lie anywhere.
 MIN_PLACE_POINTS = 10
-# Distances between clouds are averages; a few hundred points give them to a few per cent.
-MAX_DISTANCE_POINTS = 400
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,12 +79,12 @@ def incremental_tracks(instances: Sequence[Instance], labels: PointLabels) -> tu
     groups: list[list[int]] = []
     for category in sorted({instance.category for instance in instances}):
         known: list[list[int]] = []
-        by_view = defaultdict(list)
+        places, by_view = Places(clouds), defaultdict(list)
         for row, instance in enumerate(instances):
             if instance.category == category:
                 by_view[instance.view].append(row)
         for view in sorted(by_view):
-            known = _merged(known, by_view[view], clouds)
+            known = _merged(known, by_view[view], places)
         groups += known
     return _tracks(groups, instances)
 
@@ -171,17 +165,20 @@ def _joined_in_place(
     A thing whose views share no points (a mask cut to a corner, a camera that came back) falls apart by points alone.
     Boxes hold background and say nothing about place.
     """
-    merged = [list(group) for group in groups]
+    merged = [tuple(group) for group in groups]
+    places = Places(clouds)
+
+    @cache
+    def distance(one: tuple[int, ...], two: tuple[int, ...]) -> float:
+        if not (_may_join(one, two, instances, shared, total) and _placed(one, two, clouds)):
+            return np.inf
+        return relative_distance(places.of(one), places.of(two))
+
     while True:
-        pairs = [
-            (_relative_distance(one, _cloud(two, clouds), clouds), first, first + 1 + offset)
-            for first, one in enumerate(merged)
-            for offset, two in enumerate(merged[first + 1 :])
-            if _may_join(one, two, instances, shared, total) and _placed(one, two, clouds)
-        ]
-        distance, first, second = min(pairs, default=(np.inf, 0, 0))
-        if distance >= 1:
-            return merged
+        pairs = combinations(range(len(merged)), 2)
+        nearest, first, second = min(((distance(merged[a], merged[b]), a, b) for a, b in pairs), default=(np.inf, 0, 0))
+        if nearest >= 1:
+            return [list(group) for group in merged]
         merged[first] += merged.pop(second)
 
 
@@ -208,9 +205,12 @@ def _affinity(shared: FloatArray, total: FloatArray, barred: BoolArray) -> Float
     return np.where(barred | (shared < MIN_SHARED_POINTS), 0.0, shared / np.maximum(total, 1))
 
 
-def _merged(known: list[list[int]], fresh: list[int], clouds: Sequence[FloatArray]) -> list[list[int]]:
+def _merged(known: list[list[int]], fresh: list[int], places: Places) -> list[list[int]]:
     """Objects after one frame: MergePointCloud of Algorithm 1 with both repairs."""
-    distances = np.array([[_relative_distance(group, clouds[row], clouds) for row in fresh] for group in known])
+    new_places = [places.of((row,)) for row in fresh]
+    distances = np.array(
+        [[relative_distance(places.of(tuple(group)), place) for place in new_places] for group in known]
+    )
     waiting = set(fresh)
     merged = [list(group) for group in known]
     while distances.size and distances.min() < 1:
@@ -219,25 +219,3 @@ def _merged(known: list[list[int]], fresh: list[int], clouds: Sequence[FloatArra
         waiting.discard(fresh[new])
         distances[old], distances[:, new] = np.inf, np.inf
     return merged + [[row] for row in fresh if row in waiting]
-
-
-def _cloud(group: Sequence[int], clouds: Sequence[FloatArray]) -> FloatArray:
-    return np.concatenate([clouds[member] for member in group])
-
-
-def _relative_distance(group: Sequence[int], cloud: FloatArray, clouds: Sequence[FloatArray]) -> float:
-    """D of a group and a cloud as a multiple of the threshold; infinite where either is empty."""
-    one, two = _thinned(_cloud(group, clouds)), _thinned(cloud)
-    if not (len(one) and len(two)):
-        return np.inf
-    small, large = sorted((one, two), key=len)
-    tree = cKDTree(large)
-    distance = float(tree.query(small)[0].mean())
-    diagonal = max(float(np.linalg.norm(np.ptp(cloud, axis=0))) for cloud in (one, two))
-    spacing = float(np.median(tree.query(large, 2)[0][:, -1])) if len(large) > 1 else 0.0
-    return distance / max(DISTANCE_SHARE * diagonal, spacing, SAME_PLACE)
-
-
-def _thinned(cloud: FloatArray) -> FloatArray:
-    step = -(-len(cloud) // MAX_DISTANCE_POINTS)
-    return cloud[:: max(step, 1)]

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import numpy as np
 from scipy.ndimage import label, uniform_filter
-from scipy.spatial import cKDTree
 
 from estimator.extents import quantiles, surface_cells
 from estimator.scene import BoolArray, FloatArray, IntArray
@@ -61,6 +60,7 @@ def forest_inliers(points: FloatArray, seed: int = 0) -> BoolArray:
     """(n,) True for points (n, 3) that pass both of the paper's filters: nearest neighbours and isolation forest."""
     if len(points) < MIN_POINTS:
         return np.ones(len(points), dtype=bool)
+    from scipy.spatial import cKDTree
     from sklearn.ensemble import IsolationForest
 
     distance = cKDTree(points).query(points, PAPER_NEIGHBOURS + 1)[0][:, 1:].mean(axis=1)

@@ -63,8 +63,6 @@ def instances_and_warnings(
 
 
 def _sparse_scene(path: Path) -> Scene:
-    from estimator.opensfm import opensfm_scene  # reads tracks with pyarrow, which COLMAP needs not
-
     if path.name == RECONSTRUCTION and path.is_file():
         path = path.parent
     if not path.is_dir():
@@ -73,6 +71,8 @@ def _sparse_scene(path: Path) -> Scene:
     if folder is not None:
         return colmap_scene(folder, path)
     if (path / RECONSTRUCTION).is_file():
+        from estimator.opensfm import opensfm_scene  # reads tracks with pyarrow, which COLMAP needs not
+
         return opensfm_scene(path)
     names = sorted(entry.name for entry in path.iterdir())
     expected = f"images.bin or images.txt (also under sparse/0), or {RECONSTRUCTION}"

@@ -143,6 +143,50 @@ def test_alternatives_are_tried_in_order(matcher: Matcher) -> None:
     assert matcher.finding("boats", ("wombat,sofa,chair",)).concept == "sofa.n.01"
 
 
+@pytest.mark.parametrize(
+    ("title", "concept", "rule"),
+    [
+        ("VASE: Swivel chair, 60x60 cm", "swivel_chair.n.01", "title of series exact/sole"),
+        ("Acme Bar Stool - Black", "mt:bar_stool", "title compound/sole"),
+        ("Acme chair cover, black", None, "title part"),
+        ("Acme 3000", None, "unknown"),
+    ],
+)
+def test_a_title_speaks_where_there_is_nothing_else(matcher: Matcher, title: str, concept: str, rule: str) -> None:
+    found = matcher.finding("shop", (), title)
+    assert (found.concept, found.rule) == (concept, rule)
+    assert found.score < matcher.finding("shop", ("swivel chair",)).score
+    assert matcher.finding("shop", ("vase",), title).concept == "vase.n.01"
+
+
+def test_a_title_alone_enters_only_where_its_rule_is_right(mini_wordnet: WordNet) -> None:
+    measured = {"title of series exact/sole": 0.95, "title compound/sole": 0.7}
+    matcher = Matcher(Lexicon(mini_wordnet, INSERTED), READINGS, {}, measured)
+    assert matcher.finding("shop", (), "VASE: Swivel chair").settled
+    assert not matcher.finding("shop", (), "Acme Bar Stool").settled
+
+
+def test_leaves_of_label_lists_are_names_unless_another_thing_bears_them(mini_wordnet: WordNet) -> None:
+    placed = {
+        "mt:folding_stool": Insertion(id="mt:folding_stool", name="folding stool", parent="stool.n.01"),
+        "mt:couch": Insertion(id="mt:couch", name="couch", parent="sofa.n.01", aliases=("bar stool",)),
+    }
+    lexicon = Lexicon(mini_wordnet, INSERTED, placed)
+    matcher = Matcher(lexicon, READINGS, {})
+    assert lexicon.knows("mt:couch")
+    assert matcher.finding("shop", ("Green folding stools",)).concept == "mt:folding_stool"
+    assert matcher.finding("shop", ("couch",)).concept == "sofa.n.01"
+    assert matcher.finding("shop", ("bar stool",)).concept == "mt:bar_stool"
+
+
+def test_a_decision_on_words_holds_against_wordnet_but_not_in_a_narrow_domain(mini_wordnet: WordNet) -> None:
+    rulings = dict([decided("*: leaf", "leaf.n.01")])
+    readings = {"default": Reading(), "ships": Reading(domain="ship")}
+    matcher = Matcher(Lexicon(mini_wordnet, {}), readings, rulings)
+    assert matcher.finding("shop", ("leaf",)).concept == "leaf.n.01"
+    assert matcher.finding("ships", ("leaf",)).concept is None
+
+
 def test_whole_names_have_no_heads(matcher: Matcher) -> None:
     assert matcher.finding("breeds", ("kinds", "green chair"), "Windsor chair").concept is None
     assert matcher.finding("breeds", ("kinds", "chair"), "Windsor chair").concept == "chair.n.01"

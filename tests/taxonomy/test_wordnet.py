@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -95,6 +96,15 @@ def test_debians_wordnet_reads_as_it_should(wordnet: WordNet) -> None:
     assert len(wordnet.nouns) > 100_000
     assert wordnet.tagged_count("chair.n.01", "chair") == 35
     assert wordnet.lexicographer_file("chair.n.01") == "noun.artifact"
+
+
+@pytest.mark.parametrize("seed", ["1", "2", "3"])
+def test_parents_come_in_wordnets_order_in_every_run(wordnet: WordNet, seed: str) -> None:
+    """The library keeps them in a set, so that their order changed from run to run, and with it a tie of two kinds."""
+    script = "from taxonomy.wordnet import WordNet; print(*WordNet().parents('beverage.n.01'))"
+    environment = os.environ | {"PYTHONHASHSEED": seed}
+    run = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, check=True)
+    assert run.stdout.split() == ["food.n.01", "liquid.n.01"] == list(wordnet.parents("beverage.n.01"))
 
 
 def test_importing_the_module_loads_no_nltk() -> None:

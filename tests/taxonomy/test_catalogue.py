@@ -84,6 +84,12 @@ def test_pose_and_default_dimensions(node_id, pose, dims):
     assert (BY_ID[node_id].pose, BY_ID[node_id].dims) == (pose, dims)
 
 
+def test_what_lies_flat_is_told_by_its_plan():
+    """Length and height are the two sides of what hangs; a thing that lies has its height for a thickness."""
+    hung = [c.node_id for c in BY_ID.values() if c.pose == "flat" and "height" in c.dims and len(c.dims) == 2]
+    assert hung == []
+
+
 def test_detectors_words_are_aliases():
     assert "cell phone" in BY_ID["cellular_telephone.n.01"].aliases
     assert "wine glass" in BY_ID["wineglass.n.01"].aliases

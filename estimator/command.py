@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import sys
 from collections.abc import Sequence
@@ -10,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from crawler.faults import InputFault
-from metric_tree.commands.shell import exit_status, version
 
 if TYPE_CHECKING:
     from estimator.estimate import Options
@@ -29,18 +29,26 @@ Exit status: 0 done; 2 the input is at fault (one line says where); 3 unresolved
 high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more; 1 a fault of the program.
 """
 
+#: Where a user says how many threads NumPy's BLAS takes.
+THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
 #: A coordinate list that begins with a minus sign; argparse would take it for an option.
 NEGATIVE = re.compile(r"^-[\d.]")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `estimate-scale`; the exit status is 0, 2, 3 or 1 (contracts.md)."""
+    _use_one_thread()
+    from metric_tree.commands.shell import exit_status
+
     words = list(sys.argv[1:] if argv is None else argv)
     return exit_status(PROGRAM, lambda: _run(words))
 
 
 def parser() -> argparse.ArgumentParser:
     """The argument parser; its help is part of the contract."""
+    from metric_tree.commands.shell import version
+
     root = argparse.ArgumentParser(
         prog=PROGRAM,
         description="The metric scale of a reconstruction from the sizes of the things that are in it.",
@@ -77,6 +85,12 @@ def parser() -> argparse.ArgumentParser:
     add("--write-scaled", metavar="DIR", type=Path, help="write the model again at metric scale")
     add("--version", action="version", version=f"{PROGRAM} {version()}")
     return root
+
+
+def _use_one_thread() -> None:
+    """Before NumPy is loaded: its products are small here, and threads that wait for them cost more than they do."""
+    if not any(name in os.environ for name in THREAD_VARIABLES):
+        os.environ[THREAD_VARIABLES[0]] = "1"
 
 
 def _run(words: Sequence[str]) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -227,3 +228,19 @@ def test_objects_need_no_geometry(tmp_path: Path, tree: Path) -> None:
     words = [sys.executable, "-c", code, "--objects", str(objects), "--tree", str(tree)]
     done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(("given", "expected"), [({}, "1"), ({"OMP_NUM_THREADS": "2"}, None)])
+def test_one_thread_unless_the_user_says_otherwise(
+    tmp_path: Path, tree: Path, given: dict[str, str], expected: str | None
+) -> None:
+    """The variable is set before NumPy is loaded, and only where none of its kind is set."""
+    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    code = (
+        "import os, sys; from estimator.command import main; early = 'numpy' in sys.modules; main(sys.argv[1:]);"
+        "sys.stderr.write(repr((early, os.environ.get('OPENBLAS_NUM_THREADS'))))"
+    )
+    clean = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    words = [sys.executable, "-c", code, "--objects", str(objects), "--tree", str(tree)]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60, env=clean | given)
+    assert done.stderr.endswith(repr((False, expected)))

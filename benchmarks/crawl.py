@@ -16,6 +16,7 @@ import random
 import resource
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -116,23 +117,44 @@ def _against_truth(shop: Shop, out: Path) -> dict[str, int]:
     }
 
 
-def killed(pages: int, kills: int) -> dict[str, int]:
-    """Kill a crawl at random moments, resume it, and count what was lost or doubled."""
+def killed(kills: int) -> dict[str, Any]:
+    """Kill a crawl at random moments, resume it, and count what was lost or doubled.
+
+    The site answers slowly enough that every kill finds a crawl at work; `at_kills` is what was stored at each.
+    """
     generator = random.Random(7)  # noqa: S311 - moments of kills, not secrets
-    shop = Shop(products=pages, faults=False, delay=0.01)
+    shop = Shop(products=300 * kills, faults=False, delay=0.1)
     out = Path(tempfile.mkdtemp())
     served = ServedShop(shop)
+    stored: list[int] = []
     for number in range(kills):
         command = _ours(served.base, out, *(["--resume"] if number else []))
+        before = _stored(out)
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-        time.sleep(1.0 + 3.0 * generator.random())
+        while _stored(out) == before:
+            time.sleep(0.02)
+        time.sleep(3.0 * generator.random())
+        if process.poll() is not None:
+            raise RuntimeError(f"kill {number}: expected a crawl at work; found it finished")
         process.send_signal(signal.SIGKILL)
         process.wait()
+        stored.append(_stored(out))
     subprocess.run(_ours(served.base, out, "--resume"), stdout=subprocess.DEVNULL, check=True)
+    asked = Counter({path: count for path, count in served.asked().items() if path.startswith("/item/")})
     served.close()
     found = _items(out)
     shutil.rmtree(out)
-    return {"kills": kills, "lost": pages - len(dict(found)), "doubled": len(found) - len(dict(found))}
+    lost, doubled = shop.products - len(dict(found)), len(found) - len(dict(found))
+    again = asked.total() - len(asked)
+    return {"products": shop.products, "at_kills": stored, "lost": lost, "doubled": doubled, "fetched_again": again}
+
+
+def _stored(out: Path) -> int:
+    try:
+        with sqlite3.connect(f"file:{out / 'frontier.sqlite'}?mode=ro", uri=True) as connection:
+            return int(connection.execute("SELECT count(*) FROM items").fetchone()[0])
+    except sqlite3.OperationalError:  # it is not there yet
+        return 0
 
 
 def _items(out: Path) -> list[tuple[str, tuple[float, ...]]]:
@@ -147,7 +169,7 @@ def _rounded(row: dict[str, Any]) -> dict[str, Any]:
 def main() -> None:
     """Print a line per crawl."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--pages", type=int, nargs="+", default=[1000])
+    parser.add_argument("--pages", type=int, nargs="*", default=[])
     parser.add_argument("--real-sizes", action="store_true")
     parser.add_argument("--shares", action="store_true")
     parser.add_argument("--kills", type=int, default=0)
@@ -157,7 +179,7 @@ def main() -> None:
         for row in compared(shop, arguments.shares):
             print(_rounded(row), flush=True)
     if arguments.kills:
-        print(killed(300, arguments.kills))
+        print(killed(arguments.kills))
 
 
 if __name__ == "__main__":

@@ -21,6 +21,9 @@ __all__ = ["BanMiddleware", "GuardMiddleware", "settings", "user_agent"]
 #: A download that takes longer is a trap or a dead server; half a minute serves any honest page.
 DOWNLOAD_SECONDS = 30
 
+#: An address so many links deep is a trap; a category of a hundred listing pages, each behind the last, is not.
+DEEPEST_LINK = 120
+
 #: First pause after a ban, doubled with each further one up to the longest; so many in a row end the crawl.
 BAN_SECONDS, LONGEST_BAN_SECONDS, MOST_BANS = 30.0, 1800.0, 6
 
@@ -76,7 +79,7 @@ def settings(*, contact: str, cache: Path | None = None, private: bool = False, 
         "DOWNLOAD_TIMEOUT": DOWNLOAD_SECONDS,
         "DOWNLOAD_MAXSIZE": MAXIMUM_BYTES,
         "DOWNLOAD_WARNSIZE": 0,
-        "DEPTH_LIMIT": 20,
+        "DEPTH_LIMIT": DEEPEST_LINK,
         "URLLENGTH_LIMIT": 2000,
         "LOG_ENABLED": False,
         "LOGSTATS_INTERVAL": 0,

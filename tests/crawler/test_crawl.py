@@ -72,13 +72,16 @@ def test_a_shop_with_faults_is_brought_home(tmp_path: Path) -> None:
 
 
 def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
-    shop = Shop(products=120, faults=False, delay=0.02)
+    shop = Shop(products=300, faults=False, delay=0.1)
     generator = random.Random(4)
     with MadeSite(shop) as site:
         for number in range(3):
             words = ["--resume"] if number else []
             process = subprocess.Popen(command(site, tmp_path / "out", *words), cwd=ROOT, stdout=subprocess.DEVNULL)
-            time.sleep(1.5 + generator.random())
+            before = _stored(tmp_path / "out")
+            _until(lambda before=before: _stored(tmp_path / "out") > before)
+            time.sleep(generator.random())
+            assert process.poll() is None  # a kill finds the crawl at work
             process.send_signal(signal.SIGKILL)
             process.wait()
         crawl(site, tmp_path / "out", "--resume")

@@ -89,6 +89,10 @@ def _foreign_singulars(word: str) -> Iterator[str]:
             yield word[: -len(ending)] + singular
 
 
+#: What the word before it describes, in place of the thing: a high-back chair is no high chair.
+_DESCRIBED = frozenset("back backed based seat seated shaped style".split())
+
+
 class Phrase(tuple[str, ...]):
     """The words of a folded noun phrase, head last."""
 
@@ -101,8 +105,9 @@ class Phrase(tuple[str, ...]):
 
     def pairs(self) -> Iterator[str]:
         """Each modifier with the head alone, nearest first: `swivel office chair` has `swivel chair`."""
-        for modifier in reversed(self[:-2]):
-            yield f"{modifier} {self[-1]}"
+        for modifier, following in reversed(list(zip(self[:-2], self[1:-1], strict=True))):
+            if following not in _DESCRIBED:
+                yield f"{modifier} {self[-1]}"
 
 
 def noun_phrase(text: str) -> str:

@@ -117,3 +117,8 @@ def _plural(word: str) -> str:
     if word.endswith("y") and len(word) > 2 and word[-2] not in "aeiou":
         return word[:-1] + "ies"
     return word + "s"
+
+
+def test_what_describes_a_part_is_no_modifier_of_the_thing():
+    assert "high chair" not in set(Phrase("high back leather chair".split()).pairs())
+    assert "swivel chair" in set(Phrase("swivel leather chair".split()).pairs())

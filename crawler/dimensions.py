@@ -18,7 +18,7 @@ from crawler.lengths import UNIT_WORDS, millimetres
 from crawler.tokens import Token, tokens
 from crawler.words import Language, is_component, is_package, plain
 
-__all__ = ["Length", "Size", "agreed", "flags_of", "names_unit", "sizes", "unit_in_brackets"]
+__all__ = ["Length", "Size", "agreed", "flags_of", "names_unit", "orders_axes", "sizes", "unit_in_brackets"]
 
 Meaning = Literal["whole", "component", "package"]
 
@@ -124,6 +124,12 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
 def names_unit(text: str) -> bool:
     """Whether a text may name a unit of length; where neither text nor label does, there is no size."""
     return bool(_UNIT.search(text))
+
+
+@lru_cache(maxsize=8192)  # labels come again on every page
+def orders_axes(label: str, language: Language | None = None) -> bool:
+    """Whether a label announces a size by its axes alone: `H x W x D`, `Altura x Largura x Profundidade`."""
+    return len(label) > 2 and any(token.kind == "header" for token in tokens(label, language))
 
 
 def agreed(found: Sequence[Size]) -> Size | None:

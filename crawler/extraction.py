@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
-from crawler.dimensions import Length, Size, agreed, flags_of, sizes, unit_in_brackets
+from crawler.dimensions import Length, Size, agreed, flags_of, orders_axes, sizes, unit_in_brackets
 from crawler.embedded import embedded_facts
 from crawler.facts import Fact, facts
 from crawler.items import RawItem
@@ -118,15 +118,16 @@ def _labelled(found: Iterable[Fact], language: Language | None, title: str) -> l
     for fact in found:
         label = plain(f"{fact.label} {fact.section}")
         own = plain(fact.label)
-        if is_package(label) or _is_of_a_part(own) or not (is_dimension_label(label) or _says_size(fact)):
+        announced = is_dimension_label(own) or orders_axes(fact.label, language)
+        if is_package(label) or _is_of_a_part(own) or (not announced and is_part_heading(plain(fact.section))):
             continue
-        if not is_dimension_label(own) and is_part_heading(plain(fact.section)):
+        if not (announced or is_dimension_label(label) or _says_size(fact)):
             continue
         read = sizes(fact.value, fact.label, language, unit_in_brackets(fact.section))
         whole = [size for size in read if size.meaning == "whole"]
         size = agreed(_fullest(whole))
         if size is not None and _is_stated(size, fact):
-            statements.append(Statement(size, _trust(fact, own, label, title), _shown(fact)))
+            statements.append(Statement(size, _trust(fact, announced, title), _shown(fact)))
     return statements
 
 
@@ -136,16 +137,17 @@ def _fullest(found: Sequence[Size]) -> list[Size]:
     return [size for size in found if len(size.lengths) == most]
 
 
-def _trust(fact: Fact, own: str, label: str, title: str) -> int:
-    if fact.place == "prose" or (fact.place == "line" and not is_dimension_label(own)):
+def _trust(fact: Fact, announced: bool, title: str) -> int:
+    own = plain(fact.label)
+    if fact.place == "prose" or (fact.place == "line" and not announced):
         return PROSE
     if fact.place == "json":
         return SCRIPT
-    if is_dimension_label(own):
+    if announced:
         # A line of running text that names a size is a seller's description, not the site's table.
         return PROSE if fact.place == "line" else WHOLE if is_whole(own) else SIZE
     # Below a heading `dimensions` stand parts too, under names of their own.
-    return SIZE if is_dimension_label(label) and not is_foreign(own, title) else LOOSE
+    return SIZE if is_dimension_label(plain(fact.section)) and not is_foreign(own, title) else LOOSE
 
 
 class _Axes:

@@ -28,6 +28,9 @@ Place = Literal["table", "list", "row", "entry", "line", "json", "prose"]
 #: So far up from its text a value's label is looked for; deeper nesting is decoration.
 CLIMB = 5
 
+#: Elements of a box of lines, and letters of a line; what is longer is prose.
+MOST_LINES, LINE_LENGTH = 120, 90
+
 #: What a size has whose unit stands elsewhere, in its label or its heading.
 _COMPOSED = re.compile(r"[x×X*:]")
 
@@ -89,6 +92,7 @@ class _Reader:
         self._text = self.regions.text
         self._pairs: dict[Element, _Pair | None] = {}
         self._containers: dict[Element, int] = {}
+        self._parted: dict[Element, list[tuple[str, str]]] = {}
 
     def facts_of(self, element: Element, text: str) -> Iterator[Fact]:
         here = element
@@ -108,12 +112,24 @@ class _Reader:
             here = parent
         whole = self._text(element) if len(text) < VALUE_LENGTH else text
         value = whole if len(whole) <= VALUE_LENGTH else text
+        entry = self._entry(element, value)
+        box = element.getparent() if entry is None else entry
+        heading = ""
+        if lines := self._lines(element):
+            value, heading = next(((line, head) for line, head in lines if text in line), (value, ""))
+            entry = box = element
         if not names_unit(value) and not _COMPOSED.search(value):
             return  # a price, a count, a date
-        entry = self._entry(element, value)
-        container = element.getparent() if entry is None else entry
         place: Place = "line" if entry is None else "entry"
-        yield from _split("", value, self.regions.heading(element), place, self._number(container))
+        yield from _split("", value, heading or self.regions.heading(element), place, self._number(box))
+
+    def _lines(self, element: Element) -> list[tuple[str, str]]:
+        """The lines of a box that breaks part, each with the line that heads it: `Overall:`, then `Width: 3 cm`."""
+        if element not in self._parted:
+            lines = list(_parted(element)) if element.find("br") is not None else []
+            listed = all(len(line) <= LINE_LENGTH for line, _ in lines)  # else it is an opinion, or a story
+            self._parted[element] = lines if listed else []
+        return self._parted[element]
 
     def _entry(self, element: Element, value: str) -> Element | None:
         """What a line is an entry of: the list around it, or the box of a line that begins with `<b>Label</b>`."""
@@ -185,6 +201,21 @@ class _Reader:
             return None
         above = parent.getparent()
         return _Pair("row", f"{label} {tail}".strip(), value, parent if above is None else above)
+
+
+def _parted(element: Element) -> Iterator[tuple[str, str]]:
+    lines = [[element.text or ""]]
+    for child in islice(element, MOST_LINES):
+        if child.tag == "br":
+            lines.append([])
+        else:
+            lines[-1].extend(child.itertext())
+        lines[-1].append(child.tail or "")
+    head = ""
+    for line in (squeezed(" ".join(parts)) for parts in lines):
+        if line.endswith(":") and not HAS_DIGIT.search(line):
+            head = line
+        yield line, head
 
 
 @lru_cache(maxsize=8192)  # as for `plain`

@@ -62,8 +62,8 @@ AXIS_WORDS: Mapping[str, str] = _table(
 
 _PACKAGE = re.compile(
     r"\b("
-    r"pack(ag(e|ed|ing)|ed)?|parcel|shipping|shipped|ship (dim\w*|size|width|height|length|depth|weight)|carton|boxed"
-    r"|box (dim\w*|sizes?|width|height|length|depth|weight)|delivery|gift box|master case|inner box"
+    r"pack(ag(e|ed|ing)|ed|ing)?|parcel|shipping|shipped|ship (dim\w*|size|width|height|length|depth|weight)"
+    r"|carton|boxed|box (dim\w*|sizes?|width|height|length|depth|weight)|delivery|gift box|master case|inner box"
     r"|outer box|verpack\w*|paket\w*|versand\w*|karton\w*|lieferung|emball\w*|colis|carton d"
     r"|livraison|imball\w*|confezione|spedizione|pacco|embalaje|envio|paquete|caja|embalagem|caixa"
     r"|verpakking\w*|verzend\w*|pakket\w*|doos|in (the )?box|folded for (shipping|transport)"

@@ -230,3 +230,35 @@ LATER = [
         (500, 400, 300), flags=("contradicts_itself",),
     ),
 ]  # fmt: skip
+
+#: A third set, written after the second had been read rightly.
+THIRD = [
+    Made("Wayfair UK", "en", "<dl><dt>Overall</dt><dd>74cm H x 120cm W x 60cm D</dd><dt>Desk Drawer Interior</dt><dd>8cm H x 40cm W x 35cm D</dd></dl>", (1200, 740, 600), whd(1200, 740, 600)),
+    Made(
+        "Best Buy, a button between", "en",
+        "<h4>Dimension</h4>" + rows({"Product Width": "29.8 inches", "Product Height": "66.5 inches", "Product Depth": "33.4 inches", "Product Weight": "210 pounds"}, '<li><div class="row"><div class="row-title"><div>{k}</div><button aria-label="info"></button></div><div class="row-value">{v}</div></div></li>'),
+        (1689.1, 848.4, 756.9), whd(756.9, 1689.1, 848.4),
+    ),
+    Made("Amazon, measurements", "en", "<table><tr><th>Item Dimensions D x W x H</th><td>16\"D x 17\"W x 29\"H</td></tr><tr><th>Seat Height</th><td>18 Inches</td></tr></table>", (736.6, 431.8, 406.4), whd(431.8, 736.6, 406.4)),
+    Made("Samsung", "en", "<ul><li><div><p>Net Dimension (WxHxD)</p><p>912 x 1780 x 716 mm</p></div></li><li><div><p>Packing Dimension (WxHxD)</p><p>970 x 1915 x 776 mm</p></div></li></ul>", (1780, 912, 716), whd(912, 1780, 716)),
+    Made("Westwing", "de", "<p><b>Größe:</b> B 120 x H 75 x T 60 cm</p>", (1200, 750, 600), whd(1200, 750, 600)),
+    Made("a unit in bold labels", "en", "<ul>" + rows({"Height (cm)": "75", "Width (cm)": "160", "Depth (cm)": "90", "Weight (kg)": "40"}, "<li><strong>{k}</strong> <span>{v}</span></li>") + "</ul>", (1600, 900, 750), whd(1600, 750, 900)),
+    Made("Screwfix, letters in brackets", "en", "<table><tr><td>Product dimensions</td><td>(W)600 x (D)450 x (H)850mm</td></tr></table>", (850, 600, 450), whd(600, 850, 450)),
+    Made("Toolstation", "en", "<ul><li>H x W x D: 850 x 600 x 450mm</li><li>Weight: 12kg</li></ul>", (850, 600, 450), whd(600, 850, 450)),
+    Made("B&Q", "en", "<dl>" + rows({"Product height": "85cm", "Product width": "60cm", "Product depth": "57cm", "Pack quantity": "1"}, "<dt>{k}</dt><dd>{v}</dd>") + "</dl>", (850, 600, 570), whd(600, 850, 570)),
+    Made("Very", "en", "<ul><li>Dimensions: Height 85, Width 60, Depth 55 cm</li></ul>", (850, 600, 550), whd(600, 850, 550)),
+    Made("Cdiscount", "fr", "<table><tr><td>Dimensions</td><td>L. 120 x l. 60 x H. 75 cm</td></tr></table>", (1200, 750, 600), {"length": 1200, "width": 600, "height": 750}),
+    Made("Bauhaus", "de", "<table>" + rows({"Höhe:": "85 cm", "Durchmesser:": "30 cm", "Länge Kabel:": "1,5 m", "Fassungsvermögen:": "20 l"}, "<tr><td>{k}</td><td>{v}</td></tr>") + "</table>", (850, 300, 300), {"height": 850, "diameter": 300}),
+    Made("a museum", "en", "<dl><dt>Dimensions</dt><dd>Overall: 30.5 × 20.3 × 15.2 cm (12 × 8 × 6 in.)</dd></dl>", (305, 203, 152)),
+    Made("words with the numbers", "es", "<p><strong>Medidas:</strong> Ancho 60 x Fondo 40 x Alto 85 cm</p>", (850, 600, 400), whd(600, 850, 400)),
+    Made("words in the label", "pt", "<table><tr><th>Altura x Largura x Profundidade</th><td>85 x 60 x 55 cm</td></tr></table>", (850, 600, 550), whd(600, 850, 550)),
+    Made("an order before the numbers", "nl", "<ul><li>Afmetingen: (b x h x d) 60 x 85 x 55 cm</li></ul>", (850, 600, 550), whd(600, 850, 550)),
+    Made("a table with an empty column", "de", "<table><tr><td></td><td>Breite</td><td>80 cm</td></tr><tr><td></td><td>Höhe</td><td>200 cm</td></tr><tr><td></td><td>Tiefe</td><td>40 cm</td></tr></table>", (2000, 800, 400), whd(800, 2000, 400)),
+    Made("two pairs in a row", "en", "<table><tr><td>Width</td><td>80 cm</td><td>Height</td><td>200 cm</td></tr><tr><td>Depth</td><td>40 cm</td><td>Weight</td><td>30 kg</td></tr></table>", (2000, 800, 400), whd(800, 2000, 400)),
+    Made("description of a table and its chairs", "en", "<h3>Dimensions</h3><ul><li>Table: 75 x 120 x 80 cm</li><li>Chair: 90 x 45 x 50 cm</li></ul>", (1200, 800, 750), flags=("contradicts_itself",)),
+    Made("thickness first", "en", "<table>" + rows({"Glass thickness": "8 mm", "Width": "120 cm", "Height": "45 cm", "Depth": "60 cm"}, "<tr><td>{k}</td><td>{v}</td></tr>") + "</table>", (1200, 600, 450), whd(1200, 450, 600)),
+    Made("a range of widths", "en", "<table><tr><td>Width</td><td>60 - 100 cm</td></tr><tr><td>Height</td><td>85 cm</td></tr></table>", (850, 800), {"width": 800, "height": 850}, ("range",)),
+    Made("a package in the next paragraph", "it", "<div><p>Dimensioni: 60 x 40 x 85 cm</p><p>Imballo: 65 x 45 x 90 cm</p></div>", (850, 600, 400), flags=("low_trust",)),
+    Made("a paragraph of bold words", "fr", "<p><strong>Hauteur :</strong> 85 cm<br><strong>Largeur :</strong> 60 cm<br><strong>Profondeur :</strong> 55 cm<br><strong>Hauteur assise :</strong> 45 cm</p>", (850, 600, 550), whd(600, 850, 550)),
+    Made("metres alone", "en", "<table><tr><td>Size</td><td>1.2m x 0.6m x 0.75m</td></tr></table>", (1200, 750, 600)),
+]  # fmt: skip

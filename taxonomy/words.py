@@ -6,6 +6,7 @@ import re
 import unicodedata
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import pairwise
 
 __all__ = ["Phrase", "folded", "noun_phrase", "singulars", "spelling_of"]
 
@@ -90,7 +91,7 @@ def _foreign_singulars(word: str) -> Iterator[str]:
 
 
 #: What the word before it describes, in place of the thing: a high-back chair is no high chair.
-_DESCRIBED = frozenset("back backed based seat seated shaped style".split())
+_DESCRIBED = frozenset(["back", "backed", "based", "seat", "seated", "shaped", "style"])
 
 
 class Phrase(tuple[str, ...]):
@@ -105,7 +106,7 @@ class Phrase(tuple[str, ...]):
 
     def pairs(self) -> Iterator[str]:
         """Each modifier with the head alone, nearest first: `swivel office chair` has `swivel chair`."""
-        for modifier, following in reversed(list(zip(self[:-2], self[1:-1], strict=True))):
+        for modifier, following in reversed(list(pairwise(self[:-1]))):
             if following not in _DESCRIBED:
                 yield f"{modifier} {self[-1]}"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -220,7 +221,12 @@ def _is_of_a_part(label: str) -> bool:
 
 def _says_size(fact: Fact) -> bool:
     letters = plain(fact.value)
-    return fact.place == "prose" or (is_dimension_label(letters) and is_whole(letters))
+    if fact.place == "prose":
+        return is_dimension_label(letters) or len(_NUMBERS.findall(letters)) > 2
+    return is_dimension_label(letters) and is_whole(letters)
+
+
+_NUMBERS = re.compile(r"\d+")
 
 
 def _is_stated(size: Size, fact: Fact) -> bool:

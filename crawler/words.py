@@ -35,7 +35,11 @@ Language = Literal["en", "de", "fr", "it", "es", "pt", "nl"]
 _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
 
 
-@lru_cache(maxsize=8192)  # the labels of a site are the same on every page
+#: The labels of a site are the same on every page, and each is asked about several times.
+_remembered = lru_cache(maxsize=8192)
+
+
+@_remembered
 def plain(text: str) -> str:
     """The text in small letters, without accents and invisible signs, spaces single."""
     if text.isascii():
@@ -146,6 +150,7 @@ _SMALL_WORDS = frozenset(
 )
 
 
+@_remembered
 def is_package(label: str) -> bool:
     """Whether a plain label speaks of the package and not of the thing."""
     return bool(_PACKAGE.search(_UNPACKED.sub(" ", label)))
@@ -156,6 +161,7 @@ def axis_of_word(word: str) -> str | None:
     return AXIS_WORDS.get(word) or AXIS_WORDS.get(_OF_THE_WHOLE.sub("", word))
 
 
+@_remembered
 def is_foreign(label: str, title: str = "") -> bool:
     """Whether a plain label holds a word that neither names a size nor the thing: `heel height`, `turntable diameter`.
 
@@ -170,22 +176,26 @@ def _names_the_thing(word: str, title: str) -> bool:
     return bool(known) or (len(word) > 2 and word in title)
 
 
+@_remembered
 def is_component(label: str) -> bool:
     """Whether a plain label speaks of a part, an adjustment or another quantity; `depth without handles` does not."""
     return bool(_COMPONENT.search(_ASIDE.sub(" ", label)))
 
 
+@_remembered
 def is_part_heading(heading: str) -> bool:
     """Whether a plain heading announces the size of a part: `seat dimensions`, but not `dimensions and weight`."""
     single = not re.search(r"[&,/+]|\b(and|und|et|e|y|en)\b", heading)
     return single and is_dimension_label(heading) and is_component(heading) and not is_whole(heading)
 
 
+@_remembered
 def is_whole(label: str) -> bool:
     """Whether a plain label says that the whole thing is meant."""
     return bool(_WHOLE.search(label))
 
 
+@_remembered
 def is_dimension_label(label: str) -> bool:
     """Whether a plain label announces a size."""
     return bool(_DIMENSION.search(label))

@@ -126,7 +126,7 @@ def names_unit(text: str) -> bool:
     return bool(_UNIT.search(text))
 
 
-@lru_cache(maxsize=8192)  # labels come again on every page
+@lru_cache(maxsize=4096)  # labels come again on every page
 def orders_axes(label: str, language: Language | None = None) -> bool:
     """Whether a label announces a size by its axes alone: `H x W x D`, `Altura x Largura x Profundidade`."""
     return len(label) > 2 and any(token.kind == "header" for token in tokens(label, language))

@@ -218,7 +218,7 @@ def _parted(element: Element) -> Iterator[tuple[str, str]]:
         yield line, head
 
 
-@lru_cache(maxsize=8192)  # as for `plain`
+@lru_cache(maxsize=4096)  # as for `plain`
 def names_a_size(letters: str) -> bool:
     """Whether a plain label without digits names a size, an axis or a package."""
     if HAS_DIGIT.search(letters):

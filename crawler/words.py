@@ -36,7 +36,7 @@ _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2
 
 
 #: The labels of a site are the same on every page, and each is asked about several times.
-_remembered = lru_cache(maxsize=8192)
+_remembered = lru_cache(maxsize=4096)
 
 
 @_remembered

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -14,10 +13,7 @@ from estimator.footprint import footprint_axes, smallest_rectangle_axes
 from estimator.outliers import forest_inliers, neighbour_inliers
 from estimator.scene import FloatArray, IntArray
 
-__all__ = ["Dimensions", "Inliers", "dimensions", "inliers", "usual_noise"]
-
-# Up to this many times the noise a thing is a sheet: a book at three metres from a telephone.
-SHEET_NOISES = 8.0
+__all__ = ["Dimensions", "Inliers", "dimensions", "inliers"]
 
 # Extents of more points differ in the third digit and only take time.
 MAX_OBJECT_POINTS = 6000
@@ -65,31 +61,22 @@ def inliers(points: FloatArray, basis: FloatArray, outliers: Literal["neighbours
     return Inliers(rows[kept], level, surface_noise(level))
 
 
-def dimensions(found: Inliers, basis: FloatArray, usual_noise: float, robust: bool = True) -> Dimensions:
+def dimensions(found: Inliers, basis: FloatArray, blur: FloatArray, robust: bool = True) -> Dimensions:
     """The box of an object's inliers.
 
-    usual_noise : of the scene's surfaces, which widens sigma where these points are too few to tell their own; robust :
-    the rectangle by `footprint_axes`; else the paper's plain minimum rectangle. The extent rule is the same.
+    blur : (3, 3) covariance of the noise of its points in the scene; robust : the rectangle by `footprint_axes`; else
+    the paper's plain minimum rectangle. The extent rule is the same.
     """
     level = found.level
     turn = footprint_axes(level[:, :2]) if robust else smallest_rectangle_axes(level[:, :2])
     axes = np.vstack([turn @ basis[:2], basis[2]])
     local = np.vstack([turn @ level[:, :2].T, level[:, 2]]).T
-    low, high = edges(local, found.noise)
-    # a sheet is all face: there the noise of others is the better guess where its own is not known
-    sheet = (high - low < SHEET_NOISES * usual_noise) & (found.noise < usual_noise)
-    if sheet.any():
-        low, high = edges(local, np.where(sheet, usual_noise, found.noise))
+    noise = np.sqrt(np.einsum("ai,ij,aj->a", axes, blur, axes))
+    low, high = edges(local, noise)
     # length is the longer side
     if high[0] - low[0] < high[1] - low[1]:
         order = [1, 0, 2]
-        axes, local, low, high = axes[order], local[:, order], low[order], high[order]
+        axes, local, low, high, noise = axes[order], local[:, order], low[order], high[order], noise[order]
     lowest = local.min(axis=0)
-    sigma = extent_sigma(local, high - low, found.noise or usual_noise)
+    sigma = extent_sigma(local, high - low, noise)
     return Dimensions(axes, low, high, sigma, eta(local, lowest, local.max(axis=0)), found.rows, lowest[2])
-
-
-def usual_noise(found: Iterable[Inliers]) -> float:
-    """Median surface noise of the objects that have points enough to tell; 0 where none has."""
-    told = [one.noise for one in found if one.noise > 0]
-    return float(np.median(told)) if told else 0.0

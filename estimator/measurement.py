@@ -11,11 +11,12 @@ from typing import Literal
 import numpy as np
 
 from estimator.association import Track, incremental_tracks, shared_tracks
-from estimator.dimensions import Dimensions, Inliers, dimensions, inliers, usual_noise
+from estimator.dimensions import Dimensions, dimensions, inliers
 from estimator.labels import PointLabels, PointVotes, dense_labels, point_votes, sparse_labels
+from estimator.noise import depth_noise, sight_moment
 from estimator.objects import Box, MeasuredObject
 from estimator.planes import SupportPlane, level_basis, refined_up, support_planes
-from estimator.scene import FloatArray, Instance, IntArray, Scene
+from estimator.scene import FloatArray, Instance, IntArray, Scene, View
 from estimator.standing import stands
 from estimator.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.truncation import Outline, Sides, Surroundings, outline, seen_sides
@@ -29,6 +30,9 @@ MIN_OBJECT_POINTS = 16
 MIN_DENSE_POINTS = 100
 # Boxes bound a thing only where several of them cross: two leave a wedge that is open behind it.
 MIN_BOX_VIEWS = 3
+# Noise across a surface, which is what a cell of points in space shows, against the noise along the line of sight:
+# faces are seen at fifty degrees on average.
+ACROSS_SHARE = 0.65
 # What boxes add to the log sizes' standard deviation: background within the box, more of it along the line of sight.
 BOX_SIGMA = (0.15, 0.15, 0.05)
 
@@ -89,8 +93,11 @@ def measured(scene: Scene, instances: Sequence[Instance], options: MeasurementOp
     with _timed(timings, "votes"):
         members = [track.members for track in tracks]
         votes = [point_votes(cloud, instances, members) for cloud in clouds]
+    with _timed(timings, "noise"):
+        noise = [depth_noise(scene.views, cloud) for cloud in clouds]
     with _timed(timings, "dimensions"):
-        shapes = _shapes(clouds, votes, basis, options)
+        seen_from = [[scene.views[index] for index in _views_of(track, instances)] for track in tracks]
+        shapes = _shapes(clouds, votes, noise, seen_from, basis, options)
     with _timed(timings, "truncation"):
         views = scene.views
         outlines = [outline(i, views[i.view].camera.width, views[i.view].camera.height) for i in instances]
@@ -122,20 +129,34 @@ def _timed(timings: dict[str, float], stage: str) -> Iterator[None]:
 
 
 def _shapes(
-    clouds: Sequence[PointLabels], votes: Sequence[PointVotes], basis: FloatArray, options: MeasurementOptions
+    clouds: Sequence[PointLabels],
+    votes: Sequence[PointVotes],
+    noise: Sequence[float],
+    seen_from: Sequence[Sequence[View]],
+    basis: FloatArray,
+    options: MeasurementOptions,
 ) -> list[_Shape]:
-    """The points and box of each track; those with few points take the noise of the others."""
-    chosen = [_cloud_of([vote.rows[number] for vote in votes]) for number in range(len(votes[0].rows))]
-    points = [clouds[cloud].points.take(rows, axis=0) for cloud, rows in chosen]
-    found: list[Inliers | None] = [
-        inliers(own, basis, options.outliers) if len(own) >= MIN_OBJECT_POINTS else None for own in points
-    ]
-    noise = usual_noise(one for one in found if one is not None)
-    boxes = [None if one is None else dimensions(one, basis, noise, options.robust_footprint) for one in found]
-    return [
-        _Shape("dense" if cloud else "sparse", own, rows, box)
-        for (cloud, rows), own, box in zip(chosen, points, boxes, strict=True)
-    ]
+    """The points and box of each track; `noise` is each cloud's depth noise, `seen_from` the views of each track."""
+    found = []
+    for number, views in enumerate(seen_from):
+        cloud, rows = _cloud_of([vote.rows[number] for vote in votes])
+        own = clouds[cloud].points.take(rows, axis=0)
+        box = None
+        if len(own) >= MIN_OBJECT_POINTS:
+            left = inliers(own, basis, options.outliers)
+            box = dimensions(left, basis, _blur(views, own, noise[cloud], left.noise), options.robust_footprint)
+        found.append(_Shape("dense" if cloud else "sparse", own, rows, box))
+    return found
+
+
+def _blur(views: Sequence[View], points: FloatArray, share: float, own: float) -> FloatArray:
+    """(3, 3) covariance of an object's noise along its lines of sight: a share of the distance, or what it shows."""
+    distance, moment = sight_moment(views, np.median(points, axis=0))
+    return np.asarray(max(share * distance, own / ACROSS_SHARE) ** 2 * moment)
+
+
+def _views_of(track: Track, instances: Sequence[Instance]) -> list[int]:
+    return sorted({instances[row].view for row in track.members})
 
 
 def _cloud_of(rows: Sequence[IntArray]) -> tuple[int, IntArray]:

@@ -26,6 +26,8 @@ RING_POINTS = 10
 RING_SECTORS = 3
 # Of several levels the highest counts that has this share of the richest one's points.
 RING_LEVEL_SHARE = 0.3
+# ... and this many times those of the usual height more than none, so that no height of a wall passes for a level.
+WALL_TIMES = 2.0
 # A foot within this share of the height of its level, or within a height bin (the cloud's own roughness), stands on it:
 # the extent rule is not surer than that.
 CONTACT_SHARE = 0.06
@@ -188,7 +190,8 @@ def _ring_level(heights: FloatArray, sectors: FloatArray, highest: float, bin_wi
     seen = np.zeros((bins, 8), dtype=bool)
     seen[index, sectors % 8] = True
     wide = (seen[:-1] | seen[1:]).sum(axis=1) >= RING_SECTORS
-    level = pairs * wide
+    # a wall has points at every height; a level stands out
+    level = (pairs - WALL_TIMES * np.median(pairs)) * wide
     if level.max() < RING_POINTS:
         return None
     first = int(np.flatnonzero(level >= max(RING_POINTS, RING_LEVEL_SHARE * level.max()))[0])

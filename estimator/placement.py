@@ -15,7 +15,7 @@ _RINGS, _PER_RING = 16, 24
 #: Distance between rings in pixels, and how much wider than high they are, as labels are.
 _STEP_PX, _FLATTENED = 24.0, 1.6
 #: What it costs beside a pixel of distance: a pixel of overlap with another label, and a thing that is wholly covered.
-_OVERLAP_COST, _COVER_COST = 0.05, 110.0
+_OVERLAP_COST, _COVER_COST = 0.5, 110.0
 
 
 def placed_labels(things: FloatArray, sizes: FloatArray, canvas: tuple[int, int]) -> FloatArray:

@@ -35,7 +35,7 @@ def test_few_labels_do_not_overlap(seed: int) -> None:
     for a in range(6):
         for b in range(a):
             gap = np.maximum(corners[a] - corners[b] - sizes[b], corners[b] - corners[a] - sizes[a])
-            assert gap.max() > -6, "less than a line of text, if at all"
+            assert gap.max() > -1, "no line of text is hidden"
 
 
 def test_a_lone_label_lies_beside_its_thing() -> None:

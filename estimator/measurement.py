@@ -16,7 +16,7 @@ from estimator.labels import PointLabels, PointVotes, dense_labels, point_votes,
 from estimator.noise import depth_noise, sight_moment
 from estimator.objects import Box, MeasuredObject
 from estimator.planes import SupportPlane, level_basis, refined_up, support_planes
-from estimator.scene import FloatArray, Instance, IntArray, Scene, View
+from estimator.scene import FloatArray, Instance, IntArray, Scene
 from estimator.standing import stands
 from estimator.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.truncation import Outline, Sides, Surroundings, outline, seen_sides
@@ -96,7 +96,8 @@ def measured(scene: Scene, instances: Sequence[Instance], options: MeasurementOp
     with _timed(timings, "noise"):
         noise = [depth_noise(scene.views, cloud) for cloud in clouds]
     with _timed(timings, "dimensions"):
-        seen_from = [[scene.views[index] for index in _views_of(track, instances)] for track in tracks]
+        eyes = np.array([-view.rotation.T @ view.translation for view in scene.views])
+        seen_from = [eyes[_views_of(track, instances)] for track in tracks]
         shapes = _shapes(clouds, votes, noise, seen_from, basis, options)
     with _timed(timings, "truncation"):
         views = scene.views
@@ -132,26 +133,27 @@ def _shapes(
     clouds: Sequence[PointLabels],
     votes: Sequence[PointVotes],
     noise: Sequence[float],
-    seen_from: Sequence[Sequence[View]],
+    seen_from: Sequence[FloatArray],
     basis: FloatArray,
     options: MeasurementOptions,
 ) -> list[_Shape]:
-    """The points and box of each track; `noise` is each cloud's depth noise, `seen_from` the views of each track."""
+    """The points and box of each track; `noise` of each cloud; `seen_from`: camera centres (v, 3) of each track."""
     found = []
-    for number, views in enumerate(seen_from):
+    for number, eyes in enumerate(seen_from):
         cloud, rows = _cloud_of([vote.rows[number] for vote in votes])
         own = clouds[cloud].points.take(rows, axis=0)
         box = None
         if len(own) >= MIN_OBJECT_POINTS:
             left = inliers(own, basis, options.outliers)
-            box = dimensions(left, basis, _blur(views, own, noise[cloud], left.noise), options.robust_footprint)
+            blur = _blur(eyes, left.level.mean(axis=0) @ basis, noise[cloud], left.noise)
+            box = dimensions(left, basis, blur, options.robust_footprint)
         found.append(_Shape("dense" if cloud else "sparse", own, rows, box))
     return found
 
 
-def _blur(views: Sequence[View], points: FloatArray, share: float, own: float) -> FloatArray:
+def _blur(eyes: FloatArray, middle: FloatArray, share: float, own: float) -> FloatArray:
     """(3, 3) covariance of an object's noise along its lines of sight: a share of the distance, or what it shows."""
-    distance, moment = sight_moment(views, np.median(points, axis=0))
+    distance, moment = sight_moment(eyes, middle)
     return np.asarray(max(share * distance, own / ACROSS_SHARE) ** 2 * moment)
 
 

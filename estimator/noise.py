@@ -42,11 +42,10 @@ def depth_noise(views: Sequence[View], labels: PointLabels) -> float:
     return float(quantiles(shares, np.array([FLAT_CELLS]))[0]) / FLAT_SHARE if shares.size >= MIN_CELLS else 0.0
 
 
-def sight_moment(views: Sequence[View], centre: FloatArray) -> tuple[float, FloatArray]:
-    """Median distance of the views from a place (3,), and the second moment (3, 3) of the unit directions to it."""
-    centres = np.array([-view.rotation.T @ view.translation for view in views])
-    rays = centre - centres
-    distances = np.linalg.norm(rays, axis=1)
+def sight_moment(eyes: FloatArray, place: FloatArray) -> tuple[float, FloatArray]:
+    """Median distance of cameras (v, 3) from a place (3,), and the second moment (3, 3) of their directions to it."""
+    rays = place - eyes
+    distances = np.sqrt(np.einsum("vi,vi->v", rays, rays))
     units = rays / np.maximum(distances, np.finfo(float).tiny)[:, None]
     return float(np.median(distances)), np.asarray(units.T @ units / len(units))
 

@@ -44,7 +44,8 @@ def test_a_cloud_that_nobody_sees_tells_nothing() -> None:
 
 def test_lines_of_sight_of_a_ring_of_views() -> None:
     views = orbit(12, 3.0, 1.0, target=(0, 0, 0))
-    distance, moment = sight_moment(views, np.zeros(3))
+    eyes = np.array([-view.rotation.T @ view.translation for view in views])
+    distance, moment = sight_moment(eyes, np.zeros(3))
     assert distance == pytest.approx(np.hypot(3.0, 1.0))
     assert np.trace(moment) == pytest.approx(1.0)
     assert moment[0, 0] == pytest.approx(moment[1, 1])

@@ -55,9 +55,12 @@ class ClassTerms:
         others /= others.max(axis=1, keepdims=True)
         at_own = (others.astype(np.float32)[:, None, :] @ self.kernel)[:, 0]  # (c, h)
         joint = np.exp(self.log_node - self.log_node.max(axis=(1, 2), keepdims=True)) * at_own[:, None, :]
-        joint /= joint.sum(axis=(1, 2), keepdims=True)
+        total = joint.sum(axis=(1, 2), keepdims=True)
+        seen = total > 0  # a known length so far off that no node sees it: all of the class are outliers
+        joint /= np.where(seen, total, 1.0)
         joint = joint.astype(np.float32)[self.class_of]
-        return np.asarray(1 - (self.outlier * joint).sum(axis=(1, 2)), dtype=float)
+        weight = 1 - (self.outlier * joint).sum(axis=(1, 2))
+        return np.asarray(np.where(seen[self.class_of, 0, 0], weight, 0.0), dtype=float)
 
 
 def single_classes(components: Rows, group: IntArray, u: FloatArray) -> ClassTerms:

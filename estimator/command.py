@@ -26,7 +26,8 @@ METHODS = ("default", "paper", "sucar", "height")
 
 EPILOG = """\
 Exit status: 0 done; 2 the input is at fault (one line says where); 3 unresolved: no usable object, or the interval's
-high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more; 1 a fault of the program.
+high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more, or a known length contradicts every
+object; 1 a fault of the program.
 """
 
 #: Where a user says how many threads NumPy's BLAS takes.

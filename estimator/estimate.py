@@ -10,9 +10,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.categories import Meaning, meanings
+from estimator.contradiction import contradiction_of
 from estimator.likelihood import Evidence, usable
 from estimator.objects import MeasuredObject
-from estimator.posterior import FAR_MASS, FAR_MODE, RATIO_LIMIT, Estimate, Posterior, object_curves, posterior
+from estimator.posterior import (
+    FAR_MASS,
+    FAR_MODE,
+    RATIO_LIMIT,
+    Estimate,
+    Posterior,
+    object_curves,
+    posterior,
+    status_of,
+)
 from estimator.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
 from estimator.scene import BoolArray, FloatArray
 from estimator.verdicts import dimension_names, outlier_reason, verdict
@@ -72,10 +82,14 @@ def estimated(
     evidence, reasons = evidence_of(objects, by_name)
     places = list(evidence)
     found = posterior(list(evidence.values()), known, options.level) if places or len(known) else None
+    clash = contradiction_of(found, list(evidence.values())) if found is not None else None
+    if found is not None and clash is not None and clash.total:
+        found = replace(found, status="unresolved")
     elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
     used = _used(list(evidence.values()))
     answer = Answer(found, places, used, reasons)
-    result = result_of(objects, tree, by_name, answer, options, up, warnings, elapsed)
+    heard = warnings if clash is None else (*warnings, clash.line())
+    result = result_of(objects, tree, by_name, answer, options, up, heard, elapsed)
     if found is None or not places:
         return result
     curves = object_curves(list(evidence.values()), found.curve.log_scale)
@@ -222,13 +236,19 @@ def _left_out(found: Posterior, evidence: Sequence[Evidence]) -> tuple[Alternati
 
 def _warnings(found: Estimate | None, objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning]) -> list[str]:
     unknown = sorted({item.category for item in objects if by_name[item.category].prior is None})
-    lines = [f"category {name!r}: {by_name[name].reason}" for name in unknown]
+    lines = [f"category {_said_once(name, by_name[name].reason)}" for name in unknown]
     if found is None:
         lines.append("unresolved: no usable object" if objects else "unresolved: no object")
-    elif found.status == "unresolved":
+    elif found.status == "unresolved" and status_of(found.modes, found.interval) == "unresolved":
         low, high = found.interval
         if high / low > RATIO_LIMIT:
             lines.append(f"unresolved: the interval's high/low is {high / low:.3g}, over {RATIO_LIMIT}")
         else:
             lines.append(f"unresolved: modes over {FAR_MODE - 1:.0%} apart, the lesser with mass over {FAR_MASS}")
     return lines
+
+
+def _said_once(name: str, reason: str | None) -> str:
+    """Name and reason; most reasons begin with the name."""
+    reason = reason or ""
+    return reason if reason.startswith(f"{name!r}: ") else f"{name!r}: {reason}"

@@ -1,4 +1,4 @@
-"""What a category name means in the tree, read as detectors mean it: a `mouse` is a device (contracts.md)."""
+"""What a category name means in the tree, read as detectors mean it: a `mouse` is a device."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from crawler.faults import InputFault
 from metric_tree.prior import Prior
 from metric_tree.tree import Node, Tree
+from taxonomy.vocabularies import label_of
 
 __all__ = ["DETECTOR_LISTS", "Meaning", "meanings"]
 
@@ -64,7 +65,9 @@ def _meaning(tree: Tree, name: str, dims: tuple[str, ...] | None) -> Meaning:
 def _node(tree: Tree, name: str) -> Node:
     for vocabulary in DETECTOR_LISTS:
         try:
-            return tree.find(name, vocabulary)
-        except (InputFault, KeyError, ImportError):  # not in this list, or its node is not in this release
+            label = label_of(name, vocabulary)
+            if label is not None and label.node_id is not None:
+                return tree.node(label.node_id)
+        except InputFault:  # the list is not at hand, or the node is not in this release
             continue
     return tree.find(name)

@@ -96,13 +96,14 @@ class Prior:
         return total
 
     def marginal(self, dims: Sequence[str]) -> Prior:
-        """The exact marginal over `dims`, in the order given.
+        """The exact marginal over `dims`, in the order given; one name may stand alone.
 
         Raises
         ------
         UnknownDimension
             One of them is not among the prior's; the message names what exists.
         """
+        dims = (dims,) if isinstance(dims, str) else tuple(dims)
         unknown = [name for name in dims if name not in self.dims]
         if unknown or not dims or len(set(dims)) != len(dims):
             wanted = ", ".join(dims) or "none"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +18,7 @@ from metric_tree.store import Release, opened
 
 __all__ = ["AmbiguousName", "NoPrior", "Node", "Tree", "UnknownName", "open_tree"]
 
-#: Of several nodes that bear a name, one is meant without saying so if it has ten times the items (contracts.md).
+#: Of several nodes that bear a name, one is meant without saying so if it has ten times the items.
 DOMINANCE = 10
 
 
@@ -90,13 +90,15 @@ class Node:
     def prior(self, dims: Sequence[str] | None = None) -> Prior:
         """The size prior over `dims` (`node.dims` by default), in that order.
 
-        It is the exact row, else the marginal of the smallest row that contains them.
+        It is the exact row, else the marginal of the smallest row that contains them. One name may stand alone.
 
         Raises
         ------
         NoPrior
             No row contains them.
         """
+        if isinstance(dims, str):  # a sequence of letters, which nobody means
+            dims = (dims,)
         return self.tree.prior(self.node_id, tuple(dims) if dims is not None else self.dims)
 
     def _rows(self, table: str) -> pa.Table:
@@ -123,6 +125,12 @@ class Tree:
 
     def __len__(self) -> int:
         return len(self._places)
+
+    def __contains__(self, name: object) -> bool:
+        """Whether `find` answers a name; a node is asked for by its id."""
+        if isinstance(name, Node):
+            return name.node_id in self._places
+        return isinstance(name, str) and (name in self._places or _meant(self._bearers(name)) is not None)
 
     @property
     def name(self) -> str:
@@ -168,18 +176,28 @@ class Tree:
         AmbiguousName
             Several do, and none of them has ten times the items of the next.
         """
+        if not isinstance(name, str):
+            raise UnknownName(f"name: expected a name; found {name!r}")
         if vocabulary is not None:
-            return self.node(_labelled(name, vocabulary))
+            return self.node(_labelled(name, vocabulary, self._bearer_ids))
         if name in self._places:
             return self.node(name)
-        found = sorted(map(self.node, self._index.ids(name)), key=lambda node: -node.n_items)
+        found = self._bearers(name)
         if not found:
             nearest = ", ".join(self._index.nearest(name)) or "nothing like it"
             raise UnknownName(f"{name!r}: no node bears this name; nearest: {nearest}")
-        if len(found) > 1 and found[0].n_items < DOMINANCE * max(found[1].n_items, 1):
+        meant = _meant(found)
+        if meant is None:
             candidates = ", ".join(f"{node.node_id} ({node.n_items} items)" for node in found)
             raise AmbiguousName(f"{name!r}: several nodes bear this name: {candidates}")
-        return found[0]
+        return meant
+
+    def _bearers(self, name: str) -> list[Node]:
+        """The nodes that bear a name, those of most items first."""
+        return sorted(map(self.node, self._bearer_ids(name)), key=lambda node: -node.n_items)
+
+    def _bearer_ids(self, name: str) -> tuple[str, ...]:
+        return self._index.ids(name)  # a method, so that who hands it on does not build the index
 
     def prior_dims(self, node_id: str) -> tuple[tuple[str, ...], ...]:
         """The sets of dimensions for which a node has a fitted row."""
@@ -197,7 +215,8 @@ class Tree:
         containing = [(len(had), row) for had, row in rows if set(dims) <= set(had)]
         if not containing or not dims:
             exists = "; ".join(", ".join(had) for had, _ in rows) or "none"
-            raise NoPrior(f"{node_id}: expected a prior that holds {', '.join(dims) or 'no dimension'}; found {exists}")
+            wanted = ", ".join(dims) or "no dimension"
+            raise NoPrior(f"{node_id}: dims: expected a prior that holds {wanted}; found {exists}")
         prior: Prior = Prior.of_row(self._prior_table.slice(min(containing)[1], 1).to_pylist()[0])
         return prior if prior.dims == dims else prior.marginal(dims)
 
@@ -251,8 +270,15 @@ def _node(tree: Tree, row: dict[str, Any]) -> Node:
     return Node(tree=tree, **{**{name: row[name] for name in row if name in Node.__dataclass_fields__}, **lists})
 
 
-def _labelled(name: str, vocabulary: str) -> str:
+def _meant(found: Sequence[Node]) -> Node | None:
+    """Of the nodes that bear a name, most items first, the one that is meant without saying so."""
+    if not found or (len(found) > 1 and found[0].n_items < DOMINANCE * max(found[1].n_items, 1)):
+        return None
+    return found[0]
+
+
+def _labelled(name: str, vocabulary: str, meant: Callable[[str], Sequence[str]]) -> str:
     from taxonomy.vocabularies import labelled_node  # read only where a list is named
 
-    node_id: str = labelled_node(name, vocabulary)
+    node_id: str = labelled_node(name, vocabulary, meant)
     return node_id

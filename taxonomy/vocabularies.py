@@ -6,6 +6,8 @@ node was taken. Labels themselves are facts about the lists; the first column na
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -14,13 +16,19 @@ from crawler.faults import InputFault
 from taxonomy.levels import replaced_ids, table_rows
 from taxonomy.places import taxonomy_directory
 
-__all__ = ["STUFF", "VOID", "Label", "UnknownLabel", "labelled_node", "vocabularies", "vocabulary"]
+__all__ = ["STUFF", "VOID", "Label", "UnknownLabel", "label_of", "labelled_node", "vocabularies", "vocabulary"]
 
 #: Reason of labels that have no size of their own (walls, floors, skies), so that they need no prior.
 STUFF = "stuff"
 
 #: Begins the reason of labels that stand for no thing at all (noise, the camera's own car, everything else).
 VOID = "void"
+
+#: Reason of labels of things for which the tree has no node.
+NO_NODE = "no node"
+
+#: As many labels as a message names that are like one that is not in the list.
+NEAREST = 3
 
 _FOLDER = "vocabularies"
 _COLUMNS = ("list", "label", "node_id", "reason")
@@ -72,20 +80,48 @@ def vocabulary(name: str, directory: Path | None = None) -> tuple[Label, ...]:
     )
 
 
-def labelled_node(label: str, name: str) -> str:
+def label_of(label: str, name: str) -> Label | None:
+    """The row of a label in a list, or None where it has no such label; case, `_` and `-` are folded."""
+    return _index(name).get(_folded(label))
+
+
+def labelled_node(label: str, name: str, meant: Callable[[str], Sequence[str]] | None = None) -> str:
     """The node that a label means in a list; case, `_` and `-` are folded.
+
+    Official names of ADE20K join synonyms by commas ("screen door, screen"): the first that is a label counts.
+
+    Parameters
+    ----------
+    label, name : the label and its list
+    meant : ids of the nodes that bear a plain name; the message for a label that is not there names theirs
 
     Raises
     ------
     UnknownLabel
         No such list or label, or the label needs no prior.
     """
-    found = _index(name).get(_folded(label))
+    found = label_of(label, name)
+    for part in label.split(","):
+        found = found or label_of(part, name)
     if found is None:
-        raise UnknownLabel(f"{label!r}: no label of {name}")
+        near = ", ".join(_nearest(label, name, meant(label) if meant else ())) or "nothing like it"
+        raise UnknownLabel(f"{label!r}: no label of {name}; nearest: {near}")
+    if found.node_id is None and found.reason == NO_NODE:
+        raise UnknownLabel(f"{label!r} of {name} names nothing that the tree has a node for")
     if found.node_id is None:
         raise UnknownLabel(f"{label!r} of {name} has no size of its own: {found.reason}")
     return found.node_id
+
+
+def _nearest(label: str, name: str, node_ids: Sequence[str]) -> list[str]:
+    """Labels of the same node, else of the word with a meaning (`bow_(weapon)`), else of a like spelling."""
+    rows = vocabulary(name)
+    same = [row.label for row in rows if row.node_id is not None and row.node_id in node_ids]
+    senses = [row.label for row in rows if "_(" in row.label and _folded(row.label.split("_(")[0]) == _folded(label)]
+    if same or senses:
+        return list(dict.fromkeys(senses + same))
+    like = difflib.get_close_matches(_folded(label), list(_index(name)), n=NEAREST)
+    return [_index(name)[key].label for key in like]
 
 
 @cache

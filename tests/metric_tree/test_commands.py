@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from metric_tree.commands import VERBS, main, parser_of
-from metric_tree.commands.shell import exit_status
+from metric_tree.commands.shell import exit_status, print_table
 from metric_tree.releases import PATH_VARIABLE
 from metric_tree.tree import Tree
 from tests import minitree
@@ -44,7 +44,7 @@ def test_query_prints_a_table(mini: Tree, capsys: pytest.CaptureFixture[str]) ->
     [
         (["query", "mouse"], "several nodes bear this name"),
         (["query", "chaire"], "nearest: chair"),
-        (["query", "chair", "--dims", "height"], "expected a prior that holds height; found none"),
+        (["query", "chair", "--dims", "height"], "chair.n.01: dims: expected a prior that holds height; found none"),
     ],
 )
 def test_a_bad_question_is_one_line(
@@ -93,3 +93,34 @@ def test_a_reader_that_leaves_a_pipe_is_no_fault(mini: Tree) -> None:
     done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_title_of_a_narrow_table_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    print_table(["n"], [(1,)], title="a title that is wider than its table")
+    assert capsys.readouterr().out.splitlines()[0] == "a title that is wider than its table"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["report", "--out", "nowhere/p.html"],
+            "--out: expected a file in an existing folder; found no folder nowhere",
+        ),
+        (["select", "--out", "."], "--out: expected a file; found the folder ."),
+        (["review", "list", "nofile"], "nofile: expected an existing file or folder; found none"),
+        (["export", "--out", "x", "--coco", "nofile.json", "."], "--coco: expected a JSON file; found no file"),
+        (["export", "--out", "x", "--coco", "there", "nodir"], "--coco: expected a folder of pictures; found no"),
+    ],
+)
+def test_a_path_at_fault_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, words: list[str], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("there").write_text("{}")
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Errno" not in error
+    assert error.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]

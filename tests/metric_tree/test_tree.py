@@ -71,6 +71,33 @@ def test_no_prior_names_what_exists(mini: Tree) -> None:
         mini.find("chair").prior()
 
 
+def test_one_dimension_may_stand_alone(mini: Tree) -> None:
+    prior = mini.find("swivel chair").prior("height")
+    assert prior.dims == ("height",)
+    assert mini.find("swivel chair").prior().marginal("length").dims == ("length",)
+    with pytest.raises(NoPrior, match="dims: expected a prior that holds depth; found"):
+        mini.find("swivel chair").prior("depth")
+
+
+@pytest.mark.parametrize("name", [None, 5, b"chair"])
+def test_what_is_no_name_is_told(mini: Tree, name: object) -> None:
+    with pytest.raises(UnknownName, match="name: expected a name; found"):
+        mini.find(name)  # type: ignore[arg-type]
+    assert name not in mini
+
+
+def test_a_tree_contains_what_it_finds(mini: Tree) -> None:
+    for name in ("chair", "Swivel_Chairs", "chair.n.01", mini.find("chair")):
+        assert name in mini
+    for name in ("unicorn", "mouse"):  # unknown; of two meanings
+        assert name not in mini
+
+
+def test_a_list_without_the_word_names_its_own(mini: Tree) -> None:
+    with pytest.raises(KeyError, match=r"'seats': no label of coco_80; nearest: "):
+        mini.find("seats", "coco_80")
+
+
 def test_releases_are_found_by_version_and_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     minitree.release(tmp_path / "99.10.0")
     minitree.release(tmp_path / "99.9.0")

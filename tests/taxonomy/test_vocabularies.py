@@ -34,6 +34,8 @@ def test_detectors_lists_are_complete(name):
         ("kitti_8", "Car", "car.n.01"),
         ("nuscenes_32", "movable_object.trafficcone", "mt:traffic_cone"),
         ("ade20k_150", "coffee", "coffee_table.n.01"),
+        ("ade20k_150", "chest of drawers, chest, bureau, dresser", "chest_of_drawers.n.01"),
+        ("ade20k_150", "screen door, screen", "screen.n.04"),
     ],
 )
 def test_a_label_is_read_as_its_list_means_it(list_name, label, node_id):
@@ -59,6 +61,20 @@ def test_an_id_that_is_gone_gives_way_to_its_successor(tmp_path):
     rows = "list,label,node_id,reason\nl,a,mt:old,name\nl,b,sofa.n.01,name\nl,c,,void\n"
     (tmp_path / "vocabularies" / "l.csv").write_text(rows)
     assert [label.node_id for label in vocabulary("l", tmp_path)] == ["chair.n.01", "sofa.n.01", None]
+
+
+def test_a_label_without_a_node_is_not_said_to_lack_a_size():
+    with pytest.raises(UnknownLabel, match="'alcohol' of lvis_v1 names nothing that the tree has a node for"):
+        labelled_node("alcohol", "lvis_v1")
+
+
+def test_labels_near_an_unknown_one_are_named():
+    with pytest.raises(UnknownLabel, match=r"'sofa': no label of coco_80; nearest: couch$"):
+        labelled_node("sofa", "coco_80", lambda _: ("sofa.n.01",))
+    with pytest.raises(UnknownLabel, match=r"nearest: bow_\(weapon\), bow_\(decorative_ribbons\)$"):
+        labelled_node("bow", "lvis_v1")
+    with pytest.raises(UnknownLabel, match=r"nearest: bicycle"):
+        labelled_node("bicicle", "coco_80")
 
 
 def test_unknown_names_are_named():

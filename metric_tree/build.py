@@ -85,10 +85,11 @@ class Options:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Build:
-    """A published release and what a maintainer should read: counts by reason, disagreements, mixed classes."""
+    """A published release, what a maintainer should read (counts by reason, disagreements, mixed classes), the log."""
 
     release: Release
     report: Mapping[str, Any]
+    log: Path
 
 
 def shipped_taxonomy() -> Taxonomy:
@@ -134,12 +135,13 @@ def built(
     Raises
     ------
     InputFault
-        Something is at `out` already, there are no raw items, or a line is none.
+        Something is at `out` already, there are no raw items, a line is none, or no item is of a private source.
     """
     if out.exists():
         raise InputFault(f"{out}: expected a free path for a new release; found an existing one")
     files = raw_files(raw)
     declared = {source.id: source for source in sources()} if declared is None else declared
+    _expect_private(options.private, files)
     own = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
     with WorkFolder.opened(
@@ -152,7 +154,29 @@ def built(
         extras = _with_pictures(raw, tables, report, work.directory / "extras")
         release = published(out, tables, manifest, extras)
         _write_log(log, work.directory, report)
-    return Build(release, report)
+    return Build(release, report, log)
+
+
+def _expect_private(private: Sequence[str], files: Iterable[Path]) -> None:
+    """See that every source to be kept private has raw items: one that is misspelt would be withheld without a word."""
+    found: set[str] = set()
+    for block in blocks(files) if private else ():
+        if set(private) <= found:  # a large folder need not be read to its end
+            return
+        found |= set(filter(None, map(_source_of, block.lines)))
+    missing = sorted(set(private) - found)
+    if missing:
+        known = ", ".join(sorted(found)) or "none"
+        raise InputFault(f"--private: expected sources of the raw items ({known}); found {', '.join(missing)}")
+
+
+def _source_of(line: bytes) -> str | None:
+    """The source of a raw item's line, None where it has none: the ingest names the line that is at fault."""
+    try:
+        source = json.loads(line)["source"]
+    except (ValueError, TypeError, KeyError):
+        return None
+    return source if isinstance(source, str) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,6 +15,7 @@ from crawler.faults import InputFault
 from taxonomy.places import taxonomy_directory
 
 __all__ = [
+    "EVERY_SOURCE",
     "Agreement",
     "BadDecision",
     "Decision",

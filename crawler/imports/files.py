@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from crawler.imports import Import
 from crawler.imports.downloads import NoInput, downloaded
 from crawler.sources import Source
 
-__all__ = ["quarantine_path", "source_folder", "write_import", "write_lines"]
+__all__ = ["changed_files", "quarantine_path", "source_folder", "write_import", "write_lines"]
 
 
 def source_folder(source: Source, given: Path | None) -> Path:
@@ -35,6 +36,17 @@ def source_folder(source: Source, given: Path | None) -> Path:
 def _is_repository(source: Source, folder: Path) -> bool:
     """Whether the folder is the source's own repository, one folder of which may bear the source's name."""
     return any(any(folder.glob(table.records)) for table in source.tables if table.records)
+
+
+def changed_files(source: Source, folder: Path) -> Iterator[Path]:
+    """The declared files at hand that are not, byte for byte, those that the declaration was checked with."""
+    for file in source.files:
+        itself = folder.is_file() and folder.name == Path(file.path).name
+        path = folder if itself else folder / file.path
+        if path.is_file():
+            with path.open("rb") as data:
+                if hashlib.file_digest(data, "sha256").hexdigest() != file.sha256:
+                    yield path
 
 
 def quarantine_path(path: Path) -> Path:

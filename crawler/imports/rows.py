@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from crawler.faults import InputFault
+from crawler.imports.columns import MissingColumn, expect_columns
 from crawler.tables import Table
 
 __all__ = ["BadTable", "Row", "flat", "record_rows", "rows", "yaml_document"]
@@ -33,12 +34,16 @@ def rows(table: Table, path: Path) -> Iterator[Row]:
     ------
     BadTable
         The file is not of the table's format or encoding, or is empty.
+    MissingColumn
+        It lacks a column that the declaration reads.
     """
     read = {"csv": _csv, "json": _json, "jsonl": _jsonl, "properties": _properties, "xls": _xls, "yaml": _yaml}[
         table.format
     ]
     try:
         yield from read(table, path)
+    except MissingColumn:
+        raise
     except (csv.Error, ValueError, LookupError, TypeError) as error:
         raise BadTable(f"{path}: expected {table.format} in {table.encoding}; found {_one_line(error)}") from None
 
@@ -95,6 +100,7 @@ def _csv(table: Table, path: Path) -> Iterator[Row]:
         header = list(table.columns) or [name.strip() for name in next(reader, [])]
         if not header:
             raise BadTable(f"{path}: expected a header line; found an empty file")
+        expect_columns(table, path, header)
         for cells in reader:
             if any(cell.strip() for cell in cells):
                 yield dict(zip(header, (cell.strip() for cell in cells), strict=False))
@@ -135,6 +141,7 @@ def _xls(table: Table, path: Path) -> Iterator[Row]:
         raise BadTable(f"{path}: expected an Excel file (.xls); found {_one_line(error)}") from None
     lines = [[_excel_text(cell) for cell in sheet.row_values(i)] for i in range(sheet.nrows)]
     header = list(table.columns) or [" ".join(name.split()) for name in lines[table.skip_lines]]
+    expect_columns(table, path, header)
     for cells in lines[table.skip_lines + (0 if table.columns else 1) :]:
         yield dict(zip(header, cells, strict=False))
 

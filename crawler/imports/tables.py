@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from crawler.imports.columns import FIELD
 from crawler.imports.readings import Reading, Refused, item, year
 from crawler.imports.rows import Row, record_rows, rows
 from crawler.lengths import millimetres
@@ -16,7 +17,6 @@ from crawler.tables import Axis, Rule, Table
 
 __all__ = ["filled", "table_categories", "table_readings"]
 
-_FIELD = re.compile(r"\{([^{}|]+)(?:\|(\w+))?\}")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_|\s]+")
 
 
@@ -79,7 +79,7 @@ def filled(template: str, row: Row) -> str:
         text = row.get(match[1], "")
         return _FILTERS[match[2]](text) if match[2] else text
 
-    return " ".join(_FIELD.sub(cell, template).split()) if "{" in template else template
+    return " ".join(FIELD.sub(cell, template).split()) if "{" in template else template
 
 
 def _named(table: Table, row: Row) -> Row:

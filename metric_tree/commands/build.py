@@ -5,17 +5,21 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import signal
 import sys
 from collections import Counter
-from collections.abc import Iterator
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from datetime import UTC, datetime
+from multiprocessing import active_children, get_context
 from pathlib import Path
+from typing import Any, TypeVar
 
 from crawler.faults import InputFault
+from metric_tree.assembly import CURATED
 from metric_tree.build import Build, Options, Progress, built, shipped_curated
-from metric_tree.commands.shell import print_json, print_table
+from metric_tree.commands.shell import print_json, print_table, warn
 from metric_tree.store import opened
 
 __all__ = ["HELP", "add_arguments", "executor_of", "run"]
@@ -24,6 +28,8 @@ HELP = "Raw items to a release: matched, cleaned, fitted, published whole or not
 
 #: The variable by which reproducible builds tell a date (reproducible-builds.org).
 DATE_VARIABLE = "SOURCE_DATE_EPOCH"
+
+_R = TypeVar("_R")
 
 #: How long a Dask scheduler may take to answer, in seconds.
 SCHEDULER_TIMEOUT = 10
@@ -78,8 +84,25 @@ def run(arguments: argparse.Namespace) -> int:
             executor=executor,
             progress=progress,
         )
+    _warn(build)
     _print(build, arguments.json)
     return 0
+
+
+def _warn(build: Build) -> None:
+    """Say what the counts do not: that nothing was taken, or that the rows of undeclared sources were left out."""
+    manifest = build.release.manifest
+    if "carried" in manifest:  # the sources are those of the release that is carried over
+        return
+    used = [record for record in manifest["sources"] if record["id"] != CURATED.id]
+    if not any(record["n_fit"] for record in used):
+        warn(f"no raw item was taken: the release holds curated ranges alone; see {build.log / 'quarantine.jsonl'}")
+    # a declared source has its address in the manifest; that its rows are withheld is its declaration's own choice
+    unknown = (record for record in used if record["withheld"] and not record["url"])
+    withheld = [record["id"] for record in unknown if not record["n_rows"]]
+    if withheld:
+        keep = " ".join(f"--private {name}" for name in withheld)
+        warn(f"withheld, for want of a declared open licence: all rows of {', '.join(withheld)}; {keep} keeps them")
 
 
 def _print(build: Build, as_json: bool) -> None:
@@ -91,6 +114,21 @@ def _print(build: Build, as_json: bool) -> None:
     rows = [(name, value) for name, value in counts.items() if not isinstance(value, dict)]
     print_table(["count", "value"], rows, title=f"{build.release.directory}: {manifest['name']} {manifest['version']}")
     print_table(["raw item", "rows"], Counter(counts["raw"]).most_common())
+
+
+class _Pool(ProcessPoolExecutor):
+    """Processes that leave an interrupt to their parent, which ends them.
+
+    The mask is inherited from before their first line: an initializer would come after seconds of imports.
+    """
+
+    def submit(self, fn: Callable[..., _R], /, *args: Any, **kwargs: Any) -> Future[_R]:
+        """As of the base; a worker that it starts has the interrupt blocked."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return super().submit(fn, *args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
@@ -106,13 +144,15 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None
         with client:
             yield client.get_executor()
     elif workers > 1:
-        from concurrent.futures import ProcessPoolExecutor
-        from multiprocessing import get_context
-
         # spawned, not forked: Arrow's threads do not survive a fork
-        pool = ProcessPoolExecutor(workers, mp_context=get_context("spawn"))
+        pool = _Pool(workers, mp_context=get_context("spawn"))
         try:
             yield pool
+        except KeyboardInterrupt:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second one, which `timeout` sends, tells nothing new
+            for worker in active_children():  # what they are at would be thrown away
+                worker.terminate()
+            raise
         finally:
             pool.shutdown(cancel_futures=True)
     else:

@@ -42,6 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     from metric_tree.training.dataset import exported
 
     plan = _plan(arguments)
+    _see_coco(arguments.coco)
     tree = open_tree(arguments.tree)
     classes = Classes(tree, _nodes(tree, arguments.categories))
     cutouts = cutouts_of(classes, plan.seed)
@@ -85,14 +86,36 @@ def _nodes(tree: Tree, categories: str | None) -> list[Node]:
     if categories is None:
         from metric_tree.selection import candidates, chosen
 
-        return [one.node for one in chosen(candidates(tree))]
+        ranked = candidates(tree)
+        taken = [one.node for one in chosen(ranked)]
+        if not taken:
+            found = f"none of {len(ranked)} candidates of {tree.name} {tree.version}"
+            raise InputFault(f"--categories: expected names, as select's rules chose no category; found {found}")
+        return taken
     if not categories.endswith(".csv"):
         return [tree.find(name.strip()) for name in categories.split(",")]
     with Path(categories).open(encoding="utf-8", newline="") as lines:
-        rows = list(csv.DictReader(lines))
-    if not rows or "node" not in rows[0]:
+        reader = csv.DictReader(lines)
+        rows = [(reader.line_num, row) for row in reader]
+    if not rows or "node" not in rows[0][1]:
         raise InputFault(f"{categories}: columns: expected node, as `metric-tree select --out` writes it; found none")
-    return [tree.node(row["node"]) for row in rows]
+    return [_node(tree, row["node"], f"{categories}:{line}") for line, row in rows]
+
+
+def _node(tree: Tree, node_id: str, where: str) -> Node:
+    try:
+        return tree.node(node_id)
+    except InputFault as error:
+        raise InputFault(f"{where}: {error}") from None
+
+
+def _see_coco(given: Iterable[tuple[Path, Path]]) -> None:
+    """The annotation files and the folders of their pictures, asked before the work."""
+    for file, images in given:
+        if not file.is_file():
+            raise InputFault(f"--coco: expected a JSON file; found no file {file}")
+        if not images.is_dir():
+            raise InputFault(f"--coco: expected a folder of pictures; found no folder {images}")
 
 
 def _others(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, ...], Iterable[Any]]]:

@@ -9,14 +9,16 @@ from pathlib import Path
 
 from crawler.faults import InputFault
 from crawler.imports import Import, imported, readings
-from crawler.imports.files import source_folder, write_import, write_lines
+from crawler.imports.files import changed_files, source_folder, write_import, write_lines
 from crawler.imports.overview import overview, summary, terms
 from crawler.sources import Source, source, sources
-from metric_tree.commands.shell import print_json, print_table
+from metric_tree.commands.shell import output_file, print_json, print_table, warn
 
 __all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "An open data set into raw items; refused rows go, with their reasons, into a quarantine file beside them."
+
+SCHEMA = "metric-tree/import/1"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,23 +33,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="the source's folder or its one file, or a folder that holds such folders (default: download)",
     )
     parser.add_argument(
-        "--out", type=Path, metavar="PATH", help="FILE.jsonl or FILE.jsonl.gz; with --all a folder (default: none)"
+        "--out", type=Path, metavar="PATH", help="FILE.jsonl, FILE.jsonl.gz, or a folder (default: none)"
     )
     parser.add_argument(
         "--ship", type=Path, metavar="DIR", help="DIR/<source>.jsonl.gz of the sources whose terms allow it"
     )
+    parser.add_argument("--verbose", action="store_true", help="with --list: why each source downloads itself or not")
     parser.add_argument("--summary", type=Path, metavar="FILE.md", help="write the table of the sources imported")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Import, write, and print the counts of each source."""
     if arguments.list:
-        return _print_sources(arguments.json)
+        return _print_sources(arguments.json, arguments.verbose)
+    chosen = _chosen(arguments)
+    _see_places(arguments)
     summaries = []
-    for declared in _with_progress(_chosen(arguments)):
-        result = imported(declared, readings(declared, source_folder(declared, arguments.input)))
+    for declared in _with_progress(chosen):
+        folder = source_folder(declared, arguments.input)
+        result = imported(declared, readings(declared, folder))
+        if arguments.input:
+            _warn_of_changes(declared, folder)
         _write(result, arguments)
-        summaries.append(summary(result))
+        summaries.append({"schema": SCHEMA, **summary(result)})
     if arguments.summary:
         write_lines(arguments.summary, overview(summaries).splitlines())
     if arguments.json:
@@ -61,14 +69,30 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _chosen(arguments: argparse.Namespace) -> Sequence[Source]:
     if arguments.all == bool(arguments.source):
-        raise InputFault(f"SOURCE: expected one source, or --all; found {arguments.source or 'neither'!r}")
+        found = f"both, {arguments.source} and --all" if arguments.all else "neither"
+        raise InputFault(f"SOURCE: expected one source, or --all; found {found}")
     return sources() if arguments.all else [source(arguments.source)]
+
+
+def _see_places(arguments: argparse.Namespace) -> None:
+    """The places to write to, asked before any source is read."""
+    for option, folder in (("--out", arguments.out if arguments.all else None), ("--ship", arguments.ship)):
+        if folder and folder.exists() and not folder.is_dir():
+            raise InputFault(f"{option}: expected a folder; found the file {folder}")
+    if arguments.summary:
+        output_file(arguments.summary, "--summary")
+
+
+def _warn_of_changes(declared: Source, folder: Path) -> None:
+    for file in changed_files(declared, folder):
+        warn(f"{file}: sha256: expected that declared for {declared.id}; found another, so nothing is checked of it")
 
 
 def _write(result: Import, arguments: argparse.Namespace) -> None:
     name = f"{result.source.id}.jsonl"
     if arguments.out:
-        write_import(result, arguments.out / name if arguments.all else arguments.out)
+        inside = arguments.all or arguments.out.is_dir()
+        write_import(result, arguments.out / name if inside else arguments.out)
     if arguments.ship and result.source.ship:
         write_lines(arguments.ship / f"{name}.gz", (item.line() for item in result.items))
 
@@ -84,13 +108,20 @@ def _with_progress(chosen: Sequence[Source]) -> Iterator[Source]:
     yield from track(chosen, description="importing", console=Console(stderr=True), transient=True)
 
 
-def _print_sources(as_json: bool) -> int:
+def _print_sources(as_json: bool, verbose: bool) -> int:
     found = [terms(one) for one in sources()]
     if as_json:
         print_json(found)
     else:
         columns = ("source", "kind", "licence", "ship", "downloads", "url", "reason")
-        shown = [entry | {"ship": "yes" if entry["ship"] else "no"} for entry in found]
+        shown = [
+            entry
+            | {
+                "ship": "yes" if entry["ship"] else "no",
+                "reason": entry["reason"] if verbose or entry["downloads"] != "yes" else "",
+            }
+            for entry in found
+        ]
         print_table(columns, [tuple(entry[c] for c in columns) for entry in shown])
     return 0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from metric_tree.commands.shell import print_json
+from metric_tree.commands.shell import output_file, print_json
 from metric_tree.tree import open_tree
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -26,12 +26,14 @@ def run(arguments: argparse.Namespace) -> int:
     from metric_tree.report_counts import coverage, level_counts
     from taxonomy.vocabularies import vocabularies
 
+    output_file(arguments.out)
     tree = open_tree(arguments.release)
     against = open_tree(arguments.against) if arguments.against else None
     _write(arguments.out, page(tree, against))
     if arguments.json:
         print_json(
             {
+                "schema": "metric-tree/report/1",
                 "page": str(arguments.out),
                 "levels": [
                     dict(zip(("level", "nodes", "with_1", "with_10", "with_30"), row, strict=True))

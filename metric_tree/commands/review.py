@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import difflib
 import random
 from collections import Counter
 from datetime import UTC, datetime
@@ -12,11 +13,21 @@ from typing import TYPE_CHECKING
 from metric_tree.commands.shell import print_json, print_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
+
+    from taxonomy.review import Decision
 
 __all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "What waits for a reader (list), subjects without anyone's answer (blind), record a decision, agreement."
+
+SCHEMA = "metric-tree/review/1"
+
+#: Sources of raw items that are neither declared nor sites: the curated ranges, and what our spider asks Wikidata.
+UNDECLARED = ("curated", "wikidata")
+
+#: Nearest names of a source that a message offers.
+OFFERED = 3
 
 #: Waiting words of a source that are printed unless all are asked for.
 SHOWN = 40
@@ -61,12 +72,13 @@ def _list(arguments: argparse.Namespace) -> None:
     words = _unsettled_words(arguments.raw)
     if arguments.json:
         rows = [{"source": s, "words": w, "found": f, "rule": r, "items": n} for (s, w, f, r), n in words.most_common()]
-        print_json({"waiting": [{"what": w, "subject": s} for w, s in open_subjects], "words": rows})
+        print_json({"schema": SCHEMA, "waiting": [{"what": w, "subject": s} for w, s in open_subjects], "words": rows})
         return
-    print_table(["what", "subject"], open_subjects, title=f"{len(open_subjects)} subjects wait for a further reader")
+    title = f"subjects that wait for a further reader: {len(open_subjects)}"
+    print_table(["what", "subject"], open_subjects, title=title)
     if arguments.raw:
         shown = words.most_common(None if arguments.all else SHOWN)
-        title = f"{len(words)} words of {sum(words.values())} items wait for a first reader"
+        title = f"words that wait for a first reader: {len(words)} (of {sum(words.values())} items)"
         print_table(["source", "words", "found", "rule", "items"], [(*key, n) for key, n in shown], title=title)
 
 
@@ -104,13 +116,15 @@ def _blind(arguments: argparse.Namespace) -> None:
 def _record(arguments: argparse.Namespace) -> None:
     from taxonomy.lexicon import default_lexicon
     from taxonomy.places import taxonomy_directory
-    from taxonomy.review import NONE, BadDecision, Decision, recorded
+    from taxonomy.review import NONE, BadDecision, Decision, decisions, recorded
     from taxonomy.words import folded
 
+    source, separator, words = arguments.subject.partition(": ")
+    if separator and arguments.what == "match":
+        _expect_source(source, decisions(arguments.folder))
     concept = None if arguments.decision == NONE else arguments.decision
     if concept is not None and not default_lexicon().knows(concept):
         raise BadDecision(f"decision: expected a WordNet 3.0 synset, an mt: id or {NONE}; found {concept!r}")
-    source, separator, words = arguments.subject.partition(": ")
     decision = Decision(
         what=arguments.what,
         subject=f"{source}: {folded(words)}" if separator else arguments.subject,
@@ -123,10 +137,24 @@ def _record(arguments: argparse.Namespace) -> None:
     file = folder / "recorded.jsonl"
     recorded(decision, file)
     if arguments.json:
-        print_json({"recorded": decision.subject, "file": str(file)})
+        print_json({"schema": SCHEMA, "recorded": decision.subject, "file": str(file)})
     else:
         row = (decision.subject, arguments.decision, decision.reader)
         print_table(["subject", "decision", "reader"], [row], title=str(file))
+
+
+def _expect_source(name: str, found: Sequence[Decision]) -> None:
+    """See that a decision speaks of a source that raw items can bear: declared, a site, or decided about before."""
+    from crawler.sites import GENERIC, SITES
+    from crawler.sources import sources
+    from taxonomy.review import EVERY_SOURCE, BadDecision
+
+    known = {EVERY_SOURCE, *UNDECLARED, *(site.name for site in (GENERIC, *SITES)), *(one.id for one in sources())}
+    known |= {decision.subject.partition(": ")[0] for decision in found if decision.what == "match"}
+    if name not in known:
+        nearest = difflib.get_close_matches(name, sorted(known), n=OFFERED, cutoff=0) or sorted(known)
+        expected = f"a source ({', '.join(nearest)} are nearest), or {EVERY_SOURCE} for all"
+        raise BadDecision(f"subject: expected {expected}; found {name!r}")
 
 
 def _agreement(arguments: argparse.Namespace) -> None:
@@ -138,8 +166,9 @@ def _agreement(arguments: argparse.Namespace) -> None:
     if arguments.json:
         shares = {w: {"n": k.n, "share": k.share, "kappa": k.kappa} for w, k in kinds.items() if k.n}
         columns = ("what", "subject", "first", "second")
-        print_json({"agreement": shares, "differ": [dict(zip(columns, row, strict=True)) for row in differ]})
+        rows = [dict(zip(columns, row, strict=True)) for row in differ]
+        print_json({"schema": SCHEMA, "agreement": shares, "differ": rows})
         return
-    rows = [(what, k.n, f"{k.share:.3f}", f"{k.kappa:.3f}") for what, k in kinds.items() if k.n]
-    print_table(["what", "read twice", "same", "kappa"], rows, title="First and second readings")
+    shown = [(what, k.n, f"{k.share:.3f}", f"{k.kappa:.3f}") for what, k in kinds.items() if k.n]
+    print_table(["what", "read twice", "same", "kappa"], shown, title="First and second readings")
     print_table(["what", "subject", "first", "second"], differ, title=f"{len(differ)} go to a third reader")

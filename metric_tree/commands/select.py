@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from crawler.faults import InputFault
-from metric_tree.commands.shell import print_json, print_table
+from metric_tree.commands.shell import output_file, print_json, print_table
 from metric_tree.selection import TRAINING_LISTS, Candidate, Rules, candidates, chosen, paper_selection, reason_against
 from metric_tree.tree import Tree, open_tree
 
@@ -56,6 +56,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if rules.count < 1:
         raise InputFault(f"--count: expected 1 or more; found {rules.count}")
+    if arguments.out:
+        output_file(arguments.out)
     tree = open_tree(arguments.tree)
     ranked = candidates(tree)
     taken = chosen(ranked, rules)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import gzip
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -60,6 +61,7 @@ def test_one_source_with_its_quarantine(world: Path, shown: Any) -> None:
     out = world / "out" / "things.jsonl"
     status, result = shown("import", "open_things", "--input", str(world / "data" / "open_things"), "--out", str(out))
     assert status == 0
+    assert result["schema"] == "metric-tree/import/1"
     assert (result["rows"], result["items"], result["physical_rows"], result["refused"]) == (4, 1, 2, 2)
     assert result["reasons"] == {"no_size": 1, "unreadable": 1}
     assert [item.extents_mm for item in raw_items(out)] == [(125.0,)]
@@ -107,7 +109,7 @@ def test_the_sources_are_listed(world: Path, shown: Any) -> None:
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["import"], "SOURCE: expected one source, or --all; found 'neither'"),
+        (["import"], "SOURCE: expected one source, or --all; found neither"),
         (["import", "lamps"], "source: expected one of open_things, shop_things; found 'lamps'"),
         (
             ["import", "shop_things"],
@@ -115,6 +117,7 @@ def test_the_sources_are_listed(world: Path, shown: Any) -> None:
         ),
         (["import", "open_things"], "expected a download of"),
         (["import", "open_things", "--input", "/nowhere"], "/nowhere: expected the files of open_things"),
+        (["import", "open_things", "--all"], "expected one source, or --all; found both, open_things and --all"),
         (["import", "open_things", "--input", "/etc"], "expected things.csv; found no such file"),
     ],
 )
@@ -127,6 +130,60 @@ def test_bad_input_is_one_line_and_exit_2(
     assert line in error
     assert error.count("\n") == 1
     assert not out.parent.exists()
+
+
+def test_out_may_be_a_folder_that_is_there(world: Path, shown: Any) -> None:
+    (world / "raw").mkdir()
+    words = ("--input", str(world / "data"), "--out", str(world / "raw"))
+    assert shown("import", "open_things", *words)[0] == 0
+    written = {path.name for path in (world / "raw").iterdir()}
+    assert written == {"open_things.jsonl", "open_things.quarantine.jsonl"}
+
+
+@pytest.mark.parametrize("option", ["--out", "--ship"])
+def test_a_file_where_a_folder_should_be_is_told_before_the_work(
+    world: Path, option: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (world / "raw").write_text("mine")
+    assert main(["import", "--all", "--input", "/nowhere", option, str(world / "raw")]) == 2
+    assert f"{option}: expected a folder; found the file" in capsys.readouterr().err
+    assert (world / "raw").read_text() == "mine"
+
+
+def test_a_table_without_a_declared_column_is_refused_whole(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = world / "data" / "open_things" / "things.csv"
+    file.write_text("a,no\n1,2\n")
+    out = world / "out" / "x.jsonl"
+    assert main(["import", "open_things", "--input", str(file), "--out", str(out)]) == 2
+    assert capsys.readouterr().err == f"metric-tree import: {file}: columns: expected 'w'; found 'a', 'no'\n"
+    assert not out.parent.exists()
+
+
+def test_another_file_than_the_declared_one_is_warned_of_once(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = world / "data" / "open_things" / "things.csv"
+    words = ["import", "open_things", "--input", str(world / "data")]
+    assert main(words) == 0
+    error = capsys.readouterr().err
+    assert error.startswith(f"warning: {file}: sha256: expected that declared for open_things; found another")
+    assert error.count("\n") == 1
+    declared = world / "declared" / "open_things.toml"
+    sha = hashlib.sha256(file.read_bytes()).hexdigest()
+    declared.write_text(declared.read_text().replace("0" * 64, sha))
+    assert main(words) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_the_list_in_a_pipe_keeps_addresses_whole(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    url = "https://example.org/" + "long/" * 60
+    declared = world / "declared" / "open_things.toml"
+    declared.write_text(declared.read_text().replace("https://example.org/open_things", url))
+    assert main(["import", "--list"]) == 0
+    out = capsys.readouterr().out
+    assert url in out
+    assert "never tried" not in out  # it downloads itself
+    assert "fetch things.csv" in out
+    assert main(["import", "--list", "--verbose"]) == 0
+    assert "never tried" in capsys.readouterr().out
 
 
 def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+from dataclasses import replace
 from functools import partial
 
 import pytest
@@ -69,6 +72,56 @@ def test_bad_arguments_are_one_line(raw, tmp_path, capsys, monkeypatch, words, m
     assert message in printed.err
     assert printed.err.count("\n") == 1
     assert not (tmp_path / "release").exists()
+
+
+def test_a_private_source_without_raw_items_is_refused(raw, tmp_path, capsys):
+    assert run(raw, "--out", tmp_path / "release", "--workers", 1, "--private", "shoq") == 2
+    assert (
+        "--private: expected sources of the raw items (club, games, lab, shop); found shoq" in capsys.readouterr().err
+    )
+    assert not (tmp_path / "release").exists()
+
+
+def test_withheld_rows_of_an_undeclared_source_are_told(raw, tmp_path, capsys):
+    raw.write_text(raw.read_text().replace('"source": "shop"', '"source": "mine"'))
+    words = ("--workers", 1, "--no-heldout")
+    assert run(raw, "--out", tmp_path / "public", *words) == 0
+    error = capsys.readouterr().err
+    assert "all rows of mine; --private mine keeps them" in error
+    assert error.count("\n") == 1  # the withheld sources that are declared are no news
+    assert run(raw, "--out", tmp_path / "private", "--private", "mine", *words) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_a_build_of_nothing_but_curated_ranges_says_so(raw, tmp_path, capsys, monkeypatch):
+    curated = [replace(item, source="curated") for item in made_items(per_class=4)]
+    monkeypatch.setattr(command, "shipped_curated", lambda: curated)
+    raw.write_text("")
+    assert run(raw, "--out", tmp_path / "release", "--workers", 1, "--no-heldout") == 0
+    assert "warning: no raw item was taken" in capsys.readouterr().err
+
+
+def test_an_interrupt_ends_the_workers_in_silence():
+    """Both the parent and its workers get it, as from a terminal; one of them is at work."""
+    code = """
+import os, signal, time
+from metric_tree.commands.build import executor_of
+from metric_tree.commands.shell import exit_status
+
+def run():
+    with executor_of(2, None) as pool:
+        pool.submit(os.getpid).result()
+        pool.submit(time.sleep, 600)
+        os.killpg(0, signal.SIGINT)
+        time.sleep(600)
+
+if __name__ == "__main__":
+    raise SystemExit(exit_status("x", run))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=120, start_new_session=True
+    )
+    assert (done.returncode, done.stderr) == (130, "x: interrupted\n")
 
 
 @pytest.mark.parametrize("fold", ["5/5", "1", "a/b", "1/0"])

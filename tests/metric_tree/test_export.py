@@ -122,6 +122,19 @@ def test_the_same_seed_gives_the_same_bytes_whatever_the_processes(tree: Tree, t
     assert any((tmp_path / "a" / file).read_bytes() != (tmp_path / "c" / file).read_bytes() for file in files)
 
 
+def test_categories_that_are_none_are_told(
+    tree: Tree, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "sel.csv"
+    file.write_text("node,name\nmouse.n.04,mouse\nmous.n.09,mous\n")
+    words = ["export", "--tree", str(tree.release.directory), "--out", str(tmp_path / "set")]
+    assert main([*words, "--categories", str(file)]) == 2
+    assert f"{file}:3: mous.n.09: no node has this id" in capsys.readouterr().err
+    monkeypatch.setattr("metric_tree.selection.chosen", lambda _found: [])
+    assert main(words) == 2
+    assert "select's rules chose no category; found none of " in capsys.readouterr().err
+
+
 def test_items_belong_to_one_split(tree: Tree, tmp_path: Path) -> None:
     assert _export(tree, tmp_path / "set", "--pictures", "30", "--val-share", "0.3") == 0
     items = {split: {one["item_id"] for one in d["annotations"]} for split, d in _documents(tmp_path / "set").items()}

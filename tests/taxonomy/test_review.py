@@ -136,6 +136,7 @@ def test_the_command_records_and_lists(tmp_path: Path, capsys: pytest.CaptureFix
     ("words", "message"),
     [
         (["*: foo", "chair.n.99", "--reader", "Ada"], "decision: expected a WordNet 3.0 synset"),
+        (["ikea_sa_2002: foo", "chair.n.01", "--reader", "Ada"], "expected a source (ikea_sa_2020, "),
         (["foo", "chair.n.01", "--reader", "Ada"], "subject: expected <source>: <words>"),
     ],
 )

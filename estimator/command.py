@@ -74,14 +74,14 @@ def parser() -> argparse.ArgumentParser:
         nargs="+",
         action="append",
         default=[],
-        help="a length known in metres, as A B METRES (A and B as x,y,z in scene units) or a file; may be repeated",
+        help="a length known in metres, after SCENE, as A B METRES (points as x,y,z) or a file; may be repeated",
     )
     add("--level", type=float, default=0.9, help="mass of the interval (default: %(default)s)")
     add("--leave-one-class-out", action="store_true", help="the scale without each class in turn")
     add("--paper-lists", metavar="DIR", type=Path, help="--method paper with the authors' own lists (scale_metrics)")
     add("--json", action="store_true", help="print the result as JSON (metric-tree/scale/1)")
     add("--output", metavar="FILE", type=Path, help="write the JSON result there as well")
-    add("--figure", metavar="FILE", type=Path, help="draw the posterior and the objects")
+    add("--figure", metavar="FILE", type=Path, help="draw the posterior and the objects; of a SCENE its plan too")
     add("--overlay", metavar="DIR", type=Path, help="draw the boxes with their sizes into every frame")
     add("--write-scaled", metavar="DIR", type=Path, help="write the model again at metric scale")
     add("--version", action="version", version=f"{PROGRAM} {version()}")
@@ -108,6 +108,7 @@ def _run(words: Sequence[str]) -> int:
 
 
 def _checked(options: argparse.Namespace) -> None:
+    _check_known_lengths(options)  # before the SCENE, which one may have swallowed
     if (options.scene is None) == (options.objects is None):
         found = "neither" if options.scene is None else "both"
         raise InputFault(f"arguments: expected a SCENE or --objects FILE; found {found}")
@@ -116,7 +117,7 @@ def _checked(options: argparse.Namespace) -> None:
     if options.paper_lists is not None and options.method != "paper":
         raise InputFault(f"--paper-lists: expected --method paper; found --method {options.method}")
     _check_detector(options)
-    geometric = {"--figure": options.figure, "--overlay": options.overlay, "--write-scaled": options.write_scaled}
+    geometric = {"--overlay": options.overlay, "--write-scaled": options.write_scaled}
     for name, value in geometric.items():
         if value is not None and options.objects is not None:
             raise InputFault(f"{name}: expected a SCENE; found --objects")
@@ -128,6 +129,13 @@ def _checked(options: argparse.Namespace) -> None:
         path = getattr(options, name)
         if path is not None and path.exists():  # said before the work is done, not after
             raise InputFault(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
+
+
+def _check_known_lengths(options: argparse.Namespace) -> None:
+    for words in options.known_length:
+        if len(words) not in (1, 3):
+            expected = "three values, A B METRES, or one FILE, with SCENE before the option"
+            raise InputFault(f"--known-length: expected {expected}; found {len(words)}: {' '.join(words)}")
 
 
 def _check_detector(options: argparse.Namespace) -> None:
@@ -148,7 +156,12 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
     if options.method == "sucar":
         raise InputFault("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
     asked = _asked(options)
-    return objects_result(objects_of(options.objects), _tree(options), asked, options.paper_lists)
+    result = objects_result(objects_of(options.objects), _tree(options), asked, options.paper_lists)
+    if options.figure is not None and result.exit_code == 0:
+        from estimator.figure import write_figure
+
+        write_figure(result, options.figure)
+    return result
 
 
 def _scene_result(options: argparse.Namespace) -> ScaleResult:

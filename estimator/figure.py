@@ -51,7 +51,7 @@ _TICK_STEPS = (
 MAX_TICKS = 10
 
 
-def write_figure(estimate: SceneEstimate, file: Path) -> None:
+def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
     """Draw the figure into a file whose ending names the format (`.png`, `.pdf`, `.svg`), whole or not at all."""
     if file.suffix.lower() not in FORMATS:
         raise BadScene.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
@@ -60,23 +60,27 @@ def write_figure(estimate: SceneEstimate, file: Path) -> None:
         drawn.savefig(temporary, format=file.suffix[1:].lower(), dpi=130)
 
 
-def figure(estimate: SceneEstimate) -> Figure:
-    """The figure of an estimate; parts that it has no numbers for are left blank."""
+def figure(estimate: SceneEstimate | ScaleResult) -> Figure:
+    """The figure of an estimate; parts that it has no numbers for are left blank. A bare result has no right half."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    reports = _rows(estimate.result)
+    scene = None if isinstance(estimate, ScaleResult) else estimate
+    result = estimate if isinstance(estimate, ScaleResult) else estimate.result
+    reports = _rows(result)
     rows_inches = ROW_INCHES * max(len(reports), 1)
     height = max(LEAST_INCHES, HEAD_INCHES + rows_inches + FOOT_INCHES)
-    drawn = Figure(figsize=(WIDTH_INCHES, height), layout="constrained")
+    halves = 1 if scene is None else 2
+    drawn = Figure(figsize=(WIDTH_INCHES * halves / 2, height), layout="constrained")
     FigureCanvasAgg(drawn)
-    left, right = np.ravel(np.asarray(drawn.subfigures(1, 2), dtype=object))
+    left, *right = np.ravel(np.asarray(drawn.subfigures(1, halves), dtype=object))
     share = min(HEAD_INCHES, 0.4 * height)
     head, body = left.subplots(2, 1, sharex=True, height_ratios=(share, height - share))
-    _draw_posterior(head, estimate.result, scene_truth(estimate.scene.path).scale)
-    _draw_objects(body, estimate.result, reports)
-    above, side = right.subplots(2, 1, height_ratios=(3, 2))
-    draw_scene(above, side, estimate)
+    _draw_posterior(head, result, None if scene is None else scene_truth(scene.scene.path).scale)
+    _draw_objects(body, result, reports)
+    if scene is not None:
+        above, side = right[0].subplots(2, 1, height_ratios=(3, 2))
+        draw_scene(above, side, scene)
     return drawn
 
 
@@ -108,8 +112,11 @@ def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> Non
     scales = np.exp(result.curve.log_scale)
     density = result.curve.density / result.curve.density.max()
     interval = result.interval
-    inside = (scales >= interval.low) & (scales <= interval.high)
-    axes.fill_between(scales, density, where=inside.tolist(), color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0)
+    # from end to end, not from the first to the last point of the grid between them
+    ends = np.array([interval.low, interval.high])
+    inside = np.clip(scales, *ends)
+    under = np.interp(np.log(inside), result.curve.log_scale, density)
+    axes.fill_between(inside, under, color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0)
     axes.plot(scales, density, color=POSTERIOR_COLOUR, linewidth=1.6)
     for mode in result.modes:
         axes.axvline(mode.scale, color=POSTERIOR_COLOUR, linewidth=0.8, linestyle=":")

@@ -6,6 +6,7 @@ import io
 import shutil
 import sys
 from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from estimator.result import Alternative, ObjectReport, ScaleResult
@@ -78,11 +79,12 @@ def _object_table(result: ScaleResult) -> Table:
         table.add_column(name, overflow="fold")
     for name in ("units", "metres"):
         table.add_column(name, no_wrap=True)
-    for name in ("own scale", "weight"):
-        table.add_column(name, justify="right")
+    table.add_column("own scale", no_wrap=True)
+    table.add_column("weight", justify="right")
     table.add_column("verdict", overflow="fold", ratio=1)
-    for item in filter(_has_size, result.objects):
-        table.add_row(*_cells(item, result.scale))
+    shown = list(filter(_has_size, result.objects))
+    for item, own in zip(shown, _own_scales(shown), strict=True):
+        table.add_row(*_cells(item, result.scale, own))
     return table
 
 
@@ -100,7 +102,15 @@ def _unmeasured(result: ScaleResult) -> str:
     return "\n".join(f"not measured ({reason}): {', '.join(parts)}" for reason, parts in lines.items())
 
 
-def _cells(item: ObjectReport, scale: float | None) -> tuple[str, ...]:
+def _own_scales(items: Sequence[ObjectReport]) -> list[str]:
+    """Three digits each, the points of all under one another."""
+    texts = ["-" if item.scale is None else f"{item.scale:#.3g}".rstrip(".") for item in items]
+    parts = [text.partition(".") for text in texts]
+    before, after = (max((len(part[side]) for part in parts), default=0) for side in (0, 2))
+    return [f"{whole:>{before}}{point or ' '}{rest:<{after}}" for whole, point, rest in parts]
+
+
+def _cells(item: ObjectReport, scale: float | None, own: str) -> tuple[str, ...]:
     style = STYLE[item.verdict]
     verdict = f"[{style}]{item.verdict}[/]" + (f" [dim]{_escaped(item.reason)}[/]" if item.reason else "")
     return (
@@ -109,7 +119,7 @@ def _cells(item: ObjectReport, scale: float | None) -> tuple[str, ...]:
         item.node or "-",
         _sizes(item, 1.0),
         _sizes(item, scale) if scale is not None else "-",
-        f"{item.scale:.3g}" if item.scale is not None else "-",
+        own,
         f"{item.weight:.2f}" if item.verdict != "skipped" else "-",
         verdict,
     )

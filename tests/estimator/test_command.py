@@ -133,6 +133,13 @@ def test_known_length_with_negative_coordinates(tmp_path: Path, tree: Path, caps
     assert record["known_lengths"][0]["scale"] == pytest.approx(0.51)
 
 
+def test_a_figure_needs_no_scene(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    status, _, _ = _run(capsys, "--objects", objects, "--tree", tree, "--figure", tmp_path / "f.png")
+    assert status == 0
+    assert (tmp_path / "f.png").read_bytes()[:4] == b"\x89PNG"
+
+
 def test_leave_one_class_out(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     objects = _file(
         tmp_path, {"category": "swivel chair", "dimensions": CHAIR}, {"category": "bar stool", "dimensions": STOOL}
@@ -152,7 +159,11 @@ def test_leave_one_class_out(tmp_path: Path, tree: Path, capsys: pytest.CaptureF
         (["--objects", "nowhere.json"], "nowhere.json: file: expected a readable file"),
         (["nowhere"], "nowhere: scene: expected a COLMAP model folder or an OpenSfM dataset folder"),
         (["--objects", "x.json", "--level", "1.5"], "--level: expected a number between 0 and 1"),
-        (["--objects", "x.json", "--figure", "f.png"], "--figure: expected a SCENE"),
+        (["--objects", "x.json", "--overlay", "f"], "--overlay: expected a SCENE"),
+        (
+            ["--known-length", "0,0,0", "1,1,1", "2", "scene"],
+            "expected three values, A B METRES, or one FILE, with SCENE",
+        ),
         (["--objects", "x.json", "--paper-lists", "d"], "--paper-lists: expected --method paper"),
         (["--objects", "x.json", "--output", "no/such/folder/f.json"], "--output: expected a file in a folder"),
         (["--objects", "x.json", "--known-length", "0,0,0", "1,1,1"], "--known-length"),

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.small_scene import write_small_scene
 from estimator.figure import figure, write_figure
+from estimator.grid import Curve
 from estimator.pipeline import SceneEstimate
 from estimator.plan import COLOURS
 from estimator.scene import BadScene
@@ -46,6 +47,27 @@ def test_the_posterior_with_interval_and_modes(estimate: SceneEstimate) -> None:
     (shade,) = head.collections
     corners = shade.get_paths()[0].get_extents()
     assert (corners.x0, corners.x1) == pytest.approx((0.4, 0.6), abs=0.005)
+
+
+def test_the_interval_ends_at_the_same_place_in_both_panels(estimate: SceneEstimate) -> None:
+    coarse = replace(estimate.result, curve=thinned(estimate.result.curve), object_curves={})
+    (shade,) = panels(figure(replace(estimate, result=coarse)))[0].collections
+    (band,) = panels(figure(estimate))[1].patches
+    above = shade.get_paths()[0].get_extents()
+    assert (above.x0, above.x1) == pytest.approx((0.4, 0.6), rel=1e-9)
+    assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx((0.4, 0.6), rel=1e-9)
+
+
+def thinned(curve: Curve | None) -> Curve:
+    """Every 20th point, so that none lies at the interval's ends."""
+    assert curve is not None
+    return Curve(curve.log_scale[::20], curve.density[::20], 0.0, 0.0)
+
+
+def test_a_result_without_a_scene_is_drawn_alone(estimate: SceneEstimate) -> None:
+    head, body = figure(estimate.result).axes
+    assert "0.5 m per scene unit" in head.get_title(loc="left")
+    assert len(body.get_yticklabels()) == 2
 
 
 def test_every_object_has_a_row_of_its_own_in_the_colour_of_its_verdict(estimate: SceneEstimate) -> None:

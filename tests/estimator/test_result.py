@@ -70,6 +70,17 @@ def test_table_names_everything() -> None:
     assert "+14.0%" in text
 
 
+def test_own_scales_have_three_digits_under_one_another() -> None:
+    scales = (1.0, 0.131, 0.0781, 12.3, 234.0)
+    objects = tuple(replace(REPORT, id=str(place), scale=scale) for place, scale in enumerate(scales))
+    lines = [line for line in text_of(replace(RESULT, objects=objects)).splitlines() if "chair.n.01  " in line][:5]
+    shown = ["1.00", "0.131", "0.0781", "12.3", "234"]
+    for line, text in zip(lines, shown, strict=True):
+        assert f" {text} " in line
+    points = [line.index(text) + text.index(".") for line, text in zip(lines, shown, strict=True) if "." in text]
+    assert len(set(points)) == 1
+
+
 def test_unmeasured_objects_share_a_line() -> None:
     far = [
         replace(

@@ -12,7 +12,7 @@ from estimator.instances import ViewNames, crop_at, instances_of, other_aspect
 from estimator.masks import box_mask, checked_size, coco_mask
 from estimator.scene import BadScene, Instance, Scene, told
 
-__all__ = ["coco_instances"]
+__all__ = ["coco_instances", "unread"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,15 @@ def coco_instances(
         raise BadScene.at(file, "annotations", "at least one", 0)
     found = [_instance(file, row, annotation, frame, scene) for row, annotation in enumerate(annotations)]
     names = [image.file_name for image in frame.images.values()]
-    return instances_of(file, scene, names, found, _warnings(file, annotations, frame, scene, found))
+    warnings = _warnings(file, annotations, frame, scene, found)
+    if categories is not None and frame.file != categories:
+        warnings.append(unread(categories, file, "is a dataset"))
+    return instances_of(file, scene, names, found, warnings)
+
+
+def unread(categories: Path | str, instances: Path, what: str) -> str:
+    """The warning for `--categories` beside instances that name their own."""
+    return f"--categories {categories}: not read, for {instances} {what} with categories of its own"
 
 
 def _document(scene: Scene, file: Path, categories: Path | None) -> tuple[CocoFrame, list[Any]]:

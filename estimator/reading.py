@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.cameras import pixels_in_view
-from estimator.coco import coco_instances
+from estimator.coco import coco_instances, unread
 from estimator.colmap import colmap_folder, colmap_scene
 from estimator.dense import dense_cloud, dense_file
 from estimator.instance_pictures import picture_instances
@@ -58,7 +58,8 @@ def instances_and_warnings(
     """
     place = _default_instances(scene) if path is None else Path(path)
     if place.is_dir():
-        return picture_instances(scene, place)
+        found, warnings = picture_instances(scene, place)
+        return found, (*warnings, *([] if categories is None else [unread(categories, place, "are pictures")]))
     return coco_instances(scene, place, None if categories is None else Path(categories))
 
 
@@ -83,10 +84,8 @@ def _default_instances(scene: Scene) -> Path:
     for place in (scene.path / INSTANCES, scene.path / PICTURES):
         if place.exists():
             return place
-    from estimator.detectors import how_to_get_one
-
-    expected = f"{INSTANCES} or a folder {PICTURES} in it, or a file named with --instances; {how_to_get_one()}"
-    raise BadScene.at(scene.path, "instances", expected, None)
+    ways = "--instances FILE, or --images DIR --detector MODEL (docs/training.md lists detectors)"
+    raise BadScene.at(scene.path, "instances", f"{INSTANCES} or {PICTURES}/ in it, or {ways}", told("none"))
 
 
 def _with_dense(scene: Scene, file: Path | None) -> Scene:

@@ -168,8 +168,18 @@ def test_results_take_names_from_beside_or_from_categories(tmp_path: Path) -> No
     other = written(tmp_path, frame, "other.json")
     (instance,) = instances_at(scene, results, other)
     assert (instance.category, instance.score, instance.from_box) == ("mug", 0.25, True)
+    assert instances_and_warnings(scene, results, other)[1] == ()
     written(tmp_path, frame, "found_categories.json")
     assert len(instances_at(scene, results)) == 1
+
+
+def test_categories_beside_a_dataset_are_told_not_read(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "a.png")
+    annotation = {"id": 1, "image_id": 10, "category_id": 3, "bbox": [1, 2, 3, 4]}
+    whole = written(tmp_path, dataset([annotation], "a.png"), "whole.json")
+    assert instances_and_warnings(scene, whole)[1] == ()
+    (line,) = instances_and_warnings(scene, whole, "other.json")[1]
+    assert line.startswith("--categories other.json: not read")
 
 
 def pictures(folder: Path, names: dict[str, str], **pixels: np.ndarray) -> Path:

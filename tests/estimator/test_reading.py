@@ -46,6 +46,14 @@ def test_what_is_in_a_folder_without_a_model_is_told(tmp_path: Path) -> None:
         scene_at(tmp_path)
 
 
+def test_missing_instances_are_one_readable_line(small: Path, tmp_path: Path) -> None:
+    shutil.copytree(small / "colmap", tmp_path / "scene")
+    (tmp_path / "scene" / "instances.json").unlink()
+    with pytest.raises(BadScene, match=r"--instances FILE, or --images DIR --detector MODEL .*, found none$") as fault:
+        instances_at(scene_at(tmp_path / "scene"))
+    assert len(str(fault.value).removeprefix(str(tmp_path))) < 200
+
+
 def test_instances_json_comes_before_pictures(small: Path, tmp_path: Path) -> None:
     shutil.copytree(small / "opensfm", tmp_path / "scene")
     scene = scene_at(tmp_path / "scene")

@@ -41,7 +41,7 @@ class Contradiction:
         if self.total:
             return f"unresolved: the known lengths contradict every object: {scales}; {check}"
         count = f"{self.outliers} of {self.objects} objects are outliers at the first"
-        return f"the known lengths contradict most objects: {scales}, and {count}; {check}"
+        return f"the known lengths contradict the objects: {scales}, and {count}; {check}"
 
 
 def contradiction_of(found: Posterior, evidence: Sequence[Evidence]) -> Contradiction | None:

@@ -23,6 +23,8 @@ __all__ = ["main", "parser"]
 PROGRAM = "estimate-scale"
 
 METHODS = ("default", "paper", "sucar", "height")
+#: The baselines know objects alone.
+WITHOUT_LENGTHS = ("paper", "sucar")
 
 EPILOG = """\
 Exit status: 0 done; 2 the input is at fault (one line says where); 3 unresolved: no usable object, or the interval's
@@ -136,6 +138,8 @@ def _check_known_lengths(options: argparse.Namespace) -> None:
         if len(words) not in (1, 3):
             expected = "three values, A B METRES, or one FILE, with SCENE before the option"
             raise InputFault(f"--known-length: expected {expected}; found {len(words)}: {' '.join(words)}")
+    if options.known_length and options.method in WITHOUT_LENGTHS:
+        raise InputFault(f"--known-length: expected --method default or height; found --method {options.method}")
 
 
 def _check_detector(options: argparse.Namespace) -> None:

@@ -165,6 +165,7 @@ def test_leave_one_class_out(tmp_path: Path, tree: Path, capsys: pytest.CaptureF
             "expected three values, A B METRES, or one FILE, with SCENE",
         ),
         (["--objects", "x.json", "--paper-lists", "d"], "--paper-lists: expected --method paper"),
+        (["x", "--method", "sucar", "--known-length", "f.csv"], "--known-length: expected --method default or height"),
         (["--objects", "x.json", "--output", "no/such/folder/f.json"], "--output: expected a file in a folder"),
         (["--objects", "x.json", "--known-length", "0,0,0", "1,1,1"], "--known-length"),
         (["--objects", "x.json", "--known-length", "0,0", "1,1,1", "2"], "--known-length"),

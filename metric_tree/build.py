@@ -42,7 +42,7 @@ from metric_tree.build_report import report
 from metric_tree.clean import Cleaned, NodeClass, class_priors, cleaned
 from metric_tree.disagreement import SharedModel, shared_model
 from metric_tree.images import gathered, picture_files
-from metric_tree.ingest import SHARDS, Block, Ingested, block_of, blocks, ingested, raw_files
+from metric_tree.ingest import SHARDS, Block, Ingested, block_of, blocks, ingested, items_of, raw_files
 from metric_tree.prior import Prior
 from metric_tree.row_files import RowFiles, sibling_references
 from metric_tree.schema import IMAGES
@@ -163,20 +163,11 @@ def _expect_private(private: Sequence[str], files: Iterable[Path]) -> None:
     for block in blocks(files) if private else ():
         if set(private) <= found:  # a large folder need not be read to its end
             return
-        found |= set(filter(None, map(_source_of, block.lines)))
+        found |= {item.source for item in items_of(block)}
     missing = sorted(set(private) - found)
     if missing:
         known = ", ".join(sorted(found)) or "none"
         raise InputFault(f"--private: expected sources of the raw items ({known}); found {', '.join(missing)}")
-
-
-def _source_of(line: bytes) -> str | None:
-    """The source of a raw item's line, None where it has none: the ingest names the line that is at fault."""
-    try:
-        source = json.loads(line)["source"]
-    except (ValueError, TypeError, KeyError):
-        return None
-    return source if isinstance(source, str) else None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -37,6 +37,7 @@ __all__ = [
     "ingested",
     "is_held_out",
     "item_hash",
+    "items_of",
     "raw_files",
 ]
 
@@ -165,7 +166,7 @@ def ingested(
     rows: list[list[dict[str, Any]]] = [[] for _ in range(SHARDS)]
     refused: list[str] = []
     counts: Counter[str] = Counter()
-    for item in _items(block):
+    for item in items_of(block):
         row, reason = _row(item, taxonomy, fold_out, left_out)
         counts[reason or "taken"] += 1
         if row is not None:
@@ -189,7 +190,14 @@ def refusal(reason: str, source: str, source_id: str, title: str, category: Sequ
     return json.dumps(record | ({"detail": detail} if detail else {}), ensure_ascii=False) + "\n"
 
 
-def _items(block: Block) -> Iterator[RawItem]:
+def items_of(block: Block) -> Iterator[RawItem]:
+    """The items of a block's lines.
+
+    Raises
+    ------
+    BadRawItem
+        A line is no raw item; the message names the file and the line.
+    """
     for number, line in enumerate(block.lines, start=block.first):
         if line.strip():
             try:

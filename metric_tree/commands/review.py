@@ -40,7 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     actions = parser.add_subparsers(dest="action", metavar="list|blind|record|agreement", required=True)
     waits = actions.add_parser("list", help="subjects that wait, and words of raw items that no rule settles")
-    waits.add_argument("raw", metavar="RAW", nargs="*", help="raw-item files (JSON Lines) to look for unsettled words")
+    waits.add_argument(
+        "raw", metavar="RAW", nargs="*", help="*.jsonl, *.jsonl.gz, or folders of them, to look for unsettled words"
+    )
     waits.add_argument("--all", action="store_true", help=f"print all words, not {SHOWN}")
     blind = actions.add_parser("blind", help="what a reader has not read, shuffled and without any answer")
     blind.add_argument("--reader", required=True, help="the reader that will answer")
@@ -84,12 +86,12 @@ def _list(arguments: argparse.Namespace) -> None:
 
 def _unsettled_words(raw: Iterable[str]) -> Counter[tuple[str, str, str | None, str]]:
     """Items by (source, words, concept below the threshold, rule) that the matcher leaves to a reader."""
-    from crawler.items import raw_items
+    from metric_tree.ingest import blocks, items_of, raw_files
     from taxonomy.matching import default_matcher
 
     words: Counter[tuple[str, str, str | None, str]] = Counter()
-    for path in raw:
-        for item in raw_items(Path(path)):
+    for block in blocks(raw_files(map(Path, raw))):
+        for item in items_of(block):
             found = default_matcher().finding(item.source, item.category_path, item.title, item.synset)
             if not found.settled:
                 words[item.source, found.subject, found.concept, found.rule] += 1

@@ -28,6 +28,7 @@ _PATH_FAULTS: dict[type[OSError], str] = {
     FileNotFoundError: "an existing file or folder; found none",
     IsADirectoryError: "a file; found a folder",
     NotADirectoryError: "a folder; found a file",
+    FileExistsError: "a folder, or nothing yet; found a file",
     PermissionError: "leave to read or write it; found none",
 }
 

@@ -150,6 +150,13 @@ def test_a_file_where_a_folder_should_be_is_told_before_the_work(
     assert (world / "raw").read_text() == "mine"
 
 
+def test_a_file_on_the_way_to_out_is_told(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (world / "raw").write_text("mine")
+    words = ["import", "open_things", "--input", str(world / "data"), "--out", str(world / "raw" / "x.jsonl")]
+    assert main(words) == 2
+    assert f"{world / 'raw'}: expected a folder, or nothing yet; found a file" in capsys.readouterr().err
+
+
 def test_a_table_without_a_declared_column_is_refused_whole(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = world / "data" / "open_things" / "things.csv"
     file.write_text("a,no\n1,2\n")

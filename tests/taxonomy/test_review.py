@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import math
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from crawler.items import RawItem
 from metric_tree.commands import main
 from taxonomy.insertions import insertions
 from taxonomy.levels import replaced_ids
@@ -130,6 +132,18 @@ def test_the_command_records_and_lists(tmp_path: Path, capsys: pytest.CaptureFix
     assert json.loads(capsys.readouterr().out) == []
     assert main(["review", "blind", "--reader", "Grace", *folder, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == [{"subject": "*: foo", "words": "foo"}]
+
+
+@pytest.mark.usefixtures("wordnet")
+def test_words_are_listed_from_packed_files_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    item = RawItem(
+        source="shop", source_id="1", category_path=("zzyzx",), dimensions_mm={"height": 1.0}, kind="product"
+    )
+    (tmp_path / "raw.jsonl.gz").write_bytes(gzip.compress(item.line().encode() + b"\n"))
+    assert main(["review", "list", str(tmp_path), "--folder", str(tmp_path / "none"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["schema"] == "metric-tree/review/1"
+    assert [(row["source"], row["items"]) for row in found["words"]] == [("shop", 1)]
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from urllib.parse import urlsplit, urlunsplit
 from lxml import etree
 from w3lib.encoding import html_to_unicode
 
+from crawler.content import other_content
 from crawler.faults import InputFault
 from crawler.words import Language, language_of
 
@@ -27,6 +28,7 @@ __all__ = [
     "saved_page",
     "source_id",
     "squeezed",
+    "web_address",
 ]
 
 #: lxml's own element: the classes of `lxml.html` would cost a call of Python for each.
@@ -103,12 +105,34 @@ def saved_page(path: Path, url: str) -> Page:
     Raises
     ------
     BadPage
-        The file is damaged, or unpacks to more than `MAXIMUM_BYTES`.
+        There is no such file, it holds something else than HTML, is damaged, or unpacks to more than `MAXIMUM_BYTES`.
     """
+    if not path.is_file():
+        raise BadPage(f"{path}: expected an HTML page; found {'a folder' if path.is_dir() else 'no file'}")
     body = path.read_bytes()
     if body[:2] == b"\x1f\x8b":
         body = _unpacked(path, body)
+    if other := other_content(body):
+        raise BadPage(f"{path}: expected an HTML page; found {other}")
     return page(body, url)
+
+
+def web_address(url: str, field: str) -> str:
+    """The address, if it is one of the web.
+
+    Raises
+    ------
+    BadPage
+        The scheme is another than http and https, no host is named, or a blank stands in it.
+    """
+    try:
+        parts = urlsplit(url)
+        sound = parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # a port that is no number, a bracket that is not closed
+        sound = False
+    if not sound or re.search(r"\s", url):
+        raise BadPage(f"{field}: expected an http(s) address; found {url!r}")
+    return url
 
 
 def canonical_url(url: str) -> str:

@@ -22,10 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the raw item: one line with --json, a table without."""
-    from crawler.pages import saved_page
+    from crawler.pages import saved_page, web_address
     from crawler.sites import item_of
 
-    line = item_of(saved_page(arguments.file, arguments.url)).line()
+    line = item_of(saved_page(arguments.file, web_address(arguments.url, "--url"))).line()
     if arguments.json:
         sys.stdout.write(f"{line}\n")
     else:

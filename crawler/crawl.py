@@ -12,8 +12,9 @@ from typing import Any
 
 from crawler.dataset import write_segments
 from crawler.faults import InputFault
-from crawler.frontier import Frontier
-from crawler.frontier_sqlite import SqliteFrontier
+from crawler.frontier import OFF_SITE, PRIVATE, Frontier, came_to_nothing
+from crawler.frontier_sqlite import SqliteFrontier, stored_counts
+from crawler.pages import web_address
 
 __all__ = ["Crawl", "Summary", "crawled"]
 
@@ -58,11 +59,22 @@ class Summary:
     seconds: float
     pages: int
     items: int
+    pictures: int
     bytes: int
     bans: int
     dropped: Mapping[str, int]
     failed: Mapping[str, int]
     frontier: Mapping[str, int]
+
+    @property
+    def fault(self) -> str | None:
+        """Why nothing came home, where that is so; None for a crawl that did its work, or was interrupted."""
+        refused = PRIVATE in self.failed
+        if self.pages or self.reason == "shutdown" or (self.frontier["done"] and not refused):
+            return None
+        why = ", ".join(f"{reason} {count}" for reason, count in self.failed.items()) or self.reason
+        hint = ": --private allows addresses of this machine and its network" if refused else ""
+        return f"expected pages; found none ({why}){hint}"
 
     def record(self) -> dict[str, Any]:
         """The summary as JSON."""
@@ -77,26 +89,30 @@ def crawled(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None =
     Raises
     ------
     InputFault
-        The folder holds a crawl already and `resume` was not asked for, or the spider is unknown.
+        The folder holds a crawl already and `resume` was not asked for, the spider is unknown, or nothing says where
+        to begin. Nothing is written then.
     """
     from scrapy.crawler import CrawlerProcess
 
     from crawler.manners import settings
+    from crawler.scheduler import LIMIT_SETTING
     from crawler.spiders import spider_class
 
     spider = spider_class(crawl.spider)
-    frontier = _frontier(crawl)
+    for url in crawl.start:
+        web_address(url, "--start-url")
+    frontier = _frontier(crawl, spider)
     options = settings(contact=crawl.contact, cache=crawl.cache, private=crawl.private, delay=crawl.delay)
-    process = CrawlerProcess(options | {"LOG_INSTALL_ROOT_HANDLER": False} | dict(crawl.overrides))
+    options |= {"LOG_INSTALL_ROOT_HANDLER": False, LIMIT_SETTING: crawl.limit}
+    process = CrawlerProcess(options | dict(crawl.overrides))
     crawler = process.create_crawler(spider)
     crawler.frontier = frontier
     started = time.monotonic()
     _heartbeat(frontier, crawl.folder, crawler, progress)
     failures: list[Any] = []
     running = process.crawl(
-        crawler, start=crawl.start, query=crawl.query, category=crawl.category, limit=crawl.limit,
-        pictures=crawl.folder / "pictures" if crawl.pictures else None,
-    )  # fmt: skip
+        crawler, **frontier.origin(), pictures=crawl.folder / "pictures" if crawl.pictures else None
+    )
     running.addErrback(failures.append)
     # What the libraries brought along stays; the collector need not walk over it again after every few pages.
     gc.collect()
@@ -111,10 +127,47 @@ def crawled(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None =
     return summary
 
 
-def _frontier(crawl: Crawl) -> Any:
+def _frontier(crawl: Crawl, spider: Any) -> Any:
+    """The crawl's frontier, which knows where to begin; what was refused and may be allowed now waits again."""
     path = crawl.folder / "frontier.sqlite"
-    if path.exists() and not crawl.resume:
+    if path.exists() and not crawl.resume and not came_to_nothing(stored_counts(path)):
         raise InputFault(f"{crawl.folder}: expected a free folder, or --resume; found a crawl")
+    if not path.exists() and not crawl.redis:
+        _begun(crawl, spider, {})  # a fault is found before a file is made
+    frontier = _opened(crawl, path)
+    try:
+        _begin(frontier, crawl, spider)
+    except InputFault:
+        frontier.close()
+        raise
+    return frontier
+
+
+def _begin(frontier: Any, crawl: Crawl, spider: Any) -> None:
+    before, counts = frontier.origin(), frontier.counts()
+    if counts["failed"] and came_to_nothing(counts):
+        before = before if crawl.resume else {}
+        frontier.start_over()
+    frontier.remember(_begun(crawl, spider, before))
+    if crawl.resume:
+        frontier.reopen(OFF_SITE)
+    if crawl.resume and crawl.private:
+        frontier.reopen(PRIVATE)
+
+
+def _begun(crawl: Crawl, spider: Any, before: Mapping[str, Any]) -> dict[str, Any]:
+    """What the crawl begins with: what is given and, of a crawl that is gone on with, what was given before."""
+    begun = {
+        "start": list(dict.fromkeys([*crawl.start, *before.get("start", ())])),
+        "query": crawl.query or before.get("query", ""),
+        "category": crawl.category or before.get("category", ""),
+    }
+    if not spider.beginnings(**begun):
+        raise InputFault(f"{crawl.spider}: expected {spider.wanted()}, to begin with; found none")
+    return begun
+
+
+def _opened(crawl: Crawl, path: Path) -> Any:
     if crawl.redis:
         from crawler.frontier_redis import LEASE_SECONDS, RedisFrontier
 
@@ -156,6 +209,7 @@ def _summary(stats: Mapping[str, Any], frontier: Frontier, seconds: float) -> Su
         seconds=round(seconds, 3),
         pages=int(stats.get("metric_tree/pages", 0)),
         items=int(stats.get("metric_tree/items", 0)),
+        pictures=int(stats.get("metric_tree/pictures", 0)),
         bytes=int(stats.get("downloader/response_bytes", 0)),
         bans=int(stats.get("metric_tree/bans", 0)),
         dropped=below("metric_tree/dropped/"),

@@ -6,56 +6,47 @@ name and renamed. A kill between the two costs nothing: the next write begins be
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Iterable
+from itertools import islice
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol, TypeAlias
 
 __all__ = ["SEGMENT_ITEMS", "write_segments", "written"]
 
 #: Items of one segment: some megabytes, so that a build streams them and a copy of a crawl is a matter of files.
 SEGMENT_ITEMS = 5_000
 
+Kind: TypeAlias = Literal["items", "pictures"]
+
 _NAME = re.compile(r"(?P<kind>items|pictures)-(?P<first>\d{9})-(?P<last>\d{9})\.jsonl")
 
 
 class _Lines(Protocol):
-    def lines(self, after: int = 0) -> Iterable[tuple[int, str]]: ...
+    def lines(self, after: int = 0, kind: Kind = "items") -> Iterable[tuple[int, str]]: ...
 
 
-def written(folder: Path) -> int:
-    """The number of the last item that a whole segment holds."""
-    matches = (_NAME.fullmatch(path.name) for path in folder.glob("items-*.jsonl"))
+def written(folder: Path, kind: Kind = "items") -> int:
+    """The number of the last item, or picture, that a whole segment holds."""
+    matches = (_NAME.fullmatch(path.name) for path in folder.glob(f"{kind}-*.jsonl"))
     return max((int(match["last"]) for match in matches if match), default=0)
 
 
 def write_segments(frontier: _Lines, folder: Path) -> int:
-    """Write all items that no segment holds yet; the number of them."""
-    batch: list[tuple[int, str]] = []
+    """Write all items and pictures that no segment holds yet; the number of items."""
+    _write_kind(frontier, folder, "pictures")
+    return _write_kind(frontier, folder, "items")
+
+
+def _write_kind(frontier: _Lines, folder: Path, kind: Kind) -> int:
     count = 0
-    for entry in frontier.lines(written(folder)):
-        batch.append(entry)
-        count += 1
-        if len(batch) == SEGMENT_ITEMS:
-            _write(batch, folder)
-            batch = []
-    _write(batch, folder)
+    lines = iter(frontier.lines(written(folder, kind), kind))
+    while batch := list(islice(lines, SEGMENT_ITEMS)):
+        span = f"{batch[0][0]:09d}-{batch[-1][0]:09d}"
+        _replace(folder / f"{kind}-{span}.jsonl", [line for _, line in batch])
+        count += len(batch)
     return count
-
-
-def _write(batch: list[tuple[int, str]], folder: Path) -> None:
-    """One segment of items and, where there are any, one of pictures; the items' comes last and marks both as done."""
-    if not batch:
-        return
-    pictures = [line for _, line in batch if json.loads(line)["schema"].startswith("metric-tree/picture/")]
-    known = set(pictures)
-    items = [line for _, line in batch if line not in known]
-    span = f"{batch[0][0]:09d}-{batch[-1][0]:09d}"
-    if pictures:
-        _replace(folder / f"pictures-{span}.jsonl", pictures)
-    _replace(folder / f"items-{span}.jsonl", items)
 
 
 def _replace(path: Path, lines: list[str]) -> None:

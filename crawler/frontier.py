@@ -15,7 +15,11 @@ from typing import Any, Protocol
 
 from crawler.pages import canonical_url
 
-__all__ = ["Frontier", "Outcome", "Task", "task_key"]
+__all__ = ["OFF_SITE", "PRIVATE", "REFUSALS", "Frontier", "Outcome", "Task", "came_to_nothing", "task_key"]
+
+#: Refusals that come of a crawl's options and not of the page: a resume with other options offers these tasks again.
+OFF_SITE, PRIVATE = "off the site", "private address"
+REFUSALS = (OFF_SITE, PRIVATE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,12 +50,21 @@ def task_key(url: str, callback: str = "parse") -> str:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a task: `items` as JSON lines by their ids, tasks it led to, why it failed."""
+    """What came of a task: `items` and `pictures` as JSON lines by their ids, tasks it led to, why it failed.
+
+    most : new items to take at most, None for all; a page of which items were left over waits to be fetched again.
+    """
 
     key: str
     items: Sequence[tuple[str, str]] = ()
     tasks: Sequence[Task] = ()
     failure: str | None = None
+    pictures: Sequence[tuple[str, str]] = ()
+    most: int | None = None
+
+    def is_whole(self, new: int) -> bool:
+        """Whether no item was left over, where `new` were taken."""
+        return self.most is None or new < self.most or len(self.items) <= new
 
 
 class Frontier(Protocol):
@@ -67,13 +80,30 @@ class Frontier(Protocol):
         """Return a leased task, perhaps with another address (a redirect) or other facts (a retry)."""
 
     def commit(self, outcome: Outcome) -> int:
-        """Write what came of a leased task, in one transaction; the number of items that were new."""
+        """Write what came of a leased task, in one transaction; the number of items and pictures that were new."""
 
     def is_exhausted(self) -> bool:
         """Whether nothing waits, and nothing is in any worker's hands and might come back."""
 
     def counts(self) -> dict[str, int]:
-        """Tasks by state, and items."""
+        """Tasks by state, items, and pictures."""
+
+    def origin(self) -> dict[str, Any]:
+        """What the crawl began with, as it was remembered; empty if nothing was."""
+
+    def remember(self, origin: Mapping[str, Any]) -> None:
+        """Keep what the crawl began with, for a resume that does not name it."""
+
+    def reopen(self, reason: str) -> int:
+        """Let the tasks that were refused for a reason (of `REFUSALS`) wait again; the number of them."""
+
+    def start_over(self) -> None:
+        """Forget all tasks: those of a crawl that came to nothing."""
 
     def close(self) -> None:
         """Release files and connections."""
+
+
+def came_to_nothing(counts: Mapping[str, int]) -> bool:
+    """Whether a crawl ended and no page came home; its folder may be used as if it were free."""
+    return not any(counts[state] for state in ("waiting", "leased", "done", "items"))

@@ -8,13 +8,14 @@ marked done: a worker killed between the two leaves an item that the next one re
 
 from __future__ import annotations
 
+import json
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from crawler.faults import InputFault
-from crawler.frontier import Outcome, Task, task_key
+from crawler.frontier import REFUSALS, Outcome, Task, task_key
 from crawler.frontier_sqlite import SqliteFrontier
 
 __all__ = ["LEASE_SECONDS", "NoRedis", "RedisFrontier"]
@@ -53,6 +54,24 @@ redis.call('ZADD', KEYS[3], ARGV[2], found[1])
 return redis.call('HGET', KEYS[1], found[1])
 """
 
+# KEYS: refused, queue, failed. ARGV: reason.
+_REOPEN = """
+local count = 0
+local found = redis.call('HGETALL', KEYS[1])
+for i = 1, #found, 2 do
+  if found[i + 1] == ARGV[1] then
+    redis.call('HDEL', KEYS[1], found[i])
+    redis.call('ZADD', KEYS[2], 0, found[i])
+    redis.call('HINCRBY', KEYS[3], ARGV[1], -1)
+    count = count + 1
+  end
+end
+return count
+"""
+
+#: What Redis keeps of a crawl; `refused` names why, of tasks that a resume with other options offers again.
+_PARTS = ("seen", "tasks", "queue", "leases", "done", "failed", "refused", "origin")
+
 
 class RedisFrontier:
     """A shared frontier. `name` keeps crawls on one server apart; `folder` is where this worker keeps its items."""
@@ -65,11 +84,10 @@ class RedisFrontier:
             self._redis.ping()
         except redis.RedisError as error:
             raise NoRedis(f"{url}: expected a Redis server; found {error}") from None
-        self._keys = {
-            part: f"metric-tree:{name}:{part}" for part in ("seen", "tasks", "queue", "leases", "done", "failed")
-        }
+        self._keys = {part: f"metric-tree:{name}:{part}" for part in _PARTS}
         self._add = self._redis.register_script(_ADD)
         self._lease = self._redis.register_script(_LEASE)
+        self._reopen = self._redis.register_script(_REOPEN)
         self._lease_seconds = lease_seconds
         self._items = SqliteFrontier(folder / "frontier.sqlite")
 
@@ -100,24 +118,36 @@ class RedisFrontier:
 
     def commit(self, outcome: Outcome) -> int:
         """Items to this worker's file first, then the links and the mark to Redis."""
-        new = self._items.commit(Outcome(outcome.key, outcome.items))
+        new = self._items.commit(Outcome(outcome.key, outcome.items, pictures=outcome.pictures, most=outcome.most))
         self.add(outcome.tasks)
         pipe = self._redis.pipeline(transaction=True)
         pipe.zrem(self._keys["leases"], outcome.key)
-        pipe.hdel(self._keys["tasks"], outcome.key)
-        pipe.hincrby(self._keys["done" if outcome.failure is None else "failed"], outcome.failure or "pages", 1)
+        pipe.zrem(self._keys["queue"], outcome.key)  # it waits there again if its lease ran out meanwhile
+        if not outcome.is_whole(new):
+            pipe.zadd(self._keys["queue"], {outcome.key: 0})
+        else:
+            self._settle(pipe, outcome)
         pipe.execute()
         return new
+
+    def _settle(self, pipe: Any, outcome: Outcome) -> None:
+        """The mark that a task is done or failed; a refused one is kept."""
+        if outcome.failure in REFUSALS:
+            pipe.hset(self._keys["refused"], outcome.key, outcome.failure)
+        else:
+            pipe.hdel(self._keys["tasks"], outcome.key)
+        pipe.hincrby(self._keys["done" if outcome.failure is None else "failed"], outcome.failure or "pages", 1)
 
     def is_exhausted(self) -> bool:
         """Whether no task waits or is leased by anyone."""
         return not (self._redis.zcard(self._keys["queue"]) or self._redis.zcard(self._keys["leases"]))
 
     def counts(self) -> dict[str, int]:
-        """Tasks by state over all workers, and this worker's items."""
+        """Tasks by state over all workers, and this worker's items and pictures."""
         done = sum(map(int, self._redis.hvals(self._keys["done"])))
         failed = sum(map(int, self._redis.hvals(self._keys["failed"])))
-        own = {"items": self._items.counts()["items"]}
+        kept = self._items.counts()
+        own = {kind: kept[kind] for kind in ("items", "pictures")}
         leased, late = (
             self._redis.zcard(self._keys["leases"]),
             self._redis.zcount(self._keys["leases"], "-inf", time.time()),
@@ -127,11 +157,29 @@ class RedisFrontier:
 
     def failures(self) -> dict[str, int]:
         """Failed tasks by their reason, over all workers."""
-        return {reason: int(count) for reason, count in self._redis.hgetall(self._keys["failed"]).items()}
+        found = self._redis.hgetall(self._keys["failed"])
+        return {reason: int(count) for reason, count in found.items() if int(count)}
 
-    def lines(self, after: int = 0) -> Iterable[tuple[int, str]]:
-        """Numbers and JSON lines of this worker's items."""
-        return self._items.lines(after)
+    def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
+        """Numbers and JSON lines of this worker's items or pictures."""
+        return self._items.lines(after, kind)
+
+    def origin(self) -> dict[str, Any]:
+        """What the crawl began with, by whichever worker; empty if nothing was remembered."""
+        return dict(json.loads(self._redis.get(self._keys["origin"]) or "{}"))
+
+    def remember(self, origin: Mapping[str, Any]) -> None:
+        """Keep what the crawl began with, for every worker."""
+        self._redis.set(self._keys["origin"], json.dumps(dict(origin)))
+
+    def reopen(self, reason: str) -> int:
+        """Let the tasks that were refused for a reason wait again; the number of them."""
+        keys = [self._keys[part] for part in ("refused", "queue", "failed")]
+        return int(self._reopen(keys=keys, args=[reason]))
+
+    def start_over(self) -> None:
+        """Forget all tasks, and what came of them."""
+        self._redis.delete(*(key for part, key in self._keys.items() if part != "origin"))
 
     def close(self) -> None:
         """Close the connection and this worker's file."""

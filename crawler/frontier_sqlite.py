@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import quote
 
 from crawler.frontier import Outcome, Task, task_key
 
-__all__ = ["SqliteFrontier"]
+__all__ = ["SqliteFrontier", "stored_counts"]
 
 WAITING, LEASED, DONE, FAILED = range(4)
 _STATES = ("waiting", "leased", "done", "failed")
@@ -20,7 +23,19 @@ CREATE TABLE IF NOT EXISTS tasks (
 ) WITHOUT ROWID;
 CREATE INDEX IF NOT EXISTS queue ON tasks (state, priority DESC, number);
 CREATE TABLE IF NOT EXISTS items (number INTEGER PRIMARY KEY, id TEXT UNIQUE NOT NULL, line TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS pictures (number INTEGER PRIMARY KEY, id TEXT UNIQUE NOT NULL, line TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS origin (one INTEGER PRIMARY KEY CHECK (one = 1), text TEXT NOT NULL);
 """
+
+_STORE = {
+    "items": "INSERT OR IGNORE INTO items (id, line) VALUES (?, ?)",
+    "pictures": "INSERT OR IGNORE INTO pictures (id, line) VALUES (?, ?)",
+}
+_LINES = {
+    "items": "SELECT number, line FROM items WHERE number > ? ORDER BY number",
+    "pictures": "SELECT number, line FROM pictures WHERE number > ? ORDER BY number",
+}
+_COUNT = {"items": "SELECT count(*) FROM items", "pictures": "SELECT count(*) FROM pictures"}
 
 
 class SqliteFrontier:
@@ -58,14 +73,13 @@ class SqliteFrontier:
     def commit(self, outcome: Outcome) -> int:
         """Items, links and the mark that the task is done, in one transaction."""
         with self._transaction():
-            new = sum(
-                self._connection.execute("INSERT OR IGNORE INTO items (id, line) VALUES (?, ?)", item).rowcount
-                for item in outcome.items
-            )
+            new = self._store("items", outcome.items, outcome.most)
+            state = DONE if outcome.is_whole(new) else WAITING
+            new += self._store("pictures", outcome.pictures)
             self._insert(outcome.tasks)
-            state = DONE if outcome.failure is None else FAILED
             self._connection.execute(
-                "UPDATE tasks SET state=?, failure=? WHERE key=?", (state, outcome.failure, outcome.key)
+                "UPDATE tasks SET state=?, failure=? WHERE key=?",
+                (state if outcome.failure is None else FAILED, outcome.failure, outcome.key),
             )
         return new
 
@@ -75,19 +89,35 @@ class SqliteFrontier:
         return not self._connection.execute(query, (WAITING, LEASED)).fetchone()[0]
 
     def counts(self) -> dict[str, int]:
-        """Tasks by state, and items."""
-        rows = dict(self._connection.execute("SELECT state, count(*) FROM tasks GROUP BY state").fetchall())
-        items = self._connection.execute("SELECT count(*) FROM items").fetchone()[0]
-        return {name: rows.get(state, 0) for state, name in enumerate(_STATES)} | {"items": items}
+        """Tasks by state, items, and pictures."""
+        return _counts(self._connection)
+
+    def origin(self) -> dict[str, Any]:
+        """What the crawl began with; empty if nothing was remembered."""
+        row = self._connection.execute("SELECT text FROM origin").fetchone()
+        return dict(json.loads(row[0])) if row else {}
+
+    def remember(self, origin: Mapping[str, Any]) -> None:
+        """Keep what the crawl began with."""
+        self._connection.execute("INSERT OR REPLACE INTO origin VALUES (1, ?)", (json.dumps(dict(origin)),))
+
+    def reopen(self, reason: str) -> int:
+        """Let the tasks that were refused for a reason wait again; the number of them."""
+        query = "UPDATE tasks SET state=?, failure=NULL WHERE state=? AND failure=?"
+        return self._connection.execute(query, (WAITING, FAILED, reason)).rowcount
+
+    def start_over(self) -> None:
+        """Forget all tasks."""
+        self._connection.execute("DELETE FROM tasks")
 
     def failures(self) -> dict[str, int]:
         """Failed tasks by their reason."""
         query = "SELECT failure, count(*) FROM tasks WHERE state=? GROUP BY failure ORDER BY 2 DESC"
         return dict(self._connection.execute(query, (FAILED,)).fetchall())
 
-    def lines(self, after: int = 0) -> Iterator[tuple[int, str]]:
-        """Numbers and JSON lines of the items behind a number, in the order in which they came."""
-        yield from self._connection.execute("SELECT number, line FROM items WHERE number > ? ORDER BY number", (after,))
+    def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterator[tuple[int, str]]:
+        """Numbers and JSON lines of the items or pictures behind a number, in the order in which they came."""
+        yield from self._connection.execute(_LINES[kind], (after,))
 
     def close(self) -> None:
         """Close the file; its journal is folded into it."""
@@ -105,8 +135,34 @@ class SqliteFrontier:
             ).rowcount
         return added
 
+    def _store(self, kind: str, entries: Sequence[tuple[str, str]], most: int | None = None) -> int:
+        """Insert entries until `most` of them were new; the number that were."""
+        new = 0
+        for entry in entries:
+            if new == most:
+                break
+            new += self._connection.execute(_STORE[kind], entry).rowcount
+        return new
+
     def _transaction(self) -> _Transaction:
         return _Transaction(self._connection)
+
+
+def stored_counts(path: Path) -> dict[str, int]:
+    """The counts of a frontier's file that another process may have open: nothing is put back, nothing written."""
+    connection = sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)
+    try:
+        return _counts(connection)
+    except sqlite3.OperationalError:  # killed before its tables were made, or made before pictures had one
+        return dict.fromkeys((*_STATES, *_COUNT), 1)
+    finally:
+        connection.close()
+
+
+def _counts(connection: sqlite3.Connection) -> dict[str, int]:
+    rows = dict(connection.execute("SELECT state, count(*) FROM tasks GROUP BY state").fetchall())
+    states = {name: int(rows.get(state, 0)) for state, name in enumerate(_STATES)}
+    return states | {kind: int(connection.execute(query).fetchone()[0]) for kind, query in _COUNT.items()}
 
 
 class _Transaction:

@@ -14,6 +14,7 @@ from scrapy.crawler import Crawler
 from scrapy.exceptions import IgnoreRequest
 from scrapy.http import Response, TextResponse
 
+from crawler.frontier import OFF_SITE, PRIVATE
 from crawler.pages import MAXIMUM_BYTES
 
 __all__ = ["BanMiddleware", "GuardMiddleware", "settings", "user_agent"]
@@ -115,9 +116,9 @@ class GuardMiddleware:
         spider: Spider | None = self._crawler.spider
         allowed = getattr(spider, "allows", None)
         if allowed is not None and not allowed(request.url):
-            raise IgnoreRequest(f"off the site: {request.url}")
+            raise IgnoreRequest(f"{OFF_SITE}: {request.url}")
         if not self._private and self._is_private(host):
-            raise IgnoreRequest(f"private address: {request.url}")
+            raise IgnoreRequest(f"{PRIVATE}: {request.url}")
 
     def _is_private(self, host: str) -> bool:
         if host not in self._known:

@@ -17,10 +17,13 @@ from crawler.frontier import Frontier, Outcome, Task, task_key
 from crawler.items import RawItem
 from crawler.pictures import Picture
 
-__all__ = ["KEY", "CommitMiddleware", "FrontierScheduler", "frontier_of"]
+__all__ = ["KEY", "LIMIT_SETTING", "CommitMiddleware", "FrontierScheduler", "frontier_of"]
 
 #: The request's meta that holds the task's key.
 KEY = "frontier_key"
+
+#: The setting that holds the number of new items after which a crawl ends; 0 for no end.
+LIMIT_SETTING = "METRIC_TREE_LIMIT"
 
 #: Addresses that a spider remembers: some twenty megabytes. Forgetting costs time only, the frontier knows them all.
 KNOWN = 100_000
@@ -97,6 +100,8 @@ class CommitMiddleware:
         self._frontier = frontier_of(crawler)
         self._crawler = crawler
         self._stats = crawler.stats
+        self._limit = crawler.settings.getint(LIMIT_SETTING)
+        self._accepted = 0
 
     @classmethod
     def from_crawler(cls, crawler: Crawler) -> CommitMiddleware:
@@ -106,35 +111,60 @@ class CommitMiddleware:
     async def process_spider_output(self, response: Response, result: AsyncIterator[Any]) -> AsyncIterator[Any]:
         """Collect and commit; nothing is passed on, the scheduler takes the links from the frontier."""
         items: list[tuple[str, str]] = []
+        pictures: list[tuple[str, str]] = []
         tasks: list[Task] = []
         failure = None
         try:
             async for found in result:
                 if isinstance(found, Request):
                     tasks.append(_task(found, depth=response.meta.get("depth", 0) + 1))
-                elif isinstance(found, RawItem | Picture):
+                elif isinstance(found, RawItem):
                     items.append((found.identity, found.line()))
+                elif isinstance(found, Picture):
+                    pictures.append((found.identity, found.line()))
                 else:
                     self._count(f"dropped/{found}")
         except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl
             failure = f"unreadable: {type(error).__name__}"
-            items, tasks = [], []
+            items, pictures, tasks = [], [], []
         if KEY in response.meta and not response.meta.get(_SETTLED):
-            new = self._frontier.commit(Outcome(response.meta[KEY], items, tasks, failure))
-            if failure is None:
-                _remember(getattr(self._crawler.spider, "known", None), tasks)
-            self._count("items", new)
-            self._count("dropped/duplicate", len(items) - new)
-            self._count("pages")
-            if failure:
-                self._count(f"failed/{failure}")
+            most = max(self._limit - self._accepted, 0) if self._limit else None
+            self._settle(Outcome(response.meta[KEY], items, tasks, failure, pictures, most), _is_picture(response))
         nothing: tuple[Any, ...] = ()
         for part in nothing:
             yield part
 
+    def _settle(self, outcome: Outcome, is_picture: bool) -> None:
+        """Commit, count, and end the crawl with the last item that was asked for."""
+        new = self._frontier.commit(outcome)
+        if outcome.failure is None:
+            _remember(getattr(self._crawler.spider, "known", None), list(outcome.tasks))
+        else:
+            self._count(f"failed/{outcome.failure}")
+        if is_picture:
+            self._count("pictures", new)
+            return
+        self._count("items", new)
+        if outcome.is_whole(new):  # what is left over is no duplicate: whoever resumes fetches the page again
+            self._count("dropped/duplicate", len(outcome.items) - new)
+        self._count("pages")
+        self._accept(new)
+
+    def _accept(self, new: int) -> None:
+        before, self._accepted = self._accepted, self._accepted + new
+        if before < self._limit <= self._accepted and self._crawler.engine is not None:
+            from scrapy.utils.defer import deferred_from_coro
+
+            deferred_from_coro(self._crawler.engine.close_spider_async(reason="limit"))
+
     def _count(self, name: str, count: int = 1) -> None:
         if count and self._stats is not None:
             self._stats.inc_value(f"metric_tree/{name}", count)
+
+
+def _is_picture(response: Response) -> bool:
+    """Whether an answer is an item's picture: such a request alone names its item."""
+    return "item" in response.meta
 
 
 def _remember(known: set[str] | None, tasks: list[Task]) -> None:

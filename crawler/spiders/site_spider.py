@@ -35,7 +35,6 @@ class SiteSpider(scrapy.Spider):
     ----------
     start : addresses to begin with; the site's own if none. query, category : filled into the site's templates.
     pictures : folder for the items' pictures, where the site's terms allow to store them; None keeps the links alone.
-    limit : items after which to stop.
     """
 
     name = "site"
@@ -46,16 +45,26 @@ class SiteSpider(scrapy.Spider):
         start: Iterable[str] = (),
         query: str = "",
         category: str = "",
-        limit: int = 0,
         pictures: Any = None,
         **named: Any,
     ) -> None:
         super().__init__(**named)
-        self._start = [*start, *self.site.addresses(query=query, category=category)]
+        self._start = self.beginnings(start, query, category)
         self._hosts = {urlsplit(url).hostname for url in self._start}
-        self._limit, self._pictures, self._items = limit, pictures, 0
+        self._pictures = pictures
         #: Addresses that the frontier holds already; whoever commits pages fills it.
         self.known: set[str] = set()
+
+    @classmethod
+    def beginnings(cls, start: Iterable[str] = (), query: str = "", category: str = "") -> list[str]:
+        """The addresses to begin with: those given, and the site's own that what is given fills."""
+        return [*start, *cls.site.addresses(query=query, category=category)]
+
+    @classmethod
+    def wanted(cls) -> str:
+        """The options of which one must be given."""
+        fields = [name for name in ("query", "category") if any(f"{{{name}}}" in url for url in cls.site.templates)]
+        return " or ".join(f"--{name}" for name in ("start-url", *fields))
 
     def allows(self, url: str) -> bool:
         """Whether an address is the site's: asked before every download, after every redirect."""
@@ -87,23 +96,14 @@ class SiteSpider(scrapy.Spider):
     def _item(self, read: Page) -> Iterator[Any]:
         if not self.site.is_product(read.url):
             if self.site.listed_order:
-                yield from map(self._counted, listed_items(read, self.site))
+                yield from listed_items(read, self.site)
             return
         item = raw_item(read, self.site.name, self.site.product(read))
         if item.extents_mm is None:
             yield "no_size" if item.title else "no_product"
             return
-        yield self._counted(item)
+        yield item
         yield from self._picture_requests(item)
-
-    def _counted(self, item: RawItem) -> RawItem:
-        """The item; with the last one that was asked for the crawl ends."""
-        self._items += 1
-        if self._limit and self._items == self._limit and self.crawler.engine is not None:
-            from scrapy.utils.defer import deferred_from_coro
-
-            deferred_from_coro(self.crawler.engine.close_spider_async(reason="limit"))
-        return item
 
     def _may_follow(self, url: str) -> bool:
         parts = [part for part in urlsplit(url).path.split("/") if part]

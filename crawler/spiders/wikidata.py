@@ -82,14 +82,22 @@ class WikidataSpider(scrapy.Spider):
         start: Iterable[str] = (),
         category: str = "",
         query: str = "",
-        limit: int = 0,
         **named: Any,
     ) -> None:
         named.pop("pictures", None)  # Wikidata is asked for sizes alone
         super().__init__(**named)
         self._endpoint = next(iter(start), ENDPOINT)
         self._class = category or query
-        self._limit = limit
+
+    @classmethod
+    def beginnings(cls, query: str = "", category: str = "", **_: object) -> list[str]:
+        """The class to begin with, as a list of one or none."""
+        return [name for name in (category or query,) if name]
+
+    @classmethod
+    def wanted(cls) -> str:
+        """The options of which one must be given."""
+        return "--category"
 
     def allows(self, url: str) -> bool:
         """Only the endpoint's host."""
@@ -106,7 +114,7 @@ class WikidataSpider(scrapy.Spider):
         offset = int(response.url.rpartition("&offset=")[2] or 0)
         yield from found
         last = offset + PAGE_ROWS
-        if len(found) == PAGE_ROWS and not (self._limit and last >= self._limit):
+        if len(found) == PAGE_ROWS:
             yield self._page(last)
 
     def _page(self, offset: int) -> scrapy.Request:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
+import re
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -19,6 +21,9 @@ HELP = "Run a spider into a raw-item data set: polite, resumable, safe to leave 
 #: Where a site's owner reaches whoever crawls; asked for once, not on every call.
 CONTACT_VARIABLE = "METRIC_TREE_CONTACT"
 
+#: A mail address or a page, perhaps with a name beside it.
+_CONTACT = re.compile(r".*(?:[^@\s]+@[^@\s]+|https?://[^\s/]+).*")
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
@@ -29,7 +34,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--query", default="", help="begin with a search of the site")
     parser.add_argument("--category", default="", help="begin with a category of the site")
-    parser.add_argument("--limit", type=int, default=0, metavar="N", help="stop after N items")
+    parser.add_argument("--limit", type=int, metavar="N", help="stop after N new items; all without")
     parser.add_argument("--resume", action="store_true", help="go on with the crawl in DIR")
     parser.add_argument("--pictures", action="store_true", help="download the items' pictures, where you may")
     parser.add_argument("--contact", default=os.environ.get(CONTACT_VARIABLE), help=f"or {CONTACT_VARIABLE}")
@@ -45,15 +50,14 @@ def run(arguments: argparse.Namespace) -> int:
     from crawler.crawl import Crawl, crawled
     from crawler.faults import InputFault
 
-    if not arguments.contact:
-        raise InputFault(f"--contact: expected an address or a page, or {CONTACT_VARIABLE}; found none")
+    _check(arguments)
     crawl = Crawl(
         spider=arguments.spider,
         out=arguments.out,
         start=arguments.start_url,
         query=arguments.query,
         category=arguments.category,
-        limit=arguments.limit,
+        limit=arguments.limit or 0,
         resume=arguments.resume,
         pictures=arguments.pictures,
         contact=arguments.contact,
@@ -64,12 +68,29 @@ def run(arguments: argparse.Namespace) -> int:
         worker=arguments.worker,
     )
     with _progress() as show:
-        summary = crawled(crawl, show).record()
+        summary = crawled(crawl, show)
+    record = summary.record()
     if arguments.json:
-        print_json(summary)
+        print_json(record)
     else:
-        print_table(["crawl", ""], [(name, _shown(value)) for name, value in summary.items() if name != "schema"])
+        print_table(["crawl", ""], [(name, _shown(value)) for name, value in record.items() if name != "schema"])
+    if summary.fault:
+        raise InputFault(f"{crawl.folder}: {summary.fault}")
     return 0
+
+
+def _check(arguments: argparse.Namespace) -> None:
+    """The options that need no crawl to be found at fault."""
+    from crawler.faults import InputFault
+
+    contact, limit, delay = arguments.contact, arguments.limit, arguments.delay
+    if not contact or not _CONTACT.fullmatch(contact) or not contact.isprintable():
+        found = repr(contact) if contact else "none"
+        raise InputFault(f"--contact: expected a mail address or a page's URL, or {CONTACT_VARIABLE}; found {found}")
+    if limit is not None and limit < 1:
+        raise InputFault(f"--limit: expected 1 or more items; found {limit}")
+    if not (math.isfinite(delay) and delay >= 0):
+        raise InputFault(f"--delay: expected 0 or more seconds; found {delay}")
 
 
 def _shown(value: object) -> str:

@@ -3,11 +3,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler.dataset import SEGMENT_ITEMS, write_segments, written
-from crawler.frontier import Outcome, Task, task_key
+from crawler.frontier import OFF_SITE, PRIVATE, Outcome, Task, task_key
+from crawler.frontier_redis import RedisFrontier
 from crawler.frontier_sqlite import SqliteFrontier
 
 
@@ -48,7 +50,7 @@ def test_what_a_killed_process_held_is_waiting_again(tmp_path: Path) -> None:
     frontier.lease()
     frontier.commit(Outcome(done.key, [_item(1)], [Task("http://a.example/3")]))
     again = SqliteFrontier(tmp_path / "f.sqlite")  # the first is not closed: it was killed
-    assert again.counts() == {"waiting": 2, "leased": 0, "done": 1, "failed": 0, "items": 1}
+    assert again.counts() == {"waiting": 2, "leased": 0, "done": 1, "failed": 0, "items": 1, "pictures": 0}
 
 
 def test_an_item_comes_once(tmp_path: Path) -> None:
@@ -92,6 +94,47 @@ def test_pictures_go_to_segments_of_their_own(tmp_path: Path) -> None:
     frontier.add([Task("http://a.example/1")])
     task = frontier.lease()
     assert task is not None
-    frontier.commit(Outcome(task.key, [_item(1), ("picture:x", json.dumps({"schema": "metric-tree/picture/1"}))]))
-    write_segments(frontier, tmp_path)
-    assert sorted(path.name.split("-")[0] for path in tmp_path.glob("*.jsonl")) == ["items", "pictures"]
+    pictures = [("picture:x", "{}"), ("picture:y", "{}")]
+    assert frontier.commit(Outcome(task.key, [_item(1)], pictures=pictures)) == 3
+    assert write_segments(frontier, tmp_path) == 1
+    names = ["items-000000001-000000001.jsonl", "pictures-000000001-000000002.jsonl"]
+    assert sorted(path.name for path in tmp_path.glob("*.jsonl")) == names
+    assert write_segments(frontier, tmp_path) == 0
+
+
+def test_a_page_of_which_items_are_left_over_waits_again(tmp_path: Path) -> None:
+    frontier = SqliteFrontier(tmp_path / "f.sqlite")
+    frontier.add([Task("http://a.example/1")])
+    task = frontier.lease()
+    assert task is not None
+    assert frontier.commit(Outcome(task.key, [_item(1), _item(2)], most=1)) == 1
+    assert (frontier.counts()["waiting"], frontier.counts()["items"]) == (1, 1)
+    assert frontier.lease() == task
+    assert frontier.commit(Outcome(task.key, [_item(1), _item(2)])) == 1
+    assert frontier.counts()["done"] == 1
+
+
+@pytest.mark.parametrize("kind", ["sqlite", "redis"])
+def test_a_refused_task_is_offered_again_and_a_failed_one_is_not(
+    tmp_path: Path, kind: str, request: pytest.FixtureRequest
+) -> None:
+    frontier: SqliteFrontier | RedisFrontier = SqliteFrontier(tmp_path / "f.sqlite")
+    if kind == "redis":
+        frontier = RedisFrontier(request.getfixturevalue("redis_url"), "test", tmp_path)
+    frontier.remember({"start": ["http://a.example/1"]})
+    frontier.add([Task(f"http://a.example/{number}") for number in range(3)])
+    for failure in (OFF_SITE, PRIVATE, "http 404"):
+        task = frontier.lease()
+        assert task is not None
+        frontier.commit(Outcome(task.key, failure=failure))
+    assert frontier.reopen(PRIVATE) == 1
+    again = frontier.lease()
+    assert again is not None
+    assert again.url == "http://a.example/1"
+    assert frontier.lease() is None
+    assert frontier.failures() == {OFF_SITE: 1, "http 404": 1}
+    assert frontier.origin() == {"start": ["http://a.example/1"]}
+    frontier.start_over()
+    assert frontier.is_exhausted()
+    assert frontier.add([Task("http://a.example/0")]) == 1
+    frontier.close()

@@ -159,7 +159,11 @@ def test_what_is_no_page_is_not_read(
     assert captured.out == ""
 
 
-@pytest.mark.parametrize("body", [PAGE, gzip.compress(PAGE), PAGE.decode().encode("utf-16")])
+@pytest.mark.parametrize(
+    "body",
+    [PAGE, gzip.compress(PAGE, mtime=0), PAGE.decode().encode("utf-16")],
+    ids=["plain", "gzipped", "utf-16"],
+)
 def test_a_page_is_read_from_a_web_address_alone(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], body: bytes
 ) -> None:

@@ -12,12 +12,11 @@ import argparse
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from metric_tree.commands.select import selection
-from metric_tree.selection import TRAINING_LISTS, Rules, candidates, chosen
+from metric_tree.commands.select import figures, selection
+from metric_tree.selection import Rules, candidates, chosen
 from metric_tree.tree import open_tree
 
 FIGURES = ("divergence", "samples", "sources", "lists", "sd of log scale", "narrowing")
@@ -46,10 +45,10 @@ def main() -> None:
     print(
         f"{tree.name} {tree.version}: {found['candidates']} candidates; {both} of the {rules.count} are the paper's\n"
     )
-    _table(("category", *FIGURES, "the paper's name"), [(r["name"], *_figures(r), r["paper"]) for r in found["chosen"]])
+    _table(("category", *FIGURES, "the paper's name"), [(r["name"], *figures(r), r["paper"]) for r in found["chosen"]])
     theirs = {row["paper"]: _theirs(arguments.lists, row["paper"]) for row in found["paper"]}
     columns = ("the paper's", "category", *FIGURES, "theirs: samples", "divergence", "why not ours")
-    rows = [(r["paper"], r.get("name"), *_figures(r), *theirs[r["paper"]], r["reason"]) for r in found["paper"]]
+    rows = [(r["paper"], r.get("name"), *figures(r), *theirs[r["paper"]], r["reason"]) for r in found["paper"]]
     _table(columns, rows)
     for title, pattern in GROUPS:
         names = [row["paper"] for row in found["paper"] if row["reason"] and re.search(pattern, row["reason"])]
@@ -80,20 +79,6 @@ def _theirs(lists: Path | None, label: str) -> tuple[int | None, str | None]:
     sizes = np.loadtxt(lists / f"{label}.csv", delimiter=",", ndmin=2)
     spread = np.log(sizes).std(axis=0, ddof=1)
     return len(sizes), f"{np.sqrt((spread**2).mean()):.2f}"
-
-
-def _figures(row: dict[str, Any]) -> tuple[object, ...]:
-    if "samples" not in row:
-        return (None,) * len(FIGURES)
-    lists = f"{len(row['lists'])} of {len(TRAINING_LISTS)}"
-    return (
-        f"{row['divergence']:.2f}",
-        row["samples"],
-        row["sources"],
-        lists,
-        f"{row['sd']:.3f}",
-        f"{row['narrowing']:.2f}",
-    )
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

@@ -6,12 +6,13 @@ name and renamed. A kill between the two costs nothing: the next write begins be
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
+
+from crawler.whole import whole_file
 
 __all__ = ["SEGMENT_ITEMS", "write_segments", "written"]
 
@@ -51,6 +52,5 @@ def _write_kind(frontier: _Lines, folder: Path, kind: Kind) -> int:
 
 def _replace(path: Path, lines: list[str]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    work = path.with_name(f".{path.name}.{os.getpid()}")
-    work.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-    work.replace(path)
+    with whole_file(path) as work:
+        work.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")

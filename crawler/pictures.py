@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, cast
+
+from crawler.whole import whole_file
 
 __all__ = ["SCHEMA", "Picture", "Refusal", "decoded", "picture"]
 
@@ -100,6 +101,5 @@ def _store(path: Path, body: bytes) -> None:
     if path.exists():
         return
     path.parent.mkdir(parents=True, exist_ok=True)
-    work = path.with_name(f".{path.name}.{os.getpid()}")
-    work.write_bytes(body)
-    work.replace(path)
+    with whole_file(path) as work:
+        work.write_bytes(body)

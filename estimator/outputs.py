@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from crawler.whole import whole_file
 from estimator.scene import BadScene, told
 
 __all__ = ["written_file", "written_folder"]
@@ -20,14 +20,11 @@ def written_file(file: Path, option: str) -> Iterator[Path]:
 
     BadScene, which names the command's `option`, where the system refuses.
     """
-    temporary = file.with_name(f".{file.name}.{os.getpid()}.tmp")
     try:
-        yield temporary
-        temporary.replace(file)
+        with whole_file(file) as temporary:
+            yield temporary
     except OSError as fault:
         raise _refused(file, option, fault) from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from crawler.whole import whole_file
 from estimator.grid import Curve, Mode
 from estimator.scene import FloatArray
 
@@ -130,12 +130,8 @@ class ScaleResult:
 
     def save(self, path: Path) -> None:
         """Write the JSON beside `path` and rename it: never half a file."""
-        temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-        try:
-            temporary.write_text(self.json() + "\n", encoding="utf-8")
-            temporary.replace(path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        with whole_file(path) as work:
+            work.write_text(self.json() + "\n", encoding="utf-8")
 
     def _object(self, item: ObjectReport) -> dict[str, Any]:
         metres = None

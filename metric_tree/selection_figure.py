@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from crawler.faults import InputFault
+from crawler.whole import whole_file
 from metric_tree.prior import FloatArray
 from metric_tree.selection import TRAINING_LISTS, Candidate, Rules
 
@@ -94,6 +95,5 @@ def _ranked(panel: Any, taken: Sequence[Candidate], paper: Collection[str]) -> N
 def _save(figure: Any, file: Path) -> None:
     """The figure under its name, whole or not at all."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    half = file.with_name(f".{file.stem}.half{file.suffix}")
-    figure.savefig(half, dpi=120)
-    half.replace(file)
+    with whole_file(file) as work:
+        figure.savefig(work, dpi=120, format=file.suffix[1:].lower())

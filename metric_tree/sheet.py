@@ -17,6 +17,7 @@ from typing import Any
 
 from crawler.faults import InputFault
 from crawler.pictures import decoded
+from crawler.whole import whole_file
 from metric_tree.images import image_path
 from metric_tree.tree import Node
 
@@ -87,9 +88,8 @@ def write_sheet(file: Path, node: Node, count: int) -> list[dict[str, Any]]:
         raise InputFault(f"{node.node_id}: expected pictures of items with a size; found none")
     image = _sheet(things, f"{node.name}: {len(things)} of {node.images().num_rows} pictures, to one scale")
     file.parent.mkdir(parents=True, exist_ok=True)
-    work = file.with_name(f".{file.name}.half")
-    image.save(work, "PNG")
-    work.replace(file)
+    with whole_file(file) as work:
+        image.save(work, "PNG")
     return rows
 
 

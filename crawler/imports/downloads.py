@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 from crawler.faults import InputFault
 from crawler.sources import Source, SourceFile
+from crawler.whole import whole_file
 
 __all__ = ["CACHE_VARIABLE", "NoInput", "downloaded"]
 
@@ -102,9 +102,8 @@ def _make(file: SourceFile, path: Path, public: Path) -> None:
         public.unlink()
         raise ValueError(f"nothing of which {file.path} with the sha256 {file.sha256[:12]}... can be made")
     path.parent.mkdir(parents=True, exist_ok=True)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    part.write_bytes(made)
-    part.replace(path)
+    with whole_file(path) as work:
+        work.write_bytes(made)
 
 
 def _made(file: SourceFile, public: Path) -> Iterator[bytes]:

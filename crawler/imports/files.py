@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from crawler.imports import Import
 from crawler.imports.downloads import NoInput, downloaded
 from crawler.sources import Source
+from crawler.whole import whole_file
 
 __all__ = ["changed_files", "quarantine_path", "source_folder", "write_import", "write_lines"]
 
@@ -67,9 +67,5 @@ def write_lines(path: Path, lines: Iterable[str]) -> None:
     text = "".join(f"{line}\n" for line in lines).encode()
     # mtime 0 and no name inside: the bytes depend on the lines alone.
     data = gzip.compress(text, compresslevel=9, mtime=0) if path.suffix == ".gz" else text
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        temporary.write_bytes(data)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path) as work:
+        work.write_bytes(data)

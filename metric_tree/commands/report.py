@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from crawler.whole import whole_file
 from metric_tree.commands.shell import output_file, print_json
 from metric_tree.tree import open_tree
 
@@ -29,7 +30,9 @@ def run(arguments: argparse.Namespace) -> int:
     output_file(arguments.out)
     tree = open_tree(arguments.release)
     against = open_tree(arguments.against) if arguments.against else None
-    _write(arguments.out, page(tree, against))
+    text = page(tree, against)
+    with whole_file(arguments.out) as work:
+        work.write_text(text, encoding="utf-8")
     if arguments.json:
         print_json(
             {
@@ -48,10 +51,3 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(arguments.out)  # noqa: T201 - the command's result
     return 0
-
-
-def _write(file: Path, text: str) -> None:
-    """Written beside its place, then renamed there, so that no half page is left."""
-    part = file.with_name(f".{file.name}.part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(file)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from crawler.faults import InputFault
+from crawler.whole import whole_file
 from metric_tree.commands.shell import output_file, print_json, print_table
 from metric_tree.selection import TRAINING_LISTS, Candidate, Rules, candidates, chosen, paper_selection, reason_against
 from metric_tree.tree import Tree, open_tree
@@ -121,27 +122,27 @@ def _write(rows: Sequence[dict[str, Any]], path: Path) -> None:
     writer.writerow(_COLUMNS)
     for row in rows:
         writer.writerow([*(row[name] for name in _COLUMNS[:5]), len(row["lists"]), *(row[n] for n in _COLUMNS[6:])])
-    half = path.with_name(f".{path.name}.half")
-    half.write_text(text.getvalue(), encoding="utf-8")
-    half.replace(path)
+    with whole_file(path) as work:
+        work.write_text(text.getvalue(), encoding="utf-8")
 
 
 def _print(found: dict[str, Any]) -> None:
     columns = ("category", "divergence", "samples", "sources", "lists", "sd of log scale", "narrowing")
     print_table(
         [*columns, "paper's name"],
-        [(row["name"], *_figures(row), row["paper"]) for row in found["chosen"]],
+        [(row["name"], *figures(row), row["paper"]) for row in found["chosen"]],
         title=f"{len(found['chosen'])} of {found['candidates']} candidates, the most narrowing first",
     )
     both = sum(row["chosen"] for row in found["paper"])
     print_table(
         ["the paper's", *columns, "why not ours"],
-        [(row["paper"], row.get("name"), *_figures(row), row["reason"]) for row in found["paper"]],
+        [(row["paper"], row.get("name"), *figures(row), row["reason"]) for row in found["paper"]],
         title=f"the paper's {len(found['paper'])}: {both} are ours too",
     )
 
 
-def _figures(row: dict[str, Any]) -> tuple[object, ...]:
+def figures(row: dict[str, Any]) -> tuple[object, ...]:
+    """The cells of a row of the selection under the columns from divergence to narrowing; dashes where it has none."""
     if "samples" not in row:
         return (None,) * 6
     lists = f"{len(row['lists'])} of {len(TRAINING_LISTS)}"

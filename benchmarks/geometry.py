@@ -1,8 +1,8 @@
 """What the geometry costs and how well it measures, on made scenes: `python -m benchmarks.geometry [PART ...]`.
 
 Parts: `times` (labels per frame, dimensions per scene; the paper: 200 ms and 20 ms), `bottle` (the paper's figure of
-three cases), `extents` (bias of the one extent rule by points and noise), `overshoot` (what noise adds to it), `rooms`
-(made rooms: association, sizes, supports).
+three cases), `extents` (bias of the one extent rule by points and noise), `noise` (what is read of
+it in pictures), `overshoot` (what it adds to extents), `rooms` (made rooms: association, sizes, supports).
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from scipy.spatial.transform import Rotation
 from benchmarks.shapes import Solid, Thing, box, floor, made_scene, orbit, sampled_box, sampled_cylinder
 from estimator.confidence import ETA_THRESHOLD, eta
 from estimator.dimensions import dimensions, inliers
-from estimator.extents import edges, surface_noise
+from estimator.extents import edges
 from estimator.footprint import smallest_rectangle_axes
-from estimator.labels import view_labels, visible_rows
+from estimator.labels import dense_labels, sparse_labels, view_labels, visible_rows
 from estimator.measurement import PAPER, MeasurementOptions, measured
+from estimator.noise import depth_noise
 from estimator.scene import FloatArray
 
 __all__ = ["bottle_confidences", "main"]
@@ -120,7 +121,7 @@ def extents() -> None:
                     size = random.uniform(0.3, 1.0, 3)
                     size[1] = size[0]
                     points = shape(size, count, random) + random.normal(0, noise * size.max(), (count, 3))
-                    low, high = edges(points, surface_noise(points))
+                    low, high = edges(points, noise * size.max())
                     errors.append(np.log((high - low) / size))
             print(f"  {count:5d} points, noise {noise:.3f}: {np.mean(errors):+.3f} ({np.std(errors):.3f})")
 
@@ -143,6 +144,23 @@ def _observed(face: float, noise: float, random: np.random.Generator) -> float:
     clean = np.where(which < face, 0.0, np.where(which < 2 * face, 1.0, inner))
     low, high = edges((clean + random.normal(0, noise, 1000))[:, None])
     return float(high[0] - low[0])
+
+
+def noise(seed: int = 1000) -> None:
+    """The depth noise that is read in the pictures over the true one, in quick rooms; dense and sparse points."""
+    from benchmarks.rooms.furnish import furnished_room
+    from benchmarks.rooms.kinds import KINDS
+    from benchmarks.rooms.knobs import Knobs
+    from benchmarks.rooms.quick import quick_scene
+
+    for share in (0.002, 0.004, 0.01, 0.03):
+        knobs = Knobs(depth_noise=share)
+        cells = []
+        for kind in KINDS:
+            made = quick_scene(furnished_room(kind, seed, knobs=knobs), knobs, seed)
+            clouds = dense_labels(made.scene, made.instances), sparse_labels(made.scene, made.instances)
+            cells.append(", ".join(f"{depth_noise(made.scene.views, cloud) / share:.2f}" for cloud in clouds))
+        print(f"noise {share:.3f}: {'; '.join(cells)}")
 
 
 def rooms(seeds: tuple[int, ...] = (101, 102)) -> None:
@@ -194,7 +212,7 @@ def _report(name: str, scenes: list, options: MeasurementOptions, dense: bool) -
     print(f"  {name}: ARI {np.mean(index):.4f}, splits {splits}, merges {merges}; {', '.join(sizes)}")
 
 
-PARTS = {"times": times, "bottle": bottle, "extents": extents, "overshoot": overshoot, "rooms": rooms}
+PARTS = {"times": times, "bottle": bottle, "extents": extents, "noise": noise, "overshoot": overshoot, "rooms": rooms}
 
 
 def main(words: list[str]) -> None:

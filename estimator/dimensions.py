@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from estimator.confidence import eta
-from estimator.extents import edges, extent_sigma, surface_noise
+from estimator.extents import edges, extent_sigma
 from estimator.footprint import footprint_axes, smallest_rectangle_axes
 from estimator.outliers import forest_inliers, neighbour_inliers
 from estimator.scene import FloatArray, IntArray
@@ -21,11 +21,10 @@ MAX_OBJECT_POINTS = 6000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inliers:
-    """Points of an object after outliers: rows of the given ones, (n, 3) in the level basis, noise (0 unknown)."""
+    """Points of an object after outliers: rows of the given ones, (n, 3) in the level basis."""
 
     rows: IntArray
     level: FloatArray
-    noise: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,8 +56,7 @@ def inliers(points: FloatArray, basis: FloatArray, outliers: Literal["neighbours
     # coordinate by coordinate in memory: what follows runs along one at a time
     level = np.asfortranarray(points.take(rows, axis=0) @ basis.T)
     kept = np.flatnonzero(forest_inliers(level) if outliers == "forest" else neighbour_inliers(level))
-    level = level.T.take(kept, axis=1).T
-    return Inliers(rows[kept], level, surface_noise(level))
+    return Inliers(rows[kept], level.T.take(kept, axis=1).T)
 
 
 def dimensions(found: Inliers, basis: FloatArray, blur: FloatArray, robust: bool = True) -> Dimensions:

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.scene import BoolArray, FloatArray, IntArray
 
-__all__ = ["edges", "extent_sigma", "quantiles", "surface_cells", "surface_noise"]
+__all__ = ["edges", "extent_sigma", "quantiles", "surface_cells"]
 
 # The share cut off at either end: enough to lose flying points, and little against any face.
 TRIM = 0.015
@@ -26,21 +26,13 @@ MAX_FADE = 0.05
 # The outer quantile lies this many standard deviations of the noise outside the edge: LEAST where noise is thin against
 # the extent, MOST where it drowns it, half way at HALF_WAY extents of noise. On made clouds LEAST is 1.7 on a face and
 # 0.2 where the surface fades out evenly (`python -m benchmarks.geometry overshoot`); in quick rooms, seeds 1000 to
-# 1004, 0.6 does as well as 0.3 at a depth noise of 0.4 % and better at 1 and 3 %.
+# 1002 (`benchmarks.scale_rooms --sweep noise --sweep-seeds`), 0.6 does better than 0.3 at a depth noise of 1 and 3 %,
+# and as well at 0.4 %.
 LEAST_OVERSHOOT, MOST_OVERSHOOT, HALF_WAY = 0.6, 2.1, 0.3
 # Few points do not reach the edges: on made shapes what is missing is about one part in n.
 MISSING_SHARE = 1.0
 # Points that say where an edge is; more cost time and change the third digit.
 MAX_POINTS = 4000
-# Cells of the surface for its noise: about 16 points each, so that a plane through them leaves most of them over.
-POINTS_PER_CELL = 16
-MIN_POINTS_PER_CELL = 8
-MAX_CELLS = 256
-MAX_CELLS_READ = 48
-# Fewer make cells so large that curved sides look like noise.
-MIN_NOISE_POINTS = 1500
-# Cells that hold an edge or a thin leg look thick; flat ones lie in the lower part.
-FLAT_CELLS = 0.35
 # One standard deviation of an edge, as a share of the extent, from the rule on made shapes: what remains with many
 # points, and what few points add, share / sqrt(n).
 RULE_SIGMA = 0.015
@@ -95,36 +87,6 @@ def extent_sigma(points: FloatArray, extents: FloatArray, noise: float | FloatAr
     count = max(len(points), 1)
     common = RULE_SIGMA**2 + SAMPLING_SIGMA**2 / count + (STRAY_SIGMA / count) ** 2 + (noise / safe) ** 2 / 2
     return np.asarray(np.sqrt(common + (FADE_SIGMA * fade / safe) ** 2))
-
-
-def surface_noise(points: FloatArray) -> float:
-    """Standard deviation of points (n, 3) about the surface they lie on, 0 where they are too few to tell.
-
-    Equation: the 35 % quantile over cells of the square root of the smallest eigenvalue of the points' covariance.
-    """
-    thin = points[:: max(1, -(-len(points) // MAX_POINTS))]
-    if len(thin) < MIN_NOISE_POINTS:
-        return 0.0
-    index, _ = surface_cells(thin, POINTS_PER_CELL, MAX_CELLS)
-    keys = (index[:, 0] * (4 * MAX_CELLS) + index[:, 1]) * (4 * MAX_CELLS) + index[:, 2]
-    _, cells = np.unique(keys, return_inverse=True)
-    count = np.bincount(cells)
-    # sums about the cloud's middle keep the squares small
-    centred = thin - thin.mean(axis=0)
-    sums = np.stack([np.bincount(cells, centred[:, axis]) for axis in range(3)], axis=1)
-    pairs = [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)]
-    upper = np.stack([np.bincount(cells, centred[:, one] * centred[:, two]) for one, two in pairs], axis=1)
-    products = upper[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]]
-    full = np.flatnonzero(count >= MIN_POINTS_PER_CELL)
-    if full.size == 0:
-        return 0.0
-    full = full[:: max(1, full.size // MAX_CELLS_READ)]
-    number = count[full, None, None]
-    mean = sums[full] / count[full, None]
-    scatter = products[full].reshape(-1, 3, 3) - number * mean[:, :, None] * mean[:, None, :]
-    # three parameters of a plane are spent
-    smallest = np.asarray(np.linalg.eigvalsh(scatter / (number - 3))[:, 0], dtype=float)
-    return float(np.sqrt(max(float(quantiles(smallest, np.array([FLAT_CELLS]))[0]), 0.0)))
 
 
 def surface_cells(points: FloatArray, per_cell: int, most: int) -> tuple[IntArray, BoolArray]:

@@ -30,9 +30,6 @@ MIN_OBJECT_POINTS = 16
 MIN_DENSE_POINTS = 100
 # Boxes bound a thing only where several of them cross: two leave a wedge that is open behind it.
 MIN_BOX_VIEWS = 3
-# Noise across a surface, which is what a cell of points in space shows, against the noise along the line of sight:
-# faces are seen at fifty degrees on average.
-ACROSS_SHARE = 0.65
 # What boxes add to the log sizes' standard deviation: background within the box, more of it along the line of sight.
 BOX_SIGMA = (0.15, 0.15, 0.05)
 
@@ -145,16 +142,16 @@ def _shapes(
         box = None
         if len(own) >= MIN_OBJECT_POINTS:
             left = inliers(own, basis, options.outliers)
-            blur = _blur(eyes, left.level.mean(axis=0) @ basis, noise[cloud], left.noise)
+            blur = _blur(eyes, left.level.mean(axis=0) @ basis, noise[cloud])
             box = dimensions(left, basis, blur, options.robust_footprint)
         found.append(_Shape("dense" if cloud else "sparse", own, rows, box))
     return found
 
 
-def _blur(eyes: FloatArray, middle: FloatArray, share: float, own: float) -> FloatArray:
-    """(3, 3) covariance of an object's noise along its lines of sight: a share of the distance, or what it shows."""
+def _blur(eyes: FloatArray, middle: FloatArray, share: float) -> FloatArray:
+    """(3, 3) covariance of an object's noise along its lines of sight, a share of the distance."""
     distance, moment = sight_moment(eyes, middle)
-    return np.asarray(max(share * distance, own / ACROSS_SHARE) ** 2 * moment)
+    return np.asarray((share * distance) ** 2 * moment)
 
 
 def _views_of(track: Track, instances: Sequence[Instance]) -> list[int]:

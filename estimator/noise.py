@@ -26,7 +26,7 @@ MIN_POINTS_PER_CELL = 10
 # Fewer cells are mostly outlines.
 MIN_CELLS = 30
 # Cells that hold an outline look thick, and of a sparse cloud most do: flat ones lie in the lowest part, and there the
-# residual of some twenty points is this share of what all flat cells show (0.82 to 0.89 in quick rooms of 0.2 to 3 %).
+# residual of some twenty points is this share of what all flat cells show (`python -m benchmarks.geometry noise`).
 FLAT_CELLS, FLAT_SHARE = 0.15, 0.86
 
 

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from benchmarks.shapes import sampled_box, sampled_cylinder
-from estimator.extents import edges, extent_sigma, surface_noise
+from estimator.extents import edges, extent_sigma
 from estimator.footprint import footprint_axes, smallest_rectangle_axes
 
 
@@ -38,14 +38,8 @@ def test_noise_is_taken_off_where_it_is_known():
     random = np.random.default_rng(0)
     size = np.array([0.6, 0.4, 0.5])
     points = sampled_box(size, 4000, random) + random.normal(0, 0.01, (4000, 3))
-    noise = surface_noise(points)
-    assert 0.005 < noise < 0.012  # noise as thick as a cell's tenth is cut by the cells' walls
-    plain, corrected = extents(points), extents(points, noise)
+    plain, corrected = extents(points), extents(points, 0.01)
     assert np.abs(np.log(corrected / size)).mean() < np.abs(np.log(plain / size)).mean()
-
-
-def test_few_points_claim_no_noise():
-    assert surface_noise(np.random.default_rng(0).normal(size=(50, 3))) == 0.0
 
 
 def test_one_flying_point_in_two_hundred_moves_nothing_much():

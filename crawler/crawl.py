@@ -65,6 +65,7 @@ class Summary:
     dropped: Mapping[str, int]
     failed: Mapping[str, int]
     frontier: Mapping[str, int]
+    sites: Mapping[str, Mapping[str, float]]
 
     @property
     def fault(self) -> str | None:
@@ -215,4 +216,19 @@ def _summary(stats: Mapping[str, Any], frontier: Frontier, seconds: float) -> Su
         dropped=below("metric_tree/dropped/"),
         failed=below("metric_tree/failed/"),
         frontier=frontier.counts(),
+        sites=_sites(stats, seconds),
     )
+
+
+def _sites(stats: Mapping[str, Any], seconds: float) -> dict[str, dict[str, float]]:
+    """What was counted by host: pages, items, drops and failures by reason, bytes as unpacked, and the rate."""
+    from crawler.scheduler import SITES
+
+    found: dict[str, dict[str, float]] = {}
+    for name, value in stats.items():
+        if name.startswith(SITES):
+            host, _, what = name.removeprefix(SITES).partition("/")
+            found.setdefault(host, {})[what] = value
+    for counts in found.values():
+        counts["pages_per_second"] = round(counts.get("pages", 0) / seconds, 2) if seconds else 0.0
+    return found

@@ -53,6 +53,7 @@ class Outcome:
     """What came of a task: `items` and `pictures` as JSON lines by their ids, tasks it led to, why it failed.
 
     most : new items to take at most, None for all; a page of which items were left over waits to be fetched again.
+    An answer is a page with items or a picture, never both, so that what was new of either is one number.
     """
 
     key: str
@@ -61,6 +62,10 @@ class Outcome:
     failure: str | None = None
     pictures: Sequence[tuple[str, str]] = ()
     most: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.items and self.pictures:
+            raise ValueError(f"{self.key}: expected items or pictures; found both")
 
     def is_whole(self, new: int) -> bool:
         """Whether no item was left over, where `new` were taken."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from typing import Any
+from urllib.parse import urlsplit
 
 from scrapy import Request, Spider
 from scrapy.core.scheduler import BaseScheduler
@@ -11,13 +12,14 @@ from scrapy.crawler import Crawler
 from scrapy.exceptions import DownloadCancelledError, IgnoreRequest
 from scrapy.http import Response
 from scrapy.spidermiddlewares.httperror import HttpError
+from scrapy.statscollectors import StatsCollector
 from twisted.python.failure import Failure
 
 from crawler.frontier import Frontier, Outcome, Task, task_key
 from crawler.items import RawItem
 from crawler.pictures import Picture
 
-__all__ = ["KEY", "LIMIT_SETTING", "CommitMiddleware", "FrontierScheduler", "frontier_of"]
+__all__ = ["KEY", "LIMIT_SETTING", "SITES", "CommitMiddleware", "FrontierScheduler", "frontier_of"]
 
 #: The request's meta that holds the task's key.
 KEY = "frontier_key"
@@ -27,6 +29,9 @@ LIMIT_SETTING = "METRIC_TREE_LIMIT"
 
 #: Addresses that a spider remembers: some twenty megabytes. Forgetting costs time only, the frontier knows them all.
 KNOWN = 100_000
+
+#: Begins the names of what is counted for each site: host, then what.
+SITES = "metric_tree/sites/"
 
 #: Set once a failure is committed: Scrapy passes the errback's empty output through the spider middlewares too.
 _SETTLED = "frontier_settled"
@@ -89,8 +94,8 @@ class FrontierScheduler(BaseScheduler):
         reason = _reason(failure.value)
         request.meta[_SETTLED] = True
         self._frontier.commit(Outcome(request.meta[KEY], failure=reason))
-        if self._spider is not None and self._spider.crawler.stats is not None:
-            self._spider.crawler.stats.inc_value(f"metric_tree/failed/{reason}")
+        if self._spider is not None:
+            _count(self._spider.crawler.stats, f"failed/{reason}", 1, request.url)
 
 
 class CommitMiddleware:
@@ -114,6 +119,7 @@ class CommitMiddleware:
         pictures: list[tuple[str, str]] = []
         tasks: list[Task] = []
         failure = None
+        self._count("bytes", len(response.body), response.url)
         try:
             async for found in result:
                 if isinstance(found, Request):
@@ -123,31 +129,32 @@ class CommitMiddleware:
                 elif isinstance(found, Picture):
                     pictures.append((found.identity, found.line()))
                 else:
-                    self._count(f"dropped/{found}")
+                    self._count(f"dropped/{found}", 1, response.url)
         except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl
             failure = f"unreadable: {type(error).__name__}"
             items, pictures, tasks = [], [], []
         if KEY in response.meta and not response.meta.get(_SETTLED):
             most = max(self._limit - self._accepted, 0) if self._limit else None
-            self._settle(Outcome(response.meta[KEY], items, tasks, failure, pictures, most), _is_picture(response))
+            outcome = Outcome(response.meta[KEY], items, tasks, failure, pictures, most)
+            self._settle(outcome, _is_picture(response), response.url)
         nothing: tuple[Any, ...] = ()
         for part in nothing:
             yield part
 
-    def _settle(self, outcome: Outcome, is_picture: bool) -> None:
+    def _settle(self, outcome: Outcome, is_picture: bool, url: str) -> None:
         """Commit, count, and end the crawl with the last item that was asked for."""
         new = self._frontier.commit(outcome)
         if outcome.failure is None:
             _remember(getattr(self._crawler.spider, "known", None), list(outcome.tasks))
         else:
-            self._count(f"failed/{outcome.failure}")
+            self._count(f"failed/{outcome.failure}", 1, url)
         if is_picture:
-            self._count("pictures", new)
+            self._count("pictures", new, url)
             return
-        self._count("items", new)
+        self._count("items", new, url)
         if outcome.is_whole(new):  # what is left over is no duplicate: whoever resumes fetches the page again
-            self._count("dropped/duplicate", len(outcome.items) - new)
-        self._count("pages")
+            self._count("dropped/duplicate", len(outcome.items) - new, url)
+        self._count("pages", 1, url)
         self._accept(new)
 
     def _accept(self, new: int) -> None:
@@ -157,9 +164,15 @@ class CommitMiddleware:
 
             deferred_from_coro(self._crawler.engine.close_spider_async(reason="limit"))
 
-    def _count(self, name: str, count: int = 1) -> None:
-        if count and self._stats is not None:
-            self._stats.inc_value(f"metric_tree/{name}", count)
+    def _count(self, name: str, count: int, url: str) -> None:
+        _count(self._stats, name, count, url)
+
+
+def _count(stats: StatsCollector | None, name: str, count: int, url: str) -> None:
+    """Count for the crawl, and for the site of an address."""
+    if count and stats is not None:
+        stats.inc_value(f"metric_tree/{name}", count)
+        stats.inc_value(f"{SITES}{urlsplit(url).hostname}/{name}", count)
 
 
 def _is_picture(response: Response) -> bool:

@@ -73,7 +73,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print_json(record)
     else:
+        sites = record.pop("sites")
         print_table(["crawl", ""], [(name, _shown(value)) for name, value in record.items() if name != "schema"])
+        print_table(["site", ""], [(host, _shown(counts)) for host, counts in sites.items()])
     if summary.fault:
         raise InputFault(f"{crawl.folder}: {summary.fault}")
     return 0

@@ -66,6 +66,14 @@ def test_a_shop_with_faults_is_brought_home(tmp_path: Path) -> None:
     assert summary["bans"] == cases.count("passing_503")
     assert summary["dropped"]["no_html"] == cases.count("lying_type")
     assert summary["dropped"]["no_size"] >= cases.count("no_size") + cases.count("package_only")
+    whole = {name: sum(site.get(name, 0) for site in summary["sites"].values()) for name in ("pages", "items")}
+    assert whole == {"pages": summary["pages"], "items": summary["items"]}
+    for kind in ("dropped", "failed"):
+        for reason, count in summary[kind].items():
+            assert sum(site.get(f"{kind}/{reason}", 0) for site in summary["sites"].values()) == count
+    home = max(summary["sites"].values(), key=lambda site: site.get("pages", 0))
+    assert home["bytes"] > 0
+    assert home["pages_per_second"] > 0
 
 
 def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:

@@ -91,15 +91,22 @@ def test_segments_hold_every_item_once_whatever_is_interrupted(tmp_path: Path) -
 
 def test_pictures_go_to_segments_of_their_own(tmp_path: Path) -> None:
     frontier = SqliteFrontier(tmp_path / "f.sqlite")
-    frontier.add([Task("http://a.example/1")])
-    task = frontier.lease()
-    assert task is not None
+    frontier.add([Task("http://a.example/1"), Task("http://a.example/2")])
+    page, seen = frontier.lease(), frontier.lease()
+    assert page is not None
+    assert seen is not None
+    assert frontier.commit(Outcome(page.key, [_item(1)])) == 1
     pictures = [("picture:x", "{}"), ("picture:y", "{}")]
-    assert frontier.commit(Outcome(task.key, [_item(1)], pictures=pictures)) == 3
+    assert frontier.commit(Outcome(seen.key, pictures=pictures)) == 2
     assert write_segments(frontier, tmp_path) == 1
     names = ["items-000000001-000000001.jsonl", "pictures-000000001-000000002.jsonl"]
     assert sorted(path.name for path in tmp_path.glob("*.jsonl")) == names
     assert write_segments(frontier, tmp_path) == 0
+
+
+def test_an_answer_is_a_page_or_a_picture() -> None:
+    with pytest.raises(ValueError, match="items or pictures"):
+        Outcome("key", [_item(1)], pictures=[("picture:x", "{}")])
 
 
 def test_a_page_of_which_items_are_left_over_waits_again(tmp_path: Path) -> None:

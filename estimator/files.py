@@ -22,10 +22,11 @@ _JSON_KINDS = {
 _COUNT = struct.Struct("<Q")
 
 
-def bytes_of(path: Path) -> bytes:
-    """The whole file; BadScene where it is missing, a folder, unreadable, or empty."""
+def bytes_of(path: Path, most: int = -1) -> bytes:
+    """The whole file, or its first bytes; BadScene where it is missing, a folder, unreadable, or empty."""
     try:
-        data = path.read_bytes()
+        with path.open("rb") as file:
+            data = file.read(most)
     except OSError as fault:
         raise BadScene.at(path, "file", "a readable file", told(fault.strerror or "an error")) from None
     if not data:

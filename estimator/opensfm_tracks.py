@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from estimator.scene import BadScene, FloatArray, IntArray, told
 
 __all__ = ["observations_at"]
 
-_FIRST_BYTES = 1000
+_FIRST_BYTES = 1000  # hold the line of the version and the start of the first observation
 _VERSION = b"OPENSFM_TRACKS_VERSION"
 #: The columns that every version begins with; what follows (scale, colour, segmentation) is not needed.
 _COLUMNS = {"f0": pa.dictionary(pa.int32(), pa.string()), "f1": pa.string(), "f3": pa.float64(), "f4": pa.float64()}
@@ -40,25 +39,26 @@ def observations_at(file: Path, images: Sequence[str], tracks: Sequence[str]) ->
 
 
 def _table(file: Path) -> pa.Table:
-    data = bytes_of(file)
-    has_version = data.startswith(_VERSION)
-    header = data.find(b"\n") + 1 if has_version else 0
-    if has_version and not (header and data[header : header + _FIRST_BYTES].strip()):
+    head = bytes_of(file, most=_FIRST_BYTES)
+    has_version = head.startswith(_VERSION)
+    if has_version and not head.partition(b"\n")[2].strip():
         raise BadScene.at(file, "observations", "at least one line", 0)
     try:
-        return _observations_of(data, has_version, in_threads=True)
+        return _observations_of(file, has_version, in_threads=True)
     except (pa.ArrowInvalid, KeyError):
         pass
     try:  # threads report whichever fault they meet first; alone, the reader always reports the same one
-        return _observations_of(data, has_version, in_threads=False)
+        return _observations_of(file, has_version, in_threads=False)
     except (pa.ArrowInvalid, KeyError) as fault:
         expected = "tab-separated image, track, feature, x, y, ..."
         raise BadScene.at(file, "observations", expected, told(str(fault))) from None
 
 
-def _observations_of(data: bytes, has_version: bool, in_threads: bool) -> pa.Table:
+def _observations_of(file: Path, has_version: bool, in_threads: bool) -> pa.Table:
+    # By its name: Arrow's threads let go of a Python object only after a fault is told, and tracemalloc, stopped
+    # meanwhile, crashes in them (CPython 128679).
     return csv.read_csv(
-        io.BytesIO(data),
+        str(file),
         read_options=csv.ReadOptions(
             autogenerate_column_names=True, skip_rows=int(has_version), use_threads=in_threads
         ),

@@ -175,14 +175,24 @@ def _is_metric(size: Size) -> bool:
 
 
 def flags_of(lengths: Sequence[Length]) -> tuple[str, ...]:
-    """What is to be said of lengths: `range` where one has two ends, `absurd_size` where one is beyond `ABSURD_MM`."""
+    """What is to be said of lengths.
+
+    `range` where one has two ends, `absurd_size` where one is beyond `ABSURD_MM`, `placeholder` for `1 x 1 x 1 cm`.
+    """
     low, high = ABSURD_MM
     flags = []
     if any(not low <= length.mm <= high for length in lengths):
         flags.append("absurd_size")
     if any(length.high_mm > length.low_mm for length in lengths):
         flags.append("range")
+    if len(lengths) == 3 and all(length.mm in _typed_in(length.unit) for length in lengths):
+        flags.append("placeholder")
     return tuple(flags)
+
+
+def _typed_in(unit: str) -> tuple[float, ...]:
+    """What is typed into a form that asks for a size: `1 x 1 x 1 cm`, `0,1 x 0,1 x 0,1 cm`; in mm."""
+    return tuple(round(millimetres(value, unit), 1) for value in (0.01, 0.1, 1.0))
 
 
 def _meaning(words: str) -> Meaning:
@@ -321,11 +331,16 @@ def _axis_before(run: Sequence[Token], place: int) -> str | None:
 
 
 def _axis_behind(run: Sequence[Token], place: int) -> tuple[str | None, int]:
-    at = place + 1 if _kind(run, place) in {"open", "range"} else place
+    at = place + 1 if _kind(run, place) in {"open", "range"} or _is_of(run, place) else place
     if _kind(run, at) == "axis" and _kind(run, at + 1) not in {"colon", "number"}:
         closed = at + 1 if at > place and _kind(run, at + 1) == "close" else at
         return run[at].key, closed + 1
     return None, place
+
+
+def _is_of(run: Sequence[Token], place: int) -> bool:
+    """Whether the next word leads to an axis: `180 cm in length`, `90 cm de largo`."""
+    return _kind(run, place) == "word" and run[place].text in {"in", "de", "di", "em"}
 
 
 def _kind(run: Sequence[Token], place: int) -> str | None:
@@ -346,8 +361,11 @@ def _groups(numbers: Sequence[_Number]) -> Iterator[list[_Number]]:
 
 def _as_announced(groups: list[list[_Number]], axes: Sequence[str]) -> list[list[_Number]]:
     """As many lengths as the label announces axes are one size, whatever parts them: `B/H/T`, `4 cm / 2 cm / 3 cm`."""
-    alone = all(len(group) == 1 and group[0].axis is None for group in groups)
-    return [[group[0] for group in groups]] if alone and 2 <= len(groups) == len(axes) else groups
+    every = [number for group in groups for number in group]
+    # A forgotten x leaves one of them apart; in another system the same size would stand again.
+    bare = all(number.axis is None for number in every)
+    parted = all(len(group) == 1 for group in groups) or len({number.unit for number in every if number.unit}) == 1
+    return [every] if bare and parted and 2 <= len(every) == len(axes) else groups
 
 
 def _continues(group: Sequence[_Number], number: _Number) -> bool:

@@ -152,6 +152,8 @@ class _Reader:
             return None
         row = here.getparent()
         filled = [cell for cell in row if cell.tag in {"td", "th"} and self._text(cell)]
+        if len(filled) > 2 and filled[0].get("rowspan", "1") != "1":
+            filled = filled[1:]  # it names the group that this row is the first of
         if len(filled) == 2 and here is filled[1]:
             return _Pair("table", self._text(filled[0]), self._text(here), row.getparent())
         if len(filled) == 4 and here in {filled[1], filled[3]}:
@@ -248,22 +250,36 @@ def _split(label: str, value: str, section: str, place: Place, container: int) -
     if not value or len(value) > VALUE_LENGTH * 2:
         return
     label = label.strip(" :\u00a0")
+    if place == "row" and (own := _OWN_LABEL.match(value)) and is_dimension_label(plain(own[1])):
+        section, label, value = label, own[1].strip(), own[2]  # what stood beside it is its heading
     own = None if label else _OWN_LABEL.match(value) or _LETTER_FIRST.fullmatch(value) or _size_first(value)
     if own:
         label, value = own[1].strip(), own[2]
+    if label and not names_a_size(plain(label)) and (inner := _inner_label(value)):
+        label, value, place = inner[1].strip(), inner[2], "prose"
     named = label or (place == "entry" and is_dimension_label(plain(section)))
     yield Fact(label, value, section, place if named else "prose", container)
 
 
 def _size_first(value: str) -> re.Match[str] | None:
-    own = _SIZE_FIRST.match(value)
+    own = _SIZE_FIRST.match(value) or _SIZE_OF_AXES.match(value)
     return own if own and is_dimension_label(plain(own[1])) else None
 
+
+def _inner_label(value: str) -> re.Match[str] | None:
+    """A label for the size in the middle of a text: `Material: MDF. Medidas: alto: 83 cm, ancho: 120 cm`."""
+    return next((found for found in _INNER_LABEL.finditer(value) if is_dimension_label(plain(found[1]))), None)
+
+
+_INNER_LABEL = re.compile(r"(?<=[.;,!)•·|-])\s*([^\W\d_][^\d:.;,]{2,40}?)\s*:\s*(?=\S*\d|[^:]*:?[^:]*\d)(.+)")
 
 _OWN_LABEL = re.compile(rf"([^\d:]{{2,{LABEL_LENGTH}}}?)\s*:\s*(?=\S*\d|[^:]*\d)(.+)")
 
 #: A line of one axis by its letter, `H 84.5 cm`.
 _LETTER_FIRST = re.compile(r"([HWDLBTØ])\.?\s*(\d[\d.,/ ]*\s?(?:[cm]?m|in|inches|[\"″]))\.?")
+
+#: A label for the size above labels for its axes: `Medidas: Alto: 18 cm, Ancho: 61 cm`.
+_SIZE_OF_AXES = re.compile(r"([^\d:]{2,40}?)\s*:\s*([^\d:]{1,20}:\s*\d.*)")
 
 #: A line that begins with a word for the size and goes on with the size.
 _SIZE_FIRST = re.compile(r"([^\W\d_]+(?: [^\W\d_]{4,})?) ((?:[^\W\d_]{1,2} ?)?\d.*)")

@@ -29,11 +29,13 @@ _VULGAR = {
 }
 _MARKS = "".join(_VULGAR)
 _SLASH = "[/⁄]"
+#: What a fraction of a length is in: inches are halved, a foot has twelve. `120/75/60` is three numbers.
+_PARTS = r"(?:2|3|4|5|6|8|10|12|16|32|64)(?![\d/])"
 
 #: A regular expression of one number, without groups: `12 1/4`, `12-1/4`, `12½`, `3/4`, `1,234.5`, `33,5`, `.75`.
 #: A space parts thousands only where the source declares it (`number` takes care); here it would glue two numbers.
 NUMBER = (
-    rf"(?:\d+(?:[ \u00a0]+|-)\d+{_SLASH}\d+|\d+{_SLASH}\d+|\d*[ \u00a0]?[{_MARKS}]"
+    rf"(?:\d+(?:[ \u00a0]+|-)\d{{1,2}}{_SLASH}{_PARTS}|\d{{1,2}}{_SLASH}{_PARTS}|\d*[ \u00a0]?[{_MARKS}]"
     r"|\d{1,3}(?:,\d{3})+(?:\.\d+)?(?![\d,])|\d+(?:[.,]\d+)?|\.\d+)"
 )
 

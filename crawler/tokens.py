@@ -43,6 +43,8 @@ _TOKEN = re.compile(
     re.IGNORECASE,
 )
 
+_HUNDREDS, _THOUSANDS = re.compile(r"\d{3}"), re.compile(r"[1-9]\d{0,2}\.\d{3}")
+
 _RANGE_WORDS = frozenset({"to", "bis", "a", "à", "tot", "hasta", "ate", "fino"})
 
 
@@ -64,7 +66,18 @@ def tokens(text: str, language: Language | None = None) -> list[Token]:
     found: list[Token] = []
     for match in _TOKEN.finditer(text):
         found.append(_token(match, language, found[-1] if found else None))
-    return _with_word_headers(_as_romance(found))
+    return _with_word_headers(_as_romance(_as_thousands(found)))
+
+
+def _as_thousands(found: list[Token]) -> list[Token]:
+    """`1.000 x 1.200 x 300 mm`: beside whole hundreds of millimetres a point before three digits parts thousands."""
+    pointed = [token for token in found if token.kind == "number" and "." in token.text]
+    units = {token.key for token in found if token.kind == "unit"}
+    hundreds = any(token.kind == "number" and _HUNDREDS.fullmatch(token.text) for token in found)
+    if not pointed or units != {"mm"} or not hundreds or not all(_THOUSANDS.fullmatch(t.text) for t in pointed):
+        return found
+    grouped = {token.start: float(token.text.replace(".", "")) for token in pointed}
+    return [replace(token, number=grouped.get(token.start, token.number)) for token in found]
 
 
 def _as_romance(found: list[Token]) -> list[Token]:

@@ -56,10 +56,12 @@ def _table(groups: Mapping[str, str]) -> Mapping[str, str]:
 AXIS_WORDS: Mapping[str, str] = _table(
     {
         "length": "length long longueur lunghezza lungh largo longitud comprimento compr lange laenge lengte lang",
-        "width": "width wide breadth beam breite breit largeur large larg larghezza ancho anchura largura breedte",
-        "height": "height high tall hohe hoehe hoch hauteur haut altezza alto altura alt hoogte",
+        "width": "width wide breadth beam breite breit largeur large larg larghezza ancho anchura largura breedte "
+        "breed",
+        "height": "height high tall hohe hoehe hoch hauteur haut altezza alto altura alt hoogte hoog",
         "depth": "depth deep thickness thick tiefe tief dicke dick starke profondeur profond prof epaisseur "
-        "profondita spessore profundidad fondo grosor espesor profundidade espessura diepte dikte",
+        "profondita profondo spessore profundidad profundo fondo grosor espesor profundidade espessura diepte diep "
+        "dikte dik",
         "diameter": "diameter diam dia durchmesser diametre diametro ø ⌀ doorsnede",
     }
 )

@@ -181,6 +181,7 @@ REFUSALS = {
     "no_category": "the taxonomy does not know what the thing is",
     "no_size": "no outer size is stated, or four numbers where three are possible",
     "low_trust": "the size was only found in prose",
+    "placeholder": "the size is what is typed into a form that asks for one: 1 x 1 x 1",
 }
 
 
@@ -218,8 +219,8 @@ def _row(
         return None, "source_left_out"
     if fold_out is not None and is_held_out(item_id, *fold_out):
         return None, "fold_left_out"
-    if "low_trust" in item.flags:
-        return None, "low_trust"
+    if distrusted := next((flag for flag in ("low_trust", "placeholder") if flag in item.flags), None):
+        return None, distrusted
     node_id = _matched(item, taxonomy).node_id
     if node_id is None:
         return None, "no_category"

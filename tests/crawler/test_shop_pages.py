@@ -7,13 +7,16 @@ import pytest
 from crawler.pages import page
 from crawler.sites import item_of
 from tests.crawler.shop_pages import MADE, Made, document
+from tests.crawler.shop_pages_found import FOUND
 from tests.crawler.shop_pages_later import LATER, THIRD
 
+PAGES = [*MADE, *LATER, *THIRD, *FOUND]
+
 #: Flags that say how far a size may be trusted; a page states them or not.
-TRUST = {"low_trust", "from_script", "contradicts_itself", "range", "no_size", "absurd_size"}
+TRUST = {"low_trust", "from_script", "contradicts_itself", "range", "no_size", "absurd_size", "placeholder"}
 
 
-@pytest.mark.parametrize("made", [*MADE, *LATER, *THIRD], ids=[made.platform for made in (*MADE, *LATER, *THIRD)])
+@pytest.mark.parametrize("made", PAGES, ids=[made.platform for made in PAGES])
 def test_a_shop_reads_as_a_person_reads_it(made: Made) -> None:
     item = item_of(page(document(made), "https://shop.example/p/1"))
     assert item.extents_mm == (None if made.extents is None else pytest.approx(made.extents, abs=0.15))

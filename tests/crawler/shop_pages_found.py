@@ -1,0 +1,66 @@
+"""A fourth set of made-up pages: ways of writing that were met in public repositories, with other numbers."""
+
+# ruff: noqa: E501 - markup stands as sites write it
+
+from __future__ import annotations
+
+from tests.crawler.shop_pages import Made, whd
+
+FOUND = [
+    Made(
+        "a table whose first row names its group", "en",
+        '<table border="1"><thead><tr><th>Category</th><th>Name</th><th>Details</th></tr></thead><tbody><tr><td rowspan="3">Module</td>'
+        "<td>Overall Dimensions</td><td>81.5*22.4*19.6 mm</td></tr><tr><td>Baseline</td><td>42mm</td></tr><tr><td>Working Distance</td><td>30~300cm</td></tr></tbody></table>",
+        (81.5, 22.4, 19.6), {},
+    ),
+    Made(
+        "a forgotten x", "en",
+        "<table><tr><th>Item Dimensions LxWxH</th><td>15.02  20.63 x 8.04 inches</td></tr></table>",
+        (524, 381.5, 204.2), {"length": 381.5, "width": 524, "height": 204.2},
+    ),
+    Made(
+        "thousands of millimetres with points", "en",
+        "<p>Schaltschrank<br>Maße (B x H x T): 1.200 x 1.800 x 400 mm</p>",
+        (1800, 1200, 400), whd(1200, 1800, 400),
+    ),
+    Made(
+        "a decimal point in millimetres", "en",
+        "<table><tr><th>Dimensions</th><td>1.250 x 0.750 x 300 mm</td></tr></table>",
+        (300, 1.2, 0.8), {},
+    ),
+    Made(
+        "a form filled in with ones", "de",
+        "<table><tr><th>Produktabmessungen</th><td>1 x 1 x 1 cm; 520 Gramm</td></tr></table>",
+        (10, 10, 10), {}, ("placeholder",),
+    ),
+    Made(
+        "a size behind another label in running text", "es",
+        "<p>Material del producto: MDF de 18 mm. Medidas: Alto: 82 cm Ancho: 110 cm Profundidad: 45 cm Peso: 30 kg</p>",
+        (1100, 820, 450), whd(1100, 820, 450), ("low_trust",),
+    ),
+    Made(
+        "a label for the size before labels for its axes", "es",
+        "<ul><li>Medidas: Alto: 19 cm, Ancho: 62 cm, Profundo: 34 cm.</li><li>Acero inoxidable.</li></ul>",
+        (620, 340, 190), whd(620, 190, 340),
+    ),
+    Made(
+        "axes behind `in`", "en",
+        "<p>The table measures 160cm in length, 80cm in width and 74cm in height.</p>",
+        (1600, 800, 740), {"length": 1600, "width": 800, "height": 740}, ("low_trust",),
+    ),
+    Made(
+        "numbers parted by slashes alone", "de",
+        "<table><tr><th>Maße (B/H/T) in cm</th><td>120/75/60</td></tr></table>",
+        (1200, 750, 600), whd(1200, 750, 600),
+    ),
+    Made(
+        "a list entry with a label of its own below a heading of weights, in two systems that do not agree", "en",
+        "<ul><p><b>Dimension / weight</b></p><li>Product dimensions (HxWxD) : <span>620 x 510 x 330 mm (27 x 20 x 13 in.)</span></li><li>Product weight : <span>14KG</span></li></ul>",
+        (620, 510, 330), whd(510, 620, 330), ("contradicts_itself",),
+    ),
+    Made(
+        "a picture's size", "en",
+        "<ul><li><strong>Optimal Dimensions:</strong> 1200 × 400 pixels or 1920 × 600 pixels.</li></ul>",
+        None, None, ("no_size",),
+    ),
+]  # fmt: skip

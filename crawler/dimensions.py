@@ -44,6 +44,7 @@ _OTHER_UNITS = """
 _UNITS_OF_OTHER_THINGS = frozenset(_OTHER_UNITS.split())
 
 
+_METRIC = frozenset({"mm", "cm", "dm", "m"})
 _UNIT_ALTERNATIVES = "|".join(re.escape(word) for word in UNIT_WORDS if word[-1].isalpha() or word[-1] == ")")
 #: Whether a text can name a unit at all: most texts with a number are prices, dates and counts, told by this alone.
 _UNIT = re.compile(rf"(?<![^\W\d_])(?:{_UNIT_ALTERNATIVES})(?![^\W\d_xX])|[\"″”“'′’`]", re.IGNORECASE)
@@ -171,7 +172,7 @@ def _close(one: float, other: float) -> bool:
 
 
 def _is_metric(size: Size) -> bool:
-    return all(length.unit in {"mm", "cm", "dm", "m"} for length in size.lengths)
+    return all(length.unit in _METRIC for length in size.lengths)
 
 
 def flags_of(lengths: Sequence[Length]) -> tuple[str, ...]:
@@ -295,6 +296,9 @@ def _number(
         if inches == "in" or (inches is None and run[place + 1].text in "'′’"):
             low = high = low * 12 + float(run[after].number or 0.0)
             unit, after = "in", behind
+    if unit is not None and low == high and (aside := _aside(run, after, low, unit)):
+        low = high = aside[0]
+        unit, after = aside[1:]
     is_length = low > 0 and math.isfinite(high) and not _counts_other_things(run, after, unit)
     if axis is None and not leading:
         axis, after = _axis_behind(run, after)
@@ -312,6 +316,16 @@ def _unit_at(run: Sequence[Token], place: int) -> tuple[str | None, int]:
             behind += 1
         return run[place].key, behind
     return None, place
+
+
+def _aside(run: Sequence[Token], place: int, value: float, unit: str) -> tuple[float, str, int] | None:
+    """The same length again in brackets in another unit, `15.5 in. (39 cm)`: the metric one, and the place behind it."""
+    if [_kind(run, place + i) for i in range(4)] != ["open", "number", "unit", "close"]:
+        return None
+    again, other = float(run[place + 1].number or 0.0), run[place + 2].key or ""
+    if other == unit or not _close(millimetres(value, unit), millimetres(again, other)):
+        return None
+    return (value, unit, place + 4) if unit in _METRIC else (again, other, place + 4)
 
 
 def _counts_other_things(run: Sequence[Token], place: int, unit: str | None) -> bool:

@@ -61,7 +61,7 @@ class Fact:
 
 def facts(page: Page) -> Iterator[Fact]:
     """The pairs whose value holds a number, in the order of the page; those of other products are left out."""
-    reader = _Reader()
+    reader = _Reader(page.root)
     seen: set[tuple[str, str, str]] = set()
     for text in _TEXTS(page.root):
         if not HAS_DIGIT.search(text) or len(text) >= LONGEST_TEXT:
@@ -87,8 +87,8 @@ class _Pair:
 class _Reader:
     """The pairs of one page; what was found for an element is kept, since its texts lead to it one by one."""
 
-    def __init__(self) -> None:
-        self.regions = Regions()
+    def __init__(self, root: Element) -> None:
+        self.regions = Regions(root)
         self._text = self.regions.text
         self._pairs: dict[Element, _Pair | None] = {}
         self._containers: dict[Element, int] = {}
@@ -107,6 +107,9 @@ class _Reader:
                 if found.place == "table" and not found.label:
                     return  # a table of several products, or of sizes to choose from
                 heading = self.regions.heading(found.container)
+                if line := self._labelled_line(element, text):
+                    yield from _split("", line, found.label or heading, "line", self._number(element))
+                    return
                 yield from _split(found.label, found.value, heading, found.place, self._number(found.container))
                 return
             here = parent
@@ -130,6 +133,13 @@ class _Reader:
             listed = all(len(line) <= LINE_LENGTH for line, _ in lines)  # else it is an opinion, or a story
             self._parted[element] = lines if listed else []
         return self._parted[element]
+
+    def _labelled_line(self, element: Element, text: str) -> str | None:
+        """The line of a box that breaks part, where it has a label of its own: `Height: 7.2 in<br>Width: 1.4 in`."""
+        for line, _ in self._lines(element):
+            if text in line and (own := _OWN_LABEL.match(line)) and names_a_size(plain(own[1])):
+                return line
+        return None
 
     def _entry(self, element: Element, value: str) -> Element | None:
         """What a line is an entry of: the list around it, or the box of a line that begins with `<b>Label</b>`."""

@@ -24,6 +24,11 @@ MAXIMUM_IMAGES = 12
 #: Boxes that may be a breadcrumb; the first few that call themselves one are looked at.
 _BREADCRUMB_TAGS, _BREADCRUMB_BOXES = ("nav", "ol", "ul", "div"), 3
 
+_BREADCRUMB = re.compile("bread-?crumb", re.IGNORECASE)
+
+#: What parts the steps of a category in one text; shops write `Home & Living < Vases` in the same order.
+_CATEGORY_MARKS = re.compile("[/<>]")
+
 #: Types of schema.org that are things with a size.
 _THINGS = ("Product", "ProductGroup", "IndividualProduct", "ProductModel", "Book")
 _USEFUL_TYPE = re.compile(rf"schema\.org/(?:{'|'.join(_THINGS)}|BreadcrumbList)\b")
@@ -60,7 +65,7 @@ def product(page: Page, own: Product | None = None) -> Product:
     return Product(
         id=known.id or _first(thing.get("sku"), thing.get("productID"), thing.get("mpn"), thing.get("gtin13")),
         title=known.title or _title(page, thing),
-        category_path=known.category_path or _breadcrumb(page, nodes) or _category(thing),
+        category_path=known.category_path or _breadcrumb(page, nodes, _title(page, thing)) or _category(thing),
         brand=known.brand or _name(thing.get("brand")),
         images=known.images or _images(page, thing),
         sizes=tuple(_sizes(thing)),
@@ -176,22 +181,27 @@ def _quantity(value: Any) -> str | None:
     return str(value) if isinstance(value, str | int | float) and str(value).strip() else None
 
 
-def _breadcrumb(page: Page, nodes: list[Mapping[str, Any]]) -> tuple[str, ...]:
+def _breadcrumb(page: Page, nodes: list[Mapping[str, Any]], title: str) -> tuple[str, ...]:
+    """The page's breadcrumb: its data's, or where that knows no category the one that it shows."""
+    declared: tuple[str, ...] = ()
     for node in nodes:
         if _is(node, "BreadcrumbList"):
             steps = [step for step in _list(node.get("itemListElement")) if isinstance(step, dict)]
-            return _path([_step_name(step) for step in steps])
+            declared = _path([_step_name(step) for step in steps])
+            break
+    if any(step not in {title, "Shop"} for step in declared):
+        return declared
     for box in islice(_breadcrumb_boxes(page), _BREADCRUMB_BOXES):
         path = _path([_text(link) for link in box.iter("a")])
         if path:
             return path
-    return ()
+    return declared
 
 
 def _breadcrumb_boxes(page: Page) -> Iterator[Element]:
-    if "readcrumb" in page.text:
+    if _BREADCRUMB.search(page.text):
         for box in page.root.iter(*_BREADCRUMB_TAGS):
-            if any("readcrumb" in (box.get(name) or "") for name in ("class", "id", "aria-label")):
+            if any(_BREADCRUMB.search(value) for value in box.attrib.values()):
                 yield box
 
 
@@ -209,7 +219,7 @@ def _category(thing: Mapping[str, Any]) -> tuple[str, ...]:
     text = thing.get("category")
     if isinstance(text, list):
         text = text[0] if text else None
-    return _path(list(text.replace("/", ">").split(">"))) if isinstance(text, str) else ()
+    return _path(_CATEGORY_MARKS.split(text)) if isinstance(text, str) else ()
 
 
 def _images(page: Page, thing: Mapping[str, Any]) -> tuple[str, ...]:

@@ -32,7 +32,10 @@ _ELSEWHERE = re.compile(
 _NAME_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 #: Regions about the package; their facts carry it in their heading, so that no later step takes them for the thing.
-_PACKAGE_REGION = re.compile(r"packag(?!e-?details-?page)|shipping|delivery|verpackung|emballage", re.IGNORECASE)
+#: (WooCommerce calls every product `shipping-taxable`.)
+_PACKAGE_REGION = re.compile(
+    r"packag(?!e-?details-?page)|shipping(?!-taxable)|delivery|verpackung|emballage", re.IGNORECASE
+)
 
 SKIPPED = frozenset({"script", "style", "noscript", "template", "select", "option", "nav", "footer", "head"})
 _HEADINGS = frozenset({"h1", "h2", "h3", "h4", "h5", "h6", "legend", "summary", "caption", "dt"})
@@ -43,7 +46,9 @@ _HEADING_CLASS = re.compile(r"title|heading|header|group-?name|section-?name|cap
 class Regions:
     """The regions of one page. Elements are held, so that lxml's proxies and with them the answers stay."""
 
-    def __init__(self) -> None:
+    def __init__(self, root: Element) -> None:
+        #: What holds the page's title holds the product, whatever it is called.
+        self._main = frozenset(box for title in islice(root.iter("h1"), 1) for box in title.iterancestors())
         self._texts: dict[Element, str] = {}
         self._elsewhere: dict[Element, bool] = {}
         self._titles: dict[Element, str] = {}
@@ -66,7 +71,7 @@ class Regions:
             here = here.getparent()
         answer = self._elsewhere[here] if here is not None else False
         for step in reversed(line):
-            answer = answer or _points_elsewhere(step)
+            answer = answer or (step not in self._main and _points_elsewhere(step))
             self._elsewhere[step] = answer
         return answer
 
@@ -75,7 +80,7 @@ class Regions:
         heading = self._nearest_heading(element)
         here = element
         for _ in range(HEADING_CLIMB):
-            if _is_package_region(f"{here.get('id') or ''} {here.get('class') or ''}"):
+            if here not in self._main and _is_package_region(f"{here.get('id') or ''} {here.get('class') or ''}"):
                 return f"{heading} (package)".strip()
             here = here.getparent()
             if here is None or here.tag in {"body", "main"}:

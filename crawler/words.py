@@ -91,6 +91,17 @@ _ASIDE = re.compile(
     r"|inclusief)\b\.? \w+"
 )
 
+_WEIGHT = r"(?:weights?|gewicht|poids|peso|capacity)"
+_AND = r"(?:[&/,+]|\b(?:and|und|et|e|y|en)\b)"
+#: One heading for two quantities: `dimensions & weight`, `Gewicht und Abmessungen`.
+_AND_WEIGHT = re.compile(rf"{_AND}\s*{_WEIGHT}\b|\b{_WEIGHT}\s*{_AND}")
+
+#: Parts that a size takes in together: `(kettle + base)`.
+_TOGETHER = re.compile(rf"\([^()]*{_AND}[^()]*\)")
+
+#: Of the whole thing, though its name is that of a part: `the complete model`.
+_COMPLETE = re.compile(r"\b(?:complete|completed|finished|assembled|entire|whole) \w+")
+
 _WHOLE = re.compile(
     r"\b("
     r"overall|total|assembled|product|item|article|unit|external|exterior|outer|outside|gesamt\w*"
@@ -180,8 +191,13 @@ def _names_the_thing(word: str, title: str) -> bool:
 
 @_remembered
 def is_component(label: str) -> bool:
-    """Whether a plain label speaks of a part, an adjustment or another quantity; `depth without handles` does not."""
-    return bool(_COMPONENT.search(_ASIDE.sub(" ", label)))
+    """Whether a plain label speaks of a part, an adjustment or another quantity.
+
+    `depth without handles`, `dimensions & weight`, `size (kettle + base)` and `the complete model measures` do not.
+    """
+    if is_dimension_label(label):
+        label = _AND_WEIGHT.sub(" ", _TOGETHER.sub(" ", label))
+    return bool(_COMPONENT.search(_COMPLETE.sub(" ", _ASIDE.sub(" ", label))))
 
 
 @_remembered

@@ -1,4 +1,5 @@
-"""A fourth set of made-up pages: ways of writing that were met in public repositories, with other numbers."""
+"""A fourth set of made-up pages: ways of writing met in public repositories, and on pages by authors who had not seen
+the reader (of their 60, see docs/crawling.md, those that were misread), with other numbers."""
 
 # ruff: noqa: E501 - markup stands as sites write it
 
@@ -62,5 +63,28 @@ FOUND = [
         "a picture's size", "en",
         "<ul><li><strong>Optimal Dimensions:</strong> 1200 × 400 pixels or 1920 × 600 pixels.</li></ul>",
         None, None, ("no_size",),
+    ),
+    Made(
+        "WooCommerce, a product that is `shipping-taxable`", "en",
+        '<div id="product-22" class="product type-product instock shipping-taxable purchasable"><h1 class="product_title">Oak shelf</h1>'
+        '<table class="woocommerce-product-attributes shop_attributes"><tr><th>Weight</th><td>6.1 kg</td></tr><tr><th>Dimensions</th><td>80 &times; 24 &times; 15.5 cm</td></tr></table></div>',
+        (800, 240, 155), {},
+    ),
+    Made(
+        "lines below a label for size and weight, each in two systems", "en",
+        '<h2>Tech specs</h2><ul><li><div class="h5">Dimensions &amp; Weight</div><p>Height: 7.2 in. (183.00 mm)<br>Width: 1.4 in. (35.50 mm)<br>'
+        "Depth: 7.0 in. (178.00 mm)<br>Starting weight: 2.30 lb (1.04 kg)</p></li></ul>",
+        (183, 178, 35.5), whd(35.5, 183, 178),
+    ),
+    Made(
+        "parts that a size takes in together", "en",
+        '<ul><li><strong>Dimensions (kettle + base):</strong> 290 mm L x 170 mm W x 200 mm H (11.4 x 6.7 x 7.9 in)</li>'
+        '<li><strong>Base only:</strong> 7" L x 6.5" W x 2.1" H</li><li><strong>Cord length:</strong> 30 in</li></ul>',
+        (290, 200, 170), {"length": 290, "width": 170, "height": 200},
+    ),
+    Made(
+        "a complete model, each length in brackets again before its axis", "en",
+        "<ul><li>Display piece - The complete model measures over 15.7 in. (40 cm) high, 29.5 in. (75 cm) wide and 19.7 in. (50 cm) deep</li></ul>",
+        (750, 500, 400), whd(750, 400, 500), ("low_trust",),
     ),
 ]  # fmt: skip

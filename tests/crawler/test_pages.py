@@ -23,6 +23,22 @@ def item(body: str, url: str = "https://shop.example/p/1", head: str = "") -> Ra
     return item_of(page(f'<html lang="en"><head>{head}</head><body>{body}</body></html>'.encode(), url))
 
 
+@pytest.mark.parametrize(
+    ("head", "crumbs"),
+    [
+        ('{"@type": "Product", "name": "Vase", "category": "Home & Living < Decor < Vases"}', ""),
+        (
+            '{"@type": "BreadcrumbList", "itemListElement": [{"name": "Home"}, {"name": "Shop"}, {"name": "Vase"}]}',
+            '<nav data-test="breadCrumbs"><a>Home</a><a>Home & Living</a><a>Decor</a><a>Vases</a> Vase</nav>',
+        ),
+    ],
+    ids=["angles", "data without a category"],
+)
+def test_a_category_is_found_where_the_page_shows_it(head: str, crumbs: str) -> None:
+    found = item(f"{crumbs}<h1>Vase</h1>", head=f'<script type="application/ld+json">{head}</script>')
+    assert found.category_path == ("Home & Living", "Decor", "Vases")
+
+
 def test_amazon_table_and_breadcrumb() -> None:
     body = """
     <span id="productTitle"> Oak stool </span>

@@ -319,7 +319,7 @@ def _unit_at(run: Sequence[Token], place: int) -> tuple[str | None, int]:
 
 
 def _aside(run: Sequence[Token], place: int, value: float, unit: str) -> tuple[float, str, int] | None:
-    """The same length again in brackets in another unit, `15.5 in. (39 cm)`: the metric one, and the place behind it."""
+    """The same length again in brackets in another unit, `15.5 in. (39 cm)`: the metric one, and the place behind."""
     if [_kind(run, place + i) for i in range(4)] != ["open", "number", "unit", "close"]:
         return None
     again, other = float(run[place + 1].number or 0.0), run[place + 2].key or ""

@@ -18,7 +18,7 @@ from lxml.etree import XPath
 from crawler.dimensions import agreed, names_unit, sizes
 from crawler.pages import Element, Page, squeezed
 from crawler.regions import LABEL_LENGTH, SKIPPED, VALUE_LENGTH, Regions
-from crawler.words import axis_of_word, is_dimension_label, is_package, plain
+from crawler.words import axis_of_word, is_dimension_label, is_of_others, is_package, plain
 
 __all__ = ["HAS_DIGIT", "Fact", "facts", "names_a_size"]
 
@@ -71,7 +71,7 @@ def facts(page: Page) -> Iterator[Fact]:
             continue
         for fact in reader.facts_of(element, squeezed(text)):
             key = (fact.label, fact.value, fact.section)
-            if key not in seen:
+            if key not in seen and not is_of_others(plain(fact.section)):
                 seen.add(key)
                 yield fact
 
@@ -166,7 +166,7 @@ class _Reader:
             filled = filled[1:]  # it names the group that this row is the first of
         if len(filled) == 2 and here is filled[1]:
             return _Pair("table", self._text(filled[0]), self._text(here), row.getparent())
-        if len(filled) == 4 and here in {filled[1], filled[3]}:
+        if len(filled) == 4 and here in {filled[1], filled[3]} and not HAS_DIGIT.search(self._text(filled[2])):
             return _Pair("table", self._text(filled[filled.index(here) - 1]), self._text(here), row.getparent())
         return self._grid(row, filled, filled.index(here)) if len(filled) > 2 and here in filled else None
 

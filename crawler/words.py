@@ -21,6 +21,7 @@ __all__ = [
     "is_component",
     "is_dimension_label",
     "is_foreign",
+    "is_of_others",
     "is_package",
     "is_part_heading",
     "is_whole",
@@ -57,7 +58,7 @@ AXIS_WORDS: Mapping[str, str] = _table(
     {
         "length": "length long longueur lunghezza lungh largo longitud comprimento compr lange laenge lengte lang",
         "width": "width wide breadth beam breite breit largeur large larg larghezza ancho anchura largura breedte "
-        "breed",
+        "breed wingspan envergure spannweite spanwijdte envergadura",
         "height": "height high tall hohe hoehe hoch hauteur haut altezza alto altura alt hoogte hoog",
         "depth": "depth deep thickness thick tiefe tief dicke dick starke profondeur profond prof epaisseur "
         "profondita profondo spessore profundidad profundo fondo grosor espesor profundidade espessura diepte diep "
@@ -83,6 +84,22 @@ _PACKAGE = re.compile(
 _UNPACKED = re.compile(
     r"\b(without|excl\w*|ohne|hors|sans|senza|sin|sem|zonder)( the| the product)? "
     r"(pack(age|aging)?|verpackung|emballage|imball\w*|confezione|embalaje|embalagem|verpakking|box)\b"
+)
+
+#: Headings above other things than the page's own.
+_OTHERS = re.compile(
+    r"\b("
+    r"you (may|might|could) also|also (like|bought|viewed|view|buy)|(frequently|often) bought|recommended for"
+    r"|(similar|related|recommended|more) (items|products|articles|pieces|from)|recently viewed"
+    r"|compare (with|to) similar|complete the (look|set)"
+    r"|auch gefallen|auch interessieren|kauften auch|ahnliche|passend dazu|dazu passt|wird oft zusammen"
+    r"|zuletzt angesehen"
+    r"|aimerez aussi|produits? (complementaires|similaires|associes)|articles (similaires|complementaires)"
+    r"|(potrebbe|potrebbero) (anche )?(interessar|piacer)\w*|prodotti (simili|correlati)|acquistati insieme"
+    r"|(puede|pueden|podria|podrian) (interesar|gustar)\w*|productos (relacionados|similares)|comprados juntos"
+    r"|tambem (pode|podem|viu|viram|compraram)|produtos (relacionados|similares|semelhantes)"
+    r"|anderen (bekeken|kochten) ook|vergelijkbare|bekijk ook|vaak samen"
+    r")\b"
 )
 
 #: Parts that a size counts in or leaves out: `depth (excluding handles)`.
@@ -125,8 +142,10 @@ _COMPONENT = re.compile(
     r"|schublade\w*|fach\w*|innen\w*|bildschirm\w*|assise|accoudoir\w*|dossier|pieds?|tiroir\w*"
     r"|interieur\w*|ecran|abat|plateau|seduta|bracciol\w*|schienale|gamb[ae]|piede|cassett\w*"
     r"|intern\w*|schermo|cavo|asiento|reposabrazos|respaldo|patas?|cajon\w*|interior\w*|pantalla"
-    r"|plie|zusammengeklappt|gefaltet|geklappt|piegat[oaie]|chius[oaie]|plegad[oa]s?|dobrad[oa]s?|fechad[oa]s?"
+    r"|plie(e|s|es)?|zusammengeklappt|gefaltet|geklappt|piegat[oaie]|chius[oaie]|plegad[oa]s?|dobrad[oa]s?|fechad[oa]s?"
     r"|ingeklapt|opgevouwen|collapsed|closed"
+    # What a built-in thing is put into.
+    r"|nischen?\w*|einbau\w*|niche|nicho|nicchia|encastrement|incasso|inbouw\w*|built ?-?in (size|dim\w*)"
     r"|assento|encosto|bracos?|pes|gaveta\w*|ecra|tela|cabo|zit\w*|armleuning\w*|rugleuning\w*|poot"
     r"|poten|lade\w*|binnen\w*|scherm\w*|snoer\w*"
     r")\b"
@@ -155,8 +174,8 @@ _SMALL_WORDS = frozenset(
     re.findall(
         r"\w+",
         "the of in and or to for with approx approximate approximately about max maximum total actual nominal net "
-        "no not piece each per incl including inch inches cm mm dm ft der die das des dem den im und oder von mit "
-        "ca circa etwa insgesamt maximale maximaler netto pro stuck produktes gerates artikels le la les du de et "
+        "no not listed piece each per incl including inch inches cm mm dm ft der die das des dem den im und oder von "
+        "mit ca circa etwa insgesamt maximale maximaler netto pro stuck produktes gerates artikels le la les du de et "
         "ou en avec env environ par meuble il lo gli del della dei delle dello di da al con e ed mobile el los "
         "las y un una por aprox mueble do dos em com os as het een van met meubel",
     )
@@ -205,6 +224,12 @@ def is_part_heading(heading: str) -> bool:
     """Whether a plain heading announces the size of a part: `seat dimensions`, but not `dimensions and weight`."""
     single = not re.search(r"[&,/+]|\b(and|und|et|e|y|en)\b", heading)
     return single and is_dimension_label(heading) and is_component(heading) and not is_whole(heading)
+
+
+@_remembered
+def is_of_others(heading: str) -> bool:
+    """Whether a plain heading stands above other products: `you may also like`."""
+    return bool(_OTHERS.search(heading))
 
 
 @_remembered

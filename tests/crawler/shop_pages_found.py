@@ -87,4 +87,39 @@ FOUND = [
         "<ul><li>Display piece - The complete model measures over 15.7 in. (40 cm) high, 29.5 in. (75 cm) wide and 19.7 in. (50 cm) deep</li></ul>",
         (750, 500, 400), whd(750, 400, 500), ("low_trust",),
     ),
+    Made(
+        "others below a heading that says so", "de",
+        "<h2>Maßangaben</h2><table><tr><td>Breite</td><td>130 cm</td></tr><tr><td>Tiefe</td><td>38 cm</td></tr><tr><td>Höhe</td><td>88,5 cm</td></tr>"
+        "<tr><td>Innenmaß Schublade (BxTxH)</td><td>38 x 31 x 11 cm</td></tr></table>"
+        '<h3>Das könnte dir auch gefallen</h3><ul><li><a href="/k">Kommode B/T/H: 60x33x84 cm</a></li></ul>',
+        (1300, 885, 380), whd(1300, 885, 380),
+    ),
+    Made(
+        "a table of sister products beside the size", "de",
+        "<table><tr><th>Produktabmessungen</th><td>30T x 66B x 165,5H cm</td></tr></table>"
+        "<h2>Vom Hersteller</h2><table><tr><td>Maße (cm)</td><td>30 x 66 x 93</td><td>30 x 66 x 129</td><td>30 x 66 x 165,5</td></tr></table>",
+        (1655, 660, 300), whd(660, 1655, 300),
+    ),
+    Made(
+        "the niche of a built-in thing", "de",
+        "<dl><dt>Abmessungen des Gerätes (H x B x T)</dt><dd>815 x 598 x 550 mm</dd><dt>Nischenmaße (H x B x T)</dt><dd>815-875 x 600 x 550 mm</dd>"
+        "<dt>Abmessungen des verpackten Gerätes (H x B x T)</dt><dd>880 x 650 x 670 mm</dd></dl>",
+        (815, 598, 550), whd(598, 815, 550),
+    ),
+    Made(
+        "a table unfolded, with its folded size beside", "fr",
+        "<h4>Dimensions ouverte</h4><p>Longueur : 110 cm<br>Largeur : 70 cm<br>Hauteur : 72 cm</p>"
+        "<h4>Dimensions pliée</h4><p>L 70 cm x l 55 cm x ép. 7 cm | Volume : 27 L</p>",
+        (1100, 720, 700), {"length": 1100, "width": 700, "height": 720},
+    ),
+    Made(
+        "an aircraft's span", "fr",
+        "<table><tr><th>Envergure</th><td>8,10 m</td></tr><tr><th>Longueur</th><td>7,90 m</td></tr><tr><th>Hauteur</th><td>2,60 m</td></tr></table>",
+        (8100, 7900, 2600), {"width": 8100, "length": 7900, "height": 2600},
+    ),
+    Made(
+        "a listed height", "en",
+        "<table><tr><th>Listed height</th><td>7 ft 5 in (2.26 m)</td></tr><tr><th>Listed weight</th><td>300 lb (136 kg)</td></tr></table>",
+        (2260,), {"height": 2260},
+    ),
 ]  # fmt: skip

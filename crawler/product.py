@@ -24,7 +24,7 @@ MAXIMUM_IMAGES = 12
 #: Boxes that may be a breadcrumb; the first few that call themselves one are looked at.
 _BREADCRUMB_TAGS, _BREADCRUMB_BOXES = ("nav", "ol", "ul", "div"), 3
 
-_BREADCRUMB = re.compile("bread-?crumb", re.IGNORECASE)
+_BREADCRUMB_MARKS = ("readcrumb", "readCrumb")
 
 #: What parts the steps of a category in one text; shops write `Home & Living < Vases` in the same order.
 _CATEGORY_MARKS = re.compile("[/<>]")
@@ -199,9 +199,13 @@ def _breadcrumb(page: Page, nodes: list[Mapping[str, Any]], title: str) -> tuple
 
 
 def _breadcrumb_boxes(page: Page) -> Iterator[Element]:
-    if _BREADCRUMB.search(page.text):
+    """The boxes that call themselves one, by class, id or label; after them those that do in any attribute."""
+    if not any(mark in page.text for mark in _BREADCRUMB_MARKS):
+        return
+    for names in (("class", "id", "aria-label"), None):
         for box in page.root.iter(*_BREADCRUMB_TAGS):
-            if any(_BREADCRUMB.search(value) for value in box.attrib.values()):
+            said = box.values() if names is None else [box.get(name) or "" for name in names]
+            if any(mark in value for value in said for mark in _BREADCRUMB_MARKS):
                 yield box
 
 

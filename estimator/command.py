@@ -148,7 +148,8 @@ def _check_detector(options: argparse.Namespace) -> None:
         raise InputFault(f"arguments: expected --images and --detector together; found {found} alone")
     if options.detector_labels is not None and options.detector is None:
         raise InputFault("--detector-labels: expected --detector; found none")
-    for name, value in {"--instances": options.instances, "--objects": options.objects}.items():
+    others = {"--instances": options.instances, "--categories": options.categories, "--objects": options.objects}
+    for name, value in others.items():
         if options.detector is not None and value is not None:
             raise InputFault(f"--detector: expected no {name}; found both")
 

@@ -160,6 +160,7 @@ def test_the_whole_command_needs_no_masks_file(
         (["--detector-labels", "x"], "--detector"),
         (["--images", ".", "--detector", "no-such"], "maskrcnn-12"),
         (["--images", ".", "--detector", "x", "--instances", "y"], "--instances"),
+        (["--images", ".", "--detector", "x", "--categories", "y"], "--categories"),
     ],
 )
 def test_faults_of_the_arguments_are_one_line(

@@ -21,6 +21,8 @@ from crawler.words import (
     is_foreign,
     is_package,
     is_part_heading,
+    is_part_name,
+    is_stripped,
     is_whole,
     plain,
 )
@@ -122,7 +124,7 @@ def _labelled(found: Iterable[Fact], language: Language | None, title: str) -> l
         announced = is_dimension_label(own) or orders_axes(fact.label, language)
         if is_package(label) or _is_of_a_part(own) or (not announced and is_part_heading(plain(fact.section))):
             continue
-        if not (announced or is_dimension_label(label) or _says_size(fact)):
+        if not (announced or is_dimension_label(label) or _says_size(fact) or _names_axes(fact, language, title)):
             continue
         read = sizes(fact.value, fact.label, language, unit_in_brackets(fact.section))
         whole = [size for size in read if size.meaning == "whole"]
@@ -144,6 +146,8 @@ def _trust(fact: Fact, announced: bool, title: str) -> int:
         return PROSE
     if fact.place == "json":
         return SCRIPT
+    if is_stripped(own):
+        return LOOSE
     if announced:
         # A line of running text that names a size is a seller's description, not the site's table.
         return PROSE if fact.place == "line" else WHOLE if is_whole(own) else SIZE
@@ -189,7 +193,7 @@ def _by_axis(found: Iterable[Fact], language: Language | None, title: str) -> li
     groups: list[_Axes] = []
     current: dict[bool, _Axes] = {}
     for fact in found:
-        length = _axis_length(fact, language)
+        length = _axis_length(fact, language, title)
         if length is None or not length.axis:
             continue
         foreign = is_foreign(plain(fact.label), title)
@@ -200,10 +204,12 @@ def _by_axis(found: Iterable[Fact], language: Language | None, title: str) -> li
     return [statement for group in groups if (statement := group.statement()) is not None]
 
 
-def _axis_length(fact: Fact, language: Language | None) -> Length | None:
+def _axis_length(fact: Fact, language: Language | None, title: str) -> Length | None:
     own = plain(fact.label)
     section = plain(fact.section)
     if not own or _is_of_a_part(own) or is_package(own) or is_package(section) or is_part_heading(section):
+        return None
+    if is_part_name(section, title):
         return None
     read = sizes(fact.value, fact.label, language, unit_in_brackets(fact.section))
     alone = [size for size in read if size.meaning == "whole" and len(size.lengths) == 1]
@@ -226,13 +232,21 @@ def _says_size(fact: Fact) -> bool:
     return is_dimension_label(letters) and is_whole(letters)
 
 
+def _names_axes(fact: Fact, language: Language | None, title: str) -> bool:
+    """Whether a label is the thing's own name, and its text names three axes: `Desk: 71" L x 32" W x 30" H`."""
+    if fact.place == "prose" or not fact.label or is_foreign(plain(fact.label), title):
+        return False
+    return any(len(size.dimensions_mm()) == 3 for size in sizes(fact.value, fact.label, language))
+
+
 _NUMBERS = re.compile(r"\d+")
 
 
 def _is_stated(size: Size, fact: Fact) -> bool:
-    """Whether a reading is a statement: in prose that announces no size, three axes must be named."""
+    """Whether a reading is a statement: prose that announces no size must name three axes, or two and nothing else."""
     if fact.place == "prose" and not is_dimension_label(plain(f"{fact.value} {fact.section}")):
-        return len(size.dimensions_mm()) == 3
+        bare = not is_foreign(plain(fact.value))
+        return len(size.dimensions_mm()) >= (2 if bare else 3)
     return len(size.lengths) > 1 or bool(size.lengths[0].axis)
 
 

@@ -18,7 +18,7 @@ from lxml.etree import XPath
 from crawler.dimensions import agreed, names_unit, sizes
 from crawler.pages import Element, Page, squeezed
 from crawler.regions import LABEL_LENGTH, SKIPPED, VALUE_LENGTH, Regions
-from crawler.words import axis_of_word, is_dimension_label, is_of_others, is_package, plain
+from crawler.words import axis_of_word, is_dimension_label, is_of_others, is_package, is_whole, plain
 
 __all__ = ["HAS_DIGIT", "Fact", "facts", "names_a_size"]
 
@@ -180,10 +180,14 @@ class _Reader:
             return _Pair("table", texts[0], " / ".join(texts[1:]), row.getparent())
         table = next(row.iterancestors("table"), row)
         first, *others = list(islice(_filled_rows(table, self._text), 3)) or [[]]
-        if len(others) == 1 and row is others[0][0].getparent() and len(first) == len(filled):
-            labels = [self._text(cell) for cell in first]
-            if sum(names_a_size(plain(label)) for label in labels) > 1:
+        labels = [self._text(cell) for cell in first]
+        if sum(names_a_size(plain(label)) for label in labels) > 1:
+            alone = len(others) == 1 and row is others[0][0].getparent()
+            if alone and len(labels) == len(texts):
                 return _Pair("table", labels[column], texts[column], table)
+            # Rows with a name of their own: of a single thing, or of the whole and its parts.
+            if column and len(labels) == len(texts) - 1 and (alone or is_whole(plain(texts[0]))):
+                return _Pair("table", labels[column - 1], texts[column], table)
         return _Pair("table", "", "", row)
 
     def _definition(self, here: Element) -> _Pair | None:

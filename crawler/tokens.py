@@ -96,9 +96,13 @@ def _with_word_headers(found: list[Token]) -> list[Token]:
     place = 0
     while place < len(found):
         end = place
-        while _is(found, end, "axis") and (_is(found, end + 1, "times") or _is(found, end + 1, "break")):
+        while (
+            _is(found, end, "axis")
+            and (_is(found, end + 1, "times") or _is(found, end + 1, "break"))
+            and _is(found, end + 2, "axis")
+        ):
             end += 2
-        if end > place and _is(found, end, "axis"):
+        if end > place:
             run = found[place : end + 1]
             axes = tuple(token.key or "" for token in run[::2])
             merged.append(Token("header", " ".join(token.text for token in run), run[0].start, run[-1].end, axes=axes))

@@ -24,6 +24,8 @@ __all__ = [
     "is_of_others",
     "is_package",
     "is_part_heading",
+    "is_part_name",
+    "is_stripped",
     "is_whole",
     "language_of",
     "plain",
@@ -71,7 +73,7 @@ _PACKAGE = re.compile(
     r"\b("
     r"pack(ag(e|ed|ing)|ed|ing)?|parcel|shipping|shipped|ship (dim\w*|size|width|height|length|depth|weight)"
     r"|carton|boxed|box (dim\w*|sizes?|width|height|length|depth|weight)|delivery|gift box|master case|inner box"
-    r"|outer box|verpack\w*|paket\w*|versand\w*|karton\w*|lieferung|emball\w*|colis|carton d"
+    r"|outer box|pallets?|verpack\w*|paket\w*|versand\w*|karton\w*|lieferung|emball\w*|colis|carton d|embalad[oa]s?"
     r"|livraison|imball\w*|confezione|spedizione|pacco|embalaje|envio|paquete|caja|embalagem|caixa"
     r"|verpakking\w*|verzend\w*|pakket\w*|doos|in (the )?box|folded for (shipping|transport)"
     # What a thing is carried in is measured like what it is sent in.
@@ -91,7 +93,7 @@ _OTHERS = re.compile(
     r"\b("
     r"you (may|might|could) also|also (like|bought|viewed|view|buy)|(frequently|often) bought|recommended for"
     r"|(similar|related|recommended|more) (items|products|articles|pieces|from)|recently viewed"
-    r"|compare (with|to) similar|complete the (look|set)"
+    r"|compare (with|to) similar|complete the (look|set)|(works|compatible) with|kompatibel mit|compatible avec"
     r"|auch gefallen|auch interessieren|kauften auch|ahnliche|passend dazu|dazu passt|wird oft zusammen"
     r"|zuletzt angesehen"
     r"|aimerez aussi|produits? (complementaires|similaires|associes)|articles (similaires|complementaires)"
@@ -106,12 +108,17 @@ _OTHERS = re.compile(
 _ASIDE = re.compile(
     r"\b(excluding|excl|without|including|incl|inkl|inklusive|exkl|ohne|sans|hors|senza|sin|sem|zonder|exclusief"
     r"|inclusief)\b\.? \w+"
+    r"|\b(with|mit|avec|con|com|met) (the )?(stand|base|feet|foot|standfuss|fuss|pied|piede|supporto|peana|voet)\b"
 )
 
 _WEIGHT = r"(?:weights?|gewicht|poids|peso|capacity)"
 _AND = r"(?:[&/,+]|\b(?:and|und|et|e|y|en)\b)"
 #: One heading for two quantities: `dimensions & weight`, `Gewicht und Abmessungen`.
 _AND_WEIGHT = re.compile(rf"{_AND}\s*{_WEIGHT}\b|\b{_WEIGHT}\s*{_AND}")
+
+#: Axes in their order, and what a lens says before them: `max. diameter x length`.
+_ORDER = re.compile(r"[^\W\d_]{2,} ?[x×] ?[^\W\d_]{2,}")
+_MOST = re.compile(r"\bmax(?:imum)?\b\.?(?= [^\W\d_]{2,} ?[x×])")
 
 #: Parts that a size takes in together: `(kettle + base)`.
 _TOGETHER = re.compile(rf"\([^()]*{_AND}[^()]*\)")
@@ -131,7 +138,8 @@ _WHOLE = re.compile(
 #: Parts of things, and what is measured beside the thing: their sizes never stand for the whole.
 _COMPONENT = re.compile(
     r"\b("
-    r"seat\w*|arm\w*|back ?(rest|plate|height|width|panel)?|backplate|base|leg|legs|foot|footprint"
+    r"seat\w*|arm\w*|foot ?(rest|board)s?|head ?(rest|board)s?|back ?(rest|plate|height|width|panel)?|backplate"
+    r"|base|leg|legs|foot|footprint"
     r"|feet|shade|lampshade|cord|cable|canopy|drawer\w*|shelf|shelves|door|tabletop|table top"
     r"|top (width|depth|thickness)|interior|inner|inside|internal|opening|cut ?-?out|clearance|screen"
     r"|display|sensor|viewing|panel|frame (size|thickness|width)|mattress|cushion\w*|pillow|handle\w*"
@@ -155,7 +163,7 @@ _DIMENSION = re.compile(
     r"\b("
     r"dimension\w*|size|sizes|measurement\w*|measures|abmessung\w*|masse|mass|grosse|artikelmasse"
     r"|produktmasse|taille|mesures|encombrement|dimensioni|misure|misura|ingombro|dimensiones|medidas"
-    r"|tamano|dimensoes|dimensao|tamanho|afmeting\w*|maten|formaat|\w*abmessung\w*|\w*afmeting\w*"
+    r"|tamano|dimensoes|dimensao|tamanho|afmeting\w*|maten|formaat|format|formato|\w*abmessung\w*|\w*afmeting\w*"
     r"|gesamtmass\w*|overall|trim size"
     r")\b"
 )
@@ -164,6 +172,11 @@ _DIMENSION = re.compile(
 #: German and Dutch write `overall height` as one word.
 _OF_THE_WHOLE = re.compile(
     r"^(gesamt|produkt|artikel|gerate|geraete|mobel|aussen|product|artikel|totaal|buiten)(?=.{4})"
+)
+
+_STRIPPED = re.compile(
+    r"\b(without|w/o|ohne|sans|senza|sin|sem|zonder) (the )?"
+    r"(stand|base|standfuss|fuss|pied|piede|supporto|peana|voet)\b"
 )
 
 _BRACKETS = re.compile(r"\([^)]*\)")
@@ -214,9 +227,15 @@ def is_component(label: str) -> bool:
 
     `depth without handles`, `dimensions & weight`, `size (kettle + base)` and `the complete model measures` do not.
     """
-    if is_dimension_label(label):
-        label = _AND_WEIGHT.sub(" ", _TOGETHER.sub(" ", label))
+    if is_dimension_label(label) or _ORDER.search(label):
+        label = _MOST.sub(" ", _AND_WEIGHT.sub(" ", _TOGETHER.sub(" ", label)))
     return bool(_COMPONENT.search(_COMPLETE.sub(" ", _ASIDE.sub(" ", label))))
+
+
+@_remembered
+def is_stripped(label: str) -> bool:
+    """Whether a plain label measures a thing without what it stands on: a screen `without stand`."""
+    return bool(_STRIPPED.search(label))
 
 
 @_remembered
@@ -224,6 +243,12 @@ def is_part_heading(heading: str) -> bool:
     """Whether a plain heading announces the size of a part: `seat dimensions`, but not `dimensions and weight`."""
     single = not re.search(r"[&,/+]|\b(and|und|et|e|y|en)\b", heading)
     return single and is_dimension_label(heading) and is_component(heading) and not is_whole(heading)
+
+
+@_remembered
+def is_part_name(heading: str, title: str) -> bool:
+    """Whether a plain heading is no more than the name of a part, `seat`, and not a word of the plain title."""
+    return len(heading.split()) <= 2 and heading not in title and is_component(heading) and not is_whole(heading)
 
 
 @_remembered

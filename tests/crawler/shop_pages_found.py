@@ -1,5 +1,5 @@
 """A fourth set of made-up pages: ways of writing met in public repositories, and on pages by authors who had not seen
-the reader (of their 60, see docs/crawling.md, those that were misread), with other numbers."""
+the reader (of their 92, see docs/crawling.md, those that were misread), with other numbers."""
 
 # ruff: noqa: E501 - markup stands as sites write it
 
@@ -121,5 +121,55 @@ FOUND = [
         "a listed height", "en",
         "<table><tr><th>Listed height</th><td>7 ft 5 in (2.26 m)</td></tr><tr><th>Listed weight</th><td>300 lb (136 kg)</td></tr></table>",
         (2260,), {"height": 2260},
+    ),
+    Made(
+        "the thing's own name before three axes", "en",
+        '<h2>Product details</h2><ul><li>Product: 70.9” L x 31.5” W x 28.5”–47.7” H</li><li>Drawer Interior: 23.6” L x 13.0” W x 2.4” H</li><li>6 ft. power cord</li></ul>',
+        (1800.9, 967.7, 800.1), {"length": 1800.9, "width": 800.1, "height": 967.7}, ("range",),
+    ),
+    Made(
+        "a table headed by axes with one row that has a name", "en",
+        '<table class="dimensions"><thead><tr><th></th><th>Width</th><th>Depth</th><th>Height</th></tr></thead><tbody><tr><td>Recliner</td><td>34.00"</td><td>39.00"</td><td>42.00"</td></tr></tbody></table>'
+        '<h4>Additional Dimensions</h4><ul><li>Footrest height: 19"</li><li>Arm height: 25"</li></ul>',
+        (1066.8, 990.6, 863.6), whd(863.6, 1066.8, 990.6),
+    ),
+    Made(
+        "a pallet, and what the thing works with", "en",
+        "<h2>Tech specs</h2><ul><li><div>Package dimensions (W x D x H)</div><div>14.92 x 4.49 x 8.74 in</div></li><li><div>Pallet dimensions (W x D x H)</div><div>47.2 x 39.4 x 96.9 in</div></li></ul>"
+        "<h2>Works with</h2><div><p>16.54 x 15.35 x 12.72 in; 27.78 lb</p></div>",
+        None, None, ("no_size",),
+    ),
+    Made(
+        "the greatest diameter of a lens", "en",
+        "<table><tr><td>Filter Size</td><td>77mm</td></tr><tr><td>Max. Diameter x Length, Weight</td><td>Approx. 3.29 x 4.22 in./ 83.5 x 107.3mm, approx. 1.54 lbs. / 700g</td></tr></table>",
+        (107.3, 83.5, 83.5), {"diameter": 83.5, "length": 107.3},
+    ),
+    Made(
+        "a line with two axes and nothing else", "en",
+        "<p>Approx. 10.5–11” wide x 3.5–4” tall</p>",
+        (273, 95.2), {"width": 273, "height": 95.2}, ("low_trust", "range"),
+    ),
+    Made(
+        "parts below headings of their own", "en",
+        '<h3>Overall Dimensions</h3><dl><dt>Width</dt><dd>93"</dd><dt>Depth</dt><dd>46"</dd><dt>Height</dt><dd>37"</dd></dl>'
+        '<h3>Seat</h3><dl><dt>Width</dt><dd>81"</dd><dt>Depth</dt><dd>29"</dd><dt>Height</dt><dd>19"</dd></dl>',
+        (2362.2, 1168.4, 939.8), whd(2362.2, 939.8, 1168.4),
+    ),
+    Made(
+        "a book's format", "fr",
+        "<dl><dt>Format</dt><dd>14,00 x 20,50 cm</dd><dt>Nombre de pages</dt><dd>368</dd></dl>",
+        (205, 140), {},
+    ),
+    Made(
+        "a product in its package", "es",
+        "<h4>Medidas y peso</h4><dl><dt>Alto</dt><dd>84,6 cm</dd><dt>Ancho</dt><dd>59,6 cm</dd><dt>Fondo</dt><dd>58 cm</dd>"
+        "<dt>Dimensiones del producto embalado (alto x ancho x fondo)</dt><dd>875 x 640 x 670 mm</dd></dl>",
+        (846, 596, 580), whd(596, 846, 580),
+    ),
+    Made(
+        "a screen with and without its stand", "pt",
+        "<table><tr><td>Altura com base</td><td>78,5 cm</td></tr><tr><td>Largura com base</td><td>123,4 cm</td></tr><tr><td>Profundidade com base</td><td>23,2 cm</td></tr>"
+        "<tr><td>Dimensões sem base (AxLxP)</td><td>71,8 x 123,4 x 5,7 cm</td></tr></table>",
+        (1234, 785, 232), whd(1234, 785, 232),
     ),
 ]  # fmt: skip

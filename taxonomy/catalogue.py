@@ -192,7 +192,7 @@ class Catalogue:
         )
 
     def _other(self, node: InnerNode, kind: str) -> Category:
-        name = f"{node.name} (unspecified)"
+        name = f"{_said_of(node)} (unspecified)"
         return Category(
             node_id=node.node_id + OTHER,
             name=name,
@@ -272,6 +272,12 @@ def _leaf(row: dict[str, str], where: str) -> Leaf:
 def _above(concept: str, words: Concepts) -> str | None:
     """What a reader put an insertion under."""
     return words.hypernyms(concept)[0] if concept.startswith(PREFIX) else None
+
+
+def _said_of(node: InnerNode) -> str:
+    """What a source said that named no more than an inner node: `lighter`, not `lighter, match and tobacco`."""
+    joined = "," in node.name or " and " in node.name
+    return node.node_id.partition(".")[0].replace("_", " ") if joined and _synset(node.node_id) else node.name
 
 
 def _synset(node_id: str) -> str | None:

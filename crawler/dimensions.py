@@ -261,7 +261,8 @@ def _numbers(run: Sequence[Token]) -> list[_Number]:
         if token.kind == "times":
             joined = not skipped
         elif token.kind in {"word", "axis"} and not (token.kind == "axis" and len(token.text) == 1):
-            words.append(token.text)
+            if _kind(run, place - 1) != "open" or token.text != "max":  # `diameter: 17 cm (max), height: 24 cm`
+                words.append(token.text)
         elif token.kind == "break" and token.text in ";|\n•":
             words = []
         place += 1

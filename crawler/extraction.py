@@ -24,6 +24,7 @@ from crawler.words import (
     is_part_name,
     is_stripped,
     is_whole,
+    names_an_axis,
     plain,
 )
 
@@ -108,7 +109,19 @@ def chosen(found: Iterable[Statement]) -> Statement | None:
         s.size for s in ranked if s.trust >= min(best.trust, SIZE) and len(s.size.lengths) == len(best.size.lengths)
     ]
     size = agreed([best.size, *peers])
-    return best if size is None else replace(best, size=size)
+    return _completed(best if size is None else replace(best, size=size), ranked)
+
+
+def _completed(best: Statement, ranked: Sequence[Statement]) -> Statement:
+    """With the third axis where it has a row of its own: `Size (W x L): 140 x 200 cm`, `Height: 18 cm`."""
+    axes = {length.axis for length in best.size.lengths}
+    if best.trust < AXES or len(best.size.lengths) != 2 or not axes <= {"length", "width", "height", "depth"}:
+        return best
+    rows = [s for s in ranked if s.trust >= AXES and len(s.size.lengths) == 1 and s.size.lengths[0].axis not in axes]
+    if not rows or rows[0].size.lengths[0].axis == "diameter":
+        return best
+    lengths = (*best.size.lengths, *rows[0].size.lengths)
+    return replace(best, size=replace(best.size, lengths=lengths), text=f"{best.text}; {rows[0].text}")
 
 
 def _rank(statement: Statement) -> tuple[bool, bool, int, int]:
@@ -178,8 +191,8 @@ class _Axes:
     def statement(self) -> Statement | None:
         """What the rows state together; one axis of something else is nothing."""
         lengths = tuple(length for length, _ in self._found.values())
-        if self._foreign and len(lengths) < 2:
-            return None
+        if len(lengths) < 2 and (self._foreign or "depth" in self._found):
+            return None  # nor is a board's thickness alone
         place = self._first.place
         trust = SCRIPT if place == "json" else PROSE if place == "line" and len(lengths) < 2 else AXES
         text = "; ".join(_shown(fact) for _, fact in self._found.values())
@@ -197,6 +210,8 @@ def _by_axis(found: Iterable[Fact], language: Language | None, title: str) -> li
         if length is None or not length.axis:
             continue
         foreign = is_foreign(plain(fact.label), title)
+        if foreign and not names_an_axis(plain(fact.label)):
+            continue  # `Saddle: 145 mm width`: of another thing
         if foreign not in current or not current[foreign].takes(fact, length.axis):
             current[foreign] = _Axes(fact, foreign)
             groups.append(current[foreign])

@@ -28,6 +28,7 @@ __all__ = [
     "is_stripped",
     "is_whole",
     "language_of",
+    "names_an_axis",
     "plain",
 ]
 
@@ -73,7 +74,8 @@ _PACKAGE = re.compile(
     r"\b("
     r"pack(ag(e|ed|ing)|ed|ing)?|parcel|shipping|shipped|ship (dim\w*|size|width|height|length|depth|weight)"
     r"|carton|boxed|box (dim\w*|sizes?|width|height|length|depth|weight)|delivery|gift box|master case|inner box"
-    r"|outer box|pallets?|verpack\w*|paket\w*|versand\w*|karton\w*|lieferung|emball\w*|colis|carton d|embalad[oa]s?"
+    r"|outer box|pallets?|verpack\w*|paket\w*|versand\w*|karton\w*|lieferung|emball\w*|colis|carton d"
+    r"|embalad[oa]s?|empaques?|empacad[oa]s?"
     r"|livraison|imball\w*|confezione|spedizione|pacco|embalaje|envio|paquete|caja|embalagem|caixa"
     r"|verpakking\w*|verzend\w*|pakket\w*|doos|in (the )?box|folded for (shipping|transport)"
     # What a thing is carried in is measured like what it is sent in.
@@ -204,6 +206,12 @@ def is_package(label: str) -> bool:
 def axis_of_word(word: str) -> str | None:
     """The axis that a plain word names, alone or behind a word for the whole: `hohe`, `gesamthohe`, `producthoogte`."""
     return AXIS_WORDS.get(word) or AXIS_WORDS.get(_OF_THE_WHOLE.sub("", word))
+
+
+@_remembered
+def names_an_axis(label: str) -> bool:
+    """Whether a word of a plain label names an axis: `heel height`."""
+    return any(axis_of_word(word) for word in _WORD.findall(label))
 
 
 @_remembered

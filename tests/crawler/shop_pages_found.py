@@ -1,5 +1,5 @@
 """A fourth set of made-up pages: ways of writing met in public repositories, and on pages by authors who had not seen
-the reader (of their 92, see docs/crawling.md, those that were misread), with other numbers."""
+the reader. With other numbers; the authors' pages imitate whole sites and are not kept."""
 
 # ruff: noqa: E501 - markup stands as sites write it
 
@@ -171,5 +171,32 @@ FOUND = [
         "<table><tr><td>Altura com base</td><td>78,5 cm</td></tr><tr><td>Largura com base</td><td>123,4 cm</td></tr><tr><td>Profundidade com base</td><td>23,2 cm</td></tr>"
         "<tr><td>Dimensões sem base (AxLxP)</td><td>71,8 x 123,4 x 5,7 cm</td></tr></table>",
         (1234, 785, 232), whd(1234, 785, 232),
+    ),
+    Made(
+        "parts with axes of their own, and no size of the whole", "en",
+        "<h3>Components</h3><table><tr><td>Saddle</td><td>Short Comp, 150mm width</td></tr><tr><td>Crank</td><td>Alloy, 50/34, 170mm length</td></tr>"
+        "<tr><td>Weight</td><td>10.5 kg</td></tr></table>",
+        None, None, ("no_size",),
+    ),
+    Made(
+        "a thickness alone", "en",
+        "<table><tr><td>Thickness</td><td>1200gsm grey board (2mm) + 157gsm art paper</td></tr><tr><td>Single package size</td><td>30X25X5 cm</td></tr></table>",
+        None, None, ("no_size",),
+    ),
+    Made(
+        "a size of two axes and the third in a row of its own", "de",
+        "<dl><dt>Größe (B x L)</dt><dd>160 x 200 cm</dd><dt>Höhe</dt><dd>ca. 19 cm</dd><dt>Härtegrad</dt><dd>H3</dd></dl>",
+        (2000, 1600, 190), {"width": 1600, "length": 2000, "height": 190},
+    ),
+    Made(
+        "a diameter at its greatest", "en",
+        "<dl><dt>Museum number</dt><dd>1945,0927.1</dd><dt>Dimensions</dt><dd>Diameter: 17.70 centimetres (max) Height: 24 centimetres</dd></dl>",
+        (240, 177, 177), {"diameter": 177, "height": 240},
+    ),
+    Made(
+        "a size in its `empaque`", "es",
+        "<table><tr><td>Alto</td><td>111.8 cm</td></tr><tr><td>Ancho</td><td>68.6 cm</td></tr><tr><td>Profundidad</td><td>71.5 cm</td></tr>"
+        "<tr><td>Medidas del empaque (alto x ancho x fondo)</td><td>116 x 73 x 75 cm</td></tr></table>",
+        (1118, 715, 686), whd(686, 1118, 715),
     ),
 ]  # fmt: skip

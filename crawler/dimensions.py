@@ -6,7 +6,6 @@ package, a part or a weight is kept apart from the whole. Nothing is guessed: a 
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from itertools import pairwise, zip_longest
 from typing import Literal
 
 from crawler.lengths import UNIT_WORDS, millimetres
+from crawler.quantities import METRIC, Quantity, is_same_length, quantities, unit_word
 from crawler.tokens import Token, tokens
 from crawler.words import Language, is_component, is_package, plain
 
@@ -22,29 +22,10 @@ __all__ = ["Length", "Size", "agreed", "flags_of", "names_unit", "orders_axes", 
 
 Meaning = Literal["whole", "component", "package"]
 
-#: Two statements of one length in two systems agree within this share: pages round to a half centimetre or an inch.
-AGREEMENT = 0.06
-
-#: ... or within this many millimetres, for small things rounded to a tenth of an inch.
-AGREEMENT_MM = 6.0
-
 #: A product of more than this, or less than that, is a misreading: a house has 30 m, a sequin 1 mm.
 ABSURD_MM = (0.3, 60_000.0)
 
-#: How much text around a length may say what it measures.
-CONTEXT_WORDS = 5
 
-_OTHER_UNITS = """
-    kg g gr gramm gram grams grammes grammi gramos gramas lb lbs pound pounds oz ounce ounces ml l
-    liter liters litre litres cl fl gal gallon gallons w watt watts kw v volt volts a mah hz khz ghz
-    mhz db % ° c f k mp megapixel px pixels gb tb mb h hours hour min minutes s sec seconds years year
-    days day pcs pack count stars star reviews sq m2 m² cm2 ft2 cu cm3 m3 ft3 btu lumens lm rpm bar psi
-    dpi nm usd eur gbp euro euros dollars people persons personen
-"""
-_UNITS_OF_OTHER_THINGS = frozenset(_OTHER_UNITS.split())
-
-
-_METRIC = frozenset({"mm", "cm", "dm", "m"})
 _UNIT_ALTERNATIVES = "|".join(re.escape(word) for word in UNIT_WORDS if word[-1].isalpha() or word[-1] == ")")
 #: Whether a text can name a unit at all: most texts with a number are prices, dates and counts, told by this alone.
 _UNIT = re.compile(rf"(?<![^\W\d_])(?:{_UNIT_ALTERNATIVES})(?![^\W\d_xX])|[\"″”“'′’`]", re.IGNORECASE)
@@ -86,20 +67,6 @@ class Size:
         return tuple(sorted(sides, reverse=True)[:3])
 
 
-@dataclass(frozen=True, slots=True)
-class _Number:
-    """A number before its unit and its axis are known."""
-
-    low: float
-    high: float
-    unit: str | None
-    axis: str | None
-    start: int
-    end: int
-    joined: bool
-    words: tuple[str, ...]
-
-
 def sizes(text: str, label: str = "", language: Language | None = None, unit: str | None = None) -> tuple[Size, ...]:
     """The sizes that a text states, in its order.
 
@@ -113,7 +80,7 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
     label_axes, label_unit = _label_hints(label, language)
     run = tokens(text, language)
     found = []
-    for group in _as_announced(list(_groups(_numbers(run))), label_axes):
+    for group in _as_announced(list(_groups(quantities(run))), label_axes):
         header = _header_in(run, group) or label_axes
         lengths = _lengths(group, header, label_unit or unit)
         if lengths:
@@ -151,7 +118,7 @@ def _with_axes(best: Size, found: Sequence[Size]) -> Size:
     for other in found:
         if len(other.lengths) == len(best.lengths) and all(length.axis for length in other.lengths):
             pairs = zip(best.lengths, other.lengths, strict=True)
-            if all(_close(mine.mm, theirs.mm) for mine, theirs in pairs):
+            if all(is_same_length(mine.mm, theirs.mm) for mine, theirs in pairs):
                 axes = [length.axis for length in other.lengths]
                 named = tuple(replace(length, axis=axis) for length, axis in zip(best.lengths, axes, strict=True))
                 return replace(best, lengths=named)
@@ -162,17 +129,13 @@ def _agrees(one: Size, other: Size) -> bool:
     longer, shorter = sorted((one.lengths, other.lengths), key=len, reverse=True)
     named = {length.axis: length.mm for length in longer if length.axis}
     if all(length.axis in named for length in shorter):
-        return all(_close(named[length.axis or ""], length.mm) for length in shorter)
+        return all(is_same_length(named[length.axis or ""], length.mm) for length in shorter)
     pool = [length.mm for length in longer]
-    return all(any(_close(mm, length.mm) for mm in pool) for length in shorter)
-
-
-def _close(one: float, other: float) -> bool:
-    return abs(one - other) <= max(AGREEMENT * max(one, other), AGREEMENT_MM)
+    return all(any(is_same_length(mm, length.mm) for mm in pool) for length in shorter)
 
 
 def _is_metric(size: Size) -> bool:
-    return all(length.unit in _METRIC for length in size.lengths)
+    return all(length.unit in METRIC for length in size.lengths)
 
 
 def flags_of(lengths: Sequence[Length]) -> tuple[str, ...]:
@@ -216,7 +179,7 @@ def _label_hints(label: str, language: Language | None) -> tuple[tuple[str, ...]
         axes = (found[0].key or "",)
     for token, after in zip_longest(found, found[1:]):
         bracketed = after is None or after.kind in {"close", "other"}
-        if token.kind in {"word", "unit", "axis"} and bracketed and (key := _unit_word(token.text)):
+        if token.kind in {"word", "unit", "axis"} and bracketed and (key := unit_word(token.text)):
             unit = key
     return axes, unit
 
@@ -224,147 +187,22 @@ def _label_hints(label: str, language: Language | None) -> tuple[tuple[str, ...]
 @lru_cache(maxsize=1024)
 def unit_in_brackets(heading: str) -> str | None:
     """The unit that a heading gives to what stands below it: `Dimensions (mm)`."""
-    return next((key for match in _BRACKETED.finditer(heading) if (key := _unit_word(match[1]))), None)
+    return next((key for match in _BRACKETED.finditer(heading) if (key := unit_word(match[1]))), None)
 
 
 _BRACKETED = re.compile(r"[(\[]\s*(?:in\s+)?([^\W\d_]{2,12})\.?\s*[)\]]")
 
 
-def _unit_word(text: str) -> str | None:
-    key = UNIT_WORDS.get(text.lower().rstrip("."))
-    return key if key and len(text) > 1 else None
-
-
-def _header_in(run: Sequence[Token], group: Sequence[_Number]) -> tuple[str, ...]:
+def _header_in(run: Sequence[Token], group: Sequence[Quantity]) -> tuple[str, ...]:
     """An order of axes right before or right behind a group: `W x H x D 3 x 4 x 5 cm`, `3 x 4 x 5 cm (WxHxD)`."""
     around = [(abs(group[0].start - token.end), token) for token in run if token.kind == "header"]
     near = [token for _, token in sorted(around, key=lambda pair: pair[0])]
     return near[0].axes if near else ()
 
 
-def _numbers(run: Sequence[Token]) -> list[_Number]:
-    """The numbers of a text with their units, axes and the words that lead to them."""
-    found: list[_Number] = []
-    words: list[str] = []
-    joined = skipped = False
-    leading = _axes_lead(run)
-    place = 0
-    while place < len(run):
-        token = run[place]
-        if token.kind == "number" and token.number is not None:
-            number, place, is_length = _number(run, place, leading, tuple(words[-CONTEXT_WORDS:]), joined)
-            if is_length:
-                found.append(number)
-                words = []
-            joined, skipped = False, not is_length
-            continue
-        if token.kind == "times":
-            joined = not skipped
-        elif token.kind in {"word", "axis"} and not (token.kind == "axis" and len(token.text) == 1):
-            if _kind(run, place - 1) != "open" or token.text != "max":  # `diameter: 17 cm (max), height: 24 cm`
-                words.append(token.text)
-        elif token.kind == "break" and token.text in ";|\n•":
-            words = []
-        place += 1
-    return found
-
-
-def _axes_lead(run: Sequence[Token]) -> bool:
-    """Whether axis words stand before their numbers (`W 30 x D 40`) and not behind (`30 W x 40 D`)."""
-    first_axis = next((i for i, token in enumerate(run) if token.kind == "axis"), None)
-    first_number = next((i for i, token in enumerate(run) if token.kind == "number"), None)
-    return first_axis is not None and first_number is not None and first_axis < first_number
-
-
-def _number(
-    run: Sequence[Token], place: int, leading: bool, words: tuple[str, ...], joined: bool
-) -> tuple[_Number, int, bool]:
-    """The number at a place, the place behind it, and whether it is a length at all."""
-    token = run[place]
-    low = high = float(token.number or 0.0)
-    axis = _axis_before(run, place) if leading else None
-    after = place + 1
-    unit, after = _unit_at(run, after)
-    if _kind(run, after) == "range" and _kind(run, after + 1) == "number":
-        high = float(run[after + 1].number or 0.0)
-        second, behind = _unit_at(run, after + 2)
-        if high > low and (second or unit or leading):
-            unit, after = second or unit, behind
-        else:
-            high = low
-    if unit == "ft" and _kind(run, after) == "number":
-        inches, behind = _unit_at(run, after + 1)
-        if inches == "in" or (inches is None and run[place + 1].text in "'′’"):
-            low = high = low * 12 + float(run[after].number or 0.0)
-            unit, after = "in", behind
-    if unit is not None and low == high and (aside := _aside(run, after, low, unit)):
-        low = high = aside[0]
-        unit, after = aside[1:]
-    is_length = low > 0 and math.isfinite(high) and not _counts_other_things(run, after, unit)
-    if axis is None and not leading:
-        axis, after = _axis_behind(run, after)
-        if unit is None:
-            unit, after = _unit_at(run, after)
-    return _Number(low, high, unit, axis, token.start, run[after - 1].end, joined, words), after, is_length
-
-
-def _unit_at(run: Sequence[Token], place: int) -> tuple[str | None, int]:
-    if _kind(run, place) == "open" and _kind(run, place + 2) == "close" and (key := _unit_word(run[place + 1].text)):
-        return key, place + 3  # `12.00 (in)`
-    if _kind(run, place) == "unit":
-        behind = place + 1
-        if _kind(run, behind) == "other" and run[behind].text == "." and run[behind].start == run[place].end:
-            behind += 1
-        return run[place].key, behind
-    return None, place
-
-
-def _aside(run: Sequence[Token], place: int, value: float, unit: str) -> tuple[float, str, int] | None:
-    """The same length again in brackets in another unit, `15.5 in. (39 cm)`: the metric one, and the place behind."""
-    if [_kind(run, place + i) for i in range(4)] != ["open", "number", "unit", "close"]:
-        return None
-    again, other = float(run[place + 1].number or 0.0), run[place + 2].key or ""
-    if other == unit or not _close(millimetres(value, unit), millimetres(again, other)):
-        return None
-    return (value, unit, place + 4) if unit in _METRIC else (again, other, place + 4)
-
-
-def _counts_other_things(run: Sequence[Token], place: int, unit: str | None) -> bool:
-    if unit is not None:
-        return _kind(run, place) in {"word", "other"} and run[place].text in {"²", "³", "2", "3"}
-    return _kind(run, place) in {"word", "other"} and run[place].text in _UNITS_OF_OTHER_THINGS
-
-
-def _axis_before(run: Sequence[Token], place: int) -> str | None:
-    for back in range(place - 1, max(place - 4, -1), -1):
-        token = run[back]
-        if token.kind == "axis":
-            return token.key
-        if token.kind not in {"colon", "open", "close", "other", "word"}:
-            return None
-    return None
-
-
-def _axis_behind(run: Sequence[Token], place: int) -> tuple[str | None, int]:
-    at = place + 1 if _kind(run, place) in {"open", "range"} or _is_of(run, place) else place
-    if _kind(run, at) == "axis" and _kind(run, at + 1) not in {"colon", "number"}:
-        closed = at + 1 if at > place and _kind(run, at + 1) == "close" else at
-        return run[at].key, closed + 1
-    return None, place
-
-
-def _is_of(run: Sequence[Token], place: int) -> bool:
-    """Whether the next word leads to an axis: `180 cm in length`, `90 cm de largo`."""
-    return _kind(run, place) == "word" and run[place].text in {"in", "de", "di", "em"}
-
-
-def _kind(run: Sequence[Token], place: int) -> str | None:
-    return run[place].kind if 0 <= place < len(run) else None
-
-
-def _groups(numbers: Sequence[_Number]) -> Iterator[list[_Number]]:
+def _groups(numbers: Sequence[Quantity]) -> Iterator[list[Quantity]]:
     """Numbers that belong together: joined by `x`, or carrying different axes one after another."""
-    group: list[_Number] = []
+    group: list[Quantity] = []
     for number in numbers:
         if group and not _continues(group, number):
             yield group
@@ -374,7 +212,7 @@ def _groups(numbers: Sequence[_Number]) -> Iterator[list[_Number]]:
         yield group
 
 
-def _as_announced(groups: list[list[_Number]], axes: Sequence[str]) -> list[list[_Number]]:
+def _as_announced(groups: list[list[Quantity]], axes: Sequence[str]) -> list[list[Quantity]]:
     """As many lengths as the label announces axes are one size, whatever parts them: `B/H/T`, `4 cm / 2 cm / 3 cm`."""
     every = [number for group in groups for number in group]
     # A forgotten x leaves one of them apart; in another system the same size would stand again.
@@ -383,7 +221,7 @@ def _as_announced(groups: list[list[_Number]], axes: Sequence[str]) -> list[list
     return [every] if bare and parted and 2 <= len(every) == len(axes) else groups
 
 
-def _continues(group: Sequence[_Number], number: _Number) -> bool:
+def _continues(group: Sequence[Quantity], number: Quantity) -> bool:
     if len(group) >= 3:
         return False
     if number.joined:
@@ -399,7 +237,7 @@ def _turns(words: Sequence[str]) -> bool:
     return is_package(said) or is_component(said)
 
 
-def _lengths(group: Sequence[_Number], header: Sequence[str], unit: str | None) -> tuple[Length, ...]:
+def _lengths(group: Sequence[Quantity], header: Sequence[str], unit: str | None) -> tuple[Length, ...]:
     units = _units(group, unit)
     if units is None:
         return ()
@@ -414,7 +252,7 @@ def _lengths(group: Sequence[_Number], header: Sequence[str], unit: str | None) 
     )
 
 
-def _units(group: Sequence[_Number], unit: str | None) -> list[str] | None:
+def _units(group: Sequence[Quantity], unit: str | None) -> list[str] | None:
     """The unit of each number: its own, else the next one's, else the last one's, else the place's."""
     own = [number.unit for number in group]
     for one, other in reversed(list(pairwise(range(len(own))))):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import re
 import socket
+import time
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -127,11 +128,15 @@ class GuardMiddleware:
 
 
 class BanMiddleware:
-    """Recognises a ban, counts it, puts the page back and pauses the crawl; gives up after several in a row."""
+    """Recognises a ban, counts it, puts the page back and pauses the crawl; gives up after several in a row.
+
+    What was asked for before a ban and is refused as well is the same ban: four requests in flight are not four bans.
+    """
 
     def __init__(self, crawler: Crawler) -> None:
         self._crawler = crawler
         self._in_a_row = 0
+        self._refused_at = 0.0
 
     @classmethod
     def from_crawler(cls, crawler: Crawler) -> BanMiddleware:
@@ -143,10 +148,13 @@ class BanMiddleware:
         if not is_ban(response):
             self._in_a_row = 0
             return response
-        self._in_a_row += 1
         if self._crawler.stats is not None:
             self._crawler.stats.inc_value("metric_tree/bans")
-        self._pause(_retry_after(response))
+        now = time.monotonic()
+        if self._in_a_row == 0 or now - request.meta.get("download_latency", 0.0) >= self._refused_at:
+            self._in_a_row += 1
+            self._refused_at = now
+            self._pause(_retry_after(response))
         return request.replace(dont_filter=True, priority=request.priority - 1)
 
     def _pause(self, asked: float | None) -> None:

@@ -10,13 +10,17 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from scrapy import Request
+from scrapy.http import Response
 
 from benchmarks.made_site import MadeSite, Shop
 from crawler.frontier import OFF_SITE, PRIVATE
 from crawler.frontier_sqlite import stored_counts
+from crawler.manners import BanMiddleware
 from metric_tree.commands import main
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -173,3 +177,15 @@ def test_a_page_is_read_from_a_web_address_alone(
     assert json.loads(capsys.readouterr().out)["title"] == "Stool"
     assert main(["extract", str(path), "--url", "foo"]) == 2
     assert "--url: expected an http(s) address; found 'foo'" in capsys.readouterr().err
+
+
+def test_requests_in_flight_at_a_ban_are_the_same_ban(monkeypatch: pytest.MonkeyPatch) -> None:
+    in_a_row: list[int] = []
+    monkeypatch.setattr(BanMiddleware, "_pause", lambda self, _: in_a_row.append(self._in_a_row))
+    guard = BanMiddleware(SimpleNamespace(stats=None))  # type: ignore[arg-type]
+    refused = Response("https://shop.example/p", status=503)
+    in_flight, afterwards = ({"download_latency": seconds} for seconds in (60.0, 0.0))
+    for meta in (in_flight, in_flight, in_flight, afterwards, in_flight):
+        again = guard.process_response(Request("https://shop.example/p", meta=meta), refused)
+        assert isinstance(again, Request)
+    assert in_a_row == [1, 2]

@@ -146,18 +146,28 @@ def main() -> None:
         _table("frozen levels", ours(by_id, both))
         shares = {n: item_share({leaf: " > ".join(p[:n]) for leaf, p in named.items()}, both) for n in range(2, 6)}
         _table("tree of 2020", {f"depth {n}": share for n, share in shares.items()})
-        _samples("ours", [c.path for c in by_id.values() if c.level == 5 and c.node_id in sizes], arguments)
-        _samples("2020", [p for p in paths if not any(q[: len(p)] == p and q != p for q in paths)], arguments)
+        _samples(
+            "ours",
+            [c.path for c in by_id.values() if c.level == 5 and c.node_id in sizes],
+            arguments.paths,
+            arguments.seed,
+        )
+        _samples(
+            "2020",
+            [p for p in paths if not any(q[: len(p)] == p and q != p for q in paths)],
+            arguments.paths,
+            arguments.seed,
+        )
 
 
 def _table(title: str, shares: Mapping[str, float]) -> None:
     print(f"{title}: " + ", ".join(f"{name} {share:.3f}" for name, share in shares.items()))
 
 
-def _samples(title: str, paths: list[tuple[str, ...]], asked: argparse.Namespace) -> None:
-    if asked.paths:
+def _samples(title: str, paths: list[tuple[str, ...]], number: int, seed: int) -> None:
+    if number:
         print(f"\n# {title}")
-        drawn = random.Random(asked.seed).sample(sorted(paths), min(asked.paths, len(paths)))  # noqa: S311 - a sample
+        drawn = random.Random(seed).sample(sorted(paths), min(number, len(paths)))  # noqa: S311 - a sample
         for path in drawn:
             print(" > ".join(path))
 

@@ -18,7 +18,7 @@ from lxml.etree import XPath
 from crawler.dimensions import agreed, names_unit, sizes
 from crawler.pages import Element, Page, squeezed
 from crawler.regions import LABEL_LENGTH, SKIPPED, VALUE_LENGTH, Regions
-from crawler.words import axis_of_word, is_dimension_label, is_of_others, is_package, is_whole, plain
+from crawler.words import is_dimension_label, is_of_others, is_package, is_whole, names_an_axis, plain
 
 __all__ = ["HAS_DIGIT", "Fact", "facts", "names_a_size"]
 
@@ -239,8 +239,7 @@ def names_a_size(letters: str) -> bool:
     """Whether a plain label without digits names a size, an axis or a package."""
     if HAS_DIGIT.search(letters):
         return False
-    words = re.findall(r"[^\W\d_]+", letters)
-    return is_dimension_label(letters) or any(axis_of_word(word) for word in words) or is_package(letters)
+    return is_dimension_label(letters) or names_an_axis(letters) or is_package(letters)
 
 
 def _filled_rows(table: Element, text: Callable[[Element], str]) -> Iterator[list[Element]]:

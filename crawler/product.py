@@ -62,10 +62,11 @@ def product(page: Page, own: Product | None = None) -> Product:
     known = own or Product()
     nodes = _nodes(page, bool(known.category_path))
     thing = next((node for node in nodes if _is(node, *_THINGS)), {})
+    title = known.title or _title(page, thing)
     return Product(
         id=known.id or _first(thing.get("sku"), thing.get("productID"), thing.get("mpn"), thing.get("gtin13")),
-        title=known.title or _title(page, thing),
-        category_path=known.category_path or _breadcrumb(page, nodes, _title(page, thing)) or _category(thing),
+        title=title,
+        category_path=known.category_path or _breadcrumb(page, nodes, title) or _category(thing),
         brand=known.brand or _name(thing.get("brand")),
         images=known.images or _images(page, thing),
         sizes=tuple(_sizes(thing)),

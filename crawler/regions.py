@@ -32,10 +32,7 @@ _ELSEWHERE = re.compile(
 _NAME_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
 #: Regions about the package; their facts carry it in their heading, so that no later step takes them for the thing.
-#: (WooCommerce calls every product `shipping-taxable`.)
-_PACKAGE_REGION = re.compile(
-    r"packag(?!e-?details-?page)|shipping(?!-taxable)|delivery|verpackung|emballage", re.IGNORECASE
-)
+_PACKAGE_REGION = re.compile(r"packag(?!e-?details-?page)|shipping|delivery|verpackung|emballage", re.IGNORECASE)
 
 SKIPPED = frozenset({"script", "style", "noscript", "template", "select", "option", "nav", "footer", "head"})
 _HEADINGS = frozenset({"h1", "h2", "h3", "h4", "h5", "h6", "legend", "summary", "caption", "dt"})
@@ -47,7 +44,7 @@ class Regions:
     """The regions of one page. Elements are held, so that lxml's proxies and with them the answers stay."""
 
     def __init__(self, root: Element) -> None:
-        #: What holds the page's title holds the product, whatever it is called.
+        #: What holds the page's title holds the product, whatever it is called: WooCommerce's is `shipping-taxable`.
         self._main = frozenset(box for title in islice(root.iter("h1"), 1) for box in title.iterancestors())
         self._texts: dict[Element, str] = {}
         self._elsewhere: dict[Element, bool] = {}

@@ -123,7 +123,7 @@ _ORDER = re.compile(r"[^\W\d_]{2,} ?[x×] ?[^\W\d_]{2,}")
 _MOST = re.compile(r"\bmax(?:imum)?\b\.?(?= [^\W\d_]{2,} ?[x×])")
 
 #: Parts that a size takes in together: `(kettle + base)`.
-_TOGETHER = re.compile(rf"\([^()]*{_AND}[^()]*\)")
+_TOGETHER = re.compile(r"\([^()]*(?:[&+]|\b(?:and|und|et|e|y|en)\b)[^()]*\)")
 
 #: Of the whole thing, though its name is that of a part: `the complete model`.
 _COMPLETE = re.compile(r"\b(?:complete|completed|finished|assembled|entire|whole) \w+")

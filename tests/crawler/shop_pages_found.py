@@ -65,12 +65,6 @@ FOUND = [
         None, None, ("no_size",),
     ),
     Made(
-        "WooCommerce, a product that is `shipping-taxable`", "en",
-        '<div id="product-22" class="product type-product instock shipping-taxable purchasable"><h1 class="product_title">Oak shelf</h1>'
-        '<table class="woocommerce-product-attributes shop_attributes"><tr><th>Weight</th><td>6.1 kg</td></tr><tr><th>Dimensions</th><td>80 &times; 24 &times; 15.5 cm</td></tr></table></div>',
-        (800, 240, 155), {},
-    ),
-    Made(
         "lines below a label for size and weight, each in two systems", "en",
         '<h2>Tech specs</h2><ul><li><div class="h5">Dimensions &amp; Weight</div><p>Height: 7.2 in. (183.00 mm)<br>Width: 1.4 in. (35.50 mm)<br>'
         "Depth: 7.0 in. (178.00 mm)<br>Starting weight: 2.30 lb (1.04 kg)</p></li></ul>",
@@ -198,5 +192,10 @@ FOUND = [
         "<table><tr><td>Alto</td><td>111.8 cm</td></tr><tr><td>Ancho</td><td>68.6 cm</td></tr><tr><td>Profundidad</td><td>71.5 cm</td></tr>"
         "<tr><td>Medidas del empaque (alto x ancho x fondo)</td><td>116 x 73 x 75 cm</td></tr></table>",
         (1118, 715, 686), whd(686, 1118, 715),
+    ),
+    Made(
+        "a part in brackets behind a comma's list", "en",
+        "<table><tr><th>Dimensions (overall)</th><td>W 60 x D 62 x H 90 cm</td></tr><tr><th>Dimensions (seat, W x D x H)</th><td>48 x 45 x 46 cm</td></tr></table>",
+        (900, 620, 600), whd(600, 900, 620),
     ),
 ]  # fmt: skip

@@ -39,6 +39,13 @@ def test_a_category_is_found_where_the_page_shows_it(head: str, crumbs: str) -> 
     assert found.category_path == ("Home & Living", "Decor", "Vases")
 
 
+def test_what_holds_the_title_is_the_product_whatever_its_class() -> None:
+    row = "<tr><th>Dimensions</th><td>80 &times; 24 &times; 15.5 cm</td></tr>"
+    body = '<div class="product instock {}">{}<table class="shop_attributes">' + row + "</table></div>"
+    assert item(body.format("shipping-taxable purchasable", "<h1>Oak shelf</h1>")).extents_mm == (800.0, 240.0, 155.0)
+    assert item("<h1>Oak shelf</h1>" + body.format("shipping", "")).extents_mm is None, "the size of a parcel"
+
+
 def test_amazon_table_and_breadcrumb() -> None:
     body = """
     <span id="productTitle"> Oak stool </span>

@@ -45,9 +45,13 @@ class Gathered:
 
 
 def picture_files(paths: Iterable[Path]) -> list[Path]:
-    """The picture records in the given folders, and beside the given files."""
-    folders = dict.fromkeys(path if path.is_dir() else path.parent for path in paths)
-    found = {file: None for folder in folders for file in sorted(folder.rglob("pictures-*.jsonl"))}
+    """The picture records in the given folders and all below them, and right beside the given files."""
+    pattern = "pictures-*.jsonl"
+    found = {
+        file: None
+        for path in paths
+        for file in sorted(path.rglob(pattern) if path.is_dir() else path.parent.glob(pattern))
+    }
     return [file for file in found if _SEGMENT.fullmatch(file.name)]
 
 

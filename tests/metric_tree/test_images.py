@@ -50,6 +50,8 @@ def test_picture_records_are_no_raw_items(crawl):
     assert [path.name for path in raw_files([crawl])] == ["items-000000001-000000099.jsonl"]
     assert picture_files([crawl]) == [records(crawl)]
     assert picture_files([crawl / "items-000000001-000000099.jsonl"]) == [records(crawl)]
+    beside = crawl.parent / "raw.jsonl"
+    assert picture_files([beside]) == [], "a file answers for its own folder, not for what lies below it"
 
 
 def test_a_build_takes_the_pictures_of_what_it_ships(crawl, tmp_path):

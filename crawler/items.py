@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
 
 __all__ = ["KINDS", "SCHEMA", "BadRawItem", "Kind", "RawItem", "raw_items"]
 

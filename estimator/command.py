@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
 
 if TYPE_CHECKING:
     from estimator.estimate import Options
@@ -42,7 +42,7 @@ NEGATIVE = re.compile(r"^-[\d.]")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `estimate-scale`; the exit status is 0, 2, 3 or 1 (docs/formats.md)."""
     _use_one_thread()
-    from metric_tree.commands.shell import exit_status
+    from metric_base.terminal import exit_status
 
     words = list(sys.argv[1:] if argv is None else argv)
     return exit_status(PROGRAM, lambda: _run(words))
@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The argument parser; its help is part of the contract."""
-    from metric_tree.commands.shell import version
+    from metric_base.terminal import version
 
     root = argparse.ArgumentParser(
         prog=PROGRAM,
@@ -155,15 +155,15 @@ def _check_detector(options: argparse.Namespace) -> None:
 
 
 def _objects_result(options: argparse.Namespace) -> ScaleResult:
-    from estimator.objects_file import objects_of
     from estimator.pipeline import objects_result
+    from estimator.reconstructions.objects_file import objects_of
 
     if options.method == "sucar":
         raise InputFault("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
     asked = _asked(options)
     result = objects_result(objects_of(options.objects), _tree(options), asked, options.paper_lists)
     if options.figure is not None and result.exit_code == 0:
-        from estimator.figure import write_figure
+        from estimator.outputs.figure import write_figure
 
         write_figure(result, options.figure)
     return result
@@ -175,7 +175,7 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
     asked = _asked(options)
     detector = None
     if options.detector is not None:
-        from estimator.detector import detector_at
+        from estimator.instances.detector import detector_at
 
         detector = detector_at(options.detector, options.detector_labels)
     estimate = scene_estimate(
@@ -198,15 +198,15 @@ def _write_pictures(options: argparse.Namespace, estimate: SceneEstimate) -> Non
     """Figure, overlay and scaled model; of an unresolved scene nothing is written."""
     scale = estimate.result.scale
     if options.figure is not None:
-        from estimator.figure import write_figure
+        from estimator.outputs.figure import write_figure
 
         write_figure(estimate, options.figure)
     if options.overlay is not None:
-        from estimator.overlay import write_overlays
+        from estimator.outputs.overlay import write_overlays
 
         write_overlays(estimate, options.overlay)
     if options.write_scaled is not None and scale is not None:
-        from estimator.rescaled import write_scaled
+        from estimator.outputs.rescaled import write_scaled
 
         write_scaled(estimate.scene, scale, options.write_scaled)
 
@@ -219,7 +219,7 @@ def _tree(options: argparse.Namespace) -> Tree:
 
 def _asked(options: argparse.Namespace) -> Options:
     from estimator.estimate import Options
-    from estimator.known_lengths import known_lengths
+    from estimator.reconstructions.known_lengths import known_lengths
 
     lengths = [length for words in options.known_length for length in known_lengths(words)]
     return Options(
@@ -234,6 +234,6 @@ def _print(result: ScaleResult, as_json: bool) -> None:
     if as_json:
         sys.stdout.write(result.json() + "\n")
         return
-    from estimator.table import text_of
+    from estimator.outputs.table import text_of
 
     sys.stdout.write(text_of(result))

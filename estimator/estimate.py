@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.categories import Meaning, meanings
-from estimator.contradiction import contradiction_of
-from estimator.likelihood import Evidence, usable
-from estimator.objects import MeasuredObject
-from estimator.posterior import (
+from estimator.measured_object import MeasuredObject
+from estimator.posterior.categories import Meaning, meanings
+from estimator.posterior.contradiction import contradiction_of
+from estimator.posterior.likelihood import Evidence, usable
+from estimator.posterior.posterior import (
     FAR_MASS,
     FAR_MODE,
     RATIO_LIMIT,
@@ -23,9 +23,9 @@ from estimator.posterior import (
     posterior,
     status_of,
 )
+from estimator.posterior.verdicts import dimension_names, outlier_reason, verdict
 from estimator.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
 from estimator.scene import BoolArray, FloatArray
-from estimator.verdicts import dimension_names, outlier_reason, verdict
 from metric_tree.tree import Tree
 
 __all__ = ["HEIGHT", "Answer", "Options", "estimated", "evidence_of", "result_of"]

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from estimator.estimate import Options, estimated
-from estimator.objects import MeasuredObject
+from estimator.measured_object import MeasuredObject
 from estimator.result import ScaleResult, UpReport
 from metric_tree.tree import Tree
 
 if TYPE_CHECKING:
-    from estimator.detector import Detector
-    from estimator.measurement import Measurements
+    from estimator.geometry.measurement import Measurements
+    from estimator.geometry.up import Up
+    from estimator.instances.detector import Detector
     from estimator.scene import Instance, Scene
-    from estimator.upright import Up
 
 __all__ = ["SceneEstimate", "objects_result", "scene_estimate"]
 
@@ -69,7 +69,7 @@ def scene_estimate(
     started = time.perf_counter()
     scene = scene_at(path, dense)
     if images is not None and detector is not None:
-        from estimator.detector import detected
+        from estimator.instances.detector import detected
 
         found, warnings = detected(scene, images, detector)
     else:
@@ -80,7 +80,7 @@ def scene_estimate(
         from estimator.baselines.sucar import sucar_result
 
         return SceneEstimate(sucar_result(scene, found, tree, options, heard, seconds), scene, found, None)
-    from estimator.measurement import PAPER, MeasurementOptions, measured
+    from estimator.geometry.measurement import PAPER, MeasurementOptions, measured
 
     measurements = measured(scene, found, PAPER if options.method == "paper" else MeasurementOptions())
     seconds |= measurements.timings

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.cameras import pixels_in_view
-from estimator.coco import coco_instances, unread
-from estimator.colmap import colmap_folder, colmap_scene
-from estimator.dense import dense_cloud, dense_file
-from estimator.instance_pictures import picture_instances
+from estimator.instances.coco import coco_instances, unread
+from estimator.instances.label_images import picture_instances
+from estimator.reconstructions.cameras import pixels_in_view
+from estimator.reconstructions.colmap import colmap_folder, colmap_scene
+from estimator.reconstructions.ply import dense_cloud, dense_file
 from estimator.scene import BadScene, DenseCloud, Instance, IntArray, Scene, told
 
 __all__ = ["instances_and_warnings", "instances_at", "scene_at"]
@@ -72,7 +72,7 @@ def _sparse_scene(path: Path) -> Scene:
     if folder is not None:
         return colmap_scene(folder, path)
     if (path / RECONSTRUCTION).is_file():
-        from estimator.opensfm import opensfm_scene  # reads tracks with pyarrow, which COLMAP needs not
+        from estimator.reconstructions.opensfm import opensfm_scene  # reads tracks with pyarrow, which COLMAP needs not
 
         return opensfm_scene(path)
     names = sorted(entry.name for entry in path.iterdir())

@@ -11,9 +11,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from crawler.whole import whole_file
-from estimator.grid import Curve, Mode
+from estimator.posterior.grid import Curve, Mode
 from estimator.scene import FloatArray
+from metric_base.files import whole_file
 
 __all__ = ["SCHEMA", "Alternative", "Interval", "ObjectReport", "ScaleResult", "UpReport", "Verdict"]
 

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
 
 __all__ = [
     "BadScene",

@@ -6,7 +6,7 @@
 """
 
 from metric_tree.prior import Prior
-from metric_tree.store import BadRelease
+from metric_tree.release import BadRelease
 from metric_tree.tree import AmbiguousName, Node, NoPrior, Tree, UnknownName
 from metric_tree.tree import open_tree as open  # noqa: A004 - the contract's name, as in gzip.open
 

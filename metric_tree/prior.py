@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
 
 __all__ = ["FAMILY", "FloatArray", "Prior", "UnknownDimension"]
 

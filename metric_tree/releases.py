@@ -6,19 +6,13 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-from metric_tree.store import MANIFEST, BadRelease
+from metric_base.folders import data_folder
+from metric_tree.release import MANIFEST, BadRelease
 
-__all__ = ["PATH_VARIABLE", "data_directory", "release_directory", "releases", "version_key"]
+__all__ = ["PATH_VARIABLE", "release_directory", "releases", "version_key"]
 
 #: Folders that hold further releases, separated as in PATH.
 PATH_VARIABLE = "METRIC_TREE_PATH"
-
-
-def data_directory() -> Path:
-    """The data that the project ships: inside the package once installed, beside it in a checkout."""
-    package = Path(__file__).resolve().parent
-    installed = package / "data"
-    return installed if installed.is_dir() else package.parent / "data"
 
 
 def releases() -> list[Path]:
@@ -37,7 +31,7 @@ def release_directory(ref: str | Path | None = None) -> Path:
     found = releases()
     if ref is None:
         if not found:
-            raise BadRelease(f"{data_directory() / 'release'}: expected a release; found none")
+            raise BadRelease(f"{data_folder() / 'release'}: expected a release; found none")
         return found[0]
     for directory in found:
         if directory.name == str(ref):
@@ -55,6 +49,6 @@ def version_key(version: str) -> tuple[int, ...]:
 
 def _found() -> Iterator[Path]:
     named = [Path(part) for part in os.environ.get(PATH_VARIABLE, "").split(os.pathsep) if part]
-    for folder in (data_directory() / "release", *named):
+    for folder in (data_folder() / "release", *named):
         if folder.is_dir():
             yield from (path for path in folder.iterdir() if (path / MANIFEST).is_file())

@@ -10,11 +10,11 @@ from typing import Any
 
 import pyarrow as pa
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
 from metric_tree.names import NameIndex
 from metric_tree.prior import Prior
+from metric_tree.release import Release, opened
 from metric_tree.releases import release_directory
-from metric_tree.store import Release, opened
 
 __all__ = ["AmbiguousName", "NoPrior", "Node", "Tree", "UnknownName", "open_tree"]
 
@@ -259,7 +259,7 @@ def open_tree(ref: str | Path | None = None) -> Tree:
 
     Raises
     ------
-    metric_tree.store.BadRelease
+    metric_tree.release.BadRelease
         There is none, or it is damaged, or of a schema that this version does not read.
     """
     return Tree(opened(release_directory(ref)))
@@ -278,7 +278,7 @@ def _meant(found: Sequence[Node]) -> Node | None:
 
 
 def _labelled(name: str, vocabulary: str, meant: Callable[[str], Sequence[str]]) -> str:
-    from taxonomy.vocabularies import labelled_node  # read only where a list is named
+    from taxonomy.label_lists import labelled_node  # read only where a list is named
 
     node_id: str = labelled_node(name, vocabulary, meant)
     return node_id

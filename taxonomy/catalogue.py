@@ -12,11 +12,11 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Protocol, get_args
 
+from metric_base.folders import taxonomy_directory
 from taxonomy.categories import Category, Pose
 from taxonomy.insertions import PREFIX, Insertion, insertions
+from taxonomy.label_lists import vocabularies, vocabulary
 from taxonomy.levels import KIND, LEAF, BadLevels, InnerNode, Levels, dims_of, frozen_levels, replaced_ids, table_rows
-from taxonomy.places import taxonomy_directory
-from taxonomy.vocabularies import vocabularies, vocabulary
 
 __all__ = ["OTHER", "Catalogue", "Concepts", "Leaf", "SynsetTable", "default_catalogue"]
 
@@ -31,7 +31,7 @@ _SYNSETS = ("synset", "parents", "lemmas")
 
 
 class Concepts(Protocol):
-    """Names and hypernyms of concepts, WordNet's and inserted ones (`taxonomy.lexicon.Lexicon`)."""
+    """Names and hypernyms of concepts, WordNet's and inserted ones (`taxonomy.matching.lexicon.Lexicon`)."""
 
     def hypernyms(self, concept: str) -> tuple[str, ...]:
         """All concepts above it, nearest first, each once; not the concept itself."""

@@ -14,8 +14,8 @@ from functools import cache
 from pathlib import Path
 
 from crawler.items import RawItem
+from metric_base.folders import taxonomy_directory
 from taxonomy.levels import DIMENSIONS, BadLevels, table_rows
-from taxonomy.places import taxonomy_directory
 
 __all__ = [
     "BLIND_TABLES",

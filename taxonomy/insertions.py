@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
+from metric_base.folders import taxonomy_directory
 from taxonomy.categories import Pose
-from taxonomy.places import taxonomy_directory
 
 __all__ = ["PREFIX", "BadInsertion", "Insertion", "insertions"]
 

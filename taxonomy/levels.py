@@ -14,9 +14,9 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import get_args
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
+from metric_base.folders import taxonomy_directory
 from taxonomy.categories import Pose
-from taxonomy.places import taxonomy_directory
 
 __all__ = [
     "DIMENSIONS",

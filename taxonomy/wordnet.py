@@ -9,7 +9,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
 
 __all__ = ["ENVIRONMENT_VARIABLE", "NoWordNet", "UnknownSynset", "WordNet", "default_wordnet"]
 

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, settings
 
 from metric_tree.commands import main
 from metric_tree.tree import Tree, open_tree
-from tests import minitree
+from tests.made import minitree
 
 # How long an example takes depends on what else the machine does; times are the benchmarks' business.
 settings.register_profile("suite", deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from tests import minitree
+from tests.made import minitree
 
 ROOT = Path(__file__).resolve().parents[1]
-FLOW = ["crawler", "taxonomy", "metric_tree", "estimator"]
+FLOW = ["metric_base", "crawler", "taxonomy", "metric_tree", "estimator"]
 #: Commands may import any package, lazily (contracts.md, "Command lines").
 COMMANDS = {"metric_tree/commands", "estimator/command.py"}
 #: What a query never loads.

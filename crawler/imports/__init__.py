@@ -10,10 +10,10 @@ from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 
-from crawler.imports.readings import Reading, Refusal
-from crawler.imports.tables import table_readings
+from crawler.imports.row_outcomes import Reading, Refusal
+from crawler.imports.sources import Source
+from crawler.imports.table_reader import table_readings
 from crawler.items import RawItem
-from crawler.sources import Source
 
 __all__ = ["Import", "imported", "readings"]
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from crawler.imports.readings import Reading, Refused, item
+from crawler.imports.row_outcomes import Reading, Refused, item
 from crawler.imports.rows import BadTable, yaml_document
-from crawler.lengths import millimetres
-from crawler.sources import Source
+from crawler.imports.sources import Source
+from crawler.text.units import millimetres
 
 __all__ = ["readings"]
 

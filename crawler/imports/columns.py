@@ -6,8 +6,8 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from crawler.faults import InputFault
-from crawler.tables import Table
+from crawler.imports.declaration import Table
+from metric_base.faults import InputFault
 
 __all__ = ["FIELD", "MissingColumn", "expect_columns"]
 

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from crawler.faults import InputFault
-from crawler.sources import Source, SourceFile
-from crawler.whole import whole_file
+from crawler.imports.sources import Source, SourceFile
+from metric_base.faults import InputFault
+from metric_base.files import whole_file
 
 __all__ = ["CACHE_VARIABLE", "NoInput", "downloaded"]
 

@@ -6,15 +6,16 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from crawler.imports import Import
-from crawler.sources import Source
-from crawler.tables import REASONS
+from crawler.imports.declaration import REASONS
+from crawler.imports.sources import Source
 
 __all__ = ["overview", "summary", "terms"]
 
 _HEAD = """# Sources of open data
 
 One declaration a source: where it is from, whose terms decide, what its rows are worth as evidence (`kind`), how its
-columns are read, its traps and what is done about each. `crawler/sources.py` describes the fields, `crawler/tables.py`
+columns are read, its traps and what is done about each. `crawler/imports/sources.py` describes the fields,
+`crawler/imports/declaration.py`
 those of a plain table. Where `--input` is missing, a source's files are downloaded, checked against their sha256 and
 cached; the last table says of which sources that holds, and what to fetch and to pass by `--input` for the others.
 

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from crawler.faults import InputFault
 from crawler.imports.columns import MissingColumn, expect_columns
-from crawler.tables import Table
+from crawler.imports.declaration import Table
+from metric_base.faults import InputFault
 
 __all__ = ["BadTable", "Row", "flat", "record_rows", "rows", "yaml_document"]
 

@@ -6,11 +6,11 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from crawler.imports.readings import Reading, Refused, item, year
+from crawler.imports.declaration import Table
+from crawler.imports.row_outcomes import Reading, Refused, item, year
 from crawler.imports.rows import Row, record_rows, rows
-from crawler.measures import Measure, measures, words_mm
-from crawler.sources import Source
-from crawler.tables import Table
+from crawler.imports.sources import Source
+from crawler.text.catalogue_lengths import Measure, measures, words_mm
 
 __all__ = ["readings"]
 

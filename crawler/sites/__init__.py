@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from crawler.extraction import raw_item
 from crawler.items import RawItem
-from crawler.pages import Page
+from crawler.page.page import Page
+from crawler.page.raw_item import raw_item
 from crawler.sites import (
     amazon,
     automobile_dimension,

@@ -10,8 +10,8 @@ from urllib.parse import quote, quote_plus, urljoin, urlsplit
 
 from lxml.etree import XPath
 
-from crawler.pages import Page, squeezed
-from crawler.product import MAXIMUM_IMAGES, Product, product
+from crawler.page.page import Page, squeezed
+from crawler.page.product import MAXIMUM_IMAGES, Product, product
 
 __all__ = ["Site"]
 

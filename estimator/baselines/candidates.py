@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.grid import Curve, interval, modes
-from estimator.posterior import Estimate, status_of
+from estimator.posterior.grid import Curve, interval, modes
+from estimator.posterior.posterior import Estimate, status_of
 from estimator.scene import FloatArray
 
 __all__ = ["CANDIDATES", "candidate_scales", "estimate_on"]

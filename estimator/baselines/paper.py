@@ -17,15 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.axes import SORTED_AXES
 from estimator.baselines.candidates import candidate_scales, estimate_on
-from estimator.categories import Meaning, meanings
 from estimator.estimate import Answer, Options, result_of
-from estimator.files import text_of
-from estimator.objects import AXES, MeasuredObject
+from estimator.measured_object import AXES, MeasuredObject
+from estimator.posterior.axes import SORTED_AXES
+from estimator.posterior.categories import Meaning, meanings
+from estimator.reconstructions.checked_files import text_of
 from estimator.result import ScaleResult, UpReport
 from estimator.scene import BadScene, FloatArray, told
-from metric_tree.releases import data_directory
+from metric_base.folders import data_folder
 from metric_tree.tree import Node, Tree, UnknownName
 
 __all__ = ["ETA", "Mixture", "authors_lists", "fitted", "paper_result"]
@@ -131,7 +131,7 @@ def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], 
 
 def _list_names() -> dict[str, str]:
     """File stem to category name, from the declaration of the authors' lists."""
-    declared = tomllib.loads(text_of(data_directory() / "sources" / "metric_tree_2020.toml"))
+    declared = tomllib.loads(text_of(data_folder() / "sources" / "metric_tree_2020.toml"))
     return {
         Path(file).stem: table["category"][-1]
         for table in declared["tables"]

@@ -14,10 +14,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from estimator.baselines.candidates import candidate_scales, estimate_on
-from estimator.cameras import pixels_in_view
-from estimator.categories import Meaning, meanings
 from estimator.estimate import HEIGHT, Answer, Options, result_of
-from estimator.objects import MeasuredObject
+from estimator.measured_object import MeasuredObject
+from estimator.posterior.categories import Meaning, meanings
+from estimator.reconstructions.cameras import pixels_in_view
 from estimator.result import ScaleResult, UpReport
 from estimator.scene import Camera, FloatArray, Instance, Scene, View
 from metric_tree.prior import Prior

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from metric_tree.commands.shell import exit_status, version
+from metric_base.terminal import exit_status, version
 
 __all__ = ["VERBS", "main", "parser_of"]
 

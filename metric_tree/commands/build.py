@@ -16,11 +16,11 @@ from multiprocessing import active_children, get_context
 from pathlib import Path
 from typing import Any, TypeVar
 
-from crawler.faults import InputFault
-from metric_tree.assembly import CURATED
-from metric_tree.build import Build, Options, Progress, built, shipped_curated
-from metric_tree.commands.shell import print_json, print_table, warn
-from metric_tree.store import opened
+from metric_base.faults import InputFault
+from metric_base.terminal import print_json, print_table, warn
+from metric_tree.build.steps import Build, Options, Progress, built, shipped_curated
+from metric_tree.build.tables import CURATED
+from metric_tree.release import opened
 
 __all__ = ["HELP", "add_arguments", "executor_of", "run"]
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from metric_tree.commands.shell import print_json, print_table
+from metric_base.terminal import print_json, print_table
 
 __all__ = ["CONTACT_VARIABLE", "HELP", "add_arguments", "run"]
 
@@ -47,8 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Crawl, then print the summary."""
-    from crawler.crawl import Crawl, crawled
-    from crawler.faults import InputFault
+    from crawler.fetch.crawl import Crawl, crawled
+    from metric_base.faults import InputFault
 
     _check(arguments)
     crawl = Crawl(
@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace) -> None:
     """The options that need no crawl to be found at fault."""
-    from crawler.faults import InputFault
+    from metric_base.faults import InputFault
 
     contact, limit, delay = arguments.contact, arguments.limit, arguments.delay
     if not contact or not _CONTACT.fullmatch(contact) or not contact.isprintable():

@@ -9,14 +9,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
+from metric_base.terminal import print_json, print_table
 from metric_tree.commands.build import executor_of
-from metric_tree.commands.shell import print_json, print_table
-from metric_tree.cutout import cut_release
 from metric_tree.cutouts.backend import BACKENDS, Settings
 from metric_tree.cutouts.quality import REASONS
+from metric_tree.cutouts.release_cutouts import cut_release
+from metric_tree.release import Release, opened
 from metric_tree.releases import release_directory
-from metric_tree.store import Release, opened
 
 __all__ = ["HELP", "add_arguments", "run"]
 

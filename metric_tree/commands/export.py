@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from crawler.faults import InputFault
-from metric_tree.commands.shell import print_json, print_table
+from metric_base.faults import InputFault
+from metric_base.terminal import print_json, print_table
 from metric_tree.tree import Node, Tree, open_tree
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -38,8 +38,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the data set and print what is in it."""
     from metric_tree.training.classes import Classes
-    from metric_tree.training.cutouts import cutouts_of
     from metric_tree.training.dataset import exported
+    from metric_tree.training.pasted import cutouts_of
 
     plan = _plan(arguments)
     _see_coco(arguments.coco)
@@ -84,7 +84,7 @@ def _plan(arguments: argparse.Namespace) -> Any:
 def _nodes(tree: Tree, categories: str | None) -> list[Node]:
     """The nodes of a file that `select` wrote, or of names, or of the selection."""
     if categories is None:
-        from metric_tree.selection import candidates, chosen
+        from metric_tree.training.selection import candidates, chosen
 
         ranked = candidates(tree)
         taken = [one.node for one in chosen(ranked)]

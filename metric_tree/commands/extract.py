@@ -7,7 +7,7 @@ import json
 import sys
 from pathlib import Path
 
-from metric_tree.commands.shell import print_table
+from metric_base.terminal import print_table
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -22,7 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the raw item: one line with --json, a table without."""
-    from crawler.pages import saved_page, web_address
+    from crawler.page.page import saved_page, web_address
     from crawler.sites import item_of
 
     line = item_of(saved_page(arguments.file, web_address(arguments.url, "--url"))).line()

@@ -7,12 +7,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from crawler.faults import InputFault
 from crawler.imports import Import, imported, readings
-from crawler.imports.files import changed_files, source_folder, write_import, write_lines
 from crawler.imports.overview import overview, summary, terms
-from crawler.sources import Source, source, sources
-from metric_tree.commands.shell import output_file, print_json, print_table, warn
+from crawler.imports.source_files import changed_files, source_folder, write_import, write_lines
+from crawler.imports.sources import Source, source, sources
+from metric_base.faults import InputFault
+from metric_base.terminal import output_file, print_json, print_table, warn
 
 __all__ = ["HELP", "add_arguments", "run"]
 

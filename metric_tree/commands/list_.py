@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from metric_tree.commands.shell import print_json, print_table
+from metric_base.terminal import print_json, print_table
+from metric_tree.release import opened
 from metric_tree.releases import PATH_VARIABLE, releases
-from metric_tree.store import opened
 
 __all__ = ["HELP", "add_arguments", "run"]
 

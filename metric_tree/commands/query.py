@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from crawler.faults import InputFault
-from metric_tree.commands.shell import print_json, print_table
+from metric_base.faults import InputFault
+from metric_base.terminal import print_json, print_table
 from metric_tree.prior import Prior
 from metric_tree.schema import IMAGES
 from metric_tree.tree import Node, NoPrior, open_tree
@@ -75,7 +75,7 @@ def summary(node: Node, dims: tuple[str, ...] | None = None) -> dict[str, Any]:
 
 def _images(node: Node, count: int | None, sheet: Path | None) -> list[dict[str, Any]]:
     """The fields of pictures that a reader needs to use and to credit them; drawn where a sheet is asked for."""
-    from metric_tree.sheet import chosen, write_sheet
+    from metric_tree.report.contact_sheet import chosen, write_sheet
 
     if count is not None and count < 1:
         raise InputFault(f"--images: expected a number from 1; found {count}")

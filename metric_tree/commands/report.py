@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from crawler.whole import whole_file
-from metric_tree.commands.shell import output_file, print_json
+from metric_base.files import whole_file
+from metric_base.terminal import output_file, print_json
 from metric_tree.tree import open_tree
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -23,9 +23,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the page; print where it is, or with `--json` the figures it shows."""
-    from metric_tree.report import page
-    from metric_tree.report_counts import coverage, level_counts
-    from taxonomy.vocabularies import vocabularies
+    from metric_tree.report.counts import coverage, level_counts
+    from metric_tree.report.page import page
+    from taxonomy.label_lists import vocabularies
 
     output_file(arguments.out)
     tree = open_tree(arguments.release)

@@ -10,12 +10,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from metric_tree.commands.shell import print_json, print_table
+from metric_base.terminal import print_json, print_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from taxonomy.review import Decision
+    from taxonomy.matching.decisions import Decision
 
 __all__ = ["HELP", "add_arguments", "run"]
 
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    from taxonomy.review import decisions, waiting
+    from taxonomy.matching.decisions import decisions, waiting
 
     open_subjects = waiting(decisions(arguments.folder))
     words = _unsettled_words(arguments.raw)
@@ -86,8 +86,8 @@ def _list(arguments: argparse.Namespace) -> None:
 
 def _unsettled_words(raw: Iterable[str]) -> Counter[tuple[str, str, str | None, str]]:
     """Items by (source, words, concept below the threshold, rule) that the matcher leaves to a reader."""
-    from metric_tree.ingest import blocks, items_of, raw_files
-    from taxonomy.matching import default_matcher
+    from metric_tree.build.ingest import blocks, items_of, raw_files
+    from taxonomy.matching.matcher import default_matcher
 
     words: Counter[tuple[str, str, str | None, str]] = Counter()
     for block in blocks(raw_files(map(Path, raw))):
@@ -100,7 +100,7 @@ def _unsettled_words(raw: Iterable[str]) -> Counter[tuple[str, str, str | None, 
 
 def _blind(arguments: argparse.Namespace) -> None:
     from taxonomy.insertions import insertions
-    from taxonomy.review import decisions
+    from taxonomy.matching.decisions import decisions
 
     found = [d for d in decisions(arguments.folder) if d.what == arguments.what]
     read = {d.subject for d in found if d.reader == arguments.reader}
@@ -116,10 +116,10 @@ def _blind(arguments: argparse.Namespace) -> None:
 
 
 def _record(arguments: argparse.Namespace) -> None:
-    from taxonomy.lexicon import default_lexicon
-    from taxonomy.places import taxonomy_directory
-    from taxonomy.review import NONE, BadDecision, Decision, decisions, recorded
-    from taxonomy.words import folded
+    from metric_base.folders import taxonomy_directory
+    from taxonomy.matching.decisions import NONE, BadDecision, Decision, decisions, recorded
+    from taxonomy.matching.lexicon import default_lexicon
+    from taxonomy.matching.words import folded
 
     source, separator, words = arguments.subject.partition(": ")
     if separator and arguments.what == "match":
@@ -147,9 +147,9 @@ def _record(arguments: argparse.Namespace) -> None:
 
 def _expect_source(name: str, found: Sequence[Decision]) -> None:
     """See that a decision speaks of a source that raw items can bear: declared, a site, or decided about before."""
+    from crawler.imports.sources import sources
     from crawler.sites import GENERIC, SITES
-    from crawler.sources import sources
-    from taxonomy.review import EVERY_SOURCE, BadDecision
+    from taxonomy.matching.decisions import EVERY_SOURCE, BadDecision
 
     known = {EVERY_SOURCE, *UNDECLARED, *(site.name for site in (GENERIC, *SITES)), *(one.id for one in sources())}
     known |= {decision.subject.partition(": ")[0] for decision in found if decision.what == "match"}
@@ -160,7 +160,7 @@ def _expect_source(name: str, found: Sequence[Decision]) -> None:
 
 
 def _agreement(arguments: argparse.Namespace) -> None:
-    from taxonomy.review import NONE, agreement, decisions, disagreements
+    from taxonomy.matching.decisions import NONE, agreement, decisions, disagreements
 
     found = decisions(arguments.folder)
     kinds = {what: agreement(found, what) for what in ("match", "insertion")}

@@ -9,10 +9,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from crawler.faults import InputFault
-from crawler.whole import whole_file
-from metric_tree.commands.shell import output_file, print_json, print_table
-from metric_tree.selection import TRAINING_LISTS, Candidate, Rules, candidates, chosen, paper_selection, reason_against
+from metric_base.faults import InputFault
+from metric_base.files import whole_file
+from metric_base.terminal import output_file, print_json, print_table
+from metric_tree.training.selection import (
+    TRAINING_LISTS,
+    Candidate,
+    Rules,
+    candidates,
+    chosen,
+    paper_selection,
+    reason_against,
+)
 from metric_tree.tree import Tree, open_tree
 
 __all__ = ["HELP", "add_arguments", "run", "selection"]
@@ -64,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     taken = chosen(ranked, rules)
     found = selection(tree, ranked, taken, rules)
     if arguments.figure:
-        from metric_tree.selection_figure import write_figure
+        from metric_tree.training.selection_figure import write_figure
 
         write_figure(arguments.figure, ranked, taken, {node_id for _, node_id in paper_selection()}, rules)
     if arguments.out:

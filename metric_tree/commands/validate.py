@@ -6,8 +6,8 @@ import argparse
 from collections import Counter
 from pathlib import Path
 
-from metric_tree.checks import CODES, findings
-from metric_tree.commands.shell import INPUT_FAULT, print_json, print_table
+from metric_base.terminal import INPUT_FAULT, print_json, print_table
+from metric_tree.checks.release_files import CODES, findings
 from metric_tree.releases import release_directory
 
 __all__ = ["HELP", "add_arguments", "run"]

@@ -1,1 +1,1 @@
-"""Foreground masks of pictures: one protocol, a backend without weights, one with a network, and what to trust."""
+"""Foreground masks of a release's pictures: one protocol, a backend without weights, one with a network."""

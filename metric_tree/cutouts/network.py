@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
 from metric_tree.cutouts.backend import RGB, Foreground
 
 __all__ = ["MODELS", "Network", "has_weights"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
 from metric_tree.tree import Node, Tree, UnknownName
 
 __all__ = ["Classes"]

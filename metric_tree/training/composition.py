@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_tree.training.cutouts import Cutout
+from metric_tree.training.pasted import Cutout
 from metric_tree.training.records import BadAnnotations, BoolArray
 
 __all__ = ["Composition", "Pasted", "composed", "made_background"]

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import Picture, composed, made_background
-from metric_tree.training.cutouts import Cutout
+from metric_tree.training.pasted import Cutout
 from metric_tree.training.records import AnnotatedPicture, BadAnnotations, run_lengths
 
 __all__ = ["SPLITS", "Plan", "Summary", "background_files", "exported"]

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from benchmarks.rooms.furnish import furnished_room
-from benchmarks.rooms.kinds import KINDS
-from benchmarks.rooms.knobs import Knobs
-from benchmarks.rooms.quick import quick_scene
-from benchmarks.rooms.reconstruct import reconstructed
-from benchmarks.rooms.render import NoOpenGL
-from benchmarks.rooms.scene_files import write_scene
 from estimator.command import main
+from tests.made.rooms.furnish import furnished_room
+from tests.made.rooms.kinds import KINDS
+from tests.made.rooms.knobs import Knobs
+from tests.made.rooms.quick import quick_scene
+from tests.made.rooms.reconstruct import reconstructed
+from tests.made.rooms.render import NoOpenGL
+from tests.made.rooms.scene_files import write_scene
 
 #: An answer further off than this is no estimate of anything: the true interval's own half width is 20 % or so.
 ROUGH = 0.35

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from estimator.command import main
-from estimator.objects_file import SCHEMA
+from estimator.reconstructions.objects_file import SCHEMA
 from metric_tree.tree import Tree
 
 CHAIR = {"length": 1.24, "width": 1.20, "height": 2.10}  # half a metre a unit

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.small_scene import write_small_scene
 from estimator.reading import instances_and_warnings, instances_at, scene_at
 from estimator.scene import BadScene
+from tests.made.small_scene import write_small_scene
 
 
 @pytest.fixture(scope="module")

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from estimator.estimate import Options, estimated
-from estimator.objects import MeasuredObject
+from estimator.measured_object import MeasuredObject
+from estimator.outputs.table import text_of
+from estimator.posterior.verdicts import outlier_reason
 from estimator.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
-from estimator.table import text_of
-from estimator.verdicts import outlier_reason
 from metric_tree.tree import Tree
-from tests.estimator.made_priors import evidence, prior
+from tests.made.priors import evidence, prior
 
 REPORT = ObjectReport(
     id="1",

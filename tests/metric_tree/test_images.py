@@ -9,15 +9,15 @@ import pytest
 
 import metric_tree
 import metric_tree.commands.build as command
-from crawler.pictures import picture
-from metric_tree.build import PRIVATE_LICENCE, built
-from metric_tree.checks import findings
+from crawler.fetch.pictures import picture
+from metric_tree.build.ingest import raw_files
+from metric_tree.build.steps import PRIVATE_LICENCE, built
+from metric_tree.checks.release_files import findings
 from metric_tree.commands import main
-from metric_tree.images import image_path, picture_files
-from metric_tree.ingest import raw_files
-from tests.metric_tree.picture_fixture import shop_picture
-from tests.metric_tree.raw_fixture import SOURCES, made_items, written
-from tests.metric_tree.small_taxonomy import small_taxonomy
+from metric_tree.pictures import image_path, picture_files
+from tests.made.picture_fixture import shop_picture
+from tests.made.raw_fixture import SOURCES, made_items, written
+from tests.made.small_taxonomy import small_taxonomy
 
 
 @pytest.fixture

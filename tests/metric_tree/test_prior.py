@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crawler.faults import InputFault
+from metric_base.faults import InputFault
 from metric_tree.prior import Prior, UnknownDimension
 
 AXES = ("length", "width", "height")

@@ -8,13 +8,13 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.release_counts import counted, dated, funnel, random_paths, refused
-from metric_tree.assembly import evidence_counts
-from metric_tree.build import Options, built
-from metric_tree.evidence import EVIDENCE
+from benchmarks.metric_tree.release_counts import counted, dated, funnel, random_paths, refused
+from metric_tree.build.steps import Options, built
+from metric_tree.build.tables import evidence_counts
+from metric_tree.fit.evidence import EVIDENCE
 from metric_tree.tree import open_tree
-from tests.metric_tree.raw_fixture import SOURCES, made_items, written
-from tests.metric_tree.small_taxonomy import small_taxonomy
+from tests.made.raw_fixture import SOURCES, made_items, written
+from tests.made.small_taxonomy import small_taxonomy
 
 
 @pytest.fixture(scope="module")

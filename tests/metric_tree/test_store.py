@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from metric_tree import schema
-from metric_tree.store import MANIFEST, BadRelease, opened
-from tests import minitree
+from metric_tree.release import MANIFEST, BadRelease, opened
+from tests.made import minitree
 
 
 def test_a_release_is_written_whole(tmp_path: Path) -> None:

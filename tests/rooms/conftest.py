@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.rooms.furnish import furnished_room
-from benchmarks.rooms.quick import MadeScene, quick_scene
-from benchmarks.rooms.render import NoOpenGL
-from benchmarks.rooms.world import World
+from tests.made.rooms.furnish import furnished_room
+from tests.made.rooms.quick import MadeScene, quick_scene
+from tests.made.rooms.render import NoOpenGL
+from tests.made.rooms.world import World
 
 
 @pytest.fixture(scope="session")

@@ -5,12 +5,12 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from benchmarks.rooms.furnish import furnished_room
-from benchmarks.rooms.kinds import KINDS
-from benchmarks.rooms.knobs import Knobs
-from benchmarks.rooms.layout import Footprint, apart
-from benchmarks.rooms.street import street
-from benchmarks.rooms.world import Placed, World
+from tests.made.rooms.furnish import furnished_room
+from tests.made.rooms.kinds import KINDS
+from tests.made.rooms.knobs import Knobs
+from tests.made.rooms.layout import Footprint, apart
+from tests.made.rooms.street import street
+from tests.made.rooms.world import Placed, World
 
 WORLDS = [(kind, seed) for kind in KINDS for seed in (1000, 1001)]
 

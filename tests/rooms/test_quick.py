@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.rooms.knobs import Knobs
-from benchmarks.rooms.quick import MadeScene, quick_scene
-from benchmarks.rooms.scene_files import write_scene
-from benchmarks.rooms.similarity import aligned, random_similarity
-from benchmarks.rooms.street import street
-from benchmarks.rooms.world import World
-from estimator.labels import sparse_labels
+from estimator.geometry.point_labels import sparse_labels
 from estimator.reading import instances_at, scene_at
+from tests.made.rooms.knobs import Knobs
+from tests.made.rooms.quick import MadeScene, quick_scene
+from tests.made.rooms.scene_files import write_scene
+from tests.made.rooms.similarity import aligned, random_similarity
+from tests.made.rooms.street import street
+from tests.made.rooms.world import World
 
 
 @given(st.integers(0, 2**32))

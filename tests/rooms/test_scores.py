@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import adjusted_rand_score
 
-from benchmarks.rooms.quick import MadeScene
-from benchmarks.rooms.scores import Score, adjusted_rand_index, association_score, height_error, summary
-from benchmarks.rooms.sizes import TYPICAL_MM, drawn_sizes, plausible
-from estimator.association import Track
+from estimator.geometry.tracks import Track
+from tests.made.rooms.quick import MadeScene
+from tests.made.rooms.scores import Score, adjusted_rand_index, association_score, height_error, summary
+from tests.made.rooms.sizes import TYPICAL_MM, drawn_sizes, plausible
 
 labels = st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from("abc")), min_size=2, max_size=30)
 

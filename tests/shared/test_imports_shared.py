@@ -11,8 +11,8 @@ from statistics import median
 import pytest
 
 from crawler.imports import Import, imported, readings
+from crawler.imports.sources import source, sources
 from crawler.items import RawItem
-from crawler.sources import source, sources
 
 pytestmark = pytest.mark.shared
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from crawler.pages import saved_page
+from crawler.page.page import saved_page
 from crawler.sites import item_of
 
 FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "pages"

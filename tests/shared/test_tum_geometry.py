@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import adjusted_rand_score
 
-from estimator.measurement import PAPER, MeasurementOptions, Measurements, measured
+from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measured
 from estimator.reading import instances_at, scene_at
 from estimator.scene import Instance
 

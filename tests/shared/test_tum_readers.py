@@ -11,9 +11,9 @@ import pycolmap
 import pytest
 from pycocotools import mask as coco
 
-from estimator.cameras import pixels_in_view
+from estimator.outputs.rescaled import write_scaled
 from estimator.reading import instances_and_warnings, instances_at, scene_at
-from estimator.rescaled import write_scaled
+from estimator.reconstructions.cameras import pixels_in_view
 
 pytestmark = pytest.mark.shared
 

@@ -6,9 +6,9 @@ from functools import cache
 import pytest
 
 from taxonomy.insertions import PREFIX
-from taxonomy.lexicon import Lexicon, default_lexicon
-from taxonomy.senses import DOMAINS, fits
-from taxonomy.words import folded, singulars
+from taxonomy.matching.lexicon import Lexicon, default_lexicon
+from taxonomy.matching.senses import DOMAINS, fits
+from taxonomy.matching.words import folded, singulars
 
 #: WordNet has the word, but means something else, or lumps what differs in size (reasons in docs/matching.md).
 HOMONYMS = frozenset(

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taxonomy.compression import cut, explained, nested_cuts
+from benchmarks.taxonomy.propose_levels import cut, explained, nested_cuts
 from taxonomy.levels import BadLevels, InnerNode, Levels, frozen_levels, table_rows
 
 

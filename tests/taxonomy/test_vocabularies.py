@@ -3,7 +3,7 @@
 import pytest
 
 from taxonomy.catalogue import default_catalogue
-from taxonomy.vocabularies import STUFF, UnknownLabel, labelled_node, vocabularies, vocabulary
+from taxonomy.label_lists import STUFF, UnknownLabel, labelled_node, vocabularies, vocabulary
 
 NODES = {category.node_id for category in default_catalogue().categories}
 

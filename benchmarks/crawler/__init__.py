@@ -1,0 +1,1 @@
+"""Benchmarks of crawling and of reading pages."""

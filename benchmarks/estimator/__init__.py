@@ -1,0 +1,1 @@
+"""Benchmarks of the geometry, the posterior and the whole estimate."""

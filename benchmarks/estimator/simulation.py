@@ -1,0 +1,269 @@
+"""Scale error on simulated scenes: the paper's two figures (section 5), with coverage and refusals.
+
+Objects have true sizes of classes of a release: drawn from its priors with an error that all objects of a class in a
+scene share (`--sizes priors`), or from items of one fold of another release that the priors did not see (`--sizes
+items --items REF --fold K`). Each scene has a random true scale. Knobs: number of objects, size noise (uniform within
++-R, as in the paper), share of objects with cut sides, share with a wrong label, share of
+dimensions grossly off (neither cut nor flagged), copies (all objects of a class are
+one model). What the estimators are told: sigma R / sqrt 3 (2 % at least); a cut side is flagged in nine of ten cases;
+eta is under 0.7 for six of ten cut sides and one of ten whole ones (the paper's figure of bottles is no better).
+
+    python -m benchmarks.estimator.simulation --tree data/release/X --scenes 300
+
+prints, for each setting and method, |s / s_true - 1|: median, mean, 90th percentile, over all scenes by the highest
+mode; coverage of the stated 90 % interval; and the share of scenes that the contract's rule refuses.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+import metric_tree
+from estimator.baselines.candidates import candidate_scales, estimate_on
+from estimator.baselines.paper import ETA, Mixture, fitted
+from estimator.measured_object import AXES, MeasuredObject
+from estimator.posterior.class_error import shared_error
+from estimator.posterior.likelihood import Evidence
+from estimator.posterior.posterior import Estimate, posterior
+from estimator.scene import FloatArray
+from metric_tree.prior import Prior
+from metric_tree.tree import Node, Tree
+
+__all__ = ["Knobs", "World", "main", "scores", "simulated"]
+
+#: The paper's axes (section 5, simulation).
+COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 50)
+NOISES = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
+SHARES = (0.0, 0.1, 0.2, 0.4)
+
+#: A class enters the pool with this many items of the fit and at most this spread of log height: what a detector's
+#: list of useful classes looks like.
+LEAST_ITEMS, WIDEST = 30, 0.35
+
+#: A scene shows at most so many classes: rooms repeat their chairs.
+CLASSES = 8
+
+LEVEL = 0.9
+FLAGGED, ETA_SEES, ETA_CRIES = 0.9, 0.6, 0.1
+MOST_ITEMS = 150
+
+#: A grossly wrong dimension is off by up to this, natural log: a third less to a half more, as the widths of bottles.
+OFF = 0.45
+
+METHODS = ("default", "height", "paper", "boxes")
+HEADER = "objects  noise   cut  wrong   off copies  method    median    mean     p90  cover refused"
+
+
+@dataclass(frozen=True, slots=True)
+class Knobs:
+    """One setting of the simulation; noise, cut and wrong are shares from 0 to 1."""
+
+    objects: int = 8
+    noise: float = 0.06
+    cut: float = 0.2
+    wrong: float = 0.05
+    off: float = 0.05
+    copies: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """Classes that scenes draw from: nodes, priors over length, width, height, and true sizes (n, 3) mm or None."""
+
+    nodes: tuple[Node, ...]
+    priors: tuple[Prior, ...]
+    heights: tuple[Prior, ...]
+    mixtures: tuple[Mixture, ...]
+    sizes: tuple[FloatArray, ...] | None
+
+
+def world(tree: Tree, items: Tree | None, fold: int, baselines: bool = True, seed: int = 0) -> World:
+    """The pool of classes; with `items` their true sizes are that tree's rows of one fold (hash of the item id)."""
+    nodes, priors, sizes = [], [], []
+    for node in tree.leaves():
+        try:
+            prior = node.prior(AXES)
+        except metric_tree.NoPrior:
+            continue
+        spread = float(np.log(prior.quantile(0.84)[2] / prior.quantile(0.16)[2]) / 2)
+        if prior.n < LEAST_ITEMS or spread > WIDEST:
+            continue
+        rows = _rows(items, node.node_id, fold) if items is not None else np.ones((1, 3))
+        if len(rows):
+            nodes.append(node)
+            priors.append(prior)
+            sizes.append(rows)
+    print(f"pool: {len(nodes)} classes: {', '.join(node.name for node in nodes)}", file=sys.stderr)
+    mixtures = [fitted(AXES, prior.sample(MOST_ITEMS, seed)) for prior in priors] if baselines else []
+    heights = [prior.marginal(("height",)) for prior in priors]
+    return World(tuple(nodes), tuple(priors), tuple(heights), tuple(mixtures), tuple(sizes) if items else None)
+
+
+def simulated(
+    world: World, knobs: Knobs, generator: np.random.Generator
+) -> tuple[float, list[tuple[int, MeasuredObject]]]:
+    """A scene: its true scale (metres per unit), and its objects with the class that each is said to be."""
+    scale = float(np.exp(generator.uniform(-3, 3)))
+    pool = generator.choice(len(world.nodes), size=min(CLASSES, len(world.nodes)), replace=False)
+    shift = {int(c): generator.multivariate_normal(np.zeros(3), shared_error(world.priors[c]).covariance) for c in pool}
+    model: dict[int, FloatArray] = {}
+    objects = []
+    for number in range(knobs.objects):
+        true_class = int(generator.choice(pool))
+        size = _size(world, true_class, shift[true_class], generator)
+        if knobs.copies:
+            size = model.setdefault(true_class, size)
+        said = true_class
+        if generator.random() < knobs.wrong:
+            said = int(generator.choice([c for c in range(len(world.nodes)) if c != true_class]))
+        objects.append((said, _measured(str(number), world.nodes[said].node_id, size / 1000 / scale, knobs, generator)))
+    return scale, objects
+
+
+def scores(
+    world: World, knobs: Knobs, scenes: int, seed: int, methods: Sequence[str] = METHODS
+) -> list[dict[str, object]]:
+    """One row per method: error median, mean and 90th percentile, coverage, share refused."""
+    found: dict[str, list[tuple[float, bool, bool]]] = {name: [] for name in methods}
+    for number in range(scenes):
+        scale, objects = simulated(world, knobs, np.random.default_rng([seed, number]))
+        for name in methods:
+            estimate = _estimate(world, objects, name)
+            low, high = estimate.interval
+            error = abs(estimate.modes[0].scale / scale - 1)
+            found[name].append((error, low <= scale <= high, estimate.status == "unresolved"))
+    return [_row(knobs, name, np.array(values, dtype=float)) for name, values in found.items()]
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the settings of both figures and print them."""
+    parser = argparse.ArgumentParser(description="Scale error on simulated scenes.")
+    parser.add_argument("--tree", help="release with the priors")
+    parser.add_argument("--items", help="release whose items are the true sizes (default: draws from the priors)")
+    parser.add_argument("--fold", type=int, default=0, help="fold of the items, 0 to 4")
+    parser.add_argument("--scenes", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--part", choices=("counts", "noise", "faults", "copies", "all"), default="all")
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    parser.add_argument("--output", type=Path, help="write the rows as JSON")
+    options = parser.parse_args(argv)
+    items = metric_tree.open(options.items) if options.items else None
+    baselines = bool({"paper", "boxes"} & set(options.methods))
+    classes = world(metric_tree.open(options.tree), items, options.fold, baselines)
+    rows: list[dict[str, object]] = []
+    print(HEADER)
+    for knobs in _settings(options.part):
+        for row in scores(classes, knobs, options.scenes, options.seed, options.methods):
+            rows.append(row)
+            print(_line(row), flush=True)
+    if options.output is not None:
+        options.output.write_text(json.dumps(rows, indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+def _settings(part: str) -> list[Knobs]:
+    base = Knobs()
+    settings: dict[str, list[Knobs]] = {
+        "counts": [replace(base, objects=n) for n in COUNTS],
+        "noise": [
+            replace(base, noise=noise, objects=n, cut=0.0, wrong=0.0, off=0.0) for n in (3, 10, 20) for noise in NOISES
+        ],
+        "faults": [replace(base, cut=c, wrong=0.0) for c in SHARES]
+        + [replace(base, cut=0.0, wrong=w) for w in SHARES]
+        + [replace(base, off=o) for o in SHARES],
+        "copies": [replace(base, objects=n, copies=True) for n in (4, 10, 20)],
+    }
+    return [knobs for name, group in settings.items() if part in {name, "all"} for knobs in group]
+
+
+def _rows(items: Tree, node_id: str, fold: int) -> FloatArray:
+    """(n, 3) mm of the complete items of a fold."""
+    try:
+        table = items.node(node_id).items()
+    except metric_tree.UnknownName:
+        return np.zeros((0, 3))
+    keep = [
+        int(hashlib.sha256(name.encode()).hexdigest(), 16) % 5 == fold for name in table.column("item_id").to_pylist()
+    ]
+    sizes = np.column_stack([np.array(table.column(f"{name}_mm").to_pylist(), dtype=float) for name in AXES])
+    return np.asarray(sizes[np.array(keep, dtype=bool) & np.isfinite(sizes).all(axis=1)])
+
+
+def _size(world: World, number: int, shift: FloatArray, generator: np.random.Generator) -> FloatArray:
+    """(3,) mm: an item of the fold, or a draw within a source moved by the class's shared error of this scene."""
+    if world.sizes is not None:
+        return np.asarray(world.sizes[number][generator.integers(len(world.sizes[number]))])
+    prior = world.priors[number]
+    component = generator.choice(len(prior.weights), p=prior.weights / prior.weights.sum())
+    return np.exp(generator.multivariate_normal(prior.means[component], prior.covariances[component]) + shift)
+
+
+def _measured(
+    name: str, node_id: str, true: FloatArray, knobs: Knobs, generator: np.random.Generator
+) -> MeasuredObject:
+    extents = true * (1 + generator.uniform(-knobs.noise, knobs.noise, 3))
+    cut = np.zeros(3, dtype=bool)
+    if generator.random() < knobs.cut:
+        cut[generator.choice(3, size=generator.choice([1, 1, 2]), replace=False)] = True
+        extents = np.where(cut, extents * generator.uniform(0.2, 0.95, 3), extents)
+    off = generator.random(3) < knobs.off
+    extents = np.where(off, extents * np.exp(generator.uniform(-OFF, OFF, 3)), extents)
+    eta = np.where(generator.random(3) < np.where(cut, ETA_SEES, ETA_CRIES), 0.5, 1.0)
+    flagged = cut & (generator.random(3) < FLAGGED)
+    order = np.array([0, 1, 2]) if extents[0] >= extents[1] else np.array([1, 0, 2])
+    sigma = np.full(3, max(knobs.noise / np.sqrt(3), 0.02))
+    return MeasuredObject(name, node_id, extents[order], sigma, eta[order], flagged[order])
+
+
+def _estimate(world: World, objects: Sequence[tuple[int, MeasuredObject]], method: str) -> Estimate:
+    if method in {"default", "height"}:
+        priors = world.priors if method == "default" else world.heights
+        return posterior([Evidence(item, priors[said], world.nodes[said].pose) for said, item in objects], level=LEVEL)
+    terms = []
+    for said, item in objects:
+        axes = np.flatnonzero(item.confidence >= ETA) if method == "paper" else np.arange(3)
+        if len(axes):
+            terms.append((world.mixtures[said], axes.tolist(), item.extents[axes] * 1000))
+    if not terms:  # every dimension distrusted: the paper has nothing to say; take the boxes
+        return _estimate(world, objects, "boxes")
+    proposed = [v for mixture, axes, mm in terms for v in (mixture.weights @ mixture.means)[axes] / mm]
+    scales = candidate_scales(np.array(proposed))
+    return estimate_on(scales, np.stack([m.log_density(scales[:, None] * mm, axes) for m, axes, mm in terms]), LEVEL)
+
+
+def _row(knobs: Knobs, name: str, values: FloatArray) -> dict[str, object]:
+    error, covered, refused = values.T
+    return {
+        "objects": knobs.objects,
+        "noise": knobs.noise,
+        "cut": knobs.cut,
+        "wrong": knobs.wrong,
+        "off": knobs.off,
+        "copies": knobs.copies,
+        "method": name,
+        "median": float(np.median(error)),
+        "mean": float(error.mean()),
+        "p90": float(np.quantile(error, 0.9)),
+        "coverage": float(covered.mean()),
+        "refused": float(refused.mean()),
+    }
+
+
+def _line(row: dict[str, object]) -> str:
+    return (
+        f"{row['objects']:>7} {row['noise']:>6.0%} {row['cut']:>5.0%} {row['wrong']:>6.0%} {row['off']:>5.0%} "
+        f"{row['copies']!s:>6}  {row['method']:<8} {row['median']:>7.1%} {row['mean']:>7.1%} {row['p90']:>7.1%} "
+        f"{row['coverage']:>6.0%} {row['refused']:>7.0%}"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

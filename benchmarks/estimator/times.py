@@ -1,0 +1,132 @@
+"""The paper's times and ours, side by side in one run.
+
+`OMP_NUM_THREADS=1 python -m benchmarks.estimator.times [--tree REF]`.
+
+The paper's figures (section 5.1) are from an i7-6850K with a GTX 1080 Ti; ours are of this machine, on one thread,
+medians of several runs, and the least, which says more where other work shares the machine. Labels: a made room of
+100,000 dense points and ten masks a frame. Posterior: fifty objects of made rooms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+
+import metric_tree
+from estimator.estimate import estimated
+from estimator.geometry.measurement import measured
+from estimator.geometry.point_labels import dense_labels, sparse_labels
+from estimator.measured_object import MeasuredObject
+from estimator.scene import Instance
+from tests.made.rooms.furnish import furnished_room
+from tests.made.rooms.kinds import KINDS
+from tests.made.rooms.quick import MadeScene, quick_scene
+
+ROOT = Path(__file__).resolve().parents[2]
+RUNS = 7
+#: Runs of what takes a few milliseconds: the median of a few says more about the machine's other work.
+SHORT_RUNS = 50
+DENSE_POINTS, MASKS = 100_000, 10
+OBJECTS = 50
+DEMO = ROOT / "data" / "scenes" / "demo_room"
+QUERY = "import metric_tree; metric_tree.open().find('swivel chair').prior().quantile(0.5)"
+ESTIMATE = f"from estimator.command import main; raise SystemExit(main([{str(DEMO)!r}]))"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--tree", help="release, version or path; the shipped one by default")
+    arguments = parser.parse_args()
+    tree = metric_tree.open(arguments.tree) if arguments.tree else metric_tree.open()
+    made = quick_scene(furnished_room("sitting room", 0), dense_a_frame=DENSE_POINTS // 24 + 1)
+    views = len(made.scene.views)
+    few = _masks_a_frame(made, MASKS)
+    dense = made.scene.dense
+    assert dense is not None  # asked for
+    blind = replace(made.scene, dense=replace(dense, visible_offsets=None, visible_views=None))
+    found = measured(made.scene, made.instances)
+    objects = _objects(OBJECTS)
+    dimensions = [measured(made.scene, made.instances).timings["dimensions"] for _ in range(RUNS)]
+    estimated(objects, tree)  # the first call loads what every later one shares
+    posterior = [estimated(objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
+    scene_posterior = [estimated(found.objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
+    rows = [
+        (f"labels, a frame ({len(dense.points):,} dense points, {MASKS} masks, depth test)", "200 ms",
+         _a_frame(lambda: dense_labels(blind, few), views)),
+        ("labels, a frame (the same with the cloud's visibility file)", "200 ms",
+         _a_frame(lambda: dense_labels(made.scene, few), views)),
+        (f"labels, a frame ({len(made.scene.points):,} sparse points)", "200 ms",
+         _a_frame(lambda: sparse_labels(made.scene, few), views)),
+        (f"dimensions, a scene ({len(found.objects)} objects)", "20 ms", dimensions),
+        (f"posterior, a scene ({len(found.objects)} objects)", "4 ms", scene_posterior),
+        (f"posterior, {OBJECTS} objects", "4 ms", posterior),
+        ("start to answer, demo scene (new process)", "-", _processes(ESTIMATE)),
+        ("import metric_tree and one query (new process)", "-", _processes(QUERY)),
+    ]  # fmt: skip
+    where = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    print(f"{where}, load {os.getloadavg()[0]:.1f}\n\n| what | paper | here, median | here, least |\n|---|---|---|---|")
+    for what, paper, taken in rows:
+        print(f"| {what} | {paper} | {1000 * median(taken):.2f} ms | {1000 * min(taken):.2f} ms |")
+
+
+def _timed(call: Callable[[], object], runs: int = RUNS) -> list[float]:
+    """Seconds of each of several calls."""
+    taken = []
+    for _ in range(runs):
+        started = time.perf_counter()
+        call()
+        taken.append(time.perf_counter() - started)
+    return taken
+
+
+def _a_frame(call: Callable[[], object], views: int) -> list[float]:
+    return [seconds / views for seconds in _timed(call)]
+
+
+def _processes(code: str) -> list[float]:
+    """Seconds of fresh interpreters that run `code`; an unresolved scale (exit 3) is an answer too."""
+
+    def run() -> None:
+        status = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=False)
+        if status.returncode not in (0, 3):
+            raise SystemExit(f"{code}: {status.stderr.decode()[-500:]}")
+
+    run()  # the disk's cache
+    return _timed(run, 5)
+
+
+def _masks_a_frame(made: MadeScene, most: int) -> list[Instance]:
+    """The `most` largest masks of every frame."""
+    largest = sorted(made.instances, key=lambda item: -int(item.mask.sum()))
+    kept: dict[int, list[Instance]] = {}
+    for item in largest:
+        if len(kept.setdefault(item.view, [])) < most:
+            kept[item.view].append(item)
+    return [item for view in sorted(kept) for item in kept[view]]
+
+
+def _objects(count: int) -> list[MeasuredObject]:
+    """Measured objects of several rooms, brought to one scale, so that they can be read as one large scene."""
+    gathered: list[MeasuredObject] = []
+    for seed in range(3):
+        for kind in KINDS:
+            if len(gathered) >= count:
+                return gathered[:count]
+            made = quick_scene(furnished_room(kind, seed), seed=seed)
+            for thing in measured(made.scene, made.instances).objects:
+                if thing.skipped is None:
+                    unit = replace(thing, id=str(len(gathered)), extents=thing.extents * made.truth.metres_per_unit)
+                    gathered.append(unit)
+    return gathered[:count]
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Benchmarks of the build, the priors and the pictures."""

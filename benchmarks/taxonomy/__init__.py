@@ -1,0 +1,1 @@
+"""Benchmarks of levels, matching and label lists."""

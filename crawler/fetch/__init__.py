@@ -1,0 +1,1 @@
+"""What to fetch and when: the frontier, Scrapy's scheduler, spiders, segments of raw items."""

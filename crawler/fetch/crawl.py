@@ -1,0 +1,234 @@
+"""A crawl as one call: a frontier, a spider, its manners, and a summary at the end."""
+
+from __future__ import annotations
+
+import gc
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier, came_to_nothing
+from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
+from crawler.fetch.segments import write_segments
+from crawler.page.page import web_address
+from metric_base.faults import InputFault
+
+__all__ = ["Crawl", "Summary", "crawled"]
+
+#: Seconds between two writes of segments: what a reader of a running crawl waits for at most.
+SEGMENT_SECONDS = 60.0
+
+#: Seconds after which another worker takes up a page, for crawls of sites that answer fast.
+LEASE_VARIABLE = "METRIC_TREE_LEASE_SECONDS"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crawl:
+    """What to crawl and where to; `redis` shares the frontier, `worker` keeps workers' items apart in `out`."""
+
+    spider: str
+    out: Path
+    start: Sequence[str] = ()
+    query: str = ""
+    category: str = ""
+    limit: int = 0
+    resume: bool = False
+    pictures: bool = False
+    contact: str
+    cache: Path | None = None
+    private: bool = False
+    delay: float = 1.0
+    redis: str = ""
+    worker: str = ""
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def folder(self) -> Path:
+        """Where this worker's files go."""
+        return self.out / self.worker if self.worker else self.out
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a crawl did in this run, and what its frontier holds after it."""
+
+    reason: str
+    seconds: float
+    pages: int
+    items: int
+    pictures: int
+    bytes: int
+    bans: int
+    dropped: Mapping[str, int]
+    failed: Mapping[str, int]
+    frontier: Mapping[str, int]
+    sites: Mapping[str, Mapping[str, float]]
+
+    @property
+    def fault(self) -> str | None:
+        """Why nothing came home, where that is so; None for a crawl that did its work, or was interrupted."""
+        refused = PRIVATE in self.failed
+        if self.pages or self.reason == "shutdown" or (self.frontier["done"] and not refused):
+            return None
+        why = ", ".join(f"{reason} {count}" for reason, count in self.failed.items()) or self.reason
+        hint = ": --private allows addresses of this machine and its network" if refused else ""
+        return f"expected pages; found none ({why}){hint}"
+
+    def record(self) -> dict[str, Any]:
+        """The summary as JSON."""
+        rate = self.pages / self.seconds if self.seconds else 0.0
+        values = {name: getattr(self, name) for name in self.__slots__}
+        return {"schema": "metric-tree/crawl/1", **values, "pages_per_second": round(rate, 2)}
+
+
+def crawled(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None = None) -> Summary:
+    """Run a crawl to its end.
+
+    Raises
+    ------
+    InputFault
+        The folder holds a crawl already and `resume` was not asked for, the spider is unknown, or nothing says where
+        to begin. Nothing is written then.
+    """
+    from scrapy.crawler import CrawlerProcess
+
+    from crawler.fetch.manners import settings
+    from crawler.fetch.scheduler import LIMIT_SETTING
+    from crawler.fetch.spiders import spider_class
+
+    spider = spider_class(crawl.spider)
+    for url in crawl.start:
+        web_address(url, "--start-url")
+    frontier = _frontier(crawl, spider)
+    options = settings(contact=crawl.contact, cache=crawl.cache, private=crawl.private, delay=crawl.delay)
+    options |= {"LOG_INSTALL_ROOT_HANDLER": False, LIMIT_SETTING: crawl.limit}
+    process = CrawlerProcess(options | dict(crawl.overrides))
+    crawler = process.create_crawler(spider)
+    crawler.frontier = frontier
+    started = time.monotonic()
+    _heartbeat(frontier, crawl.folder, crawler, progress)
+    failures: list[Any] = []
+    running = process.crawl(
+        crawler, **frontier.origin(), pictures=crawl.folder / "pictures" if crawl.pictures else None
+    )
+    running.addErrback(failures.append)
+    # What the libraries brought along stays; the collector need not walk over it again after every few pages.
+    gc.collect()
+    gc.freeze()
+    process.start()
+    gc.unfreeze()
+    if failures:
+        failures[0].raiseException()
+    write_segments(frontier, crawl.folder)
+    summary = _summary(crawler.stats.get_stats(), frontier, time.monotonic() - started)
+    frontier.close()
+    return summary
+
+
+def _frontier(crawl: Crawl, spider: Any) -> Any:
+    """The crawl's frontier, which knows where to begin; what was refused and may be allowed now waits again."""
+    path = crawl.folder / "frontier.sqlite"
+    if path.exists() and not crawl.resume and not came_to_nothing(stored_counts(path)):
+        raise InputFault(f"{crawl.folder}: expected a free folder, or --resume; found a crawl")
+    if not path.exists() and not crawl.redis:
+        _begun(crawl, spider, {})  # a fault is found before a file is made
+    frontier = _opened(crawl, path)
+    try:
+        _begin(frontier, crawl, spider)
+    except InputFault:
+        frontier.close()
+        raise
+    return frontier
+
+
+def _begin(frontier: Any, crawl: Crawl, spider: Any) -> None:
+    before, counts = frontier.origin(), frontier.counts()
+    if counts["failed"] and came_to_nothing(counts):
+        before = before if crawl.resume else {}
+        frontier.start_over()
+    frontier.remember(_begun(crawl, spider, before))
+    if crawl.resume:
+        frontier.reopen(OFF_SITE)
+    if crawl.resume and crawl.private:
+        frontier.reopen(PRIVATE)
+
+
+def _begun(crawl: Crawl, spider: Any, before: Mapping[str, Any]) -> dict[str, Any]:
+    """What the crawl begins with: what is given and, of a crawl that is gone on with, what was given before."""
+    begun = {
+        "start": list(dict.fromkeys([*crawl.start, *before.get("start", ())])),
+        "query": crawl.query or before.get("query", ""),
+        "category": crawl.category or before.get("category", ""),
+    }
+    if not spider.beginnings(**begun):
+        raise InputFault(f"{crawl.spider}: expected {spider.wanted()}, to begin with; found none")
+    return begun
+
+
+def _opened(crawl: Crawl, path: Path) -> Any:
+    if crawl.redis:
+        from crawler.fetch.frontier_redis import LEASE_SECONDS, RedisFrontier
+
+        lease = float(os.environ.get(LEASE_VARIABLE, LEASE_SECONDS))
+        return RedisFrontier(crawl.redis, crawl.out.name or "crawl", crawl.folder, lease)
+    return SqliteFrontier(path)
+
+
+def _heartbeat(frontier: Any, folder: Path, crawler: Any, progress: Callable[[Mapping[str, Any]], None] | None) -> None:
+    """Once a second the progress, once a minute a segment, while the reactor runs."""
+    from scrapy import signals
+
+    running: list[Any] = []
+
+    def begin() -> None:
+        from twisted.internet.task import LoopingCall  # asks for the reactor, which Scrapy must have chosen first
+
+        beats: list[tuple[float, Callable[[], object]]] = [(SEGMENT_SECONDS, lambda: write_segments(frontier, folder))]
+        if progress is not None:
+            beats.append((1.0, lambda: progress(crawler.stats.get_stats() | frontier.counts())))
+        for seconds, beat in beats:
+            running.append(LoopingCall(beat))
+            running[-1].start(seconds, now=False)
+
+    def end() -> None:
+        for beat in running:
+            beat.stop()
+
+    crawler.signals.connect(begin, signals.spider_opened, weak=False)
+    crawler.signals.connect(end, signals.spider_closed, weak=False)
+
+
+def _summary(stats: Mapping[str, Any], frontier: Frontier, seconds: float) -> Summary:
+    def below(prefix: str) -> dict[str, int]:
+        return {name.removeprefix(prefix): value for name, value in stats.items() if name.startswith(prefix)}
+
+    return Summary(
+        reason=str(stats.get("finish_reason", "unknown")),
+        seconds=round(seconds, 3),
+        pages=int(stats.get("metric_tree/pages", 0)),
+        items=int(stats.get("metric_tree/items", 0)),
+        pictures=int(stats.get("metric_tree/pictures", 0)),
+        bytes=int(stats.get("downloader/response_bytes", 0)),
+        bans=int(stats.get("metric_tree/bans", 0)),
+        dropped=below("metric_tree/dropped/"),
+        failed=below("metric_tree/failed/"),
+        frontier=frontier.counts(),
+        sites=_sites(stats, seconds),
+    )
+
+
+def _sites(stats: Mapping[str, Any], seconds: float) -> dict[str, dict[str, float]]:
+    """What was counted by host: pages, items, drops and failures by reason, bytes as unpacked, and the rate."""
+    from crawler.fetch.scheduler import SITES
+
+    found: dict[str, dict[str, float]] = {}
+    for name, value in stats.items():
+        if name.startswith(SITES):
+            host, _, what = name.removeprefix(SITES).partition("/")
+            found.setdefault(host, {})[what] = value
+    for counts in found.values():
+        counts["pages_per_second"] = round(counts.get("pages", 0) / seconds, 2) if seconds else 0.0
+    return found

@@ -1,0 +1,114 @@
+"""The frontier of a crawl: what is to be fetched, what is being fetched, what came of it. Durable at every moment.
+
+A page is one transaction: its items, its links and the mark that it is done are written together or not at all. A
+process that is killed therefore loses nothing and repeats nothing: what it had leased is fetched again, what it had
+finished is not. (Scrapy's JOBDIR keeps no such promise: it forgets requests in flight and what it had not yet flushed.)
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from crawler.page.page import canonical_url
+
+__all__ = ["OFF_SITE", "PRIVATE", "REFUSALS", "Frontier", "Outcome", "Task", "came_to_nothing", "task_key"]
+
+#: Refusals that come of a crawl's options and not of the page: a resume with other options offers these tasks again.
+OFF_SITE, PRIVATE = "off the site", "private address"
+REFUSALS = (OFF_SITE, PRIVATE)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """One address to fetch: the name of the spider's method for it, small facts that travel along, its priority."""
+
+    url: str
+    callback: str = "parse"
+    meta: Mapping[str, Any] = field(default_factory=dict)
+    priority: int = 0
+    key: str = ""
+
+    def text(self) -> str:
+        """The task as JSON; no pickle, since a shared frontier must not run what it is given."""
+        return json.dumps([self.url, self.callback, dict(self.meta), self.priority, self.key], ensure_ascii=False)
+
+    @classmethod
+    def of_text(cls, text: str) -> Task:
+        """The task of its JSON."""
+        url, callback, meta, priority, key = json.loads(text)
+        return cls(url, callback, meta, priority, key)
+
+
+def task_key(url: str, callback: str = "parse") -> str:
+    """The identity of a task: one canonical address is fetched once for one purpose."""
+    return hashlib.sha256(f"{callback} {canonical_url(url)}".encode()).hexdigest()[:32]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of a task: `items` and `pictures` as JSON lines by their ids, tasks it led to, why it failed.
+
+    most : new items to take at most, None for all; a page of which items were left over waits to be fetched again.
+    An answer is a page with items or a picture, never both, so that what was new of either is one number.
+    """
+
+    key: str
+    items: Sequence[tuple[str, str]] = ()
+    tasks: Sequence[Task] = ()
+    failure: str | None = None
+    pictures: Sequence[tuple[str, str]] = ()
+    most: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.items and self.pictures:
+            raise ValueError(f"{self.key}: expected items or pictures; found both")
+
+    def is_whole(self, new: int) -> bool:
+        """Whether no item was left over, where `new` were taken."""
+        return self.most is None or new < self.most or len(self.items) <= new
+
+
+class Frontier(Protocol):
+    """What the scheduler asks of a frontier; `frontier_sqlite` is one process's, `frontier_redis` everyone's."""
+
+    def add(self, tasks: Iterable[Task]) -> int:
+        """Add the tasks whose keys are new; the number of them."""
+
+    def lease(self) -> Task | None:
+        """The next task, now in this process's hands; None where nothing waits."""
+
+    def put_back(self, task: Task) -> None:
+        """Return a leased task, perhaps with another address (a redirect) or other facts (a retry)."""
+
+    def commit(self, outcome: Outcome) -> int:
+        """Write what came of a leased task, in one transaction; the number of items and pictures that were new."""
+
+    def is_exhausted(self) -> bool:
+        """Whether nothing waits, and nothing is in any worker's hands and might come back."""
+
+    def counts(self) -> dict[str, int]:
+        """Tasks by state, items, and pictures."""
+
+    def origin(self) -> dict[str, Any]:
+        """What the crawl began with, as it was remembered; empty if nothing was."""
+
+    def remember(self, origin: Mapping[str, Any]) -> None:
+        """Keep what the crawl began with, for a resume that does not name it."""
+
+    def reopen(self, reason: str) -> int:
+        """Let the tasks that were refused for a reason (of `REFUSALS`) wait again; the number of them."""
+
+    def start_over(self) -> None:
+        """Forget all tasks: those of a crawl that came to nothing."""
+
+    def close(self) -> None:
+        """Release files and connections."""
+
+
+def came_to_nothing(counts: Mapping[str, int]) -> bool:
+    """Whether a crawl ended and no page came home; its folder may be used as if it were free."""
+    return not any(counts[state] for state in ("waiting", "leased", "done", "items"))

@@ -1,0 +1,178 @@
+"""The frontier of one process: an SQLite file that also holds the items until they are written out."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import quote
+
+from crawler.fetch.frontier import Outcome, Task, task_key
+
+__all__ = ["SqliteFrontier", "stored_counts"]
+
+WAITING, LEASED, DONE, FAILED = range(4)
+_STATES = ("waiting", "leased", "done", "failed")
+
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS tasks (
+    key TEXT PRIMARY KEY, state INTEGER NOT NULL, priority INTEGER NOT NULL, number INTEGER NOT NULL,
+    text TEXT NOT NULL, failure TEXT
+) WITHOUT ROWID;
+CREATE INDEX IF NOT EXISTS queue ON tasks (state, priority DESC, number);
+CREATE TABLE IF NOT EXISTS items (number INTEGER PRIMARY KEY, id TEXT UNIQUE NOT NULL, line TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS pictures (number INTEGER PRIMARY KEY, id TEXT UNIQUE NOT NULL, line TEXT NOT NULL);
+CREATE TABLE IF NOT EXISTS origin (one INTEGER PRIMARY KEY CHECK (one = 1), text TEXT NOT NULL);
+"""
+
+_STORE = {
+    "items": "INSERT OR IGNORE INTO items (id, line) VALUES (?, ?)",
+    "pictures": "INSERT OR IGNORE INTO pictures (id, line) VALUES (?, ?)",
+}
+_LINES = {
+    "items": "SELECT number, line FROM items WHERE number > ? ORDER BY number",
+    "pictures": "SELECT number, line FROM pictures WHERE number > ? ORDER BY number",
+}
+_COUNT = {"items": "SELECT count(*) FROM items", "pictures": "SELECT count(*) FROM pictures"}
+
+
+class SqliteFrontier:
+    """A frontier in one file. Opening it puts back whatever a killed process had in its hands."""
+
+    def __init__(self, path: Path) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._connection = sqlite3.connect(path, isolation_level=None)
+        # A killed process loses no committed transaction in this mode; only a power cut could lose the last ones.
+        self._connection.executescript("PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL;" + _SCHEMA)
+        self._connection.execute("UPDATE tasks SET state=? WHERE state=?", (WAITING, LEASED))
+        found = self._connection.execute("SELECT coalesce(max(number), 0) FROM tasks").fetchone()
+        self._number = int(found[0])
+
+    def add(self, tasks: Iterable[Task]) -> int:
+        """Add the tasks whose keys are new; the number of them."""
+        with self._transaction():
+            return self._insert(tasks)
+
+    def lease(self) -> Task | None:
+        """The next task by priority, then age."""
+        row = self._connection.execute(
+            "UPDATE tasks SET state=? WHERE key=(SELECT key FROM tasks WHERE state=? ORDER BY priority DESC, number"
+            " LIMIT 1) RETURNING text",
+            (LEASED, WAITING),
+        ).fetchone()
+        return Task.of_text(row[0]) if row else None
+
+    def put_back(self, task: Task) -> None:
+        """Return a leased task, perhaps changed."""
+        self._connection.execute(
+            "UPDATE tasks SET state=?, text=?, priority=? WHERE key=?", (WAITING, task.text(), task.priority, task.key)
+        )
+
+    def commit(self, outcome: Outcome) -> int:
+        """Items, links and the mark that the task is done, in one transaction."""
+        with self._transaction():
+            new = self._store("items", outcome.items, outcome.most)
+            state = DONE if outcome.is_whole(new) else WAITING
+            new += self._store("pictures", outcome.pictures)
+            self._insert(outcome.tasks)
+            self._connection.execute(
+                "UPDATE tasks SET state=?, failure=? WHERE key=?",
+                (state if outcome.failure is None else FAILED, outcome.failure, outcome.key),
+            )
+        return new
+
+    def is_exhausted(self) -> bool:
+        """Whether no task waits or is leased; asked before every request, so it counts nothing."""
+        query = "SELECT EXISTS (SELECT 1 FROM tasks WHERE state IN (?, ?))"
+        return not self._connection.execute(query, (WAITING, LEASED)).fetchone()[0]
+
+    def counts(self) -> dict[str, int]:
+        """Tasks by state, items, and pictures."""
+        return _counts(self._connection)
+
+    def origin(self) -> dict[str, Any]:
+        """What the crawl began with; empty if nothing was remembered."""
+        row = self._connection.execute("SELECT text FROM origin").fetchone()
+        return dict(json.loads(row[0])) if row else {}
+
+    def remember(self, origin: Mapping[str, Any]) -> None:
+        """Keep what the crawl began with."""
+        self._connection.execute("INSERT OR REPLACE INTO origin VALUES (1, ?)", (json.dumps(dict(origin)),))
+
+    def reopen(self, reason: str) -> int:
+        """Let the tasks that were refused for a reason wait again; the number of them."""
+        query = "UPDATE tasks SET state=?, failure=NULL WHERE state=? AND failure=?"
+        return self._connection.execute(query, (WAITING, FAILED, reason)).rowcount
+
+    def start_over(self) -> None:
+        """Forget all tasks."""
+        self._connection.execute("DELETE FROM tasks")
+
+    def failures(self) -> dict[str, int]:
+        """Failed tasks by their reason."""
+        query = "SELECT failure, count(*) FROM tasks WHERE state=? GROUP BY failure ORDER BY 2 DESC"
+        return dict(self._connection.execute(query, (FAILED,)).fetchall())
+
+    def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterator[tuple[int, str]]:
+        """Numbers and JSON lines of the items or pictures behind a number, in the order in which they came."""
+        yield from self._connection.execute(_LINES[kind], (after,))
+
+    def close(self) -> None:
+        """Close the file; its journal is folded into it."""
+        self._connection.close()
+
+    def _insert(self, tasks: Iterable[Task]) -> int:
+        added = 0
+        for task in tasks:
+            key = task.key or task_key(task.url, task.callback)
+            self._number += 1
+            whole = Task(task.url, task.callback, task.meta, task.priority, key)
+            added += self._connection.execute(
+                "INSERT OR IGNORE INTO tasks (key, state, priority, number, text) VALUES (?, ?, ?, ?, ?)",
+                (key, WAITING, task.priority, self._number, whole.text()),
+            ).rowcount
+        return added
+
+    def _store(self, kind: str, entries: Sequence[tuple[str, str]], most: int | None = None) -> int:
+        """Insert entries until `most` of them were new; the number that were."""
+        new = 0
+        for entry in entries:
+            if new == most:
+                break
+            new += self._connection.execute(_STORE[kind], entry).rowcount
+        return new
+
+    def _transaction(self) -> _Transaction:
+        return _Transaction(self._connection)
+
+
+def stored_counts(path: Path) -> dict[str, int]:
+    """The counts of a frontier's file that another process may have open: nothing is put back, nothing written."""
+    connection = sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)
+    try:
+        return _counts(connection)
+    except sqlite3.OperationalError:  # killed before its tables were made, or made before pictures had one
+        return dict.fromkeys((*_STATES, *_COUNT), 1)
+    finally:
+        connection.close()
+
+
+def _counts(connection: sqlite3.Connection) -> dict[str, int]:
+    rows = dict(connection.execute("SELECT state, count(*) FROM tasks GROUP BY state").fetchall())
+    states = {name: int(rows.get(state, 0)) for state, name in enumerate(_STATES)}
+    return states | {kind: int(connection.execute(query).fetchone()[0]) for kind, query in _COUNT.items()}
+
+
+class _Transaction:
+    """BEGIN IMMEDIATE to COMMIT, or ROLLBACK where the body raised."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+
+    def __enter__(self) -> None:
+        self._connection.execute("BEGIN IMMEDIATE")
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        self._connection.execute("COMMIT" if kind is None else "ROLLBACK")

@@ -1,0 +1,105 @@
+"""Pictures of items: verified as what they claim to be, stored once under the hash of their bytes."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from dataclasses import asdict, dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Literal, cast
+
+from metric_base.files import whole_file
+
+__all__ = ["SCHEMA", "Picture", "Refusal", "decoded", "picture"]
+
+SCHEMA = "metric-tree/picture/1"
+
+#: Why a picture is refused.
+Refusal = Literal["empty", "too_many_bytes", "no_picture", "too_small", "too_large", "animated", "broken"]
+
+#: Bytes of one picture: ten times a large product photograph.
+MAXIMUM_BYTES = 20_000_000
+
+#: Sides in pixels: below, a cut-out has no edge to speak of; above, a picture is a bomb or a poster.
+SIDES = (64, 12_000)
+
+#: Pixels: forty million are 160 MB once unpacked with transparency.
+MAXIMUM_PIXELS = 40_000_000
+
+_ENDINGS = {"JPEG": "jpg", "PNG": "png", "WEBP": "webp"}
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A stored picture: its hash, its item, where it came from and where it lies, its size."""
+
+    image_id: str
+    item_id: str
+    source_url: str
+    path: str
+    width_px: int
+    height_px: int
+
+    @property
+    def identity(self) -> str:
+        """What makes the record one: a picture shown by two items is two records and one file."""
+        return f"picture:{self.image_id}:{self.item_id}"
+
+    def line(self) -> str:
+        """The record as one JSON line."""
+        return json.dumps({"schema": SCHEMA, **asdict(self)}, ensure_ascii=False)
+
+
+def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refusal:
+    """The picture of a body, stored in `folder`, or why it was refused.
+
+    Only JPEG, PNG and WebP stills pass; the header's size is checked before a pixel is unpacked.
+    """
+    image: Any | Refusal = decoded(body)
+    if isinstance(image, str):
+        return cast(Refusal, image)
+    ending, (width, height) = _ENDINGS[image.format], image.size
+    name = hashlib.sha256(body).hexdigest()
+    path = Path(name[:2]) / f"{name}.{ending}"
+    _store(folder / path, body)
+    return Picture(name, item_id, url, path.as_posix(), width, height)
+
+
+def decoded(body: bytes) -> Any | Refusal:
+    """The Pillow image of a body, its pixels unpacked, or why it was refused."""
+    if not body:
+        return "empty"
+    if len(body) > MAXIMUM_BYTES:
+        return "too_many_bytes"
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        image = Image.open(BytesIO(body), formats=list(_ENDINGS))
+        refused = _refusal(image)
+        if refused is None:
+            image.load()
+    except (UnidentifiedImageError, Image.DecompressionBombError):
+        return "no_picture"
+    except (OSError, ValueError, SyntaxError, KeyError):  # what Pillow raises for truncated and crooked files
+        return "broken"
+    return refused or image
+
+
+def _refusal(image: Any) -> Refusal | None:
+    """What the header alone tells against a picture."""
+    if getattr(image, "is_animated", False):
+        return "animated"
+    if min(image.size) < SIDES[0]:
+        return "too_small"
+    if max(image.size) > SIDES[1] or image.width * image.height > MAXIMUM_PIXELS:
+        return "too_large"
+    return None if image.format in _ENDINGS else "no_picture"
+
+
+def _store(path: Path, body: bytes) -> None:
+    if path.exists():
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as work:
+        work.write_bytes(body)

@@ -1,0 +1,210 @@
+"""Scrapy's scheduler over a durable frontier, and the spider middleware that commits a page as one transaction."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from typing import Any
+from urllib.parse import urlsplit
+
+from scrapy import Request, Spider
+from scrapy.core.scheduler import BaseScheduler
+from scrapy.crawler import Crawler
+from scrapy.exceptions import DownloadCancelledError, IgnoreRequest
+from scrapy.http import Response
+from scrapy.spidermiddlewares.httperror import HttpError
+from scrapy.statscollectors import StatsCollector
+from twisted.python.failure import Failure
+
+from crawler.fetch.frontier import Frontier, Outcome, Task, task_key
+from crawler.fetch.pictures import Picture
+from crawler.items import RawItem
+
+__all__ = ["KEY", "LIMIT_SETTING", "SITES", "CommitMiddleware", "FrontierScheduler", "frontier_of"]
+
+#: The request's meta that holds the task's key.
+KEY = "frontier_key"
+
+#: The setting that holds the number of new items after which a crawl ends; 0 for no end.
+LIMIT_SETTING = "METRIC_TREE_LIMIT"
+
+#: Addresses that a spider remembers: some twenty megabytes. Forgetting costs time only, the frontier knows them all.
+KNOWN = 100_000
+
+#: Begins the names of what is counted for each site: host, then what.
+SITES = "metric_tree/sites/"
+
+#: Set once a failure is committed: Scrapy passes the errback's empty output through the spider middlewares too.
+_SETTLED = "frontier_settled"
+
+#: What of a request's meta outlives the process: the counters of Scrapy's own middlewares and what spiders hand on.
+_LASTING = ("depth", "retry_times", "redirect_times", "redirect_urls", "bans", "item")
+
+
+def frontier_of(crawler: Crawler) -> Frontier:
+    """The frontier that `crawler.fetch.crawl` hangs on a crawler; settings are copied deep, a connection cannot be."""
+    frontier: Frontier = crawler.frontier
+    return frontier
+
+
+class FrontierScheduler(BaseScheduler):
+    """Requests come from the frontier and go back to it; nothing waits in memory, so memory does not grow."""
+
+    def __init__(self, frontier: Frontier) -> None:
+        self._frontier = frontier
+        self._spider: Spider | None = None
+
+    @classmethod
+    def from_crawler(cls, crawler: Crawler) -> FrontierScheduler:
+        """The scheduler over the crawler's frontier."""
+        return cls(frontier_of(crawler))
+
+    def open(self, spider: Spider) -> None:
+        """Remember the spider, whose methods the tasks name."""
+        self._spider = spider
+
+    def has_pending_requests(self) -> bool:
+        """Whether anything waits, or is in any worker's hands and might come back."""
+        return not self._frontier.is_exhausted()
+
+    def enqueue_request(self, request: Request) -> bool:
+        """Add a request to the frontier; one that is leased (a redirect, a retry) goes back to it."""
+        task = _task(request)
+        if task.key:
+            self._frontier.put_back(task)
+            return True
+        return self._frontier.add([task]) == 1
+
+    def next_request(self) -> Request | None:
+        """The next request, with its task's key."""
+        task = self._frontier.lease()
+        if task is None:
+            return None
+        meta = dict(task.meta) | {KEY: task.key}
+        return Request(
+            task.url,
+            callback=getattr(self._spider, task.callback),
+            errback=self._failed,
+            meta=meta,
+            priority=task.priority,
+            dont_filter=True,  # the frontier has seen to it that a task comes once
+        )
+
+    def _failed(self, failure: Failure) -> None:
+        request: Request = failure.request
+        reason = _reason(failure.value)
+        request.meta[_SETTLED] = True
+        self._frontier.commit(Outcome(request.meta[KEY], failure=reason))
+        if self._spider is not None:
+            _count(self._spider.crawler.stats, f"failed/{reason}", 1, request.url)
+
+
+class CommitMiddleware:
+    """Everything a page yields, written at once: its items, its links, and that it is done."""
+
+    def __init__(self, crawler: Crawler) -> None:
+        self._frontier = frontier_of(crawler)
+        self._crawler = crawler
+        self._stats = crawler.stats
+        self._limit = crawler.settings.getint(LIMIT_SETTING)
+        self._accepted = 0
+
+    @classmethod
+    def from_crawler(cls, crawler: Crawler) -> CommitMiddleware:
+        """The middleware of a crawler."""
+        return cls(crawler)
+
+    async def process_spider_output(self, response: Response, result: AsyncIterator[Any]) -> AsyncIterator[Any]:
+        """Collect and commit; nothing is passed on, the scheduler takes the links from the frontier."""
+        items: list[tuple[str, str]] = []
+        pictures: list[tuple[str, str]] = []
+        tasks: list[Task] = []
+        failure = None
+        self._count("bytes", len(response.body), response.url)
+        try:
+            async for found in result:
+                if isinstance(found, Request):
+                    tasks.append(_task(found, depth=response.meta.get("depth", 0) + 1))
+                elif isinstance(found, RawItem):
+                    items.append((found.identity, found.line()))
+                elif isinstance(found, Picture):
+                    pictures.append((found.identity, found.line()))
+                else:
+                    self._count(f"dropped/{found}", 1, response.url)
+        except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl
+            failure = f"unreadable: {type(error).__name__}"
+            items, pictures, tasks = [], [], []
+        if KEY in response.meta and not response.meta.get(_SETTLED):
+            most = max(self._limit - self._accepted, 0) if self._limit else None
+            outcome = Outcome(response.meta[KEY], items, tasks, failure, pictures, most)
+            self._settle(outcome, _is_picture(response), response.url)
+        nothing: tuple[Any, ...] = ()
+        for part in nothing:
+            yield part
+
+    def _settle(self, outcome: Outcome, is_picture: bool, url: str) -> None:
+        """Commit, count, and end the crawl with the last item that was asked for."""
+        new = self._frontier.commit(outcome)
+        if outcome.failure is None:
+            _remember(getattr(self._crawler.spider, "known", None), list(outcome.tasks))
+        else:
+            self._count(f"failed/{outcome.failure}", 1, url)
+        if is_picture:
+            self._count("pictures", new, url)
+            return
+        self._count("items", new, url)
+        if outcome.is_whole(new):  # what is left over is no duplicate: whoever resumes fetches the page again
+            self._count("dropped/duplicate", len(outcome.items) - new, url)
+        self._count("pages", 1, url)
+        self._accept(new)
+
+    def _accept(self, new: int) -> None:
+        before, self._accepted = self._accepted, self._accepted + new
+        if before < self._limit <= self._accepted and self._crawler.engine is not None:
+            from scrapy.utils.defer import deferred_from_coro
+
+            deferred_from_coro(self._crawler.engine.close_spider_async(reason="limit"))
+
+    def _count(self, name: str, count: int, url: str) -> None:
+        _count(self._stats, name, count, url)
+
+
+def _count(stats: StatsCollector | None, name: str, count: int, url: str) -> None:
+    """Count for the crawl, and for the site of an address."""
+    if count and stats is not None:
+        stats.inc_value(f"metric_tree/{name}", count)
+        stats.inc_value(f"{SITES}{urlsplit(url).hostname}/{name}", count)
+
+
+def _is_picture(response: Response) -> bool:
+    """Whether an answer is an item's picture: such a request alone names its item."""
+    return "item" in response.meta
+
+
+def _remember(known: set[str] | None, tasks: list[Task]) -> None:
+    """Tell the spider which addresses the frontier holds, so that it does not offer them page after page."""
+    if known is not None:
+        if len(known) > KNOWN:
+            known.clear()
+        known.update(task.url for task in tasks)
+
+
+def _task(request: Request, depth: int | None = None) -> Task:
+    meta = {name: request.meta[name] for name in _LASTING if name in request.meta}
+    if depth is not None:
+        meta["depth"] = depth
+    callback = getattr(request.callback, "__name__", None) or "parse"
+    key = request.meta.get(KEY, "") if depth is None else ""
+    return Task(
+        request.url, callback, meta, request.priority, key or ("" if depth is None else task_key(request.url, callback))
+    )
+
+
+def _reason(error: BaseException) -> str:
+    if isinstance(error, HttpError):
+        return f"http {error.response.status}"
+    # Scrapy cancels an answer that grows too large, and ignores one that unpacks to too much.
+    if isinstance(error, DownloadCancelledError) or str(error).startswith("Ignored response"):
+        return "too large"
+    if isinstance(error, IgnoreRequest):
+        return str(error).split(":")[0] or "ignored"
+    return type(error).__name__

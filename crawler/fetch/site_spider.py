@@ -1,0 +1,140 @@
+"""One spider for every site: it follows the site's listings and reads its product pages by the site's rules."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import AsyncIterator, Iterable, Iterator
+from typing import Any, ClassVar
+from urllib.parse import urljoin, urlsplit
+
+import scrapy
+from scrapy.http import Response
+
+from crawler.fetch.pictures import Picture, picture
+from crawler.items import RawItem
+from crawler.page.page import Page, page
+from crawler.page.raw_item import raw_item
+from crawler.sites.listing import listed_items
+from crawler.sites.site import Site
+
+__all__ = ["SiteSpider"]
+
+#: Product pages before listings before pictures: a crawl that is stopped has items, not addresses.
+PRODUCT, LISTING, PICTURE = 20, 10, 0
+
+#: An address that repeats a part so often is a trap: a calendar, a menu that links into itself.
+REPEATS = 3
+
+_NO_PAGE = re.compile(r"\.(?:jpe?g|png|gif|webp|svg|pdf|zip|css|js|ico|mp4|woff2?)(?:$|\?)", re.IGNORECASE)
+
+
+class SiteSpider(scrapy.Spider):
+    """A crawl of one site, or of any site by the common rules.
+
+    Parameters
+    ----------
+    start : addresses to begin with; the site's own if none. query, category : filled into the site's templates.
+    pictures : folder for the items' pictures, where the site's terms allow to store them; None keeps the links alone.
+    """
+
+    name = "site"
+    site: ClassVar[Site]
+
+    def __init__(
+        self,
+        start: Iterable[str] = (),
+        query: str = "",
+        category: str = "",
+        pictures: Any = None,
+        **named: Any,
+    ) -> None:
+        super().__init__(**named)
+        self._start = self.beginnings(start, query, category)
+        self._hosts = {urlsplit(url).hostname for url in self._start}
+        self._pictures = pictures
+        #: Addresses that the frontier holds already; whoever commits pages fills it.
+        self.known: set[str] = set()
+
+    @classmethod
+    def beginnings(cls, start: Iterable[str] = (), query: str = "", category: str = "") -> list[str]:
+        """The addresses to begin with: those given, and the site's own that what is given fills."""
+        return [*start, *cls.site.addresses(query=query, category=category)]
+
+    @classmethod
+    def wanted(cls) -> str:
+        """The options of which one must be given."""
+        fields = [name for name in ("query", "category") if any(f"{{{name}}}" in url for url in cls.site.templates)]
+        return " or ".join(f"--{name}" for name in ("start-url", *fields))
+
+    def allows(self, url: str) -> bool:
+        """Whether an address is the site's: asked before every download, after every redirect."""
+        host = urlsplit(url).hostname
+        return self.site.owns(url) or host in self._hosts or (self._pictures is not None and bool(_NO_PAGE.search(url)))
+
+    async def start(self) -> AsyncIterator[scrapy.Request]:
+        """The first addresses."""
+        for url in self._start:
+            yield scrapy.Request(url, priority=LISTING)
+
+    def parse(self, response: Response, **_: Any) -> Iterator[Any]:
+        """The item of a product page, and the links of any page.
+
+        What is dropped is yielded as its reason, and counted.
+        """
+        if b"html" not in (response.headers.get("Content-Type") or b"html"):
+            yield "no_html"
+            return
+        read = page(response.body, response.url, (response.headers.get("Content-Type") or b"").decode("latin-1"))
+        yield from self._item(read)
+        yield from self._links(read)
+
+    def picture(self, response: Response, **_: Any) -> Iterator[Any]:
+        """The picture of an item: verified, stored once under the hash of its bytes."""
+        found = picture(response.body, response.url, response.meta["item"], self._pictures)
+        yield found if isinstance(found, Picture) else f"picture_{found}"
+
+    def _item(self, read: Page) -> Iterator[Any]:
+        if not self.site.is_product(read.url):
+            if self.site.listed_order:
+                yield from listed_items(read, self.site)
+            return
+        item = raw_item(read, self.site.name, self.site.product(read))
+        if item.extents_mm is None:
+            yield "no_size" if item.title else "no_product"
+            return
+        yield item
+        yield from self._picture_requests(item)
+
+    def _may_follow(self, url: str) -> bool:
+        parts = [part for part in urlsplit(url).path.split("/") if part]
+        trapped = any(parts.count(part) >= REPEATS for part in parts)
+        return not trapped and not _NO_PAGE.search(url) and self.allows(url)
+
+    def _picture_requests(self, item: RawItem) -> Iterator[scrapy.Request | str]:
+        """Requests of the pictures that may be stored; of the others the item keeps the links."""
+        for url in item.images if self._pictures is not None else ():
+            if self.site.may_store(url):
+                yield scrapy.Request(url, callback=self.picture, priority=PICTURE, meta={"item": item.identity})
+            else:
+                yield "picture_link_only"
+
+    def _links(self, read: Page) -> Iterator[scrapy.Request]:
+        seen: set[str] = set()
+        for address in dict.fromkeys(read.links):
+            url = _joined(read.url, address.strip()).split("#")[0]
+            if url in seen or url in self.known:
+                continue
+            seen.add(url)
+            if url.startswith("http") and self._may_follow(url):
+                if self.site.is_product(url):
+                    yield scrapy.Request(url, callback=self.parse, priority=PRODUCT)
+                elif self.site.is_listing(url):
+                    yield scrapy.Request(url, callback=self.parse, priority=LISTING)
+
+
+def _joined(base: str, address: str) -> str:
+    """The whole address of a link; most name a path from the root, for which `urljoin` is slow."""
+    if address.startswith("/") and not address.startswith("//") and "/." not in address:
+        scheme, _, rest = base.partition("//")
+        return f"{scheme}//{rest.partition('/')[0]}{address}"
+    return urljoin(base, address)

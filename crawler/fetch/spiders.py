@@ -1,0 +1,34 @@
+"""Spiders: what a crawl fetches, and which of it it reads. Each is one small file or one `Site`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from crawler.sites import GENERIC, SITES
+from metric_base.faults import InputFault
+
+if TYPE_CHECKING:
+    from scrapy import Spider
+
+__all__ = ["SPIDERS", "UnknownSpider", "spider_class"]
+
+#: Names that `metric-tree crawl` takes; each site has one, Wikidata has its own interface.
+SPIDERS = (*(site.name for site in SITES), "wikidata", GENERIC.name)
+
+
+class UnknownSpider(InputFault):
+    """A name that no spider bears."""
+
+
+def spider_class(name: str) -> type[Spider]:
+    """The spider of a name; Scrapy is loaded only here."""
+    if name == "wikidata":
+        from crawler.fetch.wikidata_spider import WikidataSpider
+
+        return WikidataSpider
+    from crawler.fetch.site_spider import SiteSpider
+
+    for site in (*SITES, GENERIC):
+        if site.name == name:
+            return type(f"{name.title()}Spider", (SiteSpider,), {"name": name, "site": site})
+    raise UnknownSpider(f"spider: expected one of {', '.join(SPIDERS)}; found {name!r}")

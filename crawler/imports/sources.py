@@ -1,0 +1,176 @@
+"""The declared sources of open data: one TOML file each under `data/sources`."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from crawler.imports.declaration import BadDeclaration, Table, expect
+from crawler.items import KINDS, Kind
+from metric_base.folders import data_folder
+
+__all__ = ["OPEN_LICENCES", "BadDeclaration", "Form", "Source", "SourceFile", "UnknownSource", "source", "sources"]
+
+#: How the file read here is made of what lies at its address: it is the very file; the member of a zip archive that
+#: has the sha256; the JSON document written anew, on one line or a value a line.
+Form = Literal["same", "zip", "json-line", "json-lines"]
+
+#: What an address that follows the newest state of a repository holds: a file that may change.
+_MOVING = "/HEAD/"
+
+#: Licences under which rows may be given on inside a wheel of Apache-2.0: no copyleft, no other duty than to name.
+OPEN_LICENCES = frozenset(
+    {
+        "Apache-2.0",
+        "BSD-2-Clause",
+        "BSD-3-Clause",
+        "CC-BY-3.0",
+        "CC-BY-4.0",
+        "CC0-1.0",
+        "MIT",
+        "ODC-By-1.0",
+        "public-domain-US-government",
+    }
+)
+
+
+class UnknownSource(BadDeclaration):
+    """A source id without a declaration."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SourceFile:
+    """One file of a source: path in the source's folder, sha256 of the file read here, where it is to be had.
+
+    `form` says how the file is made of what lies at `url`; the sha256 is of what was made. `url` is empty where no
+    public file yields it (`note` says how it was made): such a file cannot be downloaded and verified.
+    """
+
+    path: str
+    sha256: str
+    url: str = ""
+    form: Form = "same"
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        expect(len(self.sha256) == 64, "files.sha256", "64 hexadecimal digits", self.sha256)
+        expect(bool(self.url or self.note), "files.url", "an address, or a note why there is none", self.path)
+        expect(self.form in get_args(Form), "files.form", f"one of {', '.join(get_args(Form))}", self.form)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """One set of open data: where it is from, whose terms hold, what its rows are worth, how it is read."""
+
+    id: str
+    title: str
+    url: str
+    licence: str
+    #: Whose terms decide, and how they are known.
+    licence_basis: str
+    kind: Kind
+    #: Who is to be named, and how, where rows are given on.
+    attribution: str = ""
+    #: Whether rows may be given on with the package.
+    ship: bool
+    noncommercial: bool = False
+    year: int | None = None
+    region: str | None = None
+    files: tuple[SourceFile, ...] = ()
+    #: What is known of the addresses: how far what lies there was compared with the files read here.
+    address: str = ""
+    #: What to fetch and to pass by `--input` where a file has no address.
+    fetch: str = ""
+    tables: tuple[Table, ...] = ()
+    #: Module of `crawler.imports` that reads the set where it is no plain table.
+    reader: str = ""
+    #: Traps of the set and what is done about each.
+    traps: tuple[str, ...] = ()
+    #: Faults of the set that are mended on the way, each with its mending.
+    repairs: tuple[str, ...] = ()
+    #: Why no row of the set is an object's size, where that is so.
+    excluded: str = ""
+    #: At most so many items of one category are kept (lowest hash of the id), so that one set does not own it.
+    per_category: int | None = None
+    #: Whether identical items (category, title, brand, sizes) become one with a count.
+    collapse: bool = True
+    #: Whether a title is one thing: of several sizes under one title the middle one by volume stands for all.
+    one_per_title: bool = False
+
+    def __post_init__(self) -> None:
+        expect(
+            bool(self.title and self.url and self.licence and self.licence_basis),
+            self.id,
+            "title, url, licence, basis",
+            "",
+        )
+        expect(self.kind in KINDS, f"{self.id}.kind", f"one of {', '.join(sorted(KINDS))}", self.kind)
+        expect(
+            not self.ship or self.licence in OPEN_LICENCES, f"{self.id}.ship", "an open licence to ship", self.licence
+        )
+        expect(not self.ship or bool(self.attribution), f"{self.id}.attribution", "whom to name where rows ship", "")
+        expect(not (self.ship and self.noncommercial), f"{self.id}.ship", "no non-commercial rows", self.noncommercial)
+        had = not self.files or self.downloads != "no" or bool(self.fetch)
+        expect(had, f"{self.id}.fetch", "what to fetch where a file has no address", "")
+        ways = bool(self.tables) + bool(self.reader) + bool(self.excluded)
+        expect(ways == 1, self.id, "one of tables, reader, excluded", ways)
+
+    @property
+    def downloads(self) -> str:
+        """Whether the files can be downloaded: yes, no, or only while their repository keeps them as they were."""
+        if not self.files or not all(file.url for file in self.files):
+            return "no"
+        return "while unchanged" if any(_MOVING in file.url for file in self.files) else "yes"
+
+    @classmethod
+    def declared(cls, path: Path) -> Source:
+        """The source that a TOML file declares.
+
+        Raises
+        ------
+        BadDeclaration
+            The file is no TOML, or a field is missing, unknown or not what it must be.
+        """
+        try:
+            record = tomllib.loads(path.read_text(encoding="utf-8"))
+            return _source(record, path.stem)
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, TypeError) as error:
+            raise BadDeclaration(f"{path}: expected the declaration of a source; found {error}") from None
+        except BadDeclaration as error:
+            raise BadDeclaration(f"{path}: {error}") from None
+
+
+def sources(folder: Path | None = None) -> tuple[Source, ...]:
+    """All declared sources by id; `folder` is the package's own `data/sources` by default."""
+    return tuple(Source.declared(path) for path in sorted((folder or _own_folder()).glob("*.toml")))
+
+
+def source(name: str, folder: Path | None = None) -> Source:
+    """The source of this id.
+
+    Raises
+    ------
+    UnknownSource
+        No source has the id; the message names those that there are.
+    """
+    paths = {path.stem: path for path in sorted((folder or _own_folder()).glob("*.toml"))}
+    if name not in paths:
+        raise UnknownSource(f"source: expected one of {', '.join(paths)}; found {name!r}")
+    return Source.declared(paths[name])
+
+
+def _own_folder() -> Path:
+    return data_folder() / "sources"
+
+
+def _source(record: Mapping[str, Any], stem: str) -> Source:
+    known = {f.name for f in fields(Source)}
+    expect(set(record) <= known, "declaration", f"fields of {', '.join(sorted(known))}", sorted(set(record) - known))
+    expect(record.get("id") == stem, "id", f"the file's own name {stem!r}", record.get("id"))
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items()}
+    values["files"] = tuple(SourceFile(**entry) for entry in record.get("files", ()))
+    values["tables"] = tuple(Table.declared(entry) for entry in record.get("tables", ()))
+    return Source(**values)

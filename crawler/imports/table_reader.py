@@ -1,0 +1,221 @@
+"""Plain tables read by their declarations alone."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from crawler.imports.columns import FIELD
+from crawler.imports.declaration import Axis, Rule, Table
+from crawler.imports.row_outcomes import Reading, Refused, item, year
+from crawler.imports.rows import Row, record_rows, rows
+from crawler.imports.sources import Source
+from crawler.text.catalogue_lengths import Measure, UnreadableLength, extents_mm, length_mm, measures, words_mm
+from crawler.text.units import millimetres
+
+__all__ = ["filled", "table_categories", "table_readings"]
+
+_CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_|\s]+")
+
+
+def _head(text: str) -> str:
+    return re.split(r"[,;(]", text, maxsplit=1)[0].strip()
+
+
+def _words(text: str) -> str:
+    return " ".join(part for part in _CAMEL.split(text) if part).lower()
+
+
+def _part(text: str) -> str:
+    return _head(text.split(":", maxsplit=1)[-1].strip())
+
+
+_FILTERS: Mapping[str, Callable[[str], str]] = {"lower": str.lower, "head": _head, "part": _part, "words": _words}
+
+
+@dataclass(frozen=True, slots=True)
+class _Size:
+    words: dict[str, float]
+    extents: tuple[float, ...] | None
+    text: str = ""
+    is_range: bool = False
+
+
+def table_readings(source: Source, folder: Path) -> Iterator[Reading]:
+    """The readings of all tables of a source, in the order of the declaration, the files and the rows."""
+    for table in source.tables:
+        for stem, found in _row_files(source, table, folder):
+            for number, row in enumerate(found, start=1):
+                named = _named(table, row | {"file": stem, "row": str(number)})
+                if all(_holds(rule, named) for rule in table.only):
+                    yield _reading(source, table, named)
+
+
+def table_categories(source: Source, folder: Path) -> Iterator[tuple[str, ...]]:
+    """The category path of every row of the source's tables, whether the row has a size or not."""
+    for table in source.tables:
+        for stem, found in _row_files(source, table, folder):
+            for number, row in enumerate(found, start=1):
+                named = _named(table, row | {"file": stem, "row": str(number)})
+                if all(_holds(rule, named) for rule in table.only):
+                    yield tuple(word for part in _category(table, named) if (word := " ".join(part.split())))
+
+
+def _row_files(source: Source, table: Table, folder: Path) -> Iterator[tuple[str, Iterator[Row]]]:
+    """Stem and rows of each file of a table; the records of its public form stand for the file made of them."""
+    paths = _rest(source, folder, table) if table.rest else _files(table, folder)
+    for path in paths:
+        yield path.stem, rows(table, path)
+    if not paths and not table.rest and folder.is_dir():
+        yield Path(table.files[0]).stem, record_rows(table, folder)
+
+
+def filled(template: str, row: Row) -> str:
+    """The template with the row's columns in place: `{brand} {model}`; an absent column is empty."""
+
+    def cell(match: re.Match[str]) -> str:
+        text = row.get(match[1], "")
+        return _FILTERS[match[2]](text) if match[2] else text
+
+    return " ".join(FIELD.sub(cell, template).split()) if "{" in template else template
+
+
+def _named(table: Table, row: Row) -> Row:
+    """The row with its values renamed and the columns that are read out of others."""
+    for column, others in table.names.items():
+        row[column] = others.get(row.get(column, ""), row.get(column, ""))
+    for name, cases in table.read.items():
+        text = filled(cases.column, row)
+        row[name] = next((value for pattern, value in cases.cases if pattern.search(text)), filled(cases.default, row))
+    return row
+
+
+def _files(table: Table, folder: Path) -> list[Path]:
+    """The table's files: `folder` may also be the one file itself."""
+    if folder.is_file():
+        return [folder] if any(folder.match(pattern) for pattern in table.files) else []
+    return [path for pattern in table.files for path in sorted(folder.glob(pattern))]
+
+
+def _rest(source: Source, folder: Path, table: Table) -> list[Path]:
+    """The files of the patterns that no other table reads."""
+    if folder.is_file():
+        return []
+    others = {path for other in source.tables if not other.rest for path in _files(other, folder)}
+    return [path for pattern in table.files for path in sorted(folder.glob(pattern)) if path not in others]
+
+
+def _reading(source: Source, table: Table, row: Row) -> Reading:
+    try:
+        if table.refused:
+            raise Refused(table.refused, "file", row["file"])
+        for rule in table.reject:
+            if _holds(rule, row):
+                raise Refused(rule.outcome, rule.column, _tested(rule, row))
+        return _item(source, table, row, _size(table, row))
+    except Refused as refused:
+        return refused.refusal(source, f"{row['file']}:{row['row']}")
+
+
+def _item(source: Source, table: Table, row: Row, size: _Size) -> Reading:
+    marks = (rule.outcome for rule in table.flag if _holds(rule, row))
+    flags = dict.fromkeys([*table.flags, *marks, *(["range"] if size.is_range else [])])
+    return item(
+        source,
+        filled(table.id, row) or row["row"],
+        size.words if table.labelled else {},
+        extents=size.extents,
+        bounds_mm=table.bounds_mm,
+        category=_category(table, row),
+        title=filled(table.title, row),
+        brand=filled(table.brand, row),
+        url=filled(table.url, row),
+        dimensions_text=size.text,
+        year=year(filled(table.year, row)),
+        region=filled(table.region, row),
+        kind=table.kind,
+        synset=filled(table.synset, row),
+        licence=table.licence,
+        flags=tuple(flags),
+    )
+
+
+def _category(table: Table, row: Row) -> list[str]:
+    parts = [filled(part, row) for part in table.category]
+    separator = table.category_separator.strip()
+    return [word for part in parts for word in part.split(separator)] if separator else parts
+
+
+def _size(table: Table, row: Row) -> _Size:
+    if table.text:
+        return _text_size(table, row)
+    words = {axis: mm for axis in table.axes if (mm := _length(table, row, axis))}
+    return _Size(words, extents_mm(words))
+
+
+def _text_size(table: Table, row: Row) -> _Size:
+    text = _first_group(table.text_pattern, filled(table.text, row))
+    found = tuple(measure for measure in measures(text, table.unit, table.decimal) if measure.mm)
+    if len(found) > 3 and not all(measure.axis for measure in found):
+        raise Refused("several_states", "text", text)
+    if not found:
+        raise Refused("no_size", "text", text)
+    words = words_mm(found, table.order)
+    return _Size(words, _extents(words, found), text, any(measure.is_range for measure in found))
+
+
+def _first_group(pattern: str, text: str) -> str:
+    if not pattern:
+        return text
+    inside = re.search(pattern, text)
+    return inside[1] if inside else ""
+
+
+def _extents(words: dict[str, float], found: tuple[Measure, ...]) -> tuple[float, ...]:
+    """The outer size: by the words where every length has one, else the bare lengths."""
+    if len(words) == len(found) or all(measure.axis for measure in found):
+        return extents_mm(words) or ()
+    return tuple(sorted((measure.mm for measure in found), reverse=True))
+
+
+def _length(table: Table, row: Row, axis: str) -> float | None:
+    declared = table.axes[axis]
+    if declared.minus:
+        return _difference(table, row, axis)
+    text = _first_group(declared.pattern, row.get(declared.column, ""))
+    try:
+        length = length_mm(text, _unit(table, declared), table.decimal)
+    except UnreadableLength as error:
+        raise Refused("unreadable", declared.column, error) from None
+    return length * declared.factor if length else None
+
+
+def _unit(table: Table, axis: Axis) -> str:
+    return axis.unit or table.unit or "mm"  # a table without any unit has not passed its door
+
+
+def _difference(table: Table, row: Row, axis: str) -> float:
+    """The distance of the two sides of a box, whose coordinates may be negative."""
+    declared = table.axes[axis]
+    try:
+        sides = float(row[declared.column]) - float(row[declared.minus])
+    except (KeyError, ValueError) as error:
+        raise Refused("unreadable", declared.column, error) from None
+    return millimetres(abs(sides), _unit(table, declared)) * declared.factor
+
+
+def _tested(rule: Rule, row: Row) -> str:
+    return filled(rule.column, row) if "{" in rule.column else row.get(rule.column, "")
+
+
+def _holds(rule: Rule, row: Row) -> bool:
+    text = _tested(rule, row)
+    if rule.matches:
+        return bool(rule.matches.search(text))
+    try:
+        value = float(text)
+    except ValueError:
+        return False
+    return (rule.below is not None and value < rule.below) or (rule.above is not None and value > rule.above)

@@ -1,0 +1,1 @@
+"""One parsed page to one raw item; knows no network."""

@@ -1,0 +1,298 @@
+"""Label and value pairs of a page: tables, definition lists, rows of boxes, lines with a colon.
+
+The search runs from the value: only text with a digit is looked at, and from there up to its label and its heading.
+That is the part of a page that could hold a size; the rest costs nothing.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import islice
+from typing import Literal
+
+from lxml.etree import XPath
+
+from crawler.page.page import Element, Page, squeezed
+from crawler.page.regions import LABEL_LENGTH, SKIPPED, VALUE_LENGTH, Regions
+from crawler.text.sizes import agreed, names_unit, sizes
+from crawler.text.vocabulary import is_dimension_label, is_of_others, is_package, is_whole, names_an_axis, plain
+
+__all__ = ["HAS_DIGIT", "Fact", "facts", "names_a_size"]
+
+#: Where a pair stands; an `entry` is a list's line or one whose label is an element of its own.
+Place = Literal["table", "list", "row", "entry", "line", "json", "prose"]
+
+#: So far up from its text a value's label is looked for; deeper nesting is decoration.
+CLIMB = 5
+
+#: Elements of a box of lines, and letters of a line; what is longer is prose.
+MOST_LINES, LINE_LENGTH = 120, 90
+
+#: What a size has whose unit stands elsewhere, in its label or its heading.
+_COMPOSED = re.compile(r"[x×X*:]")
+
+#: So far up a line's list entry is looked for.
+ENTRY_CLIMB = 3
+
+_LABEL_TAGS = frozenset({"b", "strong", "span", "em"})
+
+#: Longer texts are articles.
+LONGEST_TEXT = 2000
+
+#: Text that is not blank; a digit is then found by a regular expression, which is faster than XPath's `translate`.
+_TEXTS = XPath("/html/body//text()[normalize-space()]")
+
+HAS_DIGIT = re.compile("[0-9¼½¾⅓-⅞]")
+
+
+@dataclass(frozen=True, slots=True)
+class Fact:
+    """A label and what stands beside it; `section` is the heading above, `container` tells rows of one table."""
+
+    label: str
+    value: str
+    section: str
+    place: Place
+    container: int
+
+
+def facts(page: Page) -> Iterator[Fact]:
+    """The pairs whose value holds a number, in the order of the page; those of other products are left out."""
+    reader = _Reader(page.root)
+    seen: set[tuple[str, str, str]] = set()
+    for text in _TEXTS(page.root):
+        if not HAS_DIGIT.search(text) or len(text) >= LONGEST_TEXT:
+            continue
+        element = text.getparent() if text.is_text else text.getparent().getparent()
+        if element is None or reader.regions.is_elsewhere(element):
+            continue
+        for fact in reader.facts_of(element, squeezed(text)):
+            key = (fact.label, fact.value, fact.section)
+            if key not in seen and not is_of_others(plain(fact.section)):
+                seen.add(key)
+                yield fact
+
+
+@dataclass(frozen=True, slots=True)
+class _Pair:
+    place: Place
+    label: str
+    value: str
+    container: Element
+
+
+class _Reader:
+    """The pairs of one page; what was found for an element is kept, since its texts lead to it one by one."""
+
+    def __init__(self, root: Element) -> None:
+        self.regions = Regions(root)
+        self._text = self.regions.text
+        self._pairs: dict[Element, _Pair | None] = {}
+        self._containers: dict[Element, int] = {}
+        self._parted: dict[Element, list[tuple[str, str]]] = {}
+
+    def facts_of(self, element: Element, text: str) -> Iterator[Fact]:
+        here = element
+        for _ in range(CLIMB):
+            parent = here.getparent()
+            if parent is None or here.tag in {"body", "main"}:
+                break
+            if here not in self._pairs:
+                self._pairs[here] = self._row(here) or self._definition(here) or self._pair(here, parent)
+            found = self._pairs[here]
+            if found is not None:
+                if found.place == "table" and not found.label:
+                    return  # a table of several products, or of sizes to choose from
+                heading = self.regions.heading(found.container)
+                if line := self._labelled_line(element, text):
+                    yield from _split("", line, found.label or heading, "line", self._number(element))
+                    return
+                yield from _split(found.label, found.value, heading, found.place, self._number(found.container))
+                return
+            here = parent
+        whole = self._text(element) if len(text) < VALUE_LENGTH else text
+        value = whole if len(whole) <= VALUE_LENGTH else text
+        entry = self._entry(element, value)
+        box = element.getparent() if entry is None else entry
+        heading = ""
+        if lines := self._lines(element):
+            value, heading = next(((line, head) for line, head in lines if text in line), (value, ""))
+            entry = box = element
+        if not names_unit(value) and not _COMPOSED.search(value):
+            return  # a price, a count, a date
+        place: Place = "line" if entry is None else "entry"
+        yield from _split("", value, heading or self.regions.heading(element), place, self._number(box))
+
+    def _lines(self, element: Element) -> list[tuple[str, str]]:
+        """The lines of a box that breaks part, each with the line that heads it: `Overall:`, then `Width: 3 cm`."""
+        if element not in self._parted:
+            lines = list(_parted(element)) if element.find("br") is not None else []
+            listed = all(len(line) <= LINE_LENGTH for line, _ in lines)  # else it is an opinion, or a story
+            self._parted[element] = lines if listed else []
+        return self._parted[element]
+
+    def _labelled_line(self, element: Element, text: str) -> str | None:
+        """The line of a box that breaks part, where it has a label of its own: `Height: 7.2 in<br>Width: 1.4 in`."""
+        for line, _ in self._lines(element):
+            if text in line and (own := _OWN_LABEL.match(line)) and names_a_size(plain(own[1])):
+                return line
+        return None
+
+    def _entry(self, element: Element, value: str) -> Element | None:
+        """What a line is an entry of: the list around it, or the box of a line that begins with `<b>Label</b>`."""
+        here = element
+        for _ in range(ENTRY_CLIMB):
+            if here is None or self._text(here) != value:
+                break
+            if here.tag == "li":
+                return here.getparent()
+            here = here.getparent()
+        first = next(iter(element), None)
+        begins = first is not None and first.tag in _LABEL_TAGS and not (element.text or "").strip()
+        return element.getparent() if begins and value.startswith(self._text(first)) else None
+
+    def _number(self, container: Element) -> int:
+        return self._containers.setdefault(container, len(self._containers))
+
+    def _row(self, here: Element) -> _Pair | None:
+        if here.tag not in {"td", "th"}:
+            return None
+        row = here.getparent()
+        filled = [cell for cell in row if cell.tag in {"td", "th"} and self._text(cell)]
+        if len(filled) > 2 and filled[0].get("rowspan", "1") != "1":
+            filled = filled[1:]  # it names the group that this row is the first of
+        if len(filled) == 2 and here is filled[1]:
+            return _Pair("table", self._text(filled[0]), self._text(here), row.getparent())
+        if len(filled) == 4 and here in {filled[1], filled[3]} and not HAS_DIGIT.search(self._text(filled[2])):
+            return _Pair("table", self._text(filled[filled.index(here) - 1]), self._text(here), row.getparent())
+        return self._grid(row, filled, filled.index(here)) if len(filled) > 2 and here in filled else None
+
+    def _grid(self, row: Element, filled: list[Element], column: int) -> _Pair:
+        """A table of more columns: a column for each system of units, or one row below a row of axes.
+
+        Anything else is a table of several products, or of sizes to choose from: a pair without a label.
+        """
+        texts = [self._text(cell) for cell in filled]
+        if column and names_a_size(plain(texts[0])) and _is_one_length(texts[1:], texts[0]):
+            return _Pair("table", texts[0], " / ".join(texts[1:]), row.getparent())
+        table = next(row.iterancestors("table"), row)
+        first, *others = list(islice(_filled_rows(table, self._text), 3)) or [[]]
+        labels = [self._text(cell) for cell in first]
+        if sum(names_a_size(plain(label)) for label in labels) > 1:
+            alone = len(others) == 1 and row is others[0][0].getparent()
+            if alone and len(labels) == len(texts):
+                return _Pair("table", labels[column], texts[column], table)
+            # Rows with a name of their own: of a single thing, or of the whole and its parts.
+            if column and len(labels) == len(texts) - 1 and (alone or is_whole(plain(texts[0]))):
+                return _Pair("table", labels[column - 1], texts[column], table)
+        return _Pair("table", "", "", row)
+
+    def _definition(self, here: Element) -> _Pair | None:
+        if here.tag != "dd":
+            return None
+        term = next(here.itersiblings("dt", preceding=True), None)
+        whole = next(here.iterancestors("dl"), here.getparent())
+        return None if term is None else _Pair("list", self._text(term), self._text(here), whole)
+
+    def _pair(self, here: Element, parent: Element) -> _Pair | None:
+        """A box whose one neighbour before it is a short label: `<div>Width</div><div>4 cm</div>`."""
+        if sum(1 for _ in islice(here.iter("li"), 2)) > 1 or len(parent) > 12:
+            return None  # a heading above a list, whose entries have labels of their own; a long row of boxes
+        before = here.getprevious()
+        while before is not None and not self._text(before):
+            before = before.getprevious()
+        if before is None or before.tag in SKIPPED | {"td", "tr", "img"}:
+            return None
+        label = self._text(before)
+        if len(label) > LABEL_LENGTH or HAS_DIGIT.search(label):
+            return None
+        tail = squeezed(before.tail or "")
+        if len(tail) > LABEL_LENGTH or not names_a_size(plain(f"{label} {tail}").strip(" :")):
+            return None
+        value = self._text(here)
+        if len(value) > VALUE_LENGTH:
+            return None
+        above = parent.getparent()
+        return _Pair("row", f"{label} {tail}".strip(), value, parent if above is None else above)
+
+
+def _parted(element: Element) -> Iterator[tuple[str, str]]:
+    lines = [[element.text or ""]]
+    for child in islice(element, MOST_LINES):
+        if child.tag == "br":
+            lines.append([])
+        else:
+            lines[-1].extend(child.itertext())
+        lines[-1].append(child.tail or "")
+    head = ""
+    for line in (squeezed(" ".join(parts)) for parts in lines):
+        if line.endswith(":") and not HAS_DIGIT.search(line):
+            head = line
+        yield line, head
+
+
+@lru_cache(maxsize=4096)  # as for `plain`
+def names_a_size(letters: str) -> bool:
+    """Whether a plain label without digits names a size, an axis or a package."""
+    if HAS_DIGIT.search(letters):
+        return False
+    return is_dimension_label(letters) or names_an_axis(letters) or is_package(letters)
+
+
+def _filled_rows(table: Element, text: Callable[[Element], str]) -> Iterator[list[Element]]:
+    for row in table.iter("tr"):
+        if filled := [cell for cell in row if cell.tag in {"td", "th"} and text(cell)]:
+            yield filled
+
+
+def _is_one_length(texts: list[str], label: str) -> bool:
+    """Whether cells state one length in several systems."""
+    read = [sizes(text, label) for text in texts]
+    if not all(len(found) == 1 and len(found[0].lengths) == 1 for found in read):
+        return False
+    size = agreed([found[0] for found in read])
+    units = {found[0].lengths[0].unit for found in read}
+    return len(units) > 1 and size is not None and "contradicts_itself" not in size.flags
+
+
+def _split(label: str, value: str, section: str, place: Place, container: int) -> Iterator[Fact]:
+    """The pair, or that of a value that has a label of its own: `Width: 3 cm`, `Size H75, W120 cm`."""
+    if not value or len(value) > VALUE_LENGTH * 2:
+        return
+    label = label.strip(" :\u00a0")
+    if place == "row" and (own := _OWN_LABEL.match(value)) and is_dimension_label(plain(own[1])):
+        section, label, value = label, own[1].strip(), own[2]  # what stood beside it is its heading
+    own = None if label else _OWN_LABEL.match(value) or _LETTER_FIRST.fullmatch(value) or _size_first(value)
+    if own:
+        label, value = own[1].strip(), own[2]
+    if label and not names_a_size(plain(label)) and (inner := _inner_label(value)):
+        label, value, place = inner[1].strip(), inner[2], "prose"
+    named = label or (place == "entry" and is_dimension_label(plain(section)))
+    yield Fact(label, value, section, place if named else "prose", container)
+
+
+def _size_first(value: str) -> re.Match[str] | None:
+    own = _SIZE_FIRST.match(value) or _SIZE_OF_AXES.match(value)
+    return own if own and is_dimension_label(plain(own[1])) else None
+
+
+def _inner_label(value: str) -> re.Match[str] | None:
+    """A label for the size in the middle of a text: `Material: MDF. Medidas: alto: 83 cm, ancho: 120 cm`."""
+    return next((found for found in _INNER_LABEL.finditer(value) if is_dimension_label(plain(found[1]))), None)
+
+
+_INNER_LABEL = re.compile(r"(?<=[.;,!)•·|-])\s*([^\W\d_][^\d:.;,]{2,40}?)\s*:\s*(?=\S*\d|[^:]*:?[^:]*\d)(.+)")
+
+_OWN_LABEL = re.compile(rf"([^\d:]{{2,{LABEL_LENGTH}}}?)\s*:\s*(?=\S*\d|[^:]*\d)(.+)")
+
+#: A line of one axis by its letter, `H 84.5 cm`.
+_LETTER_FIRST = re.compile(r"([HWDLBTØ])\.?\s*(\d[\d.,/ ]*\s?(?:[cm]?m|in|inches|[\"″]))\.?")
+
+#: A label for the size above labels for its axes: `Medidas: Alto: 18 cm, Ancho: 61 cm`.
+_SIZE_OF_AXES = re.compile(r"([^\d:]{2,40}?)\s*:\s*([^\d:]{1,20}:\s*\d.*)")
+
+#: A line that begins with a word for the size and goes on with the size.
+_SIZE_FIRST = re.compile(r"([^\W\d_]+(?: [^\W\d_]{4,})?) ((?:[^\W\d_]{1,2} ?)?\d.*)")

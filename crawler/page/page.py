@@ -1,0 +1,180 @@
+"""A web page, parsed once: its tree, its language, its site. One reader for live and for saved pages."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import re
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeAlias
+from urllib.parse import urlsplit, urlunsplit
+
+from lxml import etree
+from w3lib.encoding import html_to_unicode
+
+from crawler.page.sniffing import other_content
+from crawler.text.vocabulary import Language, language_of
+from metric_base.faults import InputFault
+
+__all__ = [
+    "MAXIMUM_BYTES",
+    "BadPage",
+    "Element",
+    "Page",
+    "canonical_url",
+    "page",
+    "saved_page",
+    "source_id",
+    "squeezed",
+    "web_address",
+]
+
+#: lxml's own element: the classes of `lxml.html` would cost a call of Python for each.
+Element: TypeAlias = etree._Element
+
+#: The largest page that is read, after decompression: ten times the largest product page we have seen (3.1 MB).
+MAXIMUM_BYTES = 32_000_000
+
+_INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
+
+
+#: What no person sees; taken out once, so that nothing that reads the tree has to ask for it.
+_UNSEEN = ("script", "style", "template", "noscript", "select")
+
+_LINKS = etree.XPath("//a/@href", smart_strings=False)
+_LINKED_DATA = etree.XPath("//script[contains(@type, 'ld+json')]/text()", smart_strings=False)
+
+
+class BadPage(InputFault):
+    """A file that is no page that can be read."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Page:
+    """A parsed page.
+
+    `root` is lxml's html element without what nobody sees (scripts, styles, comments), `text` the source that it was
+    parsed from, `linked_data` the texts of its JSON-LD, `links` the addresses of its links as they are written.
+    """
+
+    url: str
+    text: str
+    root: Element
+    language: Language | None
+    linked_data: tuple[str, ...] = ()
+    links: tuple[str, ...] = ()
+
+    @property
+    def host(self) -> str:
+        """The site, in small letters, without port and leading `www.`."""
+        return (urlsplit(self.url).hostname or "").removeprefix("www.")
+
+
+def page(body: bytes, url: str, content_type: str | None = None) -> Page:
+    """The page of a body.
+
+    Raises
+    ------
+    BadPage
+        The body is empty, larger than `MAXIMUM_BYTES`, or holds no element.
+    """
+    if not body or body.isspace():
+        raise BadPage(f"{url}: expected a page; found nothing")
+    if len(body) > MAXIMUM_BYTES:
+        raise BadPage(f"{url}: expected at most {MAXIMUM_BYTES} bytes; found {len(body)}")
+    text, data = _decoded(body, content_type)
+    # The parser is told the encoding, so that no declaration inside the page can mislead it.
+    parser = etree.HTMLParser(encoding="utf-8", remove_comments=True, remove_pis=True)
+    try:
+        root = etree.fromstring(data, parser)
+    except (etree.XMLSyntaxError, ValueError) as error:
+        raise BadPage(f"{url}: expected HTML; found {error}") from None
+    if root is None:
+        raise BadPage(f"{url}: expected HTML; found no element")
+    linked_data, links = tuple(_LINKED_DATA(root)), tuple(_LINKS(root))
+    etree.strip_elements(root, *_UNSEEN, with_tail=False)
+    declared = root.get("lang") or root.get("{http://www.w3.org/XML/1998/namespace}lang")
+    return Page(url, text, root, language_of(declared, urlsplit(url).hostname or ""), linked_data, links)
+
+
+def saved_page(path: Path, url: str) -> Page:
+    """The page of a file, gzipped or not.
+
+    Raises
+    ------
+    BadPage
+        There is no such file, it holds something else than HTML, is damaged, or unpacks to more than `MAXIMUM_BYTES`.
+    """
+    if not path.is_file():
+        raise BadPage(f"{path}: expected an HTML page; found {'a folder' if path.is_dir() else 'no file'}")
+    body = path.read_bytes()
+    if body[:2] == b"\x1f\x8b":
+        body = _unpacked(path, body)
+    if other := other_content(body):
+        raise BadPage(f"{path}: expected an HTML page; found {other}")
+    return page(body, url)
+
+
+def web_address(url: str, field: str) -> str:
+    """The address, if it is one of the web.
+
+    Raises
+    ------
+    BadPage
+        The scheme is another than http and https, no host is named, or a blank stands in it.
+    """
+    try:
+        parts = urlsplit(url)
+        sound = parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # a port that is no number, a bracket that is not closed
+        sound = False
+    if not sound or re.search(r"\s", url):
+        raise BadPage(f"{field}: expected an http(s) address; found {url!r}")
+    return url
+
+
+def canonical_url(url: str) -> str:
+    """The address without fragment, port of the scheme, and tracking parameters; host in small letters."""
+    parts = urlsplit(url)
+    kept = "&".join(
+        part
+        for part in parts.query.split("&")
+        if part and not re.match(r"(utm_\w+|ref_?|gclid|fbclid|psc|th|tag)=", part)
+    )
+    host = (parts.hostname or "") + (f":{parts.port}" if parts.port and parts.port not in {80, 443} else "")
+    return urlunsplit((parts.scheme.lower(), host, parts.path or "/", kept, ""))
+
+
+def source_id(url: str) -> str:
+    """The id of a page that has none of its own: the sha256 of its canonical address (contracts.md, raw item)."""
+    return hashlib.sha256(canonical_url(url).encode()).hexdigest()
+
+
+def squeezed(text: str) -> str:
+    """The text without invisible signs, with single spaces."""
+    if text.isascii():
+        return " ".join(text.split())
+    return " ".join(_INVISIBLE.sub("", text).split())
+
+
+def _decoded(body: bytes, content_type: str | None) -> tuple[str, bytes]:
+    """A body's text, by the encoding that its header, its mark or itself names, else UTF-8; the same as clean UTF-8."""
+    encoding, text = html_to_unicode(content_type, body, default_encoding="utf-8")
+    if encoding == "utf-8" and "\ufffd" not in text and "\x00" not in text:
+        return text, body
+    text = text.replace("\x00", "")
+    return text, text.encode(errors="replace")
+
+
+def _unpacked(path: Path, body: bytes) -> bytes:
+    # One call with a bound: a small file may unpack to gigabytes.
+    unpacker = zlib.decompressobj(wbits=31)
+    try:
+        unpacked = unpacker.decompress(body, MAXIMUM_BYTES + 1)
+    except (zlib.error, gzip.BadGzipFile) as error:
+        raise BadPage(f"{path}: expected a gzip file; found {error}") from None
+    if len(unpacked) > MAXIMUM_BYTES:
+        raise BadPage(f"{path}: expected at most {MAXIMUM_BYTES} bytes unpacked; found more")
+    return unpacked

@@ -1,0 +1,81 @@
+"""Pages that state the sizes of many things, one beside each link: tables and tiles of cars and the like."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from urllib.parse import urljoin
+
+from crawler.items import RawItem
+from crawler.page.page import Element, Page, source_id, squeezed
+from crawler.sites.site import Site
+from crawler.text.sizes import Size, agreed, sizes
+
+__all__ = ["listed_items"]
+
+#: So far above its link the box of an entry is looked for.
+CLIMB = 5
+
+#: An entry is a tile or a row; a longer text is the list itself, or an article.
+LONGEST_ENTRY = 600
+
+
+def listed_items(page: Page, site: Site, now: datetime | None = None) -> Iterator[RawItem]:
+    """An item for every link to a product beside which its three outer lengths stand.
+
+    The lengths belong to a link if the smallest box that holds both links to no other product.
+    """
+    retrieved = (now or datetime.now(UTC)).isoformat(timespec="seconds")
+    seen: set[str] = set()
+    for link in page.root.iter("a"):
+        url = urljoin(page.url, link.get("href") or "").split("#")[0]
+        if url in seen or not site.is_product(url):
+            continue
+        entry = _entry(link, url, page, site)
+        if entry is None:
+            continue
+        seen.add(url)
+        size, text = entry
+        yield RawItem(
+            source=site.name,
+            source_id=_own_id(site, url),
+            url=url,
+            title=_title(link),
+            dimensions_text=text,
+            dimensions_mm=size.dimensions_mm(),
+            extents_mm=size.extents_mm(),
+            retrieved_at=retrieved,
+            flags=size.flags,
+        )
+
+
+def _entry(link: Element, url: str, page: Page, site: Site) -> tuple[Size, str] | None:
+    here = link
+    for _ in range(CLIMB):
+        here = here.getparent()
+        text = squeezed(" ".join(here.itertext())) if here is not None else ""
+        if not text or len(text) > LONGEST_ENTRY or _leads_elsewhere(here, url, page, site):
+            return None
+        read = [size for size in sizes(text, site.listed_order, page.language) if len(size.lengths) == 3]
+        size = agreed([size for size in read if size.meaning == "whole"])
+        if size is not None:
+            return size, text
+    return None
+
+
+def _leads_elsewhere(box: Element, url: str, page: Page, site: Site) -> bool:
+    links = {urljoin(page.url, link.get("href") or "").split("#")[0] for link in box.iter("a")}
+    return any(other != url and site.is_product(other) for other in links)
+
+
+def _title(link: Element) -> str:
+    """The link's words, else its picture's, else the last part of its address."""
+    picture = next(link.iter("img"), None)
+    words = squeezed(" ".join(link.itertext())) or squeezed("" if picture is None else picture.get("alt") or "")
+    return words or re.split(r"[/?]", (link.get("href") or "").rstrip("/"))[-1]
+
+
+def _own_id(site: Site, url: str) -> str:
+    found = re.search(site.id, url) if site.id else None
+    return found[1] if found else source_id(url)

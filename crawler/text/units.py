@@ -1,0 +1,68 @@
+"""The one table of length units, in millimetres, and of the words that pages use for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from metric_base.faults import InputFault
+
+__all__ = ["MILLIMETRES", "UNIT_WORDS", "UnknownUnit", "millimetres", "unit"]
+
+
+class UnknownUnit(InputFault):
+    """A unit of length that the table does not hold."""
+
+
+#: Millimetres in one unit. The inch is 25.4 mm exactly (international yard and pound agreement, 1959).
+MILLIMETRES: Mapping[str, float] = MappingProxyType(
+    {
+        "um": 1e-3,
+        "mm": 1.0,
+        "cm": 10.0,
+        "dm": 100.0,
+        "m": 1000.0,
+        "km": 1e6,
+        "in": 25.4,
+        "ft": 304.8,
+        "yd": 914.4,
+        "mi": 1609344.0,
+    }
+)
+
+#: Unit words of pages and tables, in small letters and without a closing full stop, to keys of `MILLIMETRES`.
+UNIT_WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        word: key
+        for key, words in {
+            "mm": "mm millimeter millimeters millimetre millimetres millimètres milímetros millimetri",
+            "cm": "cm cms centimeter centimeters centimetre centimetres zentimeter centimètre centimètres "
+            "centímetros centimetri",
+            "dm": "dm decimetre decimetres decimeter decimeters",
+            "m": "m mt mtr meter meters metre metres mètre mètres metro metros metri",
+            "in": "in ins inch inches inch(es) zoll tum pouce pouces pulgada pulgadas pollici \" ″ ” “ '' ′′ ’’",
+            "ft": "ft feet foot fuß pied pieds pie pies piedi ' ′ ’",
+            "yd": "yd yds yard yards",
+        }.items()
+        for word in words.split()
+    }
+)
+
+
+def unit(word: str) -> str | None:
+    """The key of `MILLIMETRES` that `word` names, or None: `Inches`, `in.`, `″` are `in`."""
+    return UNIT_WORDS.get(word.strip().lower().rstrip("."))
+
+
+def millimetres(value: float, unit: str) -> float:
+    """`value` of `unit` in millimetres.
+
+    Raises
+    ------
+    UnknownUnit
+        The unit is not a key of `MILLIMETRES`.
+    """
+    try:
+        return value * MILLIMETRES[unit]
+    except KeyError:
+        raise UnknownUnit(f"unit: expected one of {', '.join(MILLIMETRES)}; found {unit!r}") from None

@@ -1,0 +1,258 @@
+"""Measurement: from a scene and its masks to objects with sizes in scene units (paper sections 4.1 and 4.2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Literal
+
+import numpy as np
+
+from estimator.geometry.noise import depth_noise, sight_moment
+from estimator.geometry.planes import SupportPlane, level_basis, refined_up, support_planes
+from estimator.geometry.point_labels import PointLabels, PointVotes, dense_labels, point_votes, sparse_labels
+from estimator.geometry.standing import stands
+from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
+from estimator.geometry.tracks import Track, incremental_tracks, shared_tracks
+from estimator.geometry.truncation import Outline, Sides, Surroundings, outline, seen_sides
+from estimator.geometry.up import Up, camera_up
+from estimator.geometry.upright_box import Dimensions, dimensions, inliers
+from estimator.measured_object import Box, MeasuredObject
+from estimator.scene import FloatArray, Instance, IntArray, Scene
+
+__all__ = ["PAPER", "MeasurementOptions", "Measurements", "measured"]
+
+# An object with fewer points has no shape: eight corners and as many again for outliers.
+MIN_OBJECT_POINTS = 16
+# The dense cloud is taken for an object from here on; below, whichever cloud holds more.
+MIN_DENSE_POINTS = 100
+# Boxes bound a thing only where several of them cross: two leave a wedge that is open behind it.
+MIN_BOX_VIEWS = 3
+# What boxes add to the log sizes' standard deviation: background within the box, more of it along the line of sight.
+BOX_SIGMA = (0.15, 0.15, 0.05)
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementOptions:
+    """How to measure. `PAPER` holds the paper's choices; the extent rule is the same for all.
+
+    supports : objects reach down to the plane they stand on; standing : whether a category stands on the floor (True),
+    hangs (False), or may do either (None).
+    """
+
+    association: Literal["shared", "incremental"] = "shared"
+    outliers: Literal["neighbours", "forest"] = "neighbours"
+    robust_footprint: bool = True
+    supports: bool = True
+    planes_for_up: bool = True
+    dense: bool = True
+    standing: Callable[[str], bool | None] = stands
+
+
+PAPER = MeasurementOptions("incremental", "forest", robust_footprint=False, supports=False, planes_for_up=False)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Measurements:
+    """Everything the geometry found. `objects[i]` belongs to `tracks[i]`; `timings` in seconds by stage."""
+
+    objects: tuple[MeasuredObject, ...]
+    up: Up
+    planes: tuple[SupportPlane, ...]
+    tracks: tuple[Track, ...]
+    timings: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+def measured(scene: Scene, instances: Sequence[Instance], options: MeasurementOptions | None = None) -> Measurements:
+    """The objects of a scene in scene units, one for every track, by labels, tracks, up, planes and dimensions."""
+    options = options or MeasurementOptions()
+    timings: dict[str, float] = {}
+    with _timed(timings, "labels"):
+        clouds = [sparse_labels(scene, instances)]
+        if options.dense and scene.dense is not None:
+            clouds.append(dense_labels(scene, instances))
+    with _timed(timings, "association"):
+        if options.association == "shared":
+            tracks = shared_tracks(instances, clouds)
+        else:
+            tracks = incremental_tracks(instances, clouds[-1])
+    with _timed(timings, "up"):
+        up = camera_up(scene.views)
+        surface = clouds[-1].points
+        if options.planes_for_up:
+            up = refined_up(up, surface)
+        planes = support_planes(up.vector, surface) if options.supports else ()
+        basis = level_basis(up.vector)
+        ground = ground_of(surface, basis, planes) if options.supports else None
+    with _timed(timings, "votes"):
+        members = [track.members for track in tracks]
+        votes = [point_votes(cloud, instances, members) for cloud in clouds]
+    with _timed(timings, "noise"):
+        noise = [depth_noise(scene.views, cloud) for cloud in clouds]
+    with _timed(timings, "dimensions"):
+        eyes = np.array([-view.rotation.T @ view.translation for view in scene.views])
+        seen_from = [eyes[_views_of(track, instances)] for track in tracks]
+        shapes = _shapes(clouds, votes, noise, seen_from, basis, options)
+    with _timed(timings, "truncation"):
+        views = scene.views
+        outlines = [outline(i, views[i.view].camera.width, views[i.view].camera.height) for i in instances]
+        around = Surroundings(scene, clouds[-1], up.vector)
+        sides = [_sides(track, shape, instances, outlines, around) for track, shape in zip(tracks, shapes, strict=True)]
+    with _timed(timings, "supports"):
+        objects = tuple(
+            _object(str(number + 1), track, shape, seen, instances, ground, basis, up, options)
+            for number, (track, shape, seen) in enumerate(zip(tracks, shapes, sides, strict=True))
+        )
+    return Measurements(objects, up, planes, tracks, timings, _warnings(up, planes, options))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Shape:
+    """The cloud an object was measured in ("sparse" or "dense"), its points, their rows, and its box if any."""
+
+    cloud: Literal["sparse", "dense"]
+    points: FloatArray
+    rows: IntArray
+    box: Dimensions | None
+
+
+@contextmanager
+def _timed(timings: dict[str, float], stage: str) -> Iterator[None]:
+    start = perf_counter()
+    yield
+    timings[stage] = perf_counter() - start
+
+
+def _shapes(
+    clouds: Sequence[PointLabels],
+    votes: Sequence[PointVotes],
+    noise: Sequence[float],
+    seen_from: Sequence[FloatArray],
+    basis: FloatArray,
+    options: MeasurementOptions,
+) -> list[_Shape]:
+    """The points and box of each track; `noise` of each cloud; `seen_from`: camera centres (v, 3) of each track."""
+    found = []
+    for number, eyes in enumerate(seen_from):
+        cloud, rows = _cloud_of([vote.rows[number] for vote in votes])
+        own = clouds[cloud].points.take(rows, axis=0)
+        box = None
+        if len(own) >= MIN_OBJECT_POINTS:
+            left = inliers(own, basis, options.outliers)
+            blur = _blur(eyes, left.level.mean(axis=0) @ basis, noise[cloud])
+            box = dimensions(left, basis, blur, options.robust_footprint)
+        found.append(_Shape("dense" if cloud else "sparse", own, rows, box))
+    return found
+
+
+def _blur(eyes: FloatArray, middle: FloatArray, share: float) -> FloatArray:
+    """(3, 3) covariance of an object's noise along its lines of sight, a share of the distance."""
+    distance, moment = sight_moment(eyes, middle)
+    return np.asarray((share * distance) ** 2 * moment)
+
+
+def _views_of(track: Track, instances: Sequence[Instance]) -> list[int]:
+    return sorted({instances[row].view for row in track.members})
+
+
+def _cloud_of(rows: Sequence[IntArray]) -> tuple[int, IntArray]:
+    """The cloud to measure an object in and its rows: the dense one where it has enough, else the more of the two."""
+    best = len(rows) - 1
+    if best == 1 and len(rows[1]) < MIN_DENSE_POINTS and len(rows[0]) > len(rows[1]):
+        best = 0
+    return best, rows[best]
+
+
+def _sides(
+    track: Track, shape: _Shape, instances: Sequence[Instance], outlines: Sequence[Outline], around: Surroundings
+) -> Sides | None:
+    """How the masks show the sides of an object; None without a box."""
+    if shape.box is None:
+        return None
+    box = shape.box
+    masks = [instances[row] for row in track.members]
+    borders = [outlines[row] for row in track.members]
+    return seen_sides(masks, borders, around, (box.axes, box.low, box.high), shape.points[box.rows])
+
+
+def _object(
+    name: str,
+    track: Track,
+    shape: _Shape,
+    sides: Sides | None,
+    instances: Sequence[Instance],
+    ground: Ground | None,
+    basis: FloatArray,
+    up: Up,
+    options: MeasurementOptions,
+) -> MeasuredObject:
+    """One object as the posterior takes it."""
+    masks = [instances[row] for row in track.members]
+    record = MeasuredObject(
+        id=name,
+        category=track.category,
+        extents=np.full(3, np.nan),
+        sigma=np.full(3, np.nan),
+        score=float(np.mean([mask.score for mask in masks])),
+        points=len(shape.points),
+        views=len(masks),
+        vertical_known=up.method != "none",
+        point_rows=shape.rows,
+        cloud=shape.cloud,
+        members=track.members,
+    )
+    box = shape.box
+    boxes = all(mask.from_box for mask in masks)
+    if boxes and len(masks) < MIN_BOX_VIEWS:
+        return replace(record, skipped=f"boxes in {len(masks)} views, {MIN_BOX_VIEWS} needed")
+    if box is None or sides is None:
+        return replace(record, skipped=f"{len(shape.points)} points, {MIN_OBJECT_POINTS} needed")
+    foot = _foot(box, sides, ground, basis, options.standing(track.category))
+    low = np.array([*box.low[:2], foot.bottom])
+    edge_sigma = box.edge_sigma.copy()
+    if foot.standing:
+        edge_sigma[0, 2] = foot.sigma
+    cut = sides.truncated
+    foot_cut = foot.short or (cut[2, 0] and not foot.standing)
+    truncated = np.array([cut[0].any(), cut[1].any(), cut[2, 1] or foot_cut])
+    return replace(
+        record,
+        extents=box.high - low,
+        sigma=np.hypot(np.linalg.norm(edge_sigma, axis=0), BOX_SIGMA if boxes else 0.0),
+        confidence=box.eta,
+        beyond=sides.beyond,
+        truncated=truncated,
+        unsupported_height=float(box.extents[2]) if foot.standing else None,
+        box=Box((low + box.high) / 2 @ box.axes, box.axes, box.high - low),
+        notes=("reaches down to the surface below it",) if foot.filled else (),
+    )
+
+
+def _foot(box: Dimensions, sides: Sides, ground: Ground | None, basis: FloatArray, standing: bool | None) -> Foot:
+    """The foot of an object on the ground; that of its points where there is no ground."""
+    if ground is None:
+        return Foot(float(box.low[2]))
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * box.extents[:2] + box.low[:2]
+    # corners along length and width, to the world, to the level basis
+    level = level_below(ground, corners @ box.axes[:2] @ basis[:2].T, box.low, box.high, standing)
+    reach = np.nan
+    if level is not None and box.low[2] > level.height:
+        gap = float(box.low[2] - level.height)
+        # the masks, or the few outermost points that the extent rule cut off
+        told, own = sides.beyond[2, 0] * box.extents[2] / gap, (box.low[2] - box.lowest) / gap
+        reach = own if own > REACH_SHARE else told
+    return foot_on(level, box.low, box.high, ground.bin, standing, float(reach))
+
+
+def _warnings(up: Up, planes: Sequence[SupportPlane], options: MeasurementOptions) -> tuple[str, ...]:
+    found = []
+    if up.method == "none":
+        found.append("up is unknown: the cameras neither turn nor agree on it")
+    elif up.method == "mean-camera-up":
+        found.append("up is the mean camera up: the cameras hardly turn and no level surface was found")
+    if options.supports and not planes:
+        found.append("no support plane was found: heights are those of the points alone")
+    return tuple(found)

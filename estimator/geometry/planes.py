@@ -1,0 +1,219 @@
+"""Support planes: the level surfaces that things stand on (floor, desk tops, road), found together with up.
+
+Walls spread evenly over heights, level surfaces pile up at one: the right vertical is the one whose histogram of
+heights is most peaked, and its peaks are the planes. Points are first thinned to one per cell of space, so that a
+surface counts by its area and not by how richly it was reconstructed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import binary_dilation, gaussian_filter1d, median_filter
+
+from estimator.geometry.up import Up, joined_up, tilted
+from estimator.scene import BoolArray, FloatArray, IntArray
+
+__all__ = ["SupportPlane", "floor_of", "height_bin", "level_basis", "refined_up", "support_planes", "thinned"]
+
+# Height bins over the middle 96 % of heights: 2 cm in a room, twice the noise of an ordinary dense cloud.
+HEIGHT_BINS = 150
+# Cells of space along the cloud's diagonal when thinning: 3 cm in a room of six metres.
+THINNING_CELLS = 200
+MAX_POINTS = 40_000
+MAX_SEARCH_POINTS = 6_000
+# A plane's bin holds this many times the bins around it; clutter varies by less.
+PEAK_RATIO = 2.0
+# Bins around a peak that say what is ordinary there: a third of all heights, so that a thick noisy floor is a minority.
+SURROUNDING_BINS = 51
+# Half the thickness of a level surface and the smoothing before its peak is sought, in bins.
+HALF_THICKNESS_BINS = 2.5
+SMOOTHING_BINS = 1.5
+# A plane holds at least this share of the thinned points and this many of them: a table top is a hundredth of a room's
+# surfaces.
+MIN_SHARE = 0.008
+MIN_POINTS = 25
+# Two planes closer than this many bins are one surface with noise.
+MIN_BINS_APART = 6
+# Cells of a plane's map, in height bins: large enough that a sparse surface has no holes.
+CELL_BINS = 6
+# Below a floor lie only strays: one point in twenty. Below a table lie floor, legs and walls.
+BELOW_FLOOR_SHARE = 0.05
+# A level surface within this tilt of the cameras' vertical, in its standard deviations, is believed.
+BELIEVED_SIGMAS = 3.0
+# The window about a plane cuts a tilted surface short, so each fit goes part of the way.
+ROUNDS = 12
+# A peak twice as sharp outweighs a tilt of two and a half standard deviations.
+BELIEF_WEIGHT = 0.2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SupportPlane:
+    """A level surface: points with `basis[2] @ x` near `height`.
+
+    basis : (3, 3) rows two horizontal axes and up; sigma : standard deviation of its points about it, scene units;
+    cells : (a, b) bool map of where it was seen, cell (0, 0) starting at `origin` (2,) with side `cell`.
+    """
+
+    basis: FloatArray
+    height: float
+    sigma: float
+    points: int
+    origin: FloatArray
+    cell: float
+    cells: BoolArray
+
+    def coverage(self, footprint: FloatArray) -> float:
+        """Share of the horizontal points (n, 2) that lie on cells where the surface was seen."""
+        index = np.floor((footprint - self.origin) / self.cell).astype(np.int64)
+        inside = ((index >= 0) & (index < self.cells.shape)).all(axis=1)
+        return float(self.cells[tuple(index[inside].T)].sum() / max(len(footprint), 1))
+
+
+def level_basis(up: FloatArray) -> FloatArray:
+    """(3, 3) right-handed rows: two horizontal unit axes, then `up`."""
+    seed = np.eye(3)[int(np.abs(up).argmin())]
+    one = np.cross(seed, up)
+    one /= np.linalg.norm(one)
+    return np.stack([one, np.cross(up, one), up])
+
+
+def refined_up(up: Up, points: FloatArray) -> Up:
+    """Up after the level surfaces of the cloud (n, 3) have been heard; the same where there is none to believe."""
+    thin = thinned(points)
+    if len(thin) < MIN_POINTS or up.method == "none":
+        return up
+    bin_width = height_bin(thin @ up.vector)
+    start = _most_peaked(up, thin[:: -(-len(thin) // MAX_SEARCH_POINTS)], bin_width)
+    normal, sigma = _common_normal(start, thin, bin_width)
+    if normal is None:
+        return up
+    off = np.degrees(np.arccos(np.clip(normal @ up.vector, -1, 1)))
+    if off > BELIEVED_SIGMAS * np.hypot(up.sigma_deg, sigma):
+        return up
+    return joined_up(up, normal, sigma)
+
+
+def support_planes(up: FloatArray, points: FloatArray) -> tuple[SupportPlane, ...]:
+    """Level surfaces of the cloud (n, 3), lowest first."""
+    thin = thinned(points)
+    if len(thin) < MIN_POINTS:
+        return ()
+    basis = level_basis(up)
+    local = thin @ basis.T
+    bin_width = height_bin(local[:, 2])
+    planes = []
+    for height in _peaks(local[:, 2], bin_width):
+        near = np.abs(local[:, 2] - height) < HALF_THICKNESS_BINS * bin_width
+        inliers = local[near]
+        planes.append(_plane(basis, inliers, bin_width))
+    return tuple(planes)
+
+
+def floor_of(planes: Sequence[SupportPlane], points: FloatArray) -> SupportPlane | None:
+    """The plane that everything may stand on: the lowest, if next to nothing of the cloud (n, 3) lies below it."""
+    if not planes:
+        return None
+    lowest = planes[0]
+    below = points @ lowest.basis[2] < lowest.height - 2 * HALF_THICKNESS_BINS * lowest.cell / CELL_BINS
+    return lowest if np.count_nonzero(below) <= BELOW_FLOOR_SHARE * len(points) else None
+
+
+def _plane(basis: FloatArray, inliers: FloatArray, bin_width: float) -> SupportPlane:
+    cell = CELL_BINS * bin_width
+    origin = inliers[:, :2].min(axis=0) - cell
+    index = ((inliers[:, :2] - origin) // cell).astype(np.int64)
+    cells = np.zeros(index.max(axis=0) + 2, dtype=bool)
+    cells[tuple(index.T)] = True
+    middle = float(np.median(inliers[:, 2]))
+    spread = float(1.4826 * np.median(np.abs(inliers[:, 2] - middle)))
+    return SupportPlane(basis, middle, spread, len(inliers), origin, cell, binary_dilation(cells))
+
+
+def thinned(points: FloatArray) -> FloatArray:
+    """One point per cell of space, at most `MAX_POINTS`."""
+    points = points[:: max(1, -(-len(points) // (4 * MAX_POINTS)))]
+    if len(points) < MIN_POINTS:
+        return points
+    low, high = np.percentile(points, [2, 98], axis=0)
+    cell = max(float(np.linalg.norm(high - low)) / THINNING_CELLS, np.finfo(float).tiny)
+    index = np.clip((points - low) // cell, -THINNING_CELLS, 2 * THINNING_CELLS).astype(np.int64) + THINNING_CELLS
+    side = 3 * THINNING_CELLS + 1
+    keys = (index[:, 0] * side + index[:, 1]) * side + index[:, 2]
+    rows: IntArray = np.unique(keys, return_index=True)[1]
+    return points[rows[:: max(1, -(-len(rows) // MAX_POINTS))]]
+
+
+def height_bin(heights: FloatArray) -> float:
+    """Width of a bin of the heights (n,) of a whole scene."""
+    low, high = np.percentile(heights, [2, 98])
+    return max(float(high - low) / HEIGHT_BINS, np.finfo(float).tiny)
+
+
+def _histogram(heights: FloatArray, bin_width: float) -> tuple[FloatArray, float]:
+    """Counts per bin over the middle of the heights, and the lower end of the first bin."""
+    low, high = np.percentile(heights, [0.5, 99.5])
+    index = ((heights - low) // bin_width).astype(np.int64)
+    bins = int((high - low) // bin_width) + 1
+    inside = (index >= 0) & (index < bins)
+    return np.bincount(index[inside], minlength=bins).astype(float), float(low)
+
+
+def _peaks(heights: FloatArray, bin_width: float) -> list[float]:
+    """Heights of the level surfaces, lowest first: bins that stand out of their surroundings, strongest kept."""
+    counts, low = _histogram(heights, bin_width)
+    smooth = gaussian_filter1d(counts, SMOOTHING_BINS, mode="constant")
+    around = np.maximum(median_filter(smooth, SURROUNDING_BINS, mode="reflect"), 1.0)
+    held = np.convolve(counts, np.ones(2 * int(HALF_THICKNESS_BINS) + 1), mode="same")
+    strong = (smooth >= PEAK_RATIO * around) & (held >= max(MIN_POINTS, MIN_SHARE * len(heights)))
+    kept: list[int] = []
+    for index in np.argsort(-smooth):
+        if strong[index] and all(abs(int(index) - other) >= MIN_BINS_APART for other in kept):
+            kept.append(int(index))
+    return sorted(low + (index + 0.5) * bin_width for index in kept)
+
+
+def _most_peaked(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
+    """(3,) the vertical near `up` whose histogram of heights is most peaked, the cameras' own belief counted in."""
+    basis = level_basis(up.vector)
+    known = up.known if up.known is not None else basis[0]
+    known = known - (known @ up.vector) * up.vector
+    known /= np.linalg.norm(known)
+    # the tilt about the known axis is open by sigma, the other one by the roll of a hand-held camera
+    reach = BELIEVED_SIGMAS * up.sigma_deg
+    about_known = np.arange(-reach, reach + 1e-9, max(reach / 20, 0.5))
+    other = 3.0 if up.known is not None else reach
+    about_other = np.arange(-other, other + 1e-9, max(other / 6, 0.5))
+    best, best_score = up.vector, -np.inf
+    for vector, pitch in zip(tilted(up.vector, known, about_known), about_known, strict=True):
+        axis = np.cross(known, vector)
+        for candidate, roll in zip(tilted(vector, axis, about_other), about_other, strict=True):
+            counts, _ = _histogram(points @ candidate, bin_width)
+            belief = -0.5 * ((pitch / up.sigma_deg) ** 2 + (roll / (other / BELIEVED_SIGMAS)) ** 2)
+            score = np.log((gaussian_filter1d(counts, SMOOTHING_BINS) ** 2).sum()) + BELIEF_WEIGHT * belief
+            if score > best_score:
+                best, best_score = candidate, score
+    return np.asarray(best)
+
+
+def _common_normal(up: FloatArray, points: FloatArray, bin_width: float) -> tuple[FloatArray | None, float]:
+    """Normal shared by the level surfaces near `up`, and its standard deviation in degrees; None without a surface."""
+    normal = up
+    sigma = np.inf
+    for _ in range(ROUNDS):
+        heights = points @ normal
+        scatter, inliers = np.zeros((3, 3)), 0
+        for height in _peaks(heights, bin_width):
+            near = points[np.abs(heights - height) < HALF_THICKNESS_BINS * bin_width]
+            centred = near - near.mean(axis=0)
+            scatter += centred.T @ centred
+            inliers += len(near)
+        if inliers < MIN_POINTS:
+            return None, np.inf
+        values, vectors = np.linalg.eigh(scatter)
+        normal = vectors[:, 0] * np.sign(vectors[:, 0] @ up)
+        # errors of neighbouring points go together: every tenth counts as one of its own
+        sigma = float(np.degrees(np.sqrt(values[0] / max(values[1], 1e-12) / max(inliers / 10, 1))))
+    return normal, sigma

@@ -1,0 +1,1 @@
+"""Instance masks from COCO files, label images or a detector."""

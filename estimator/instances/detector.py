@@ -1,0 +1,308 @@
+"""Instances from a detector of the user's own: an ONNX Mask R-CNN, run by onnxruntime on the scene's pictures.
+
+The signature is that of torchvision's export: one picture (3, H, W), RGB from 0 to 1, in; boxes (n, 4) of x1, y1, x2,
+y2 pixels, labels (n,), scores (n,) and masks (n, 1, H, W) from 0 to 1 out. The graphs of the ONNX Model Zoo differ in
+two things and are read too: their input is BGR from 0 to 255 less Caffe's means (`input = "caffe"`), and their masks
+are small pictures of the boxes (n, 1, 28, 28). Other detectors hand over COCO results (docs/training.md).
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.instances.crops import crop_at
+from estimator.instances.image_files import image_file
+from estimator.instances.registry import RegisteredDetector, downloaded, known_file, registered
+from estimator.scene import BadScene, BoolArray, FloatArray, Instance, IntArray, Scene, View, told
+from taxonomy.label_lists import vocabulary
+
+__all__ = ["Detections", "Detector", "InputForm", "detected", "detector_at", "label_names"]
+
+InputForm = Literal["torchvision", "caffe"]
+
+#: Detections under this score are left out. COCO's detectors are right about half the time here; the posterior gives
+#: low scores a larger outlier's share, but junk also joins tracks.
+MIN_SCORE = 0.5
+#: A pixel belongs to the mask from here on: torchvision's own example and COCO's evaluation.
+MASK_THRESHOLD = 0.5
+#: Means of blue, green, red that Caffe's models subtract; sides they were trained with (the shorter, and the longest
+#: that a narrow picture may have), and the divisor their graph was traced with.
+CAFFE_MEANS = (102.9801, 115.9465, 122.7717)
+CAFFE_SHORT_SIDE, CAFFE_LONGEST_SIDE, CAFFE_DIVISOR = 800, 1333, 32
+#: COCO's category ids run to 90, of which these ten name nothing; torchvision's labels are these ids.
+COCO_91_GAPS = frozenset({12, 26, 29, 30, 45, 66, 68, 69, 71, 83})
+#: A box whose corner is this many pictures away, or no number, holds nothing that could be pasted.
+FAR_BOX = 10
+#: onnxruntime writes a device id under the user's cache unless this is set before its import.
+TELEMETRY_VARIABLE = "ORT_DISABLE_TELEMETRY"
+
+Picture = NDArray[np.uint8]
+FloatPicture = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Detections:
+    """What a detector saw in one picture.
+
+    boxes : (n, 4) x1, y1, x2, y2 in pixels; labels : (n,); scores : (n,) 0 to 1; masks : n of (H, W) bool, at the
+    picture's resolution.
+    """
+
+    boxes: FloatArray
+    labels: IntArray
+    scores: FloatArray
+    masks: tuple[BoolArray, ...]
+
+
+class Detector:
+    """An ONNX graph with its label names.
+
+    Parameters
+    ----------
+    path : the graph
+    labels : names by label number, label 0 being the background; "" where a number names nothing
+    form : what the input holds
+
+    Raises
+    ------
+    BadScene
+        It is no ONNX graph, or not of the signature.
+    """
+
+    def __init__(self, path: Path, labels: Sequence[str], form: InputForm = "torchvision") -> None:
+        self.path, self.labels, self.form = path, tuple(labels), form
+        self._session = _session(path)
+        self._input = self._session.get_inputs()[0]
+        rank = len(self._input.shape)
+        if len(self._session.get_inputs()) != 1 or rank not in (3, 4):
+            found = ", ".join(f"{node.name} {node.shape}" for node in self._session.get_inputs())
+            raise BadScene.at(path, "input", "one picture (3, H, W), as torchvision exports it", told(found))
+        self._batched = rank == 4
+        self._outputs = _output_names(path, self._session.get_outputs())
+
+    def __call__(self, picture: Picture) -> Detections:
+        """The detections in a picture (H, W, 3) RGB.
+
+        Raises
+        ------
+        BadScene
+            The graph fails on it, or answers in other shapes than the signature's.
+        """
+        fed, factor = self._prepared(picture)
+        boxes, labels, scores, masks = self._run(fed[None] if self._batched else fed)
+        whole = masks.shape[2:] == fed.shape[1:]
+        height, width = picture.shape[:2]
+        boxes = np.asarray(boxes, dtype=float) / np.tile(factor, 2)
+        kept = np.flatnonzero(scores >= MIN_SCORE)
+        drawn = partial(_whole_mask, masks) if whole else partial(_pasted_mask, masks, boxes)
+        return Detections(
+            boxes[kept],
+            np.asarray(labels[kept], dtype=np.int64),
+            np.asarray(scores[kept], dtype=float),
+            tuple(drawn(int(row), width, height) for row in kept),
+        )
+
+    def _run(self, fed: FloatPicture) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+        try:
+            found = self._session.run(self._outputs, {self._input.name: fed})
+        except Exception as fault:  # noqa: BLE001 - onnxruntime's errors have no common base that it exports
+            line = (str(fault).splitlines() or ["an error"])[0]
+            raise BadScene.at(self.path, "run", f"an answer to a picture of shape {fed.shape}", told(line)) from None
+        boxes, labels, scores, masks = found
+        n = len(boxes)
+        shapes = (boxes.shape, labels.shape, scores.shape, masks.shape)
+        if boxes.shape != (n, 4) or labels.shape != (n,) or scores.shape != (n,) or masks.shape[:2] != (n, 1):
+            expected = "boxes (n, 4), labels (n,), scores (n,), masks (n, 1, H, W)"
+            raise BadScene.at(self.path, "outputs", expected, told(str(shapes)))
+        return boxes, labels, scores, masks
+
+    def _prepared(self, picture: Picture) -> tuple[FloatPicture, FloatArray]:
+        """The input (3, H', W') and the factors (x, y) from the picture's pixels to its own."""
+        import cv2
+
+        height, width = picture.shape[:2]
+        new_width, new_height = self._fed_size(width, height)
+        if (new_width, new_height) != (width, height):
+            picture = cv2.resize(picture, (new_width, new_height), interpolation=cv2.INTER_AREA)
+        factor = np.array([new_width / width, new_height / height])
+        if self.form == "torchvision":
+            return np.ascontiguousarray(picture.transpose(2, 0, 1), dtype=np.float32) / np.float32(255), factor
+        blue_first = picture[:, :, ::-1].astype(np.float32) - np.array(CAFFE_MEANS, dtype=np.float32)
+        rows, columns = -new_height % CAFFE_DIVISOR, -new_width % CAFFE_DIVISOR
+        return np.pad(blue_first.transpose(2, 0, 1), ((0, 0), (0, rows), (0, columns))), factor
+
+    def _fed_size(self, width: int, height: int) -> tuple[int, int]:
+        """(width, height) that the graph is fed: the picture's own, unless it was traced for one size or for Caffe."""
+        fixed_height, fixed_width = self._input.shape[-2:]
+        if isinstance(fixed_height, int) and isinstance(fixed_width, int):
+            return fixed_width, fixed_height
+        if self.form == "caffe":
+            factor = min(CAFFE_SHORT_SIDE / min(width, height), CAFFE_LONGEST_SIDE / max(width, height))
+            return round(width * factor), round(height * factor)
+        return width, height
+
+
+def detector_at(ref: str | Path, labels: Path | None = None) -> Detector:
+    """The detector of an ONNX file, or of a name in the registry, which is downloaded where it is not yet kept.
+
+    labels : a text file with one name per line, the first for label 1; by default COCO's 91 ids, as torchvision's own
+    weights have them, or what the registry says.
+
+    Raises
+    ------
+    BadScene
+        There is no such file or name, or the download is not to be had; the message says how to get a detector.
+    """
+    is_file = Path(ref).is_file()
+    entry = known_file(Path(ref)) if is_file else registered(str(ref))
+    path = Path(ref) if is_file or entry is None else downloaded(entry)
+    if labels is not None:
+        names = ("", *(line.strip() for line in labels.read_text(encoding="utf-8").splitlines()))
+    else:
+        names = label_names("coco_91" if entry is None else entry.labels)
+    return Detector(path, names, _form(entry))
+
+
+def label_names(name: str) -> tuple[str, ...]:
+    """Names by label number: `coco_91` for COCO's own ids, else a shipped list counted from 1."""
+    if name != "coco_91":
+        return ("", *(label.label for label in vocabulary(name)))
+    remaining = iter(vocabulary("coco_80"))
+    return ("", *("" if number in COCO_91_GAPS else next(remaining).label for number in range(1, 91)))
+
+
+def detected(scene: Scene, images: Path, detector: Detector) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+    """The instances that a detector sees in the scene's pictures, and warnings.
+
+    images : the folder that holds them, by the views' names, else by their base names.
+
+    Raises
+    ------
+    BadScene
+        The folder is not there, holds none of the views' pictures, or nothing is detected in any.
+    """
+    if not images.is_dir():
+        raise BadScene.at(images, "--images", "a folder with the scene's pictures", told("no such folder"))
+    files = [(row, view, _picture_file(images, view)) for row, view in enumerate(scene.views)]
+    there = [(row, view, file) for row, view, file in files if file is not None]
+    if not there:
+        expected = f"pictures by the names of the model's views, such as {scene.views[0].name!r}"
+        raise BadScene.at(images, "--images", expected, told("none of them"))
+    found: list[Instance] = []
+    for row, view, file in _with_progress(there):
+        found += _instances(row, view, detector(_picture(file)), detector)
+    if not found:
+        expected = f"a detection of score {MIN_SCORE} or more in one of {len(there)} pictures"
+        raise BadScene.at(detector.path, "detections", expected, told("none"))
+    lost = len(files) - len(there)
+    return tuple(found), ((f"{images}: {lost} of {len(files)} views have no picture",) if lost else ())
+
+
+def _instances(row: int, view: View, seen: Detections, detector: Detector) -> Iterator[Instance]:
+    for number, (label, score, mask) in enumerate(zip(seen.labels, seen.scores, seen.masks, strict=True)):
+        name = detector.labels[label] if 0 <= label < len(detector.labels) else ""
+        if not name:
+            expected = f"a number with a name (1 to {len(detector.labels) - 1}; name them with --detector-labels)"
+            raise BadScene.at(detector.path, "label", expected, int(label))
+        crop = crop_at(mask, view.camera)
+        if crop is not None:
+            yield Instance(f"{row}-{number}", row, name, crop[0], crop[1], score=float(min(score, 1.0)))
+
+
+def _whole_mask(masks: NDArray[Any], row: int, width: int, height: int) -> BoolArray:
+    """(H, W) of a mask as large as what was fed; brought to the picture's size where that was resized."""
+    import cv2
+
+    mask = np.asarray(masks[row, 0], dtype=np.float32)
+    if mask.shape != (height, width):
+        mask = cv2.resize(mask, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(mask >= MASK_THRESHOLD)
+
+
+def _pasted_mask(masks: NDArray[Any], boxes: FloatArray, row: int, width: int, height: int) -> BoolArray:
+    """(H, W) of a mask that is a small picture of its box: stretched over the box, bilinear, cut at the border."""
+    import cv2
+
+    whole = np.zeros((height, width), dtype=bool)
+    if not np.all(np.abs(boxes[row]) < FAR_BOX * max(width, height)):
+        return whole
+    left, top = np.floor(boxes[row, :2]).astype(int)
+    right, bottom = np.maximum(np.ceil(boxes[row, 2:]).astype(int), [left + 1, top + 1])
+    x0, y0, x1, y1 = max(left, 0), max(top, 0), min(right, width), min(bottom, height)
+    if x1 > x0 and y1 > y0:
+        small = np.asarray(masks[row, 0], dtype=np.float32)
+        stretched = cv2.resize(small, (int(right - left), int(bottom - top)), interpolation=cv2.INTER_LINEAR)
+        whole[y0:y1, x0:x1] = stretched[y0 - top : y1 - top, x0 - left : x1 - left] >= MASK_THRESHOLD
+    return whole
+
+
+def _picture_file(images: Path, view: View) -> Path | None:
+    folder = images.resolve()
+    by_name = image_file((folder,), view)
+    base = folder / Path(view.name.replace("\\", "/")).name
+    return by_name or (base if base.is_file() else None)
+
+
+def _picture(file: Path) -> Picture:
+    """(H, W, 3) RGB; turned as its camera saw it, which is how the model's keypoints count."""
+    import cv2
+
+    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+    found = cv2.imdecode(np.fromfile(file, dtype=np.uint8), flags) if file.stat().st_size else None
+    if found is None:
+        raise BadScene.at(file, "picture", "a picture that OpenCV reads", told("something else"))
+    return np.ascontiguousarray(found[:, :, ::-1])
+
+
+def _session(path: Path) -> Any:
+    os.environ.setdefault(TELEMETRY_VARIABLE, "1")
+    try:
+        import onnxruntime
+    except ImportError:
+        expected = "onnxruntime (pip install 'metric-tree[images]')"
+        raise BadScene.at(path, "detector", expected, told("not installed")) from None
+    try:
+        return onnxruntime.InferenceSession(str(path), providers=onnxruntime.get_available_providers())
+    except Exception as fault:  # noqa: BLE001 - its errors have no common base that it exports
+        line = (str(fault).splitlines() or ["an error"])[0]
+        raise BadScene.at(path, "detector", "an ONNX graph that onnxruntime loads", told(line)) from None
+
+
+def _output_names(path: Path, outputs: Sequence[Any]) -> list[str]:
+    """Names of boxes, labels, scores and masks, told by rank and type: exporters name them as they like."""
+    by_kind: dict[str, str] = {}
+    for node in outputs:
+        rank = len(node.shape)
+        kind = {2: "boxes", 4: "masks"}.get(rank, "labels" if "int" in node.type else "scores")
+        by_kind.setdefault(kind, node.name)
+    wanted = ("boxes", "labels", "scores", "masks")
+    if len(outputs) < len(wanted) or set(by_kind) != set(wanted):
+        found = ", ".join(f"{node.name} {node.shape} {node.type}" for node in outputs)
+        expected = "boxes (n, 4), labels (n,), scores (n,), masks (n, 1, H, W), as torchvision exports them"
+        raise BadScene.at(path, "outputs", expected, told(found))
+    return [by_kind[kind] for kind in wanted]
+
+
+def _form(entry: RegisteredDetector | None) -> InputForm:
+    return "caffe" if entry is not None and entry.input == "caffe" else "torchvision"
+
+
+def _with_progress(pictures: list[tuple[int, View, Path]]) -> Iterator[tuple[int, View, Path]]:
+    """The pictures, with a bar on standard error where that is a terminal."""
+    import sys
+
+    if not sys.stderr.isatty():
+        yield from pictures
+        return
+    from rich.console import Console
+    from rich.progress import track
+
+    yield from track(pictures, description="detecting", console=Console(stderr=True), transient=True)

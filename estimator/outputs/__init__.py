@@ -1,0 +1,1 @@
+"""What an estimate writes: table, figure, overlay, scaled model."""

@@ -1,0 +1,198 @@
+"""The figure of an estimate: what every object says about the scale, and where the objects are.
+
+Left, the posterior over the scale with its interval and modes, and under it one row for each object with its own
+likelihood; the truth where the scene knows it. Right, the scene from above and from the side with the objects' boxes,
+in metres (`plan`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from estimator.outputs.plan import COLOURS, bare_axes, draw_scene
+from estimator.outputs.whole import written_file
+from estimator.reconstructions.truth import scene_truth
+from estimator.result import ObjectReport, ScaleResult
+from estimator.scene import BadScene, FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from estimator.pipeline import SceneEstimate
+
+__all__ = ["figure", "write_figure"]
+
+POSTERIOR_COLOUR, TRUTH_COLOUR = "#222222", "#009E73"
+FORMATS = (".png", ".pdf", ".svg")
+#: More rows of objects than this are no longer read; the most certain of them are drawn.
+MAX_ROWS = 45
+ROW_INCHES, HEAD_INCHES, FOOT_INCHES, LEAST_INCHES, WIDTH_INCHES = 0.21, 2.4, 0.9, 7.0, 14.0
+#: How far the axis of scales goes beyond the interval and the objects' own scales, as a ratio.
+AXIS_MARGIN = 1.25
+#: Share of the objects' own scales that the axis leaves out at either end, so that one outlier does not flatten all.
+AXIS_TAIL = 0.1
+#: Likelihood of an object under which its row is blank, as a share of its peak.
+_FAINT = 1e-3
+#: Numbers on the axis of scales within a decade, from coarse to fine, and how many find room beside each other.
+_TICK_STEPS = (
+    (1,),
+    (1, 3),
+    (1, 2, 5),
+    (1, 1.5, 2, 3, 4, 5, 6, 8),
+    tuple(np.arange(1, 10, 0.5)),
+    tuple(np.arange(1, 10, 0.1)),
+)
+MAX_TICKS = 10
+
+
+def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
+    """Draw the figure into a file whose ending names the format (`.png`, `.pdf`, `.svg`), whole or not at all."""
+    if file.suffix.lower() not in FORMATS:
+        raise BadScene.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
+    drawn = figure(estimate)
+    with written_file(file, "--figure") as temporary:
+        drawn.savefig(temporary, format=file.suffix[1:].lower(), dpi=130)
+
+
+def figure(estimate: SceneEstimate | ScaleResult) -> Figure:
+    """The figure of an estimate; parts that it has no numbers for are left blank. A bare result has no right half."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    scene = None if isinstance(estimate, ScaleResult) else estimate
+    result = estimate if isinstance(estimate, ScaleResult) else estimate.result
+    reports = _rows(result)
+    rows_inches = ROW_INCHES * max(len(reports), 1)
+    height = max(LEAST_INCHES, HEAD_INCHES + rows_inches + FOOT_INCHES)
+    halves = 1 if scene is None else 2
+    drawn = Figure(figsize=(WIDTH_INCHES * halves / 2, height), layout="constrained")
+    FigureCanvasAgg(drawn)
+    left, *right = np.ravel(np.asarray(drawn.subfigures(1, halves), dtype=object))
+    share = min(HEAD_INCHES, 0.4 * height)
+    head, body = left.subplots(2, 1, sharex=True, height_ratios=(share, height - share))
+    _draw_posterior(head, result, None if scene is None else scene_truth(scene.scene.path).scale)
+    _draw_objects(body, result, reports)
+    if scene is not None:
+        above, side = right[0].subplots(2, 1, height_ratios=(3, 2))
+        draw_scene(above, side, scene)
+    return drawn
+
+
+def _rows(result: ScaleResult) -> list[ObjectReport]:
+    """The objects that spoke, by class and id, at most MAX_ROWS, those with the sharpest curves."""
+    spoke = [report for report in result.objects if report.id in result.object_curves and report.scale]
+    width = {report.id: _width(result, report.id) for report in spoke}
+    kept = sorted(spoke, key=lambda report: width[report.id])[:MAX_ROWS]
+    return sorted(kept, key=lambda report: (report.category, width[report.id]))
+
+
+def _width(result: ScaleResult, object_id: str) -> float:
+    """The spread of an object's own curve over log scale: its area over its height."""
+    curve = _own_curve(result, object_id)
+    return float(curve.sum())
+
+
+def _own_curve(result: ScaleResult, object_id: str) -> FloatArray:
+    """(g,) the object's likelihood without the floor that makes it an outlier, its peak 1."""
+    curve = np.asarray(result.object_curves[object_id], dtype=np.float64)
+    curve = curve - curve.min()
+    return np.asarray(curve / max(float(curve.max()), np.finfo(np.float64).tiny))
+
+
+def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> None:
+    if result.curve is None or result.scale is None or result.interval is None:
+        axes.set_axis_off()
+        return
+    scales = np.exp(result.curve.log_scale)
+    density = result.curve.density / result.curve.density.max()
+    interval = result.interval
+    # from end to end, not from the first to the last point of the grid between them
+    ends = np.array([interval.low, interval.high])
+    inside = np.clip(scales, *ends)
+    under = np.interp(np.log(inside), result.curve.log_scale, density)
+    axes.fill_between(inside, under, color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0)
+    axes.plot(scales, density, color=POSTERIOR_COLOUR, linewidth=1.6)
+    for mode in result.modes:
+        axes.axvline(mode.scale, color=POSTERIOR_COLOUR, linewidth=0.8, linestyle=":")
+        if mode.scale != result.scale:
+            axes.annotate(f"{mode.mass:.0%}", (mode.scale, 0.5), xytext=(3, 0), textcoords="offset points", fontsize=8)
+    if truth is not None:
+        axes.axvline(truth, color=TRUTH_COLOUR, linewidth=1.4)
+        axes.annotate("truth", (truth, 1.04), xytext=(3, 0), textcoords="offset points", color=TRUTH_COLOUR, fontsize=9)
+    axes.set_xscale("log")
+    axes.set_xlim(*_scale_range(result))
+    axes.set_ylim(0, 1.12)
+    axes.set_yticks([])
+    axes.tick_params(axis="x", labelbottom=False, which="both")
+    title = f"{result.scale:.4g} m per scene unit"
+    span = f"{interval.level:.0%} between {interval.low:.4g} and {interval.high:.4g}"
+    axes.set_title(f"{title}   ({span})", fontsize=12, loc="left")
+    bare_axes(axes)
+
+
+def _scale_range(result: ScaleResult) -> tuple[float, float]:
+    """What the axis of scales holds: the interval, and the own scales of most objects."""
+    own = [report.scale for report in result.objects if report.scale]
+    ends = list(np.quantile(own, [AXIS_TAIL, 1 - AXIS_TAIL])) if own else []
+    if result.interval is not None:
+        ends += [result.interval.low, result.interval.high]
+    return min(ends) / AXIS_MARGIN, max(ends) * AXIS_MARGIN
+
+
+def _draw_objects(axes: Axes, result: ScaleResult, reports: Sequence[ObjectReport]) -> None:
+    """One row for each object: its likelihood, its own scale, its name and weight."""
+    if result.curve is None or not reports or result.interval is None:
+        axes.set_axis_off()
+        return
+    low, high = _scale_range(result)
+    scales = np.exp(result.curve.log_scale)
+    axes.axvspan(result.interval.low, result.interval.high, color=POSTERIOR_COLOUR, alpha=0.08, linewidth=0)
+    for row, report in enumerate(reports):
+        colour = COLOURS[report.verdict]
+        curve = _own_curve(result, report.id)
+        shown = np.where(curve > _FAINT, 0.85 * curve, np.nan)
+        axes.fill_between(scales, row, row - shown, color=colour, alpha=0.45, linewidth=0)
+        axes.plot(scales, row - shown, color=colour, linewidth=0.8)
+        if report.scale is not None and not low <= report.scale <= high:
+            mark, edge = ("◂", low) if report.scale < low else ("▸", high)
+            side = "left" if report.scale < low else "right"
+            label = f"{mark} {report.scale:.2g}" if side == "left" else f"{report.scale:.2g} {mark}"
+            axes.text(edge, row - 0.1, label, color=colour, fontsize=7, ha=side, va="bottom")
+    labels = [f"{report.category} {report.id}" for report in reports]
+    axes.set_yticks(np.arange(len(reports)) - 0.25, labels, fontsize=8)
+    for tick, report in zip(axes.get_yticklabels(), reports, strict=True):
+        tick.set_color(COLOURS[report.verdict])
+    axes.set_ylim(len(reports) - 0.4, -1.2)
+    axes.set_xlim(low, high)
+    _scale_ticks(axes, low, high)
+    axes.set_xlabel(_caption(result, len(reports)), fontsize=9)
+    bare_axes(axes)
+
+
+def _scale_ticks(axes: Axes, low: float, high: float) -> None:
+    """Plain numbers on the log axis, as many as fit."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    decades = 10.0 ** np.arange(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    ticks: FloatArray = np.empty(0)
+    for steps in _TICK_STEPS:  # the finest that does not crowd
+        finer = np.outer(decades, steps).ravel()
+        finer = finer[(finer >= low) & (finer <= high)]
+        ticks = finer if len(finer) <= MAX_TICKS else ticks
+    axes.xaxis.set_major_locator(FixedLocator(ticks.tolist()))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
+
+
+def _caption(result: ScaleResult, drawn: int) -> str:
+    counts = {name: sum(report.verdict == name for report in result.objects) for name in COLOURS}
+    text = f"scale in metres per scene unit, each object's own likelihood   ({counts['used']} used, "
+    text += f"{counts['outlier']} outliers, {counts['skipped']} skipped"
+    spoke = counts["used"] + counts["outlier"]
+    return text + (f"; {drawn} of {spoke} drawn)" if drawn < spoke else ")")

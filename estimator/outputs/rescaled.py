@@ -1,0 +1,121 @@
+"""A scene's own files again at metric scale: every length in them times the scale, everything else untouched.
+
+The model, the dense cloud and COLMAP's transform file are written to a temporary folder beside the target, which
+takes its name only when all is there.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.outputs.rescaled_colmap import write_scaled_colmap
+from estimator.outputs.whole import written_folder
+from estimator.reconstructions.checked_files import bytes_of
+from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction
+from estimator.reconstructions.ply import ply_layout, visibility, visibility_bytes
+from estimator.scene import BadScene, IntArray, Scene
+
+__all__ = ["TRANSFORM", "write_scaled"]
+
+#: What `colmap model_transformer --transform_path` reads: scale qw qx qy qz tx ty tz.
+TRANSFORM = "metric_transform.txt"
+
+
+def write_scaled(scene: Scene, scale: float, folder: Path) -> None:
+    """The files of `scene` in a new `folder`, laid out as in the original, at `scale` metres per scene unit.
+
+    BadScene where the folder exists, the scene has no files, or the scale is not a positive number.
+    """
+    if not (np.isfinite(scale) and scale > 0):
+        raise BadScene.at(folder, "scale", "a positive number", scale)
+    if scene.model_path is None:
+        raise BadScene.at(scene.path, "model", "a scene that was read from files", None)
+    with written_folder(folder, "--write-scaled") as temporary:
+        _write_all(scene, scene.model_path, scale, temporary)
+
+
+def _write_all(scene: Scene, model_path: Path, scale: float, folder: Path) -> None:
+    target = folder / _place(model_path, scene.path)
+    target.mkdir(parents=True, exist_ok=True)
+    if scene.format == "opensfm":
+        _write_opensfm(model_path, scale, target)
+    else:
+        write_scaled_colmap(model_path, ".bin" if scene.format == "colmap-binary" else ".txt", scale, target)
+    if scene.dense is not None and scene.dense.path is not None:
+        target = folder / _place(scene.dense.path, scene.path)
+        _write_cloud(scene.dense.path, scale, target)
+        if scene.dense.visible_offsets is not None:
+            _write_visibility(scene.dense.path, scene.dense.file_views, len(scene.views), target)
+    (folder / TRANSFORM).write_text(f"{scale!r} 1 0 0 0 0 0 0\n", encoding="utf-8")
+
+
+def _place(path: Path, root: Path) -> Path:
+    """Where a file lies below the scene's folder; one from elsewhere goes to the top."""
+    path, root = path.resolve(), root.resolve()
+    return path.relative_to(root) if path.is_relative_to(root) else Path(path.name)
+
+
+def _write_opensfm(source: Path, scale: float, target: Path) -> None:
+    """The reconstruction that was used, alone: the others have scales of their own, which nobody knows."""
+    document, _ = largest_reconstruction(source / RECONSTRUCTION)
+    for part in ("shots", "pano_shots", "rig_instances", "rig_cameras"):
+        _scale_member(document.get(part), "translation", scale)
+    _scale_member(document.get("points"), "coordinates", scale)
+    for shot in (document.get("shots") or {}).values():
+        if isinstance(shot.get("vertices"), list):
+            shot["vertices"] = (np.array(shot["vertices"], dtype=np.float64) * scale).tolist()
+    (target / RECONSTRUCTION).write_text(json.dumps([document], indent=1), encoding="utf-8")
+    if (source / TRACKS).is_file():
+        shutil.copyfile(source / TRACKS, target / TRACKS)
+
+
+def _scale_member(entries: Any, member: str, scale: float) -> None:
+    """Multiply the (3,) list `member` of each entry in place."""
+    if isinstance(entries, dict):
+        for entry in entries.values():
+            if isinstance(entry, dict) and isinstance(entry.get(member), list):
+                entry[member] = [float(value) * scale for value in entry[member]]
+
+
+def _write_cloud(source: Path, scale: float, target: Path) -> None:
+    """A PLY file with its positions scaled."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    data = bytes_of(source)
+    layout = ply_layout(source, data)
+    if layout.format == "ascii":
+        target.write_bytes(
+            _scaled_ascii(data, layout.body, layout.skipped, layout.count, layout.vertex.names or (), scale)
+        )
+    else:
+        scaled = bytearray(data)
+        rows = np.frombuffer(scaled, layout.vertex, layout.count, layout.body + layout.skipped)
+        for axis in "xyz":
+            rows[axis] = (rows[axis].astype(np.float64) * scale).astype(rows[axis].dtype)
+        target.write_bytes(scaled)
+
+
+def _write_visibility(source: Path, file_views: IntArray | None, n_views: int, target: Path) -> None:
+    """The visibility beside a cloud, counting the views of the model that is written with it."""
+    beside, written = source.with_name(f"{source.name}.vis"), target.with_name(f"{target.name}.vis")
+    if file_views is None:
+        shutil.copyfile(beside, written)
+        return
+    n_points = ply_layout(source, bytes_of(source)).count
+    offsets, views = visibility(beside, n_points, n_views)
+    written.write_bytes(visibility_bytes(offsets, file_views[views]))
+
+
+def _scaled_ascii(data: bytes, body: int, skipped: int, count: int, names: tuple[str, ...], scale: float) -> bytes:
+    lines = data[body:].split(b"\n")
+    places = [names.index(axis) for axis in "xyz"]
+    for row in range(skipped, skipped + count):
+        words = lines[row].split()
+        for place in places:
+            words[place] = repr(float(words[place]) * scale).encode("ascii")
+        lines[row] = b" ".join(words)
+    return data[:body] + b"\n".join(lines)

@@ -1,0 +1,1 @@
+"""Measured objects and priors to a posterior over log scale (paper, section 4.3)."""

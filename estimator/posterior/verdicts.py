@@ -1,0 +1,74 @@
+"""Why an object counted or not, in words: the verdict, and the dimension that speaks against it."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from estimator.measured_object import AXES, MeasuredObject
+from estimator.posterior.axes import SORTED_AXES, is_sorted
+from estimator.posterior.likelihood import Evidence
+from estimator.result import Verdict
+from estimator.scene import FloatArray
+from metric_tree.prior import Prior
+
+__all__ = ["USUAL", "dimension_names", "outlier_reason", "verdict"]
+
+#: An object is an outlier when this is less likely than not.
+EVEN = 0.5
+
+#: "Usual" sizes are the middle 90 % of the class.
+USUAL = 0.9
+
+
+def verdict(weight: float | None) -> Verdict:
+    """`used` or `outlier` by the probability of not being an outlier; `skipped` for an object that did not speak."""
+    if weight is None:
+        return "skipped"
+    return "used" if weight >= EVEN else "outlier"
+
+
+def dimension_names(item: MeasuredObject) -> tuple[str, str, str]:
+    """What the object's three extents are called: a free box has sorted extents."""
+    return (AXES[0], AXES[1], AXES[2]) if item.vertical_known else SORTED_AXES
+
+
+def outlier_reason(item: Evidence, scale: float, own_scale: float) -> str:
+    """The dimension that lies furthest from the class's usual sizes at `scale`, else that the proportions do."""
+    names, sizes = _judged(item, scale)
+    off = [
+        (_excess(size, *bounds), name, size, bounds)
+        for name, size, bounds in zip(names, sizes, _usual(item.prior), strict=True)
+    ]
+    share, name, size, (low, high) = max(off, key=lambda entry: entry[0])
+    if share > 1:
+        side = "only " if size < low else ""
+        return f"{name} {side}{_metres(size)}, usual {_metres(low)} to {_metres(high)}"
+    return f"proportions unlike its class; alone it says scale {own_scale:.3g}"
+
+
+def _judged(item: Evidence, scale: float) -> tuple[tuple[str, ...], list[float]]:
+    """The prior's dimensions and the object's sizes on them in mm; a free box is judged by its sorted extents."""
+    extents = np.asarray(item.object.extents) * scale * 1000
+    if is_sorted(item.prior):
+        extents = np.sort(extents)[::-1]
+        return item.prior.dims, [float(extents[SORTED_AXES.index(name)]) for name in item.prior.dims]
+    return item.prior.dims, [float(extents[AXES.index(name)]) for name in item.prior.dims]
+
+
+def _excess(size: float, low: float, high: float) -> float:
+    """How many half-widths of the usual range a size lies from its middle, in log size; 0 where it is missing."""
+    if not np.isfinite(size):
+        return 0.0
+    middle, half = 0.5 * np.log(low * high), 0.5 * np.log(high / low)
+    return float(abs(np.log(size) - middle) / max(half, 1e-9))
+
+
+@lru_cache(maxsize=1024)
+def _usual(prior: Prior) -> FloatArray:
+    return prior.interval(USUAL)
+
+
+def _metres(mm: float) -> str:
+    return f"{mm / 1000:.3g} m"

@@ -1,0 +1,1 @@
+"""COLMAP, OpenSfM and PLY files to a `Scene`, with the checks of each file."""

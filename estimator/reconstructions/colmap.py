@@ -1,0 +1,130 @@
+"""COLMAP models as a scene: binary or text, the old three files or the new five, also under `sparse/0`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from estimator.reconstructions.colmap_binary import binary_model
+from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
+from estimator.reconstructions.colmap_text import text_model
+from estimator.scene import MAX_COORDINATE, BadScene, FloatArray, IntArray, Scene, View, told
+
+__all__ = ["colmap_folder", "colmap_scene", "rotation_of"]
+
+#: Where a COLMAP workspace keeps its model, in the order of preference.
+MODEL_PLACES = (".", "sparse/0", "sparse", "0")
+#: A unit quaternion may have lost some digits in a text file; one of another length is not a rotation.
+QUATERNION_TOLERANCE = 1e-2
+#: COLMAP counts points from 1 and deletes some: while the largest id is at most this many times their number, a
+#: table of all ids is small and ten times faster than a search.
+MAX_ID_SPREAD = 16
+
+
+def colmap_folder(path: Path) -> Path | None:
+    """The folder at or under `path` that holds a COLMAP model, or None."""
+    folders = (path / place for place in MODEL_PLACES)
+    return next((folder for folder in folders if model_suffix(folder)), None)
+
+
+def model_suffix(folder: Path) -> str | None:
+    """`.bin` or `.txt` where the folder has a model of that kind (any of its three files), binary first."""
+    for suffix in (".bin", ".txt"):
+        if any((folder / f"{part}{suffix}").is_file() for part in ("images", "points3D")):
+            return suffix
+    return None
+
+
+def colmap_scene(folder: Path, path: Path | None = None) -> Scene:
+    """The model in `folder`; `path` is what the user named.
+
+    Poses are those of `images`, which the new five-file form keeps beside the rigs and frames. BadScene where
+    anything does not hold together.
+    """
+    suffix = model_suffix(folder) or ".bin"
+    model = binary_model(folder) if suffix == ".bin" else text_model(folder)
+    images_file, points_file = folder / f"images{suffix}", folder / f"points3D{suffix}"
+    if not model.images:
+        raise BadScene.at(images_file, "images", "at least one registered image", 0)
+    _check_unique(images_file, "image id", [image.id for image in model.images])
+    _check_unique(images_file, "image name", [image.name for image in model.images])
+    rows_of = _point_rows(points_file, model)
+    views = tuple(_view(images_file, image, model, rows_of) for image in model.images)
+    return Scene(
+        path=path or folder,
+        format="colmap-binary" if suffix == ".bin" else "colmap-text",
+        views=views,
+        points=model.points,
+        model_path=folder,
+    )
+
+
+def rotation_of(quaternion: FloatArray) -> FloatArray:
+    """(3, 3) rotation of a unit quaternion (w, x, y, z): R = I + 2 w [v] + 2 [v]^2."""
+    w, x, y, z = quaternion / np.linalg.norm(quaternion)
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    rotation: FloatArray = np.eye(3) + 2 * w * cross + 2 * cross @ cross
+    return rotation
+
+
+def _check_unique(file: Path, field: str, values: Iterable[object]) -> None:
+    seen: set[object] = set()
+    for value in values:
+        if value in seen:
+            raise BadScene.at(file, field, "each one once", told(f"{value!r} twice"))
+        seen.add(value)
+
+
+def _point_rows(file: Path, model: ColmapModel) -> Callable[[IntArray], IntArray]:
+    """What maps (m,) point ids to their rows, -1 for ids that are none, after the checks every point must pass."""
+    faulty = ~(np.abs(model.points) < MAX_COORDINATE).all(axis=1)
+    if faulty.any():
+        row = int(faulty.argmax())
+        expected = f"finite coordinates below {MAX_COORDINATE:g}"
+        raise BadScene.at(file, f"point {model.point_ids[row]}", expected, model.points[row].tolist())
+    order = np.argsort(model.point_ids, kind="stable")
+    ids = model.point_ids[order]
+    if (ids[1:] == ids[:-1]).any():
+        raise BadScene.at(file, "point id", "each one once", told(f"{ids[1:][ids[1:] == ids[:-1]][0]} twice"))
+    if len(ids) and (ids[0] < 0 or ids[-1] > MAX_ID_SPREAD * (len(ids) + 1)):
+        return partial(_searched_rows, ids, order)
+    table = np.full(int(ids[-1]) + 1 if len(ids) else 0, -1, dtype=np.int64)
+    table[ids] = order
+    return partial(_looked_up_rows, table)
+
+
+def _looked_up_rows(table: IntArray, ids: IntArray) -> IntArray:
+    known = (ids >= 0) & (ids < len(table))
+    rows = np.full(len(ids), -1, dtype=np.int64)
+    rows[known] = table[ids[known]]
+    return rows
+
+
+def _searched_rows(sorted_ids: IntArray, order: IntArray, ids: IntArray) -> IntArray:
+    places = np.minimum(np.searchsorted(sorted_ids, ids), len(sorted_ids) - 1)
+    return np.where(sorted_ids[places] == ids, order[places], -1)
+
+
+def _view(file: Path, image: ColmapImage, model: ColmapModel, rows_of: Callable[[IntArray], IntArray]) -> View:
+    field = f"image {image.name!r}"
+    if image.camera_id not in model.cameras:
+        found = told(f"{image.camera_id}, which cameras{file.suffix} lacks")
+        raise BadScene.at(file, f"{field} camera id", "a camera of the model", found)
+    pose = np.concatenate([image.quaternion, image.translation])
+    if not (np.abs(pose) < MAX_COORDINATE).all():
+        raise BadScene.at(file, f"{field} pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
+    if abs(np.linalg.norm(image.quaternion) - 1) > QUATERNION_TOLERANCE:
+        raise BadScene.at(file, f"{field} rotation", "a quaternion of length 1", image.quaternion.tolist())
+    seen = image.point_ids >= 0
+    ids, keypoints = image.point_ids[seen], image.keypoints[seen]
+    rows = rows_of(ids)
+    if (rows < 0).any():
+        found = told(f"{ids[rows < 0][0]}, which points3D{file.suffix} lacks")
+        raise BadScene.at(file, f"{field} point id", "a point of the model", found)
+    if not np.isfinite(keypoints).all():
+        raise BadScene.at(file, f"{field} keypoints", "finite pixels", told("NaN or infinity"))
+    rotation = rotation_of(image.quaternion)
+    return View(image.name, model.cameras[image.camera_id], rotation, image.translation, keypoints, rows)

@@ -1,0 +1,94 @@
+"""Known lengths: distances in the scene that someone measured in metres, as evidence beside the objects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimator.reconstructions.checked_files import text_of
+from estimator.scene import MAX_COORDINATE, BadScene, FloatArray, told
+
+__all__ = ["KnownLength", "known_lengths"]
+
+#: How far off a length is whose points were picked by hand in a sparse cloud, where nothing else is stated.
+DEFAULT_SIGMA = 0.01
+#: Shorter or longer than anything that is measured beside a reconstruction: the orbit of the Moon, an atom.
+MAX_METRES, MIN_METRES = 1e9, 1e-10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownLength:
+    """The distance between two points of the scene.
+
+    a, b : (3,) in scene units; metres : the true distance; sigma : one standard deviation of its natural log.
+    """
+
+    a: FloatArray
+    b: FloatArray
+    metres: float
+    sigma: float = DEFAULT_SIGMA
+
+    @property
+    def distance(self) -> float:
+        """Scene units between the points."""
+        return float(np.linalg.norm(self.b - self.a))
+
+    @property
+    def log_scale(self) -> float:
+        """Natural log of the scale (metres per scene unit) that this length alone gives."""
+        return float(np.log(self.metres / self.distance))
+
+
+def known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
+    """The lengths that the words of one `--known-length` state: two points and metres, or a file.
+
+    A point is `x,y,z`, in brackets where it begins with a minus sign. A file holds a length a line, seven numbers
+    (x y z of both points, metres) and, if known, an eighth, one standard deviation in metres; `#` begins a comment.
+    """
+    if len(words) == 1:
+        return _lengths_of(Path(words[0]))
+    if len(words) != 3:
+        raise BadScene.at("--known-length", "arguments", "A B metres, or a file", told(" ".join(words)))
+    a, b = (_numbers("--known-length", "point", word, 3) for word in words[:2])
+    (metres,) = _numbers("--known-length", "metres", words[2], 1)
+    return (_length("--known-length", "length", np.array([*a, *b, metres])),)
+
+
+def _lengths_of(file: Path) -> tuple[KnownLength, ...]:
+    lines = [(number, line.partition("#")[0].strip()) for number, line in enumerate(text_of(file).split("\n"), 1)]
+    lengths = tuple(_line_length(file, f"line {number}", line) for number, line in lines if line)
+    if not lengths:
+        raise BadScene.at(file, "lengths", "at least one line", 0)
+    return lengths
+
+
+def _line_length(file: Path, field: str, line: str) -> KnownLength:
+    return _length(file, field, _numbers(file, field, line, 7, 8))
+
+
+def _length(file: Path | str, field: str, numbers: FloatArray) -> KnownLength:
+    a, b, metres = numbers[:3], numbers[3:6], float(numbers[6])
+    if not MIN_METRES <= metres <= MAX_METRES:
+        raise BadScene.at(file, f"{field} metres", f"{MIN_METRES:g} to {MAX_METRES:g}", metres)
+    if not np.linalg.norm(b - a) > 0:
+        raise BadScene.at(file, f"{field} points", "two points apart", a.tolist())
+    sigma = float(numbers[7]) / metres if len(numbers) > 7 else DEFAULT_SIGMA
+    if not 0 < sigma < 1:
+        raise BadScene.at(file, f"{field} sigma", "more than 0 and less than the length itself", sigma * metres)
+    return KnownLength(a, b, metres, sigma)
+
+
+def _numbers(file: Path | str, field: str, text: str, least: int, most: int | None = None) -> FloatArray:
+    """Between `least` and `most` finite numbers, apart by blanks or commas."""
+    parts = text.strip().strip("()[]").replace(",", " ").split()
+    try:
+        numbers = np.array([float(part) for part in parts])
+    except ValueError:
+        raise BadScene.at(file, field, "numbers", text) from None
+    if not least <= len(numbers) <= (most or least) or not (np.abs(numbers) < MAX_COORDINATE).all():
+        many = f"{least}" if most is None else f"{least} or {most}"
+        raise BadScene.at(file, field, f"{many} finite numbers", text)
+    return numbers

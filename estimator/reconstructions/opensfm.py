@@ -1,0 +1,186 @@
+"""OpenSfM datasets as a scene (opensfm/io.py and opensfm/features.py of mapillary/OpenSfM).
+
+OpenSfM measures a picture from its middle in units of its longer side s: a normalised (u, v) is the pixel
+(s u + width / 2, s v + height / 2), the centre of the upper left pixel at (0.5, 0.5) as in COLMAP. A shot's
+rotation is angle-axis, world to camera.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.reconstructions.cameras import camera_at, pixels_in_view
+from estimator.reconstructions.checked_files import json_of, listed, mapped
+from estimator.reconstructions.opensfm_tracks import observations_at
+from estimator.scene import MAX_COORDINATE, BadScene, Camera, FloatArray, IntArray, Scene, View, told
+
+__all__ = ["largest_reconstruction", "opensfm_scene"]
+
+RECONSTRUCTION = "reconstruction.json"
+TRACKS = "tracks.csv"
+#: OpenSfM's projections as COLMAP models: its name, then where each of COLMAP's parameters comes from; `*` marks
+#: lengths in units of the longer side, `+` the principal point, "" a zero.
+PROJECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "perspective": ("RADIAL", ("*focal", "+x", "+y", "k1", "k2")),
+    "fisheye": ("RADIAL_FISHEYE", ("*focal", "+x", "+y", "k1", "k2")),
+    "simple_radial": ("OPENCV", ("*focal_x", "*focal_y", "+c_x", "+c_y", "k1", "", "", "")),
+    "radial": ("OPENCV", ("*focal_x", "*focal_y", "+c_x", "+c_y", "k1", "k2", "", "")),
+    "brown": ("FULL_OPENCV", ("*focal_x", "*focal_y", "+c_x", "+c_y", "k1", "k2", "p1", "p2", "k3", "", "", "")),
+    "fisheye_opencv": ("OPENCV_FISHEYE", ("*focal_x", "*focal_y", "+c_x", "+c_y", "k1", "k2", "k3", "k4")),
+}
+_FOCAL_NAMES = {"*focal", "*focal_x", "*focal_y"}
+
+
+def opensfm_scene(folder: Path) -> Scene:
+    """The largest reconstruction of a dataset folder, with a warning where others are left out.
+
+    Without tracks.csv every point is taken as seen wherever it projects, which sees through walls: a warning too.
+    """
+    file = folder / RECONSTRUCTION
+    document, warnings = largest_reconstruction(file)
+    cameras = _cameras(file, mapped(file, "cameras", document.get("cameras")))
+    names, points = _points(file, mapped(file, "points", document.get("points")))
+    shots = mapped(file, "shots", document.get("shots"))
+    if not shots:
+        raise BadScene.at(file, "shots", "at least one", 0)
+    views = tuple(_view(file, name, mapped(file, f"shot {name!r}", shot), cameras) for name, shot in shots.items())
+    tracks = folder / TRACKS
+    if tracks.is_file():
+        views = _observed(tracks, views, names)
+    else:
+        views = tuple(_projected(view, points) for view in views)
+        warnings = (*warnings, f"{folder}: no {TRACKS}, so points are projected into every view that could see them")
+    return Scene(folder, "opensfm", views, points, warnings=warnings, model_path=folder)
+
+
+def largest_reconstruction(file: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """The reconstruction with the most shots, then points, and a warning where there are several."""
+    found = listed(file, "document", json_of(file))
+    if not found:
+        raise BadScene.at(file, "document", "at least one reconstruction", 0)
+    documents = [mapped(file, f"reconstruction {row}", document) for row, document in enumerate(found)]
+    sizes = [(_length(document.get("shots")), _length(document.get("points"))) for document in documents]
+    row = max(range(len(documents)), key=sizes.__getitem__)
+    if len(documents) == 1:
+        return documents[0], ()
+    told_sizes = ", ".join(str(shots) for shots, _ in sizes[:10])
+    return documents[row], (f"{file}: {len(documents)} reconstructions of {told_sizes} shots, the largest is used",)
+
+
+def _length(value: object) -> int:
+    return len(value) if isinstance(value, dict) else 0
+
+
+def _cameras(file: Path, documents: dict[str, Any]) -> dict[str, Camera]:
+    return {
+        name: _camera(file, f"camera {name!r}", mapped(file, f"camera {name!r}", document))
+        for name, document in documents.items()
+    }
+
+
+def _camera(file: Path, field: str, document: dict[str, Any]) -> Camera:
+    projection = document.get("projection_type", "perspective")
+    if not isinstance(projection, str) or projection not in PROJECTIONS:
+        expected = f"one of {', '.join(PROJECTIONS)} (cut a panorama into perspective views first)"
+        raise BadScene.at(file, f"{field} projection_type", expected, projection)
+    width, height = (_whole(file, f"{field} {side}", document.get(side)) for side in ("width", "height"))
+    model, sources = PROJECTIONS[projection]
+    side, half = max(width, height), {"x": width / 2, "y": height / 2}
+    params = []
+    for source in sources:
+        name = source.lstrip("*+")
+        value = _number(file, f"{field} {name}", document.get(name), None if source in _FOCAL_NAMES else 0.0)
+        scaled = value * side if source[:1] in {"*", "+"} else value
+        params.append(scaled + half[name[-1]] if source.startswith("+") else scaled)
+    return camera_at(file, field, model, (width, height), params)
+
+
+def _points(file: Path, documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
+    try:
+        points = np.array([point["coordinates"] for point in documents.values()], dtype=np.float64)
+    except (TypeError, KeyError, ValueError, OverflowError):
+        points = np.empty(0)
+    if (documents and points.shape != (len(documents), 3)) or not (np.abs(points) < MAX_COORDINATE).all():
+        name, found = _faulty_point(documents)
+        expected = f"coordinates of three finite numbers below {MAX_COORDINATE:g}"
+        raise BadScene.at(file, f"point {name!r}", expected, found)
+    return list(documents), points.reshape(-1, 3)
+
+
+def _faulty_point(documents: dict[str, Any]) -> tuple[str, object]:
+    """The first point that is at fault, looked for only when one is."""
+    for name, document in documents.items():
+        found = document.get("coordinates") if isinstance(document, dict) else document
+        if not (isinstance(found, list) and len(found) == 3 and all(map(_believable, found))):
+            return name, found
+    return "", None
+
+
+def _believable(value: object) -> bool:
+    return isinstance(value, int | float) and abs(value) < MAX_COORDINATE
+
+
+def _view(file: Path, name: str, shot: dict[str, Any], cameras: dict[str, Camera]) -> View:
+    field = f"shot {name!r}"
+    camera = shot.get("camera")
+    if not isinstance(camera, str) or camera not in cameras:
+        raise BadScene.at(file, f"{field} camera", "a camera of the reconstruction", camera)
+    rotation, translation = (_triple(file, f"{field} {part}", shot.get(part)) for part in ("rotation", "translation"))
+    return View(name, cameras[camera], _rotation(rotation), translation, np.empty((0, 2)), np.empty(0, np.int64))
+
+
+def _rotation(angle_axis: FloatArray) -> FloatArray:
+    """(3, 3) of an angle-axis vector, Rodrigues: R = I + sin a [k] + (1 - cos a) [k]^2."""
+    angle = float(np.linalg.norm(angle_axis))
+    if angle == 0:
+        return np.eye(3)
+    x, y, z = angle_axis / angle
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    rotation: FloatArray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+    return rotation
+
+
+def _observed(file: Path, views: tuple[View, ...], names: list[str]) -> tuple[View, ...]:
+    """The views with their own observations of the points, tracks joined by id and images by name."""
+    rows, tracks, normalised = observations_at(file, [view.name for view in views], names)
+    order = np.argsort(rows, kind="stable")
+    parts = np.split(order, np.searchsorted(rows[order], np.arange(1, len(views))))
+    return tuple(_with_keypoints(view, normalised[part], tracks[part]) for view, part in zip(views, parts, strict=True))
+
+
+def _with_keypoints(view: View, normalised: FloatArray, tracks: IntArray) -> View:
+    size = np.array([view.camera.width, view.camera.height], dtype=np.float64)
+    return replace(view, keypoints=normalised * size.max() + size / 2, point_index=tracks)
+
+
+def _projected(view: View, points: FloatArray) -> View:
+    """The view with every point that falls inside its picture."""
+    pixels, _ = pixels_in_view(view, points)
+    rows = np.flatnonzero(np.isfinite(pixels[:, 0]))
+    return replace(view, keypoints=pixels[rows], point_index=rows)
+
+
+def _whole(file: Path, field: str, value: object) -> int:
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    if not isinstance(value, int) or isinstance(value, bool):
+        raise BadScene.at(file, field, "a whole number of pixels", value)
+    return value
+
+
+def _number(file: Path, field: str, value: object, default: float | None) -> float:
+    if value is None and default is not None:
+        return default
+    if not isinstance(value, int | float) or isinstance(value, bool) or not _believable(value):
+        raise BadScene.at(file, field, "a number", value)
+    return float(value)
+
+
+def _triple(file: Path, field: str, value: object) -> FloatArray:
+    if not (isinstance(value, list) and len(value) == 3 and all(map(_believable, value))):
+        raise BadScene.at(file, field, "three finite numbers", told(str(value)))
+    return np.array(value, dtype=np.float64)

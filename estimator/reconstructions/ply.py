@@ -1,0 +1,194 @@
+"""Dense clouds: PLY files with any scalar properties, and COLMAP's visibility lists beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimator.reconstructions.checked_files import ByteReader
+from estimator.scene import MAX_COORDINATE, BadScene, DenseCloud, FloatArray, IntArray, told
+
+__all__ = ["dense_cloud", "dense_file", "ply_layout", "visibility", "visibility_bytes"]
+
+#: Where reconstructions keep their dense cloud, in the order of preference: COLMAP's and OpenSfM's places.
+DENSE_PLACES = (
+    "dense.ply",
+    "fused.ply",
+    "dense/fused.ply",
+    "dense/0/fused.ply",
+    "merged.ply",
+    "undistorted/depthmaps/merged.ply",
+)
+_TYPES = {
+    "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
+    "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "float": "f4", "float32": "f4",
+    "double": "f8", "float64": "f8",
+}  # fmt: skip
+_BYTE_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
+#: No header is longer; a file without its end is not searched to its last byte.
+MAX_HEADER_BYTES = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class PlyLayout:
+    """Where the vertices of a PLY file lie: format, record of one vertex, their number, and the offset of the first.
+
+    skipped : lines (ascii) or bytes (binary) of the elements before the vertices.
+    """
+
+    format: str
+    vertex: np.dtype[np.void]
+    count: int
+    body: int
+    skipped: int
+
+
+def dense_file(*folders: Path) -> Path | None:
+    """The first dense cloud in its usual places under the folders, or None."""
+    places = (folder / place for folder in folders for place in DENSE_PLACES)
+    return next((place for place in places if place.is_file()), None)
+
+
+def dense_cloud(path: Path, n_views: int) -> tuple[DenseCloud, tuple[str, ...]]:
+    """The cloud with its visibility where `<path>.vis` exists, and warnings; points without a position are dropped."""
+    points = _points(path)
+    beside = path.with_name(f"{path.name}.vis")
+    offsets, views = visibility(beside, len(points), n_views) if beside.is_file() else (None, None)
+    good = (np.abs(points) < MAX_COORDINATE).all(axis=1)
+    if not good.any():
+        raise BadScene.at(path, "vertices", "at least one finite point", told(f"{len(points)} without a position"))
+    if good.all():
+        return DenseCloud(points, offsets, views, path), ()
+    if offsets is not None and views is not None:
+        counts = np.diff(offsets)
+        views = views[np.repeat(good, counts)]
+        offsets = np.concatenate([[0], np.cumsum(counts[good])])
+    warning = f"{path}: {np.count_nonzero(~good)} points without a finite position are left out"
+    return DenseCloud(points[good], offsets, views, path), (warning,)
+
+
+def visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, IntArray]:
+    """Offsets (n + 1,) and views (m,) of COLMAP's `fused.ply.vis`: uint64 n; for each point uint32 k, k uint32.
+
+    The numbers are positions of the images in the model's file. BadScene where it does not fit the cloud or the
+    model.
+    """
+    reader = ByteReader(path)
+    n = reader.count("number of points", 4)
+    if n != n_points:
+        raise BadScene.at(path, "number of points", f"{n_points} as in the cloud", n)
+    if reader.remaining % 4:
+        raise BadScene.at(path, "size", "whole numbers of 4 bytes", told(f"{reader.remaining} bytes after the count"))
+    words = reader.rows("<u4", reader.remaining // 4, "visibility")
+    places = _list_places(path, words, n)
+    listed = np.ones(len(words), dtype=bool)
+    listed[places] = False
+    views = words[listed].astype(np.int64)
+    if len(views) and views.max() >= n_views:
+        raise BadScene.at(path, "image", f"positions below {n_views}, the number of images", int(views.max()))
+    return np.concatenate([[0], np.cumsum(words[places], dtype=np.int64)]), views
+
+
+def visibility_bytes(offsets: IntArray, views: IntArray) -> bytes:
+    """The visibility file of compressed rows, the inverse of `visibility`."""
+    words = np.insert(views, offsets[:-1], np.diff(offsets))
+    return np.uint64(len(offsets) - 1).tobytes() + words.astype("<u4").tobytes()
+
+
+def _list_places(path: Path, words: np.ndarray[tuple[int], np.dtype[np.uint32]], n: int) -> IntArray:
+    """(n,) where each point's length stands: the one walk that the layout forces."""
+    places = np.empty(n, dtype=np.int64)
+    lengths, end, place = memoryview(words.tobytes()).cast("I"), len(words), 0
+    for row in range(n):
+        if place >= end:
+            raise BadScene.at(path, f"point {row}", "a list of images", told("the end of the file"))
+        places[row] = place
+        place += 1 + lengths[place]
+    if place != end:
+        raise BadScene.at(path, "size", f"{4 * place} bytes of lists", told(f"{4 * end}"))
+    return places
+
+
+def ply_layout(path: Path, data: bytes) -> PlyLayout:
+    """What the header promises, checked against the bytes that are there."""
+    end = data.find(b"end_header", 0, MAX_HEADER_BYTES)
+    line_end = data.find(b"\n", end)
+    if not data.startswith(b"ply") or end < 0 or line_end < 0:
+        raise BadScene.at(path, "header", "ply ... end_header", data[:20])
+    lines = [line.split() for line in data[:end].decode("ascii", "replace").splitlines()[1:]]
+    form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
+    if form not in _BYTE_ORDERS:
+        raise BadScene.at(path, "format", f"one of {', '.join(_BYTE_ORDERS)}", form)
+    elements = _elements(path, [line for line in lines if line[:1] in (["element"], ["property"])])
+    names = [name for name, _, _ in elements]
+    if "vertex" not in names:
+        raise BadScene.at(path, "elements", "a vertex element", names)
+    before, (_, count, properties) = elements[: names.index("vertex")], elements[names.index("vertex")]
+    if any(kind is None for _, _, kinds in [*before, elements[len(before)]] for kind, _ in kinds):
+        raise BadScene.at(path, "vertex", "scalar properties", told("a list property"))
+    vertex = _record(path, form, properties)
+    if not {"x", "y", "z"} <= set(vertex.names or ()):
+        raise BadScene.at(path, "vertex", "properties x, y and z", [name for _, name in properties])
+    if form == "ascii":
+        skipped, smallest = sum(n for _, n, _ in before), 2 * len(properties)
+    else:
+        skipped, smallest = sum(n * _record(path, form, kinds).itemsize for _, n, kinds in before), vertex.itemsize
+    body = line_end + 1
+    left = len(data) - body - (0 if form == "ascii" else skipped) + (form == "ascii")
+    if count * smallest > left:
+        raise BadScene.at(path, "number of vertices", f"at most {max(left, 0) // smallest} (the file's rest)", count)
+    return PlyLayout(form, vertex, count, body, skipped)
+
+
+def _elements(path: Path, lines: list[list[str]]) -> list[tuple[str, int, list[tuple[str | None, str]]]]:
+    """Name, count and properties (type, None for a list, and name) of each element."""
+    elements: list[tuple[str, int, list[tuple[str | None, str]]]] = []
+    for words in lines:
+        if words[0] == "element":
+            if len(words) != 3 or not words[2].isdecimal() or len(words[2]) > 18:
+                raise BadScene.at(path, "element", "a name and a count", " ".join(words))
+            elements.append((words[1], int(words[2]), []))
+        elif not elements or len(words) < 3:
+            raise BadScene.at(path, "property", "a type and a name within an element", " ".join(words))
+        elif words[1] == "list":
+            elements[-1][2].append((None, words[-1]))
+        elif words[1] not in _TYPES:
+            raise BadScene.at(path, f"property {words[2]!r}", "a PLY type", words[1])
+        else:
+            elements[-1][2].append((_TYPES[words[1]], words[2]))
+    return elements
+
+
+def _record(path: Path, form: str, properties: list[tuple[str | None, str]]) -> np.dtype[np.void]:
+    names = [name for _, name in properties]
+    if len(set(names)) != len(names):
+        raise BadScene.at(path, "properties", "each name once", names)
+    return np.dtype([(name, _BYTE_ORDERS[form] + str(kind)) for kind, name in properties])
+
+
+def _points(path: Path) -> FloatArray:
+    """(n, 3) positions of the vertices."""
+    reader = ByteReader(path)
+    layout = ply_layout(path, reader.data)
+    if not layout.count:
+        raise BadScene.at(path, "number of vertices", "at least one", 0)
+    if layout.format == "ascii":
+        return _ascii_points(path, reader.data, layout)
+    reader.place = layout.body + layout.skipped
+    rows = reader.rows(layout.vertex, layout.count, "vertices")
+    with np.errstate(invalid="ignore"):
+        return np.column_stack([rows[axis].astype(np.float64) for axis in "xyz"])
+
+
+def _ascii_points(path: Path, data: bytes, layout: PlyLayout) -> FloatArray:
+    names = list(layout.vertex.names or ())
+    lines = data[layout.body :].decode("ascii", "replace").split("\n")[layout.skipped : layout.skipped + layout.count]
+    try:
+        points = np.loadtxt(lines, dtype=np.float64, usecols=[names.index(axis) for axis in "xyz"], ndmin=2)
+    except ValueError as fault:
+        raise BadScene.at(path, "vertices", f"{len(names)} numbers a line", told(str(fault))) from None
+    if len(points) != layout.count:
+        raise BadScene.at(path, "vertices", f"{layout.count} lines", told(f"{len(points)}"))
+    return points

@@ -1,0 +1,65 @@
+"""What a scene's own `truth.json` knows, for pictures that show truth beside estimate. No estimate reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from estimator.reconstructions.checked_files import json_of
+from estimator.scene import BadScene
+
+__all__ = ["SceneTruth", "scene_truth"]
+
+TRUTH = "truth.json"
+
+
+@dataclass(frozen=True, slots=True)
+class SceneTruth:
+    """True scale in metres per scene unit, and true sizes in metres by the instances' track and dimension."""
+
+    scale: float | None = None
+    sizes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+
+def scene_truth(folder: Path) -> SceneTruth:
+    """The truth beside a scene, empty where there is none or it is of another form: it only decorates."""
+    try:
+        document = json_of(folder / TRUTH)
+    except BadScene:
+        return SceneTruth()
+    if not isinstance(document, dict):
+        return SceneTruth()
+    scale = document.get("metres_per_unit")
+    sizes = {
+        str(entry["track_id"]): _dimensions({name: _value(told) for name, told in entry["truth_m"].items()})
+        for entry in document.get("objects") or []
+        if isinstance(entry, dict) and isinstance(entry.get("truth_m"), dict) and "track_id" in entry
+    }
+    return SceneTruth(scale if isinstance(scale, float) else None, sizes)
+
+
+def _value(told: Any) -> float | None:
+    value = told.get("value") if isinstance(told, dict) else told
+    return float(value) if isinstance(value, int | float) else None
+
+
+def _dimensions(told: Mapping[str, float | None]) -> dict[str, float]:
+    """Length, width and height of what a person measured, whose words are edge, diameter, depth and thickness too.
+
+    The longer horizontal size is the length whatever it was called; a thing without a height lies flat, so that
+    its thickness is its height; a ball has its diameter in every direction.
+    """
+    known = {name: value for name, value in told.items() if value is not None}
+    if "edge" in known:
+        return dict.fromkeys(("length", "width", "height"), known["edge"])
+    if "diameter" in known:
+        across = known["diameter"]
+        return {"length": across, "width": across, "height": known.get("height", across)}
+    height = known.get("height", known.get("thickness"))
+    level = [known[name] for name in ("length", "width", "depth") if name in known]
+    if "height" in known and "thickness" in known:
+        level.append(known["thickness"])
+    sizes = dict(zip(("length", "width"), sorted(level, reverse=True), strict=False))
+    return sizes if height is None else {**sizes, "height": height}

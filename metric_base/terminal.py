@@ -1,0 +1,131 @@
+"""What every command shares: exit statuses, one line for a fault of the input, JSON and tables on standard output."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Sequence
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from metric_base.faults import InputFault
+
+__all__ = ["DEBUG_VARIABLE", "exit_status", "output_file", "print_json", "print_table", "version", "warn"]
+
+#: Set to see the traceback of a fault of the program.
+DEBUG_VARIABLE = "METRIC_TREE_DEBUG"
+
+#: Columns of a table that no terminal bounds: room for the longest row on one line.
+PIPE_WIDTH = 100_000
+
+#: What a path should have been where the system refuses it.
+_PATH_FAULTS: dict[type[OSError], str] = {
+    FileNotFoundError: "an existing file or folder; found none",
+    IsADirectoryError: "a file; found a folder",
+    NotADirectoryError: "a folder; found a file",
+    FileExistsError: "a folder, or nothing yet; found a file",
+    PermissionError: "leave to read or write it; found none",
+}
+
+DONE, PROGRAM_FAULT, INPUT_FAULT, INTERRUPTED = 0, 1, 2, 130
+
+
+def exit_status(program: str, run: Callable[[], int]) -> int:
+    """Run a command: 2 with one line for a fault of the input, 1 with one line for a fault of the program."""
+    try:
+        status = run()
+        sys.stdout.flush()
+    except BrokenPipeError:  # the reader of a pipe left; what it took is all it wanted
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except KeyboardInterrupt:
+        return _said(program, "interrupted", INTERRUPTED)
+    except InputFault as error:
+        return _said(program, str(error), INPUT_FAULT)
+    except tuple(_PATH_FAULTS) as error:
+        return _said(program, _path_fault(error), INPUT_FAULT)
+    except Exception as error:  # noqa: BLE001 - the last door: anything else is a fault of the program
+        if os.environ.get(DEBUG_VARIABLE):
+            traceback.print_exc()
+        return _said(program, f"fault of the program: {type(error).__name__}: {error}", PROGRAM_FAULT)
+    return status
+
+
+def output_file(path: Path, option: str = "--out") -> Path:
+    """The path of a file that a command will write: asked before the work, so that none is done for nothing.
+
+    Raises
+    ------
+    InputFault
+        A folder bears the name, or there is no folder to write it in.
+    """
+    if path.is_dir():
+        raise InputFault(f"{option}: expected a file; found the folder {path}")
+    if not path.parent.is_dir():
+        raise InputFault(f"{option}: expected a file in an existing folder; found no folder {path.parent}")
+    return path
+
+
+def warn(message: str) -> None:
+    """One line on standard error about what the command does all the same."""
+    sys.stderr.write(f"warning: {' '.join(message.split())}\n")
+
+
+def print_json(value: Any) -> None:
+    """Print a value as JSON, indented for a person, exact for a machine."""
+    sys.stdout.write(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str | None = None) -> None:
+    """Print an aligned table; a column of numbers stands to the right. None becomes a dash.
+
+    The title is a line of its own: as wide as it is, however narrow the table.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    cells = [["–" if cell is None else str(cell) for cell in row] for row in rows]
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for number, column in enumerate(columns):
+        numeric = bool(cells) and all(_is_number(row[number]) for row in cells)
+        table.add_column(column, justify="right" if numeric else "left", overflow="fold")
+    for row in cells:
+        table.add_row(*row)
+    # Rendered first and written by us: rich would turn a closed pipe into a failure. A pipe has no width of its own.
+    terminal = sys.stdout.isatty()
+    width = shutil.get_terminal_size().columns if terminal else PIPE_WIDTH
+    console = Console(file=io.StringIO(), width=width, force_terminal=terminal, highlight=False)
+    with console.capture() as captured:
+        console.print(table)
+    if title is not None:
+        sys.stdout.write(f"{title}\n")
+    sys.stdout.write("\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n")
+
+
+def version() -> str:
+    """The version of the installed distribution."""
+    try:
+        return metadata.version("metric-tree")
+    except metadata.PackageNotFoundError:
+        return "0+source"
+
+
+def _path_fault(error: OSError) -> str:
+    expected = next(text for kind, text in _PATH_FAULTS.items() if isinstance(error, kind))
+    return f"{error.filename}: expected {expected}" if error.filename is not None else str(error)
+
+
+def _said(program: str, message: str, status: int) -> int:
+    sys.stderr.write(f"{program}: {' '.join(message.split())}\n")
+    return status
+
+
+def _is_number(cell: str) -> bool:
+    digits = cell.translate(str.maketrans("", "", ",%+- ")).replace(".", "", 1)
+    return cell in {"–", ""} or digits.isdigit()

@@ -1,0 +1,1 @@
+"""Raw items to a release, in five steps."""

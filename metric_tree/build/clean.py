@@ -1,0 +1,238 @@
+"""One shard of a build: repeats and unit slips taken out, the rest turned into rows of items and of fits."""
+
+from __future__ import annotations
+
+import pickle
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from metric_tree.axes import AXES, EXTENTS, candidates
+from metric_tree.build.duplicates import duplicates
+from metric_tree.build.ingest import refusal
+from metric_tree.build.unit_slips import Reference, reference, slipped
+from metric_tree.fit.class_prior import ClassRows, Moments, class_prior, extent_moments, moments
+from metric_tree.fit.disagreement import SharedModel
+from metric_tree.fit.em import Belief
+from metric_tree.prior import FloatArray, Prior
+from metric_tree.schema import ITEMS
+
+__all__ = ["REFUSALS", "Cleaned", "NodeClass", "class_priors", "cleaned", "extents_of"]
+
+#: Rows of one source in one class that the fit takes, those of the lowest hash: its weight there is bounded anyway
+#: (`evidence.SOURCE_HALF`), and four hundred tell its distribution to a twentieth of its spread.
+FIT_ROWS = 400
+
+REFUSALS = {
+    "repeated_id": "the source has the id twice",
+    "duplicate": "the same figures again, in the same source or of the same product in another",
+    "unit_slip": "a unit's factor away from its class",
+    "far_outlier": "far outside its class, and no unit explains it",
+    "not_carried": "the release that is carried over does not have it",
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NodeClass:
+    """Of one leaf: moments in the axes of its pose, then by extents; items by source, rows by kind, kind by source."""
+
+    node_id: str
+    moments: tuple[Moments, ...]
+    n_by_source: Mapping[str, int]
+    n_by_kind: Mapping[str, int]
+    kinds: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cleaned:
+    """Of one shard.
+
+    items : those that may be shipped, an Arrow file of `ITEMS`; rows : those of the fits (`ClassRows`), pickled;
+    refused : lines of the quarantine file; counts : rows refused, by reason.
+    """
+
+    items: bytes
+    classes: tuple[NodeClass, ...]
+    rows: bytes
+    refused: bytes
+    counts: Counter[str]
+
+
+def cleaned(
+    shard: bytes,
+    licences: Mapping[str, str],
+    siblings: Mapping[str, Reference],
+    carried: frozenset[str] | None = None,
+) -> Cleaned:
+    """A shard without repeats and slips.
+
+    Parameters
+    ----------
+    shard : an Arrow file of `metric_tree.build.ingest.ROWS`; licences : of the sources whose rows may be given on
+    siblings : for thin nodes, where the sizes of their siblings lie
+    carried : ids of the items of an earlier release whose choice of rows holds in place of the checks
+    """
+    table = pa.ipc.open_file(shard).read_all()
+    shipped = frozenset(licences)
+    table = table.take(pc.sort_indices(table, [("node_id", "ascending"), ("item_id", "ascending")]))
+    sizes = np.column_stack([_axes(table), extents_of(table)])  # (n, 6)
+    if carried is None:
+        reasons = _reasons(table, sizes, shipped, siblings)
+    else:
+        reasons = ["" if item_id in carried else "not_carried" for item_id in table["item_id"].to_pylist()]
+    good = np.array([not reason for reason in reasons], dtype=bool)
+    refused = _refused(table.filter(pa.array(~good)), [reason for reason in reasons if reason])
+    table, sizes = table.filter(pa.array(good)), sizes[good]
+    ship = np.isin(_strings(table, "source"), sorted(shipped))
+    found = [_class(table.take(pa.array(rows)), sizes[rows]) for rows in _nodes(table)]
+    counts = Counter(reason.partition(":")[0] for reason in reasons if reason)
+    rows = pickle.dumps([own for _, own in found])
+    return Cleaned(
+        _items(table.filter(pa.array(ship)), licences), tuple(one for one, _ in found), rows, refused, counts
+    )
+
+
+def class_priors(
+    rows: bytes, beliefs: Mapping[str, Belief], model: SharedModel, seed: int, heldout: bool
+) -> list[Prior]:
+    """The priors of the classes of one shard, in their order; `rows` as in `Cleaned`."""
+    classes: list[ClassRows] = pickle.loads(rows)  # noqa: S301 - made by `cleaned` in this build
+    return [class_prior(one, beliefs[one.node_id], model, seed, heldout) for one in classes]
+
+
+def extents_of(table: pa.Table) -> FloatArray:
+    """Column `extents_mm` as (n, 3), NaN beyond the last."""
+    return _padded(table["extents_mm"])
+
+
+def _reasons(
+    table: pa.Table, sizes: FloatArray, shipped: frozenset[str], siblings: Mapping[str, Reference]
+) -> list[str]:
+    """Why each row is refused, empty where it is not; a slip is looked for first, so that it hides no true row."""
+    reasons = [""] * table.num_rows
+    extents = sizes[:, 3:]
+    ids, kinds = table["item_id"].to_pylist(), table["kind"].to_pylist()
+    node = table["node_id"].to_pylist()
+    for rows in _nodes(table):
+        real = rows[[kinds[row] != "curated" for row in rows]]
+        against = reference(extents[real]) or siblings.get(node[rows[0]])
+        for row, factor in zip(real, slipped(extents[real], against) if against and len(real) else (), strict=False):
+            if factor != 1.0:
+                reasons[row] = f"unit_slip: {factor:g}" if np.isfinite(factor) else "far_outlier"
+    left = np.array([row for row, reason in enumerate(reasons) if not reason], dtype=np.intp)
+    chosen = table.select(["source", "kind", "title"]).take(pa.array(left))
+    source, kind, title = (chosen[name].to_pylist() for name in ("source", "kind", "title"))
+    common = frozenset(word for name in set(node) for word in name.partition(".")[0].replace("mt:", "").split("_"))
+    repeats = duplicates(
+        [node[row] for row in left], sizes[left], source, kind, title, [name in shipped for name in source], common
+    )
+    for row, repeated in zip(left, repeats, strict=True):
+        if repeated >= 0:
+            reasons[row] = f"duplicate: {ids[left[repeated]]}"
+    return reasons
+
+
+def _refused(table: pa.Table, reasons: Sequence[str]) -> bytes:
+    lines = []
+    for row, reason in zip(table.to_pylist(), reasons, strict=True):
+        code, _, detail = reason.partition(": ")
+        sides = " x ".join(f"{side:g}" for side in row["extents_mm"])
+        text = f"{row['node_id']}: {sides} mm" + (f" ({detail})" if detail else "")
+        lines.append(refusal(code, row["source"], row["source_id"], row["title"], (), text))
+    return "".join(lines).encode()
+
+
+def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
+    """The class of one node's rows, and the rows that its fit takes."""
+    node_id, pose = table["node_id"][0].as_py(), table["pose"][0].as_py()
+    source, kind = _strings(table, "source"), _strings(table, "kind")
+    real = kind != "curated"
+    by_source = Counter(source[real].tolist())
+    fit = _capped(source, table["hash"].to_numpy())
+    spreads = _range_sd(table)
+    frames = [
+        _class_rows(node_id, name, axes, sizes[fit], source[fit], kind[fit], spreads[fit], int(real.sum()))
+        for name, axes in ((pose, EXTENTS if pose == "any" else AXES), ("any", EXTENTS))
+    ]
+    frames = frames[:1] if pose == "any" else frames
+    by_kind = dict(Counter(kind.tolist()))
+    found = NodeClass(
+        node_id,
+        (moments(frames[0]), *map(extent_moments, frames[1:])),
+        dict(by_source),
+        by_kind,
+        dict(zip(source.tolist(), kind.tolist(), strict=True)),
+    )
+    return found, frames[0]
+
+
+def _class_rows(
+    node_id: str,
+    pose: str,
+    axes: tuple[str, ...],
+    sizes: FloatArray,
+    source: NDArray[np.str_],
+    kind: NDArray[np.str_],
+    spreads: FloatArray,
+    n: int,
+) -> ClassRows:
+    x, owner = candidates(sizes[:, :3], sizes[:, 3:], pose)
+    first = x[np.searchsorted(owner, np.arange(len(sizes)))]  # (n, 3)
+    same = np.isclose(first[:, :, None], sizes[:, None, 3:])  # each axis beside the extents it may be
+    range_sd = np.where(same.any(axis=2), np.take_along_axis(spreads, same.argmax(axis=2), axis=1), np.nan)
+    return ClassRows(node_id, axes, np.log(x), owner, tuple(source.tolist()), tuple(kind.tolist()), range_sd, n)
+
+
+def _capped(source: NDArray[np.str_], hashes: NDArray[np.uint64]) -> NDArray[np.intp]:
+    """Rows that the fit takes: of each source at most `FIT_ROWS`, those of the lowest hash."""
+    order = np.lexsort((hashes, source))
+    _, starts, counts = np.unique(source[order], return_index=True, return_counts=True)
+    rank = np.arange(len(source)) - np.repeat(starts, counts)
+    return np.sort(order[rank < FIT_ROWS])
+
+
+def _items(table: pa.Table, licences: Mapping[str, str]) -> bytes:
+    known = pa.array([licences[source] for source in table["source"].to_pylist()], pa.string())
+    table = table.set_column(table.schema.get_field_index("licence"), "licence", pc.coalesce(table["licence"], known))
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, ITEMS) as writer:
+        writer.write_table(table.select(ITEMS.names).cast(ITEMS))
+    return bytes(sink.getvalue())
+
+
+def _nodes(table: pa.Table) -> list[NDArray[np.intp]]:
+    """Row numbers of each node of a table sorted by node."""
+    node = _strings(table, "node_id")
+    _, starts = np.unique(node, return_index=True)
+    return [rows for rows in np.split(np.arange(len(node)), starts[1:]) if len(rows)]
+
+
+def _axes(table: pa.Table) -> FloatArray:
+    columns = [table[f"{axis}_mm"].to_numpy(zero_copy_only=False) for axis in AXES]
+    return np.column_stack(columns).astype(float)
+
+
+def _range_sd(table: pa.Table) -> FloatArray:
+    if table["range_sd"].null_count == table.num_rows:
+        return np.full((table.num_rows, 3), np.nan)
+    return _padded(table["range_sd"])
+
+
+def _padded(column: pa.ChunkedArray) -> FloatArray:
+    """A list column as (n, 3), NaN beyond the last."""
+    lengths = pc.fill_null(pc.list_value_length(column), 0).to_numpy(zero_copy_only=False).astype(np.intp)
+    rows = np.repeat(np.arange(len(lengths)), lengths)
+    place = np.arange(len(rows)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    padded = np.full((len(lengths), 3), np.nan)
+    padded[rows, place] = pc.list_flatten(column).to_numpy(zero_copy_only=False)
+    return padded
+
+
+def _strings(table: pa.Table, column: str) -> NDArray[np.str_]:
+    strings: NDArray[np.str_] = table[column].to_numpy(zero_copy_only=False).astype(str)
+    return strings

@@ -1,0 +1,301 @@
+"""Raw items to rows of a build: matched to a leaf, their words mapped to axes, parted into shards by node.
+
+A block of lines in, Arrow bytes and refused lines out: pure, so that it runs the same in this process, in another one
+and on another machine.
+"""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import math
+import re
+import zlib
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from crawler.items import BadRawItem, RawItem
+from metric_base.faults import InputFault
+from metric_tree.axes import Sizes, own_sizes, sizes
+from taxonomy.categories import Match, Taxonomy
+
+__all__ = [
+    "ROWS",
+    "SHARDS",
+    "Block",
+    "Ingested",
+    "block_of",
+    "blocks",
+    "ingested",
+    "is_held_out",
+    "item_hash",
+    "items_of",
+    "raw_files",
+]
+
+#: Shards of a build. A million rows are then 16,000 a shard, a few megabytes; ten million still fit in a worker.
+SHARDS = 64
+
+#: Lines of one block: a second or so of one worker's time, so that an interruption loses little.
+BLOCK_LINES = 20_000
+
+#: Matches that a worker remembers; categories repeat, titles mostly do not.
+REMEMBERED = 200_000
+
+#: Half-width of a curated range in standard deviations: low and high hold nine of ten (`RawItem.ranges_mm`).
+RANGE_SD = 1.645
+
+#: Raw files of a folder; beside them lie what `metric-tree import` refused and the pictures of a crawl.
+_RAW = re.compile(r"^(?!pictures-\d).*(?<!\.quarantine)\.jsonl(\.gz)?$")
+
+ROWS = pa.schema(
+    [
+        ("item_id", pa.string()),
+        ("hash", pa.uint64()),
+        ("node_id", pa.string()),
+        ("pose", pa.string()),
+        ("source", pa.string()),
+        ("source_id", pa.string()),
+        ("title", pa.string()),
+        ("length_mm", pa.float64()),
+        ("width_mm", pa.float64()),
+        ("height_mm", pa.float64()),
+        ("extents_mm", pa.list_(pa.float64())),
+        ("range_sd", pa.list_(pa.float64())),
+        ("kind", pa.string()),
+        ("year", pa.int32()),
+        ("region", pa.string()),
+        ("url", pa.string()),
+        ("licence", pa.string()),
+        ("flags", pa.list_(pa.string())),
+    ]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """Consecutive lines of one raw file; `first` is the number of the first, from 1."""
+
+    path: str
+    first: int
+    lines: tuple[bytes, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Ingested:
+    """What a block gave: `rows`, an Arrow file whose batch i is shard i, refused lines (JSON Lines), counts."""
+
+    rows: bytes
+    refused: bytes
+    counts: Counter[str]
+
+
+def raw_files(paths: Iterable[Path]) -> list[Path]:
+    """The raw files under the given files and folders, sorted within a folder.
+
+    Raises
+    ------
+    InputFault
+        A path does not exist, or a folder holds no `*.jsonl` or `*.jsonl.gz` (what importers refused is passed over).
+    """
+    found: list[Path] = []
+    for path in paths:
+        inside = sorted(file for file in path.rglob("*") if _RAW.search(file.name)) if path.is_dir() else [path]
+        if not inside or not all(file.is_file() for file in inside):
+            raise InputFault(f"{path}: expected raw items (*.jsonl, *.jsonl.gz); found none")
+        found += inside
+    return found
+
+
+def blocks(files: Iterable[Path]) -> Iterator[Block]:
+    """The lines of the files in blocks, in their order."""
+    for path in files:
+        opened = gzip.open if path.suffix == ".gz" else open
+        with opened(path, "rb") as lines:
+            first = 1
+            try:
+                while piece := tuple(islice(lines, BLOCK_LINES)):
+                    yield Block(str(path), first, piece)
+                    first += len(piece)
+            except (OSError, EOFError, zlib.error) as error:
+                raise InputFault(f"{path}: expected gzip data; found {error}") from None
+
+
+def block_of(items: Iterable[RawItem], name: str) -> Block:
+    """A block of items that stand in no raw file."""
+    return Block(name, 1, tuple(item.line().encode() for item in items))
+
+
+def item_hash(item_id: str) -> int:
+    """First eight bytes of the SHA-256 of an item id."""
+    return int.from_bytes(hashlib.sha256(item_id.encode()).digest()[:8], "big")
+
+
+def is_held_out(item_id: str, fold: int, folds: int) -> bool:
+    """Whether an item belongs to a fold (0 to folds - 1); a build with `--fold-out fold/folds` does not see it."""
+    return item_hash(item_id) % folds == fold
+
+
+def ingested(
+    block: Block,
+    taxonomy: Callable[[], Taxonomy],
+    fold_out: tuple[int, int] | None = None,
+    left_out: frozenset[str] = frozenset(),
+) -> Ingested:
+    """The rows of a block and what was refused, with the reason.
+
+    Parameters
+    ----------
+    taxonomy : gives the taxonomy; called once in a process
+    fold_out : fold I of N that the build does not see
+    left_out : sources that the build does not use
+
+    Raises
+    ------
+    BadRawItem
+        A line is no raw item; the message names the file and the line.
+    """
+    rows: list[list[dict[str, Any]]] = [[] for _ in range(SHARDS)]
+    refused: list[str] = []
+    counts: Counter[str] = Counter()
+    for item in items_of(block):
+        row, reason = _row(item, taxonomy, fold_out, left_out)
+        counts[reason or "taken"] += 1
+        if row is not None:
+            rows[_shards(taxonomy)[row["node_id"]]].append(row)
+        elif reason in REFUSALS:
+            refused.append(refusal(reason, item.source, item.source_id, item.title, item.category_path))
+    return Ingested(_arrow(rows), "".join(refused).encode(), counts)
+
+
+#: Reasons for which a raw item is kept for a maintainer to look at (the others are the maintainer's own choice).
+REFUSALS = {
+    "no_category": "the taxonomy does not know what the thing is",
+    "no_size": "no outer size is stated, or four numbers where three are possible",
+    "low_trust": "the size was only found in prose",
+    "placeholder": "the size is what is typed into a form that asks for one: 1 x 1 x 1",
+}
+
+
+def refusal(reason: str, source: str, source_id: str, title: str, category: Sequence[str], detail: str = "") -> str:
+    """One line of the quarantine file."""
+    record = {"reason": reason, "source": source, "source_id": source_id, "title": title, "category": list(category)}
+    return json.dumps(record | ({"detail": detail} if detail else {}), ensure_ascii=False) + "\n"
+
+
+def items_of(block: Block) -> Iterator[RawItem]:
+    """The items of a block's lines.
+
+    Raises
+    ------
+    BadRawItem
+        A line is no raw item; the message names the file and the line.
+    """
+    for number, line in enumerate(block.lines, start=block.first):
+        if line.strip():
+            try:
+                yield RawItem.parsed(line.decode("utf-8"))
+            except (BadRawItem, UnicodeDecodeError) as error:
+                raise BadRawItem(f"{block.path}:{number}: {error}") from None
+
+
+def _row(
+    item: RawItem,
+    taxonomy: Callable[[], Taxonomy],
+    fold_out: tuple[int, int] | None,
+    left_out: frozenset[str],
+) -> tuple[dict[str, Any] | None, str]:
+    """The row of an item, or None and the reason."""
+    item_id = f"{item.source}:{item.source_id}"
+    if item.source in left_out:
+        return None, "source_left_out"
+    if fold_out is not None and is_held_out(item_id, *fold_out):
+        return None, "fold_left_out"
+    if distrusted := next((flag for flag in ("low_trust", "placeholder") if flag in item.flags), None):
+        return None, distrusted
+    node_id = _matched(item, taxonomy).node_id
+    if node_id is None:
+        return None, "no_category"
+    pose = _poses(taxonomy)[node_id]
+    if item.kind == "curated":
+        found: Sizes | None = own_sizes(item.dimensions_mm, pose)
+    else:
+        found = sizes(item.dimensions_mm, item.extents_mm, pose)
+    if found is None:
+        return None, "no_size"
+    return {
+        "item_id": item_id,
+        "hash": item_hash(item_id),
+        "node_id": node_id,
+        "pose": pose,
+        "source": item.source,
+        "source_id": item.source_id,
+        "title": item.title,
+        "length_mm": found.length,
+        "width_mm": found.width,
+        "height_mm": found.height,
+        "extents_mm": found.extents,
+        "range_sd": _range_sd(item, found),
+        "kind": item.kind,
+        "year": item.year,
+        "region": item.region,
+        "url": item.url or None,
+        "licence": item.licence,
+        "flags": item.flags,
+    }, ""
+
+
+_remembered: dict[tuple[object, ...], Match] = {}
+
+
+def _matched(item: RawItem, taxonomy: Callable[[], Taxonomy]) -> Match:
+    key = (taxonomy, item.source, item.category_path, item.title, item.synset)
+    if key not in _remembered:
+        if len(_remembered) >= REMEMBERED:
+            _remembered.clear()
+        _remembered[key] = _taxonomy(taxonomy).match(item)
+    return _remembered[key]
+
+
+@cache
+def _taxonomy(factory: Callable[[], Taxonomy]) -> Taxonomy:
+    return factory()
+
+
+@cache
+def _poses(factory: Callable[[], Taxonomy]) -> dict[str, str]:
+    return {category.node_id: category.pose for category in _taxonomy(factory).categories()}
+
+
+@cache
+def _shards(factory: Callable[[], Taxonomy]) -> dict[str, int]:
+    """Shard of each node: all rows of a node lie in one, and shards follow the order of the node ids."""
+    nodes = sorted(_poses(factory))
+    return {node_id: rank * SHARDS // len(nodes) for rank, node_id in enumerate(nodes)}
+
+
+def _range_sd(item: RawItem, found: Sizes) -> list[float] | None:
+    """Spread of ln size of each extent of a curated item, from the range of the word that states it."""
+    if not item.ranges_mm:
+        return None
+    spreads = {
+        item.dimensions_mm.get(word): math.log(high / low) / (2 * RANGE_SD)
+        for word, (low, high) in item.ranges_mm.items()
+    }
+    return [spreads.get(extent, math.nan) for extent in found.extents]
+
+
+def _arrow(shards: Sequence[Sequence[dict[str, Any]]]) -> bytes:
+    sink = pa.BufferOutputStream()
+    with pa.ipc.new_file(sink, ROWS, options=pa.ipc.IpcWriteOptions(compression="zstd")) as writer:
+        for rows in shards:
+            writer.write_batch(pa.RecordBatch.from_pylist(rows, schema=ROWS))
+    return bytes(sink.getvalue())

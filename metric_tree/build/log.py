@@ -1,0 +1,78 @@
+"""What a build tells its maintainer: sources that disagree, classes that look mixed, what was refused."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from metric_tree.build.clean import NodeClass
+from metric_tree.fit.disagreement import SharedModel
+from metric_tree.prior import Prior
+
+__all__ = ["disagreements", "is_mixed", "report"]
+
+#: Ashman's D above which two Gaussians are cleanly parted (Ashman, Bird and Zepf 1994 give 2).
+SEPARATION = 2.0
+
+#: A second kind of thing makes up at least this share of a mixed class.
+SHARE = 0.1
+
+#: Two kinds of one category differ by half in size or more; cutlery for fish and meat is no mixed class.
+FACTOR = 1.5
+
+
+def report(
+    classes: Sequence[NodeClass], priors: Mapping[str, Prior], model: SharedModel, counts: Counter[str]
+) -> dict[str, Any]:
+    """The report of a build, as it is written to `report.json`."""
+    return {
+        "raw": dict(sorted(counts.items())),
+        "source_disagreement": asdict(model),
+        "disagreements": disagreements(classes, priors),
+        "mixed": sorted(node_id for node_id, prior in priors.items() if is_mixed(prior)),
+    }
+
+
+def disagreements(classes: Sequence[NodeClass], priors: Mapping[str, Prior]) -> list[dict[str, Any]]:
+    """Classes of two sources or more, the largest disagreement first.
+
+    `between_sd` is the published standard deviation of ln size between sources along the mean of the axes, the one
+    that an estimate of scale suffers from; `means_mm` the geometric mean sizes of each source.
+    """
+    found = []
+    for one in classes:
+        own = one.moments[0].disagreement
+        if own is None or own.freedom < 1:
+            continue
+        shared = priors[one.node_id].shared_covariance
+        found.append(
+            {
+                "node_id": one.node_id,
+                "sources": len(own.sources),
+                "between_sd": round(float(np.sqrt(shared.mean())), 4),
+                "observed_sd": round(float(np.sqrt(max(own.between.mean(), 0.0))), 4),
+                "within_sd": round(float(np.sqrt(max(own.within.mean(), 0.0))), 4),
+                "axes": list(one.moments[0].axes),
+                "means_mm": {
+                    name: [None if np.isnan(mean) else round(float(np.exp(mean)), 1) for mean in means]
+                    for name, means in zip(own.sources, own.means, strict=True)
+                },
+            }
+        )
+    return sorted(found, key=lambda record: -float(record["observed_sd"]))
+
+
+def is_mixed(prior: Prior) -> bool:
+    """Whether two components of a prior are cleanly parted: two kinds of thing under one name."""
+    if len(prior.weights) < 2:
+        return False
+    centre = prior.means.mean(axis=1)  # ln of the geometric mean size
+    spread = np.sqrt(prior.covariances.mean(axis=(1, 2)))
+    apart = np.abs(centre[:, None] - centre)
+    d = np.sqrt(2) * apart / np.hypot(spread[:, None], spread)
+    enough = np.minimum(prior.weights[:, None], prior.weights) >= SHARE
+    return bool(((d > SEPARATION) & enough & (apart > np.log(FACTOR))).any())

@@ -1,0 +1,322 @@
+"""Raw items to a release, in five steps that an interruption may part (`metric-tree build`).
+
+1. ingest: blocks of lines to Arrow rows, matched to a leaf and mapped to axes, parted into shards by node;
+2. clean: per shard, repeats and unit slips out, moments of each class;
+3. pool: how sources disagree over all classes; what each inner node believes of its children;
+4. fit: per shard, the prior of each leaf; then the inner nodes, from the leaves up;
+5. publish: four tables and a manifest, written aside and renamed.
+
+Steps 1, 2 and 4 are pure functions over an executor: this process, processes, or a Dask cluster. What they return is
+kept in a work folder until the release is published. The same input gives the same release to the byte, whatever the
+executor; the date is told from outside.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import asdict, dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any, TypeVar
+
+import pyarrow as pa
+
+from crawler.imports.sources import Source, sources
+from crawler.items import RawItem
+from metric_base.faults import InputFault
+from metric_tree.build.clean import Cleaned, NodeClass, class_priors, cleaned
+from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingested, items_of, raw_files
+from metric_tree.build.log import report
+from metric_tree.build.row_files import RowFiles, sibling_references
+from metric_tree.build.tables import (
+    CURATED,
+    Hierarchy,
+    evidence_counts,
+    kept_categories,
+    node_counts,
+    node_table,
+    prior_table,
+    source_records,
+)
+from metric_tree.build.work_folder import Here, WorkFolder, fingerprint
+from metric_tree.fit.disagreement import SharedModel, shared_model
+from metric_tree.pictures import gathered, picture_files
+from metric_tree.prior import Prior
+from metric_tree.release import Release, published
+from metric_tree.schema import IMAGES
+from taxonomy.categories import Taxonomy
+
+__all__ = ["Build", "Options", "Steps", "built", "shipped_curated", "shipped_taxonomy"]
+
+#: Called with the name of a step and the parts of it that are done.
+Progress = Callable[[str, int], None]
+
+_R = TypeVar("_R")
+
+#: Licence of rows and pictures that nobody gave on: their site's own terms hold, and the release stays at home.
+PRIVATE_LICENCE = "none: own use only"
+
+#: What the manifest says of priors that were not fitted here.
+CARRIED = "nodes and priors, fitted with sources whose rows are withheld; the rows were made from the raw items"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What a release is called and what it leaves out.
+
+    created : ISO date of the release; fold_out : fold I of N of the items that the build does not see;
+    noncommercial : whether sources that exclude commercial use take part; heldout : whether priors are scored;
+    private : sources without an open licence whose rows and pictures are kept all the same, for the builder's own use.
+    """
+
+    version: str
+    created: str
+    name: str = "metric-tree"
+    fold_out: tuple[int, int] | None = None
+    noncommercial: bool = True
+    private: tuple[str, ...] = ()
+    heldout: bool = True
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Build:
+    """A published release, what a maintainer should read (counts by reason, disagreements, mixed classes), the log."""
+
+    release: Release
+    report: Mapping[str, Any]
+    log: Path
+
+
+def shipped_taxonomy() -> Taxonomy:
+    """The taxonomy of the package."""
+    import taxonomy  # WordNet is read where it is needed
+
+    default: Callable[[], Taxonomy] = taxonomy.default_taxonomy
+    return default()
+
+
+def shipped_curated() -> Iterable[RawItem]:
+    """The package's curated ranges, which speak where a class has no items."""
+    from taxonomy.curated import curated_items
+
+    return curated_items()
+
+
+def built(
+    raw: Sequence[Path],
+    out: Path,
+    options: Options,
+    *,
+    log: Path | None = None,
+    taxonomy: Callable[[], Taxonomy] = shipped_taxonomy,
+    curated: Iterable[RawItem] = (),
+    declared: Mapping[str, Source] | None = None,
+    carried: Release | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Build:
+    """Build a release at `out` from raw items; the log folder gets `quarantine.jsonl` and `report.json`.
+
+    Parameters
+    ----------
+    raw : files or folders of raw items, with the pictures of a crawl beside them; log : `<out>.build` by default
+    taxonomy : a function at the top of a module, so that a worker can call it
+    curated : raw items of kind `curated`
+    declared : sources by id, those of `data/sources` by default; rows of others are used and not shipped
+    carried : a release whose choice of rows, nodes and priors holds, where `raw` lacks sources that it was fitted with:
+        the rows are made again, and are the same to the byte
+    executor : where the steps run, this process by default
+
+    Raises
+    ------
+    InputFault
+        Something is at `out` already, there are no raw items, a line is none, or no item is of a private source.
+    """
+    if out.exists():
+        raise InputFault(f"{out}: expected a free path for a new release; found an existing one")
+    files = raw_files(raw)
+    declared = {source.id: source for source in sources()} if declared is None else declared
+    _expect_private(options.private, files)
+    own = block_of(curated, "curated ranges")
+    log = log or out.with_name(f"{out.name}.build")
+    with WorkFolder.opened(
+        log / "work", fingerprint(files, repr((options, sorted(declared.items()), own, carried)))
+    ) as work:
+        steps = Steps(options, taxonomy, declared, carried, executor or Here(), progress, work)
+        counts = steps.ingest(chain(blocks(files), [own]))
+        classes, dropped = steps.clean()
+        report, tables, manifest = (steps.carry if carried else steps.fit)(classes, counts + dropped)
+        extras = _with_pictures(raw, tables, report, work.directory / "extras")
+        release = published(out, tables, manifest, extras)
+        _write_log(log, work.directory, report)
+    return Build(release, report, log)
+
+
+def _expect_private(private: Sequence[str], files: Iterable[Path]) -> None:
+    """See that every source to be kept private has raw items: one that is misspelt would be withheld without a word."""
+    found: set[str] = set()
+    for block in blocks(files) if private else ():
+        if set(private) <= found:  # a large folder need not be read to its end
+            return
+        found |= {item.source for item in items_of(block)}
+    missing = sorted(set(private) - found)
+    if missing:
+        known = ", ".join(sorted(found)) or "none"
+        raise InputFault(f"--private: expected sources of the raw items ({known}); found {', '.join(missing)}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Steps:
+    """The steps of one build, each over an executor, its results in a work folder."""
+
+    options: Options
+    taxonomy: Callable[[], Taxonomy]
+    declared: Mapping[str, Source]
+    carried: Release | None
+    executor: Executor
+    progress: Progress | None
+    work: WorkFolder
+
+    def ingest(self, lines: Iterable[Block]) -> Counter[str]:
+        """Step 1; the rows lie in the work folder. Counts of raw items by outcome."""
+        noncommercial = (name for name, source in self.declared.items() if source.noncommercial)
+        left_out = frozenset() if self.options.noncommercial else frozenset(noncommercial)
+        calls = ((block, self.taxonomy, self.options.fold_out, left_out) for block in lines)
+        counts: Counter[str] = Counter()
+        for result in self._mapped("ingest", ingested, calls, _spilled_rows):
+            counts += result.counts
+        return counts
+
+    def clean(self) -> tuple[list[NodeClass], Counter[str]]:
+        """Step 2: the classes, without their rows, and the rows dropped by reason."""
+        rows = RowFiles(tuple(sorted(self.work.directory.glob("ingest-*.arrow"))))
+        repeated, siblings = rows.repeated(), sibling_references(rows, self.taxonomy().categories())
+        licences = {source.id: source.licence for source in (*self.declared.values(), CURATED) if source.ship}
+        licences |= dict.fromkeys(self.options.private, PRIVATE_LICENCE)
+        ids = frozenset(self.carried.table("items")["item_id"].to_pylist()) if self.carried else None
+        calls = ((rows.shard(number, repeated), licences, siblings, ids) for number in range(SHARDS))
+        classes: list[NodeClass] = []
+        counts = Counter({"repeated_id": len(repeated.extra)})
+        for result in self._mapped("clean", cleaned, calls, _spilled_classes):
+            classes += result.classes
+            counts += result.counts
+        return classes, counts
+
+    def fit(
+        self, found: Sequence[NodeClass], counts: Counter[str]
+    ) -> tuple[dict[str, Any], dict[str, pa.Table], dict[str, Any]]:
+        """Steps 3 and 4: what a maintainer should read, the tables and the manifest."""
+        classes = {one.node_id: one for one in found}
+        hierarchy = Hierarchy.of(kept_categories(self.taxonomy().categories(), classes))
+        model = shared_model(m.disagreement for one in found for m in one.moments[:1] if m.disagreement)
+        leaves = self._leaves(found, hierarchy, model)
+        priors = hierarchy.priors(leaves, classes)
+        tables = {
+            "nodes.parquet": node_table(hierarchy, classes, priors),
+            "items.parquet": self._items(),
+            "priors.parquet": prior_table(hierarchy, priors),
+            "images.parquet": IMAGES.empty_table(),
+        }
+        manifest = self._manifest(tables, found, counts) | {"source_disagreement": asdict(model)}
+        return report(found, leaves, model, counts), tables, manifest
+
+    def carry(
+        self, found: Sequence[NodeClass], counts: Counter[str]
+    ) -> tuple[dict[str, Any], dict[str, pa.Table], dict[str, Any]]:
+        """In place of `fit`: the rows of this build under the nodes and priors of the release that is carried over."""
+        if self.carried is None:
+            raise ValueError("carried: expected a release; found none")
+        tables = {f"{name}.parquet": self.carried.table(name) for name in ("nodes", "priors", "images")}
+        tables["items.parquet"] = self._items()
+        manifest = {**self.carried.manifest, "carried": {"version": self.carried.manifest["version"], "what": CARRIED}}
+        n_rows = Counter(tables["items.parquet"]["source"].to_pylist())
+        manifest["sources"] = [record | {"n_rows": n_rows[record["id"]]} for record in manifest["sources"]]
+        manifest["counts"] = manifest["counts"] | {"n_rows": tables["items.parquet"].num_rows}
+        manifest |= {name: getattr(self.options, name) for name in ("name", "version", "created")}
+        return {"raw": dict(sorted(counts.items())), "classes": len(found)}, tables, manifest
+
+    def _leaves(self, found: Sequence[NodeClass], hierarchy: Hierarchy, model: SharedModel) -> dict[str, Prior]:
+        parents = {category.node_id: category.parent_id or "" for category in hierarchy.categories}
+        beliefs = hierarchy.beliefs(m for one in found for m in one.moments)
+        own = {one.node_id: beliefs[parents[one.node_id], one.moments[0].axes] for one in found}
+        files = sorted(self.work.directory.glob("clean-*.classes"))
+        calls = ((path.read_bytes(), own, model, self.options.seed, self.options.heldout) for path in files)
+        return {prior.node_id: prior for priors in self._mapped("fit", class_priors, calls) for prior in priors}
+
+    def _items(self) -> pa.Table:
+        """The shipped items, mapped from the work folder and not read into memory."""
+        files = sorted(self.work.directory.glob("clean-*.items"))
+        return pa.concat_tables([pa.ipc.open_file(pa.memory_map(str(path))).read_all() for path in files])
+
+    def _manifest(
+        self, tables: Mapping[str, pa.Table], found: Sequence[NodeClass], counts: Counter[str]
+    ) -> dict[str, Any]:
+        n_fit: Counter[str] = Counter()
+        for one in found:
+            n_fit.update(one.n_by_source)
+        n_rows = Counter(tables["items.parquet"]["source"].to_pylist())
+        used = frozenset().union(*(one.kinds for one in found))
+        return {
+            "name": self.options.name,
+            "version": self.options.version,
+            "created": self.options.created,
+            "sources": source_records(self.declared, n_fit, n_rows, used),
+            "counts": node_counts(tables["nodes.parquet"])
+            | {"n_fit": n_fit.total(), "n_rows": tables["items.parquet"].num_rows, "raw": dict(sorted(counts.items()))},
+            "evidence": evidence_counts(found),
+            "noncommercial": self.options.noncommercial,
+            "private": sorted(self.options.private),
+            "fold_out": list(self.options.fold_out) if self.options.fold_out else None,
+        }
+
+    def _mapped(
+        self,
+        step: str,
+        function: Callable[..., _R],
+        calls: Iterable[Any],
+        spilled: Callable[[_R, Path], _R] | None = None,
+    ) -> Iterator[_R]:
+        for done, result in enumerate(self.work.mapped(step, function, calls, self.executor, spilled), start=1):
+            if self.progress is not None:
+                self.progress(step, done)
+            yield result
+
+
+def _with_pictures(
+    raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path
+) -> Path | None:
+    """Put the pictures that lie beside the raw items into the tables, the report and a folder; None without any."""
+    files = picture_files(raw)
+    if not files:
+        return None
+    folder.mkdir(exist_ok=True)
+    found = gathered(files, tables["items.parquet"], folder)
+    tables["images.parquet"] = found.rows
+    report["pictures"] = {"taken": found.rows.num_rows, "left_out": dict(found.refused)}
+    return folder
+
+
+def _spilled_rows(result: Ingested, stem: Path) -> Ingested:
+    stem.with_suffix(".arrow").write_bytes(result.rows)
+    stem.with_suffix(".refused").write_bytes(result.refused)
+    return replace(result, rows=b"", refused=b"")
+
+
+def _spilled_classes(result: Cleaned, stem: Path) -> Cleaned:
+    stem.with_suffix(".items").write_bytes(result.items)
+    stem.with_suffix(".refused").write_bytes(result.refused)
+    stem.with_suffix(".classes").write_bytes(result.rows)
+    return replace(result, items=b"", refused=b"", rows=b"")
+
+
+def _write_log(log: Path, work: Path, found: Mapping[str, Any]) -> None:
+    with (log / "quarantine.jsonl").open("wb") as quarantine:
+        for path in sorted(work.glob("*.refused"), reverse=True):  # ingest first, then clean
+            with path.open("rb") as part:
+                shutil.copyfileobj(part, quarantine)
+    (log / "report.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -1,0 +1,194 @@
+"""From fitted leaves to the tables and the manifest of a release."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pyarrow as pa
+
+from crawler.imports.sources import Source
+from metric_tree.axes import AXES, EXTENTS
+from metric_tree.build.clean import NodeClass
+from metric_tree.fit.class_prior import VAGUE, Moments
+from metric_tree.fit.em import Belief
+from metric_tree.fit.evidence import EVIDENCE, KIND_WEIGHT
+from metric_tree.fit.inner_priors import belief_of, commonness, inner_priors
+from metric_tree.prior import Prior
+from metric_tree.schema import NODES, PRIORS
+from taxonomy.categories import Category
+
+__all__ = [
+    "CURATED",
+    "Hierarchy",
+    "evidence_counts",
+    "kept_categories",
+    "node_counts",
+    "node_table",
+    "prior_table",
+    "source_records",
+]
+
+
+#: The project's own ranges as a source: written for it, under its licence.
+CURATED = Source(
+    id="curated",
+    title="Curated ranges of this project (data/curated)",
+    url="data/curated/ranges.csv",
+    licence="Apache-2.0",
+    licence_basis="written for this project",
+    kind="curated",
+    ship=True,
+    attribution="Metric-Tree",
+    reader="taxonomy.curated",
+)
+
+
+def kept_categories(categories: Sequence[Category], classes: Mapping[str, NodeClass]) -> list[Category]:
+    """The categories that have items or curated ranges at or below them, parents first."""
+    parents = {category.node_id: category.parent_id for category in categories}
+    kept: set[str] = set()
+    for node_id in classes:
+        above: str | None = node_id
+        while above is not None and above not in kept:
+            kept.add(above)
+            above = parents[above]
+    return [category for category in categories if category.node_id in kept]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hierarchy:
+    """The kept categories and their children."""
+
+    categories: Sequence[Category]
+    children: Mapping[str, Sequence[str]]
+
+    @classmethod
+    def of(cls, categories: Sequence[Category]) -> Hierarchy:
+        """The hierarchy of categories, parents first."""
+        children: dict[str, list[str]] = {}
+        for category in categories:
+            if category.parent_id is not None:
+                children.setdefault(category.parent_id, []).append(category.node_id)
+        return cls(categories, children)
+
+    def beliefs(self, moments: Iterable[Moments]) -> dict[tuple[str, tuple[str, ...]], Belief]:
+        """What each inner node believes of its children, by node and frame of axes.
+
+        Moments of an inner node are its belief's own, so that a node without other children inherits from above.
+        """
+        found = {(m.node_id, m.axes): m for m in moments}
+        for category in reversed(self.categories):
+            for axes in (AXES, EXTENTS):
+                below = [
+                    found[key] for child in self.children.get(category.node_id, ()) if (key := (child, axes)) in found
+                ]
+                if below:
+                    found[category.node_id, axes] = _summary(category.node_id, axes, below)
+        beliefs: dict[tuple[str, tuple[str, ...]], Belief] = {}
+        for category in self.categories:
+            for axes in (AXES, EXTENTS):
+                below = [
+                    found[key] for child in self.children.get(category.node_id, ()) if (key := (child, axes)) in found
+                ]
+                above = beliefs.get((category.parent_id or "", axes), VAGUE)
+                beliefs[category.node_id, axes] = belief_of(below, above)
+        return beliefs
+
+    def priors(self, leaves: Mapping[str, Prior], classes: Mapping[str, NodeClass]) -> dict[str, list[Prior]]:
+        """The priors of all nodes, the main one first: the leaves' and, from the leaves up, of the nodes above them."""
+        priors = {node_id: [prior] for node_id, prior in leaves.items()}
+        items = {node_id: Counter(one.n_by_source) for node_id, one in classes.items()}
+        trust = {source: KIND_WEIGHT[kind] for one in classes.values() for source, kind in one.kinds.items()}
+        for category in reversed(self.categories):
+            if category.node_id in leaves:
+                continue
+            having = [child for child in self.children.get(category.node_id, ()) if child in priors]
+            items[category.node_id] = sum((items[child] for child in having), Counter())
+            weights = commonness([items[child] for child in having], trust)
+            below = [priors[child] for child in having]
+            upright = sum(float(weight) for weight, own in zip(weights, below, strict=True) if own[0].dims[0] in AXES)
+            found = inner_priors(category.node_id, below, weights, AXES if upright >= 0.5 else EXTENTS)
+            sources = len(items[category.node_id])
+            priors[category.node_id] = [replace(one, n_sources=sources or one.n_sources) for one in found]
+        return priors
+
+
+def node_table(
+    hierarchy: Hierarchy, classes: Mapping[str, NodeClass], priors: Mapping[str, Sequence[Prior]]
+) -> pa.Table:
+    """The nodes of the release (`metric_tree.schema.NODES`)."""
+    own = {node_id: sum(found.n_by_source.values()) for node_id, found in classes.items()}
+    total = Counter(own)
+    for category in reversed(hierarchy.categories):
+        if category.parent_id is not None:
+            total[category.parent_id] += total[category.node_id]
+    rows = []
+    for category in hierarchy.categories:
+        row = {field.name: getattr(category, field.name, None) for field in NODES}
+        row["dims"] = _dims(category, priors.get(category.node_id, ()))
+        rows.append(row | {"n_items": total[category.node_id], "n_own": own.get(category.node_id, 0)})
+    return pa.Table.from_pylist(rows, schema=NODES)
+
+
+def node_counts(nodes: pa.Table) -> dict[str, int]:
+    """Nodes, leaves and levels of a nodes table, and leaves with at least 1, 10 and 30 items of the fit."""
+    parents = set(nodes["parent_id"].to_pylist())
+    pairs = zip(nodes["node_id"].to_pylist(), nodes["n_items"].to_pylist(), strict=True)
+    leaves = [n_items for node_id, n_items in pairs if node_id not in parents]
+    levels = max(nodes["level"].to_pylist(), default=0)
+    several = {f"leaves_{least}": sum(n >= least for n in leaves) for least in (1, 10, 30)}
+    return {"nodes": nodes.num_rows, "leaves": len(leaves), "levels": levels} | several
+
+
+def evidence_counts(classes: Iterable[NodeClass]) -> dict[str, dict[str, int]]:
+    """Items of each set of kinds (`EVIDENCE`), and leaves with at least 1, 10 and 30 of them, repeats left out."""
+    by_kind = [one.n_by_kind for one in classes]
+    found = {}
+    for name, kinds in EVIDENCE.items():
+        items = [sum(n for kind, n in counts.items() if kind in kinds) for counts in by_kind]
+        leaves = {f"leaves_{least}": sum(n >= least for n in items) for least in (1, 10, 30)}
+        found[name] = {"items": sum(items)} | leaves
+    return found
+
+
+def prior_table(hierarchy: Hierarchy, priors: Mapping[str, Sequence[Prior]]) -> pa.Table:
+    """The priors of the release, in the order of its nodes (`metric_tree.schema.PRIORS`)."""
+    found = [prior.row() for category in hierarchy.categories for prior in priors.get(category.node_id, ())]
+    return pa.Table.from_pylist(found, schema=PRIORS)
+
+
+def source_records(
+    declared: Mapping[str, Source], n_fit: Mapping[str, int], n_rows: Mapping[str, int], used: Iterable[str]
+) -> list[dict[str, Any]]:
+    """The manifest's sources: those that the build used."""
+    records = []
+    for name in sorted(used):
+        source = declared.get(name, CURATED if name == CURATED.id else None)
+        record = {
+            "id": name,
+            "title": source.title if source else name,
+            "url": source.url if source else "",
+            "licence": source.licence if source else "none",
+            "attribution": source.attribution if source else "",
+            "kind": source.kind if source else "product",
+            "n_fit": n_fit.get(name, 0),
+            "n_rows": n_rows.get(name, 0),
+            "withheld": not (source and source.ship),
+        }
+        records.append(record | ({"noncommercial": True} if source and source.noncommercial else {}))
+    return records
+
+
+def _dims(category: Category, priors: Sequence[Prior]) -> list[str]:
+    """What to use by default: the reviewer's choice where a prior has it, else all that the main prior has."""
+    chosen = any(set(category.dims) <= set(prior.dims) for prior in priors)
+    return list(category.dims if chosen or not priors else priors[0].dims)
+
+
+def _summary(node_id: str, axes: tuple[str, ...], below: Sequence[Moments]) -> Moments:
+    belief = belief_of(below)
+    known = (sum(child.known > 0 for child in below) > 0).astype(float)  # type: ignore[union-attr]
+    return Moments(node_id, axes, belief.mean, belief.covariance, known, None)

@@ -1,0 +1,120 @@
+"""The work folder of a build: what each step returned, so that an interrupted build takes up where it was."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import shutil
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+from metric_base.faults import InputFault
+from metric_base.folders import code_folder, taxonomy_directory
+
+__all__ = ["Here", "WorkFolder", "fingerprint"]
+
+_KEY = "fingerprint"
+
+#: Calls that wait for a worker or for their turn: enough to keep a small cluster busy, few enough to hold in memory.
+WINDOW = 16
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+class Here(Executor):
+    """An executor that runs each call at once in this process."""
+
+    def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
+        """The finished future of a call; an error is raised here, where it is easy to see."""
+        future: Future[_R] = Future()
+        future.set_result(fn(*args, **kwargs))
+        return future
+
+
+@dataclass(frozen=True, slots=True)
+class WorkFolder:
+    """A folder of finished steps, valid for one fingerprint of inputs, options and code."""
+
+    directory: Path
+
+    @classmethod
+    @contextmanager
+    def opened(cls, directory: Path, key: str) -> Iterator[WorkFolder]:
+        """The folder, emptied where it belongs to another build; removed when the block ends well.
+
+        Raises
+        ------
+        InputFault
+            The folder holds something that is no build's work.
+        """
+        note = directory / _KEY
+        if directory.exists() and (not note.is_file() or note.read_text(encoding="ascii") != key):
+            if not note.is_file() and any(directory.iterdir()):
+                raise InputFault(f"{directory}: expected a build's work or nothing; found other files")
+            shutil.rmtree(directory)
+        directory.mkdir(parents=True, exist_ok=True)
+        note.write_text(key, encoding="ascii")
+        yield cls(directory)
+        shutil.rmtree(directory)
+
+    def mapped(
+        self,
+        step: str,
+        function: Callable[..., _R],
+        calls: Iterable[Sequence[Any]],
+        executor: Executor,
+        spilled: Callable[[_R, Path], _R] | None = None,
+    ) -> Iterator[_R]:
+        """`function(*call)` for each call, in order, those that were done before read from disk.
+
+        Parameters
+        ----------
+        spilled : puts heavy parts of a result into files of the given stem and returns the rest, which is pickled
+        """
+        waiting: deque[tuple[Path, Future[_R] | None]] = deque()
+        for number, call in enumerate(calls):
+            path = self.directory / f"{step}-{number:05d}.pickle"
+            waiting.append((path, None if path.exists() else executor.submit(function, *call)))
+            while waiting and (len(waiting) > WINDOW or _is_done(waiting[0][1])):
+                yield _result(*waiting.popleft(), spilled)
+        while waiting:
+            yield _result(*waiting.popleft(), spilled)
+
+
+def fingerprint(files: Iterable[Path], options: str) -> str:
+    """SHA-256 over the files' bytes, the options, the code of the packages and the tables of the taxonomy."""
+    code = (
+        path
+        for package in ("metric_base", "crawler", "taxonomy", "metric_tree")
+        for path in (code_folder() / package).rglob("*.py")
+    )
+    tables = (path for path in taxonomy_directory().rglob("*") if path.is_file())
+    digest = hashlib.sha256(options.encode())
+    for path in [*sorted(code), *sorted(tables), *files]:
+        with path.open("rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
+
+
+def _is_done(future: Future[Any] | None) -> bool:
+    return future is None or future.done()
+
+
+def _result(path: Path, future: Future[_R] | None, spilled: Callable[[_R, Path], _R] | None) -> _R:
+    if future is None:
+        with path.open("rb") as file:
+            kept: _R = pickle.load(file)  # noqa: S301 - written by this very build, see the fingerprint
+        return kept
+    result = future.result()
+    if spilled is not None:
+        result = spilled(result, path.with_suffix(""))
+    half = path.with_suffix(".half")
+    half.write_bytes(pickle.dumps(result))
+    half.rename(path)
+    return result

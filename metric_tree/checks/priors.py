@@ -1,0 +1,77 @@
+"""Checks on the priors of a release (codes 4xx)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from metric_tree.checks.finding import Finding
+from metric_tree.checks.nodes import DIMENSIONS
+
+__all__ = ["CODES", "findings"]
+
+#: Rounding of weights that went through text or another float format.
+WEIGHT_TOLERANCE = 1e-6
+
+CODES = {
+    "E401": "a prior of a node that the tree does not hold, or two of one node and dimensions",
+    "E402": "weights that are no probabilities",
+    "E403": "means or covariances of another shape than weights and dimensions say",
+    "E404": "a covariance that is not symmetric and positive",
+    "E405": "another family, unknown dimensions, or a borrowed share outside 0 to 1",
+    "W406": "a node with items but no prior",
+}
+
+
+def findings(priors: pa.Table, nodes: pa.Table) -> Iterator[Finding]:
+    """Findings on the priors table."""
+    known = dict(zip(nodes["node_id"].to_pylist(), nodes["n_items"].to_pylist(), strict=True))
+    seen: set[tuple[str, tuple[str, ...]]] = set()
+    for row in priors.to_pylist():
+        subject = f"{row['node_id']} {'/'.join(row['dims'] or [])}"
+        key = (row["node_id"], tuple(row["dims"] or []))
+        if row["node_id"] not in known or key in seen:
+            yield Finding("E401", subject, "expected one prior of a node of the tree; found another")
+        seen.add(key)
+        yield from _row_findings(subject, row)
+    fitted = {node_id for node_id, _ in seen}
+    for node_id, n_items in known.items():
+        if n_items and node_id not in fitted:
+            yield Finding("W406", node_id, f"expected a prior from {n_items} items; found none")
+
+
+def _row_findings(subject: str, row: Mapping[str, Any]) -> Iterator[Finding]:
+    dims, weights = row["dims"] or [], np.asarray(row["weights"], dtype=float)
+    if row["family"] != "lognormal-mixture" or not dims or any(dim not in DIMENSIONS for dim in dims):
+        yield Finding(
+            "E405", subject, f"family, dims: expected a log-normal mixture; found {row['family']} over {dims}"
+        )
+    if not 0 <= row["borrowed"] <= 1:
+        yield Finding("E405", subject, f"borrowed: expected a share of 0 to 1; found {row['borrowed']}")
+    if not (weights.size and np.all(weights >= 0) and abs(weights.sum() - 1) < WEIGHT_TOLERANCE):
+        yield Finding("E402", subject, f"weights: expected probabilities of sum 1; found sum {weights.sum():.6g}")
+    expected = {
+        "means": (weights.size, len(dims)),
+        "covariances": (weights.size, len(dims), len(dims)),
+        "shared_covariance": (len(dims), len(dims)),
+    }
+    for name, shape in expected.items():
+        yield from _matrix_findings(subject, name, row[name], shape)
+
+
+def _matrix_findings(subject: str, name: str, value: object, shape: tuple[int, ...]) -> Iterator[Finding]:
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    if array.shape != shape or not np.all(np.isfinite(array)):
+        yield Finding("E403", subject, f"{name}: expected finite numbers of shape {shape}; found {array.shape}")
+    elif name != "means":
+        symmetric = np.allclose(array, np.swapaxes(array, -1, -2))
+        least = float(np.linalg.eigvalsh(array).min())
+        # The between-source covariance may be singular (one shared factor); a component may not.
+        if not symmetric or least < (-1e-12 if name == "shared_covariance" else 1e-12):
+            yield Finding("E404", subject, f"{name}: expected symmetric and positive; found eigenvalue {least:.3g}")

@@ -1,0 +1,1 @@
+"""Rows of one class to a prior, and the priors of inner nodes."""

@@ -1,0 +1,192 @@
+"""Inner nodes: what a parent believes of its children, and its own prior as a mixture of theirs.
+
+Children count by how common the things are, not by pages: every source is one witness of the shares among its own
+items, whether it lists a hundred or a hundred thousand, so that one shop's range does not drown what others show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from metric_tree.fit.class_prior import VAGUE, Moments
+from metric_tree.fit.em import Belief, Mixture, floored
+from metric_tree.prior import FloatArray, Prior
+
+__all__ = ["belief_of", "commonness", "inner_priors", "reduced"]
+
+#: Rows that the parent's covariance counts in a child. Spreads of siblings are alike (a factor 1.5 or so between them),
+#: which is what a sample of about eight rows tells of a spread.
+COVARIANCE_ROWS = 8.0
+
+#: Bounds on the rows that the parent's mean counts: siblings differ by far more than one class spreads, so that it is a
+#: fraction of a row; never none, so that an axis without data stays near its siblings'.
+MEAN_ROWS = (0.02, 2.0)
+
+#: What is believed above counts as half a child: it only speaks for axes that no child states.
+ABOVE = 0.5
+
+#: Items below a node at which a source has half of a witness's weight: shares among ten are known to a sixth.
+WITNESS_HALF = 10.0
+
+#: Part of the weight that all children share alike, for those that no witness holds ...
+EQUAL_SHARE = 0.1
+
+#: ... and more of it while the witnesses together weigh little against this: two models of toys say nothing of what is
+#: common on a street.
+EQUAL_WITNESS = 0.5
+
+#: A single axis has a prior of its own where this much more of the children's weight states it than the joint prior.
+MORE = 0.1
+
+#: Components of an inner node's prior: its children are many and no four Gaussians hold them, but a reader and the
+#: estimator must be able to carry it.
+COMPONENTS = 8
+
+
+def belief_of(children: Sequence[Moments], above: Belief = VAGUE) -> Belief:
+    """The parent's moments as a child's belief: normal-inverse-Wishart, siblings equally weighted.
+
+    An axis counts in the children that state it; `above` is what the node above believes.
+    """
+    if not children:
+        return above
+    seen = np.array([child.known > 0 for child in children], dtype=float)  # (c, 3)
+    means = np.array([child.mean for child in children])
+    mass = seen.sum(axis=0)
+    mean = (above.mean * ABOVE + (seen * means).sum(axis=0)) / (ABOVE + mass)
+    both = seen.T @ seen
+    within = np.einsum("ci,cj,cij->ij", seen, seen, np.array([child.within for child in children]))
+    covariance = floored((ABOVE * above.covariance + within) / (ABOVE + both))
+    offset = seen * (means - mean)
+    spread = float((offset**2).sum() / max(mass.sum() - 3, 1)) if len(children) > 1 else 1.0
+    mean_rows = float(np.clip(np.trace(covariance) / 3 / max(spread, 1e-6), *MEAN_ROWS))
+    return Belief(mean, mean_rows, covariance, COVARIANCE_ROWS)
+
+
+def commonness(counts: Sequence[Mapping[str, int]], trust: Mapping[str, float]) -> FloatArray:
+    """How common each child is, (c,), sum 1: its share in each source, averaged over the sources.
+
+    Parameters
+    ----------
+    counts : items by source of each child; trust : weight of a source's kind (`evidence.KIND_WEIGHT`)
+    """
+    equal = np.full(len(counts), 1 / len(counts))
+    sources = sorted({source for count in counts for source in count})
+    items = np.array([[count.get(source, 0) for source in sources] for count in counts], dtype=float)  # (c, s)
+    below = items.sum(axis=0)
+    witness = np.array([trust[source] for source in sources]) * below / (below + WITNESS_HALF)
+    if not witness.sum() > 0:
+        return equal
+    alike = max(EQUAL_SHARE, EQUAL_WITNESS / (EQUAL_WITNESS + witness.sum()))
+    shares: FloatArray = alike * equal + (1 - alike) * (items / below) @ witness / witness.sum()
+    return shares
+
+
+def inner_priors(
+    node_id: str, children: Sequence[Sequence[Prior]], weights: FloatArray, axes: tuple[str, ...]
+) -> list[Prior]:
+    """The priors of an inner node: the joint one that says most, then single axes that more of its children state.
+
+    Parameters
+    ----------
+    children : the priors of each child, (c,); weights : how common each is; axes : of the frame
+
+    A joint prior says as much as it has axes times the weight of the children that have them all: a measured height of
+    all people goes before a curated box of some.
+    """
+    stated = {dims: _mass(children, weights, dims) for child in children for prior in child for dims in [prior.dims]}
+    stated = {dims: mass for dims, mass in stated.items() if set(dims) <= set(axes)}
+    if not stated:
+        return []
+    joint = max(stated, key=lambda dims: (len(dims) * stated[dims], len(dims), dims))
+    single = [(axis,) for axis in axes if _mass(children, weights, (axis,)) > stated[joint] * (axis in joint) + MORE]
+    return [_inner_prior(node_id, children, weights, dims) for dims in (joint, *(d for d in single if d != joint))]
+
+
+def _having(children: Sequence[Sequence[Prior]], dims: tuple[str, ...]) -> list[tuple[int, Prior]]:
+    """Of each child that has all of `dims` its number and its prior over them."""
+    found = []
+    for number, priors in enumerate(children):
+        containing = [prior for prior in priors if set(dims) <= set(prior.dims)]
+        if containing:
+            found.append((number, min(containing, key=lambda prior: len(prior.dims)).marginal(dims)))
+    return found
+
+
+def _mass(children: Sequence[Sequence[Prior]], weights: FloatArray, dims: tuple[str, ...]) -> float:
+    return float(sum(weights[number] for number, _ in _having(children, dims)))
+
+
+def _inner_prior(
+    node_id: str, children: Sequence[Sequence[Prior]], weights: FloatArray, dims: tuple[str, ...]
+) -> Prior:
+    """The mixture of the children's priors over `dims`, reduced to `COMPONENTS`."""
+    numbers, having = zip(*_having(children, dims), strict=True)
+    share = weights[list(numbers)] / weights[list(numbers)].sum()
+    mixture = reduced(
+        Mixture(
+            np.concatenate([child.weights * part for child, part in zip(having, share, strict=True)]),
+            np.concatenate([child.means for child in having]),
+            np.concatenate([child.covariances for child in having]),
+        ),
+        COMPONENTS,
+    )
+    kinds = sorted({kind for child in having for kind in child.share_by_kind})
+    by_kind = np.array([[child.share_by_kind.get(kind, 0.0) for kind in kinds] for child in having])
+    return Prior(
+        node_id=node_id,
+        dims=dims,
+        weights=mixture.weights / mixture.weights.sum(),
+        means=mixture.means,
+        covariances=mixture.covariances,
+        shared_covariance=np.einsum("c,cij->ij", share, np.array([child.shared_covariance for child in having])),
+        n=sum(child.n for child in having),
+        n_sources=max(child.n_sources for child in having),
+        share_by_kind=dict(zip(kinds, (share @ by_kind).tolist(), strict=True)),
+        borrowed=0.0,
+    )
+
+
+def reduced(mixture: Mixture, components: int) -> Mixture:
+    """The mixture with the cheapest pairs merged, moments kept (Runnalls 2007, upper bound of the divergence).
+
+    Merging i and j costs ((w_i + w_j) ln|S_ij| - w_i ln|S_i| - w_j ln|S_j|) / 2.
+    """
+    weights, means, covariances = mixture.weights.copy(), mixture.means.copy(), mixture.covariances.copy()
+    cost = np.array([_costs(weights, means, covariances, i) for i in range(len(weights))])
+    while len(weights) > components:
+        i, j = sorted(divmod(int(np.argmin(cost)), len(cost)))
+        weights[i], means[i], covariances[i] = _merged(weights, means, covariances, i, j)
+        keep = np.arange(len(weights)) != j
+        weights, means, covariances = weights[keep], means[keep], covariances[keep]
+        cost = cost[np.ix_(keep, keep)]
+        cost[i] = cost[:, i] = _costs(weights, means, covariances, i)
+    return Mixture(weights, means, covariances)
+
+
+def _pair(
+    weights: FloatArray, means: FloatArray, covariances: FloatArray, i: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Weights (k,), means (k, d), covariances (k, d, d) of component i merged with each."""
+    total = weights + weights[i]
+    a, b = (weights[i] / total)[:, None], (weights / total)[:, None]
+    offset = means - means[i]
+    outer = (a * b)[:, :, None] * offset[:, :, None] * offset[:, None, :]
+    return total, a * means[i] + b * means, a[:, :, None] * covariances[i] + b[:, :, None] * covariances + outer
+
+
+def _costs(weights: FloatArray, means: FloatArray, covariances: FloatArray, i: int) -> FloatArray:
+    total, _, merged = _pair(weights, means, covariances, i)
+    log_det = np.linalg.slogdet(covariances)[1]
+    cost: FloatArray = 0.5 * (total * np.linalg.slogdet(merged)[1] - weights[i] * log_det[i] - weights * log_det)
+    cost[i] = np.inf
+    return cost
+
+
+def _merged(
+    weights: FloatArray, means: FloatArray, covariances: FloatArray, i: int, j: int
+) -> tuple[float, FloatArray, FloatArray]:
+    total, mean, covariance = _pair(weights, means, covariances, i)
+    return float(total[j]), mean[j], covariance[j]

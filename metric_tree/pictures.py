@@ -1,0 +1,134 @@
+"""Pictures of items: from a crawl into a release, and from a release back into memory.
+
+Files are content-addressed (`pictures/aa/<sha256>.jpg`) and not packed into shards: a picture shown by two items or two
+releases lies once (releases link to it), one node's pictures are read without the others', and a removed picture takes
+nothing with it. `images.parquet` is the index; sorted by node, so that a node's rows are few row groups.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from crawler.fetch.pictures import SCHEMA as PICTURE
+from metric_base.faults import InputFault
+from metric_tree.release import linked, sha256
+from metric_tree.schema import IMAGES
+
+__all__ = ["FOLDER", "Gathered", "gathered", "image_path", "picture_files"]
+
+#: Where pictures lie inside a release, as inside a crawl.
+FOLDER = "pictures"
+
+#: Segments of picture records (`crawler.fetch.segments`).
+_SEGMENT = re.compile(r"pictures-\d+-\d+\.jsonl")
+
+#: The only paths that a record may name: what `crawler.fetch.pictures` writes.
+_STORED = re.compile(r"([0-9a-f]{2})/(?P<id>\1[0-9a-f]{62})\.(jpg|png|webp)")
+
+_STRINGS = ("image_id", "item_id", "source_url", "path")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gathered:
+    """rows : a table of `metric_tree.schema.IMAGES`; refused : pictures left out, by reason."""
+
+    rows: pa.Table
+    refused: Mapping[str, int]
+
+
+def picture_files(paths: Iterable[Path]) -> list[Path]:
+    """The picture records in the given folders and all below them, and right beside the given files."""
+    pattern = "pictures-*.jsonl"
+    found = {
+        file: None
+        for path in paths
+        for file in sorted(path.rglob(pattern) if path.is_dir() else path.parent.glob(pattern))
+    }
+    return [file for file in found if _SEGMENT.fullmatch(file.name)]
+
+
+def gathered(files: Sequence[Path], items: pa.Table, folder: Path) -> Gathered:
+    """The pictures of the items of a release, their files linked into `folder`.
+
+    A picture takes the licence of its item: its source's terms, for nothing else is known of it. Left out are pictures
+    of items that the release does not show (`no_item`), without a file (`no_file`), and whose bytes are not those that
+    their name says (`changed`).
+
+    Raises
+    ------
+    InputFault
+        A line is no picture record.
+    """
+    records = list(_records(files))
+    wanted = pa.array({record["item_id"] for _, record in records}, pa.string())
+    shown = items.filter(pc.is_in(items["item_id"], value_set=wanted)).select(["item_id", "node_id", "licence"])
+    known = {row["item_id"]: row for row in shown.to_pylist()}
+    rows: dict[tuple[str, str], dict[str, Any]] = {}
+    refused: dict[str, int] = {}
+    for home, record in records:
+        reason = _taken(home, record, known, folder)
+        if reason is not None:
+            refused[reason] = refused.get(reason, 0) + 1
+            continue
+        path = f"{FOLDER}/{record['path']}"
+        rows[record["image_id"], record["item_id"]] = record | known[record["item_id"]] | {"path": path}
+    ordered = sorted(rows.values(), key=lambda row: (row["node_id"], row["item_id"], row["image_id"]))
+    return Gathered(pa.Table.from_pylist(ordered, schema=IMAGES), refused)
+
+
+def image_path(release: Path, row: Mapping[str, Any], column: str = "path") -> Path | None:
+    """The file of a row's picture (or `cutout_path`), None where there is none or where it leads out of the release."""
+    if row[column] is None:
+        return None
+    path = (release / row[column]).resolve()
+    return path if path.is_file() and path.is_relative_to(release.resolve()) else None
+
+
+def _taken(home: Path, record: Mapping[str, Any], known: Mapping[str, Any], folder: Path) -> str | None:
+    if record["item_id"] not in known:
+        return "no_item"
+    source, target = home / FOLDER / record["path"], folder / FOLDER / record["path"]
+    if target.exists():
+        return None
+    if not source.is_file():
+        return "no_file"
+    if sha256(source) != record["image_id"]:
+        return "changed"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    linked(source, target)
+    return None
+
+
+def _records(files: Iterable[Path]) -> Iterator[tuple[Path, dict[str, Any]]]:
+    for path in files:
+        with path.open("rb") as lines:
+            for number, line in enumerate(lines, start=1):
+                yield path.parent, _record(line, f"{path}:{number}")
+
+
+def _record(line: bytes, where: str) -> dict[str, Any]:
+    try:
+        record = json.loads(line)
+    except (ValueError, RecursionError) as error:
+        raise InputFault(f"{where}: expected a JSON object; found {error}") from None
+    schema = record.get("schema") if isinstance(record, dict) else None
+    if schema != PICTURE:
+        raise InputFault(f"{where}: schema: expected {PICTURE}; found {schema!r}")
+    for name in _STRINGS:
+        if not isinstance(record.get(name), str):
+            raise InputFault(f"{where}: {name}: expected a string; found {record.get(name)!r}")
+    match = _STORED.fullmatch(record["path"])
+    if match is None or match["id"] != record["image_id"]:
+        raise InputFault(f"{where}: path: expected aa/<image_id>.jpg, .png or .webp; found {record['path']!r}")
+    for name in ("width_px", "height_px"):
+        if not isinstance(record.get(name), int) or not 0 < record[name] < 1 << 20:
+            raise InputFault(f"{where}: {name}: expected pixels; found {record.get(name)!r}")
+    return dict(record)

@@ -1,0 +1,165 @@
+"""A release on disk (`metric-tree/1`): published once, whole or not at all; verified when opened."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from metric_base.faults import InputFault
+from metric_tree.schema import SCHEMA, TABLES
+
+__all__ = ["MANIFEST", "BadRelease", "Release", "linked", "opened", "published", "sha256"]
+
+MANIFEST = "manifest.json"
+
+#: What a manifest must hold (docs/formats.md).
+MANIFEST_FIELDS = ("schema", "name", "version", "created", "sources", "files", "counts")
+
+#: Rows of one Parquet row group: small enough that the items of one node are read without the others.
+ROW_GROUP = 20_000
+
+
+class BadRelease(InputFault):
+    """A folder that is no release, or not one this version reads."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Release:
+    """A verified folder and its manifest."""
+
+    directory: Path
+    manifest: Mapping[str, Any]
+
+    def table(self, name: str, node_ids: Collection[str] | None = None) -> pa.Table:
+        """Table `nodes`, `items`, `priors` or `images`, or its rows of some nodes, read by row group.
+
+        `pyarrow.parquet.read_table` would do, but loads pandas where that is installed: a second of a query's time.
+        """
+        path = self.directory / f"{name}.parquet"
+        try:
+            with pq.ParquetFile(path) as file:
+                if node_ids is not None:
+                    return _rows_of(file, node_ids)
+                # one group is read sooner than threads are started
+                return file.read(use_threads=file.num_row_groups > 1)
+        except (OSError, pa.ArrowInvalid) as error:
+            raise BadRelease(f"{path}: expected a Parquet table; found {_first_line(error)}") from None
+
+
+def published(
+    directory: Path, tables: Mapping[str, pa.Table], manifest: Mapping[str, Any], extras: Path | None = None
+) -> Release:
+    """Write a release beside its final place, checksum it, then rename it there.
+
+    Parameters
+    ----------
+    tables : by the names of `metric_tree.schema.TABLES`; each is cast to its schema.
+    manifest : `name`, `version`, `created`, `sources`, `counts` and whatever else; `schema` and `files` are added.
+    extras : a folder whose contents (pictures) are linked into the release, or copied where the disk cannot.
+
+    Raises
+    ------
+    BadRelease
+        Something is at `directory` already: a release is never changed once published.
+    """
+    if directory.exists():
+        raise BadRelease(f"{directory}: expected a free path for a new release; found an existing one")
+    directory.parent.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", dir=directory.parent))
+    try:
+        files = {name: _written(work / name, tables[name].cast(schema)) for name, schema in TABLES.items()}
+        if extras is not None:
+            shutil.copytree(extras, work, dirs_exist_ok=True, copy_function=linked)
+        whole = {"schema": SCHEMA, **manifest, "files": files}
+        (work / MANIFEST).write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+        work.chmod(0o755)
+        work.rename(directory)
+    except BaseException:
+        shutil.rmtree(work, ignore_errors=True)
+        raise
+    return Release(directory, whole)
+
+
+def opened(directory: Path) -> Release:
+    """The release in a folder, after its manifest, its tables' presence and their sizes are verified.
+
+    Checksums are the business of `metric_tree.checks.release_files`, which reads every byte.
+
+    Raises
+    ------
+    BadRelease
+        No manifest, another schema, a missing field, a missing file or one of another size.
+    """
+    manifest = _manifest(directory / MANIFEST)
+    for name in TABLES:
+        recorded = manifest["files"].get(name)
+        if not isinstance(recorded, dict) or "bytes" not in recorded:
+            raise BadRelease(f"{directory / MANIFEST}: files: expected an entry for {name}; found {recorded!r}")
+        path = directory / name
+        found = path.stat().st_size if path.is_file() else None
+        if found != recorded["bytes"]:
+            raise BadRelease(f"{path}: expected {recorded['bytes']} bytes; found {found or 'no file'}")
+    return Release(directory, manifest)
+
+
+def sha256(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file, read in pieces."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _manifest(path: Path) -> dict[str, Any]:
+    try:
+        manifest: Any = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BadRelease(f"{path}: expected the manifest of a release; found no file") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise BadRelease(f"{path}: expected a JSON manifest; found {_first_line(error)}") from None
+    schema = manifest.get("schema") if isinstance(manifest, dict) else None
+    if schema != SCHEMA:
+        raise BadRelease(f"{path}: schema: expected {SCHEMA}, the one this version reads; found {schema!r}")
+    for field in MANIFEST_FIELDS:
+        if field not in manifest:
+            raise BadRelease(f"{path}: {field}: expected a value; found none")
+    if not isinstance(manifest["files"], dict):
+        raise BadRelease(f"{path}: files: expected an object; found {type(manifest['files']).__name__}")
+    return dict(manifest)
+
+
+def _written(path: Path, table: pa.Table) -> dict[str, Any]:
+    pq.write_table(table, path, compression="zstd", row_group_size=ROW_GROUP)
+    return {"sha256": sha256(path), "rows": table.num_rows, "bytes": path.stat().st_size}
+
+
+def _rows_of(file: pq.ParquetFile, node_ids: Collection[str]) -> pa.Table:
+    import pyarrow.compute as pc  # a query that asks for no items goes without
+
+    wanted = pa.array(sorted(node_ids), pa.string())
+    parts = []
+    for number in range(file.num_row_groups):
+        mask = pc.is_in(file.read_row_group(number, columns=["node_id"])["node_id"], value_set=wanted)
+        if pc.any(mask).as_py():
+            parts.append(file.read_row_group(number).filter(mask))
+    return pa.concat_tables(parts) if parts else file.schema_arrow.empty_table()
+
+
+def linked(source: str | Path, target: str | Path) -> None:
+    """A second name of a file that never changes; a copy where the disk has none, or where it is on another."""
+    try:
+        os.link(source, target)
+    except OSError:
+        shutil.copy2(source, target)
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,187 @@
+"""Contact sheet of a node's pictures, all to one scale, with a size bar: appearance and size together.
+
+The longer side of a cut-out's box is drawn as long as the longest stated extent of its item. That is exact where the
+picture looks square at that side, as most shop pictures do; a thing seen over its corner is drawn up to three tenths
+too small, one seen along its longest side too large.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from crawler.fetch.pictures import decoded
+from metric_base.faults import InputFault
+from metric_base.files import whole_file
+from metric_tree.pictures import image_path
+from metric_tree.tree import Node
+
+__all__ = ["Drawn", "bar_length", "chosen", "drawn", "write_sheet"]
+
+#: Sheet in pixels: width, margin, gap between things, height of the two lines under a thing.
+WIDTH, MARGIN, GAP, LABEL = 1600, 40, 30, 46
+
+#: Pixels of the largest thing's longer side, and the least that a thing keeps, so that it is seen at all.
+LARGEST, LEAST = 340, 3
+
+#: Columns that a label needs, however small its thing.
+COLUMN = 150
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drawn:
+    """A picture to be drawn: its file, whether that is a cut-out, the longest extent and the label's two lines."""
+
+    path: Path
+    is_cut: bool
+    longest_mm: float
+    title: str
+    sizes: str
+    credit: str
+
+
+def chosen(node: Node, count: int) -> list[dict[str, Any]]:
+    """Rows of at most `count` pictures of a node, each with its item's fields: cut ones first, spread over sizes."""
+    import pyarrow.compute as pc
+
+    images, items = node.images(), node.items()
+    own = items.filter(pc.is_in(items["item_id"], value_set=images["item_id"])).to_pylist()
+    known = {row["item_id"]: row for row in own if row["extents_mm"]}
+    rows = [{**known[row["item_id"]], **row} for row in images.to_pylist() if row["item_id"] in known]
+    cut = [row for row in rows if row["cutout_path"]]
+    rest = [row for row in rows if not row["cutout_path"]]
+    first = _spread(cut, count)
+    return first + _spread(rest, count - len(first))
+
+
+def drawn(release: Path, rows: Sequence[Mapping[str, Any]]) -> list[Drawn]:
+    """What of the rows can be drawn: those whose file is a picture, cut-outs where there are any."""
+    found = []
+    for row in rows:
+        cut = image_path(release, row, "cutout_path")
+        path = cut or image_path(release, row)
+        if path is not None and (cut or not isinstance(decoded(path.read_bytes()), str)):
+            sizes = " × ".join(f"{side:.0f}" for side in row["extents_mm"])
+            credit = f"{row['source']} ({row['licence'] or 'no licence stated'})"
+            found.append(Drawn(path, cut is not None, max(row["extents_mm"]), row["title"], f"{sizes} mm", credit))
+    return found
+
+
+def write_sheet(file: Path, node: Node, count: int) -> list[dict[str, Any]]:
+    """Draw at most `count` pictures of a node into a PNG; the rows that are on it.
+
+    Raises
+    ------
+    InputFault
+        The node has no pictures of items with a size, or the file's name does not end in `.png`.
+    """
+    if file.suffix.lower() != ".png":
+        raise InputFault(f"--sheet: expected a name that ends in .png; found {file}")
+    rows = chosen(node, count)
+    things = drawn(node.tree.release.directory, rows)
+    if not things:
+        raise InputFault(f"{node.node_id}: expected pictures of items with a size; found none")
+    image = _sheet(things, f"{node.name}: {len(things)} of {node.images().num_rows} pictures, to one scale")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with whole_file(file) as work:
+        image.save(work, "PNG")
+    return rows
+
+
+def bar_length(mm_per_px: float, about_px: float = 200) -> float:
+    """A round length in mm (1, 2 or 5 times a power of ten), the longest that is drawn in `about_px` at most."""
+    most = mm_per_px * about_px
+    power = 10.0 ** math.floor(math.log10(most))
+    return max(one * power for one in (1, 2, 5) if one * power <= most)
+
+
+def _spread(rows: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
+    """At most `count` rows, evenly over the order of longest extents."""
+    ordered = sorted(rows, key=lambda row: (max(row["extents_mm"]), row["image_id"]))
+    if count >= len(ordered):
+        return ordered
+    return [ordered[(2 * k + 1) * len(ordered) // (2 * count)] for k in range(max(0, count))]
+
+
+def _sheet(things: Sequence[Drawn], title: str) -> Any:
+    """The sheet as a Pillow image."""
+    from PIL import Image, ImageDraw
+
+    mm_per_px = max(thing.longest_mm for thing in things) / LARGEST
+    scaled = [_scaled(thing, mm_per_px) for thing in things]
+    rows = _rows([picture.size for picture in scaled])
+    heights = [max(scaled[k].height for k, _ in row) + LABEL + GAP for row in rows]
+    top, foot = 2 * MARGIN + 50, 60
+    sheet = Image.new("RGB", (WIDTH, top + sum(heights) + foot), "white")
+    pen = ImageDraw.Draw(sheet)
+    pen.text((MARGIN, MARGIN), title, fill="black", font=_font(26))
+    _draw_bar(pen, mm_per_px)
+    y = top
+    for row, height in zip(rows, heights, strict=True):
+        shelf = y + height - LABEL - GAP
+        for k, x in row:
+            sheet.paste(scaled[k], (x, shelf - scaled[k].height), scaled[k])
+            pen.text((x, shelf + 6), _short(things[k].title), fill="black", font=_font(14))
+            pen.text((x, shelf + 24), things[k].sizes, fill="#555555", font=_font(14))
+        pen.line((MARGIN, shelf + 2, WIDTH - MARGIN, shelf + 2), fill="#dddddd")
+        y += height
+    owed = "; ".join(sorted({thing.credit for thing in things}))
+    note = "" if all(thing.is_cut for thing in things) else " Framed: not cut, the frame is drawn as the thing."
+    pen.text((MARGIN, y + 10), f"Sources and licences: {owed}.{note}", fill="#555555", font=_font(14))
+    return sheet
+
+
+def _scaled(thing: Drawn, mm_per_px: float) -> Any:
+    """The picture at the sheet's scale, RGBA; one that is not cut has a frame."""
+    from PIL import Image, ImageOps
+
+    with Image.open(thing.path, formats=["PNG", "JPEG", "WEBP"]) as file:
+        picture = ImageOps.exif_transpose(file).convert("RGBA")
+    factor = max(thing.longest_mm / mm_per_px, LEAST) / max(picture.size)
+    size = (max(1, round(picture.width * factor)), max(1, round(picture.height * factor)))
+    small = picture.resize(size, Image.Resampling.LANCZOS)
+    return small if thing.is_cut else ImageOps.expand(small, 1, "#cc8844")
+
+
+def _rows(sizes: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:
+    """Shelves of (number, x), filled from the left in the given order."""
+    rows: list[list[tuple[int, int]]] = [[]]
+    x = MARGIN
+    for number, (width, _) in enumerate(sizes):
+        column = max(width, COLUMN)
+        if rows[-1] and x + column > WIDTH - MARGIN:
+            rows.append([])
+            x = MARGIN
+        rows[-1].append((number, x))
+        x += column + GAP
+    return rows
+
+
+def _draw_bar(pen: Any, mm_per_px: float) -> None:
+    length = bar_length(mm_per_px)
+    x, y, end = MARGIN, MARGIN + 50, MARGIN + round(length / mm_per_px)
+    pen.line((x, y, end, y), fill="black", width=3)
+    for tick in (x, end):
+        pen.line((tick, y - 7, tick, y + 7), fill="black", width=3)
+    text = f"{length:g} mm" if length < 10 else f"{length / 10:g} cm" if length < 1000 else f"{length / 1000:g} m"
+    pen.text((end + 12, y - 10), text, fill="black", font=_font(18))
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 20 else f"{text[:19]}…"
+
+
+@cache
+def _font(size: int) -> Any:
+    """DejaVu Sans as matplotlib brings it: the same sheet on every machine, and titles in most scripts."""
+    from PIL import ImageFont
+
+    library = find_spec("matplotlib")  # found, not imported: its import takes half a second
+    if library is None or library.origin is None:
+        return ImageFont.load_default(size)
+    return ImageFont.truetype(Path(library.origin).parent / "mpl-data/fonts/ttf/DejaVuSans.ttf", size)

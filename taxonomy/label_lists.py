@@ -1,0 +1,136 @@
+"""What the label lists of detectors and benchmarks mean: one reviewed table per list, label to node.
+
+A list's own synset is a hint, not an answer (ScanNet gives its mattress the synset of a bed): each row says why the
+node was taken. Labels themselves are facts about the lists; the first column names their origin.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from metric_base.faults import InputFault
+from metric_base.folders import taxonomy_directory
+from taxonomy.levels import replaced_ids, table_rows
+
+__all__ = ["STUFF", "VOID", "Label", "UnknownLabel", "label_of", "labelled_node", "vocabularies", "vocabulary"]
+
+#: Reason of labels that have no size of their own (walls, floors, skies), so that they need no prior.
+STUFF = "stuff"
+
+#: Begins the reason of labels that stand for no thing at all (noise, the camera's own car, everything else).
+VOID = "void"
+
+#: Reason of labels of things for which the tree has no node.
+NO_NODE = "no node"
+
+#: As many labels as a message names that are like one that is not in the list.
+NEAREST = 3
+
+_FOLDER = "vocabularies"
+_COLUMNS = ("list", "label", "node_id", "reason")
+
+
+class UnknownLabel(InputFault, KeyError):
+    """A list that is not at hand, a label that is not in it, or one that names nothing with a size."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """A label of a list; `node_id` is None where it names nothing of one size, and `reason` says why."""
+
+    label: str
+    node_id: str | None
+    reason: str
+
+    @property
+    def needs_prior(self) -> bool:
+        """Whether it names a thing: stuff and void labels do not."""
+        return self.reason != STUFF and not self.reason.startswith(VOID)
+
+
+def vocabularies(directory: Path | None = None) -> tuple[str, ...]:
+    """Names of the lists at hand, such as `coco_80`."""
+    folder = (directory or taxonomy_directory()) / _FOLDER
+    return tuple(sorted(path.stem for path in folder.glob("*.csv")))
+
+
+@cache
+def vocabulary(name: str, directory: Path | None = None) -> tuple[Label, ...]:
+    """The labels of a list, in its order; an id that is gone gives way to its successor.
+
+    Raises
+    ------
+    UnknownLabel
+        There is no such list.
+    """
+    if name not in vocabularies(directory):
+        at_hand = ", ".join(vocabularies(directory))
+        raise UnknownLabel(f"vocabulary: expected one of {at_hand}; found {name!r}")
+    rows = table_rows((directory or taxonomy_directory()) / _FOLDER / f"{name}.csv", _COLUMNS)
+    replaced = replaced_ids(directory)
+    return tuple(
+        Label(row["label"], replaced.get(row["node_id"], row["node_id"]) or None, row["reason"]) for _, row in rows
+    )
+
+
+def label_of(label: str, name: str) -> Label | None:
+    """The row of a label in a list, or None where it has no such label; case, `_` and `-` are folded."""
+    return _index(name).get(_folded(label))
+
+
+def labelled_node(label: str, name: str, meant: Callable[[str], Sequence[str]] | None = None) -> str:
+    """The node that a label means in a list; case, `_` and `-` are folded.
+
+    Official names of ADE20K join synonyms by commas ("screen door, screen"): the first that is a label counts.
+
+    Parameters
+    ----------
+    label, name : the label and its list
+    meant : ids of the nodes that bear a plain name; the message for a label that is not there names theirs
+
+    Raises
+    ------
+    UnknownLabel
+        No such list or label, or the label needs no prior.
+    """
+    found = label_of(label, name)
+    for part in label.split(","):
+        found = found or label_of(part, name)
+    if found is None:
+        near = ", ".join(_nearest(label, name, meant(label) if meant else ())) or "nothing like it"
+        raise UnknownLabel(f"{label!r}: no label of {name}; nearest: {near}")
+    if found.node_id is None and found.reason == NO_NODE:
+        raise UnknownLabel(f"{label!r} of {name} names nothing that the tree has a node for")
+    if found.node_id is None:
+        raise UnknownLabel(f"{label!r} of {name} has no size of its own: {found.reason}")
+    return found.node_id
+
+
+def _nearest(label: str, name: str, node_ids: Sequence[str]) -> list[str]:
+    """Labels of the same node, else of the word with a meaning (`bow_(weapon)`), else of a like spelling."""
+    rows = vocabulary(name)
+    same = [row.label for row in rows if row.node_id is not None and row.node_id in node_ids]
+    senses = [row.label for row in rows if "_(" in row.label and _folded(row.label.split("_(")[0]) == _folded(label)]
+    if same or senses:
+        return list(dict.fromkeys(senses + same))
+    like = difflib.get_close_matches(_folded(label), list(_index(name)), n=NEAREST)
+    return [_index(name)[key].label for key in like]
+
+
+@cache
+def _index(name: str) -> dict[str, Label]:
+    index: dict[str, Label] = {}
+    for label in vocabulary(name):
+        index.setdefault(_folded(label.label), label)
+    return index
+
+
+def _folded(label: str) -> str:
+    return " ".join("".join(c if c.isalnum() else " " for c in label.casefold()).split())

@@ -1,0 +1,1 @@
+"""A source's words to a concept, and the reviewers' decisions about it."""

@@ -1,0 +1,213 @@
+"""Readers' decisions: two per subject, the second without sight of the first, a third where they disagree."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import cache
+from pathlib import Path
+from typing import Literal, get_args
+
+from metric_base.faults import InputFault
+from metric_base.folders import taxonomy_directory
+
+__all__ = [
+    "EVERY_SOURCE",
+    "Agreement",
+    "BadDecision",
+    "Decision",
+    "agreement",
+    "decisions",
+    "default_rulings",
+    "disagreements",
+    "recorded",
+    "rulings",
+    "waiting",
+]
+
+#: What a decision is about: the concept of a source's words, or the parent of an inserted category.
+What = Literal["match", "insertion"]
+
+#: Stands for the source where a decision holds for all of them.
+EVERY_SOURCE = "*"
+
+#: How a file writes that there is no category: the words name no thing of one size.
+NONE = "none"
+
+#: Readers whose agreement settles a subject.
+_READERS = 2
+
+
+class BadDecision(InputFault):
+    """A decision that cannot be read or recorded: the message names file, line, field, expected and found."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decision:
+    """One reader's word on one subject.
+
+    `subject` is `source: folded words` (or `*: words` for all sources) of a match, the `mt:` id of an insertion.
+    `decision` is a concept, or None for `none`. `reader` names a person, or a program for what it is. `blind` is
+    false where the reader knew another's answer, as in an amendment; such decisions count, but not for agreement.
+    """
+
+    what: What
+    subject: str
+    decision: str | None
+    reader: str
+    when: str
+    why: str = ""
+    blind: bool = True
+
+    def __post_init__(self) -> None:
+        _expect(self.what in get_args(What), "what", f"one of {get_args(What)}", self.what)
+        _expect(bool(self.subject.strip()), "subject", "what the decision is about", self.subject)
+        _expect(bool(self.reader.strip()), "reader", "a name", self.reader)
+        matched = self.what != "match" or ": " in self.subject
+        _expect(matched, "subject", "<source>: <words>, or *: <words>", self.subject)
+
+    def line(self) -> str:
+        """The decision as one JSON line."""
+        record = asdict(self) | {"decision": self.decision or NONE}
+        if self.blind:
+            del record["blind"]
+        return json.dumps(record, ensure_ascii=False)
+
+    @classmethod
+    def parsed(cls, line: str) -> Decision:
+        """The decision of one JSON line.
+
+        Raises
+        ------
+        BadDecision
+            The line is no JSON object or its fields are not those of a decision.
+        """
+        try:
+            record = json.loads(line)
+            return cls(**(record | {"decision": None if record["decision"] == NONE else record["decision"]}))
+        except (ValueError, TypeError, KeyError) as error:
+            if isinstance(error, BadDecision):
+                raise
+            expected = "what, subject, decision, reader, when, why"
+            raise BadDecision(f"decision: expected a JSON object with {expected}; found {error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How two readers agree: `share` of the `n` subjects both read, and Cohen's `kappa`."""
+
+    n: int
+    share: float
+    kappa: float
+
+
+def decisions(folder: Path | None = None) -> list[Decision]:
+    """All decisions of a folder's `*.jsonl` files, by file name and line.
+
+    Raises
+    ------
+    BadDecision
+        A line is not a decision.
+    """
+    found = []
+    for file in sorted((folder or _folder()).glob("*.jsonl")):
+        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
+            if line.strip():
+                try:
+                    found.append(Decision.parsed(line))
+                except BadDecision as error:
+                    raise BadDecision(f"{file}:{number}: {error}") from None
+    return found
+
+
+def rulings(found: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
+    """What is settled, by (source, words) of matches: the decision that two readers share."""
+    settled = {}
+    for (what, subject), by_reader in _by_subject(found).items():
+        decision = _settled(list(by_reader.values()))
+        if what == "match" and decision is not None:
+            source, _, words = subject.partition(": ")
+            settled[source, words] = decision
+    return settled
+
+
+def waiting(found: Iterable[Decision]) -> list[tuple[str, str]]:
+    """(what, subject) of all that only one reader has read, or that two read differently and no third has settled."""
+    return [key for key, by_reader in _by_subject(found).items() if _settled(list(by_reader.values())) is None]
+
+
+def disagreements(found: Iterable[Decision]) -> list[tuple[Decision, Decision]]:
+    """First and second blind reading of every subject on which they differ, settled by a third or not."""
+    by_subject = _by_subject(d for d in found if d.blind)
+    pairs = [list(by_reader.values())[:_READERS] for by_reader in by_subject.values()]
+    return [(first, second) for first, second in (p for p in pairs if len(p) == _READERS) if _differ(first, second)]
+
+
+def agreement(found: Iterable[Decision], what: What | None = None) -> Agreement:
+    """Cohen's kappa of first and second blind readings: (p_o - p_e) / (1 - p_e), p_e from each reader's own shares."""
+    by_subject = _by_subject(d for d in found if d.blind and what in (None, d.what))
+    pairs = [list(r.values())[:_READERS] for r in by_subject.values() if len(r) >= _READERS]
+    if not pairs:
+        return Agreement(0, float("nan"), float("nan"))
+    n = len(pairs)
+    observed = sum(not _differ(first, second) for first, second in pairs) / n
+    first_shares, second_shares = (Counter(pair[i].decision for pair in pairs) for i in (0, 1))
+    expected = sum(first_shares[d] * second_shares[d] for d in first_shares) / n**2
+    return Agreement(n, observed, 1.0 if expected == 1 else (observed - expected) / (1 - expected))
+
+
+def recorded(decision: Decision, file: Path) -> None:
+    """Add a decision to a file, which is whole at every moment: written beside it, then renamed.
+
+    Raises
+    ------
+    BadDecision
+        The same reader has decided the same subject in this file already.
+    """
+    before = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    same = [d for d in map(Decision.parsed, before) if (d.what, d.subject, d.reader) == _identity(decision)]
+    _expect(not same, f"{file}: subject", f"one that {decision.reader} has not decided", decision.subject)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=file.parent, suffix=".part", delete=False) as part:
+        part.write("\n".join([*before, decision.line(), ""]))
+    Path(part.name).replace(file)
+
+
+@cache
+def default_rulings() -> Mapping[tuple[str, str], Decision]:
+    """The settled matches of this checkout."""
+    return rulings(decisions())
+
+
+def _folder() -> Path:
+    return taxonomy_directory() / "decisions"
+
+
+def _identity(decision: Decision) -> tuple[str, str, str]:
+    return decision.what, decision.subject, decision.reader
+
+
+def _by_subject(found: Iterable[Decision]) -> dict[tuple[str, str], dict[str, Decision]]:
+    """Decisions by subject, then by reader in the order they come; a reader's later word replaces an earlier one."""
+    grouped: defaultdict[tuple[str, str], dict[str, Decision]] = defaultdict(dict)
+    for decision in found:
+        grouped[decision.what, decision.subject][decision.reader] = decision
+    return dict(grouped)
+
+
+def _settled(read: Sequence[Decision]) -> Decision | None:
+    """The decision that at least two readers share; with three different ones there is none."""
+    shares = Counter(decision.decision for decision in read)
+    return next((decision for decision in read if shares[decision.decision] >= _READERS), None)
+
+
+def _differ(first: Decision, second: Decision) -> bool:
+    return first.decision != second.decision
+
+
+def _expect(holds: bool, name: str, expected: str, found: object) -> None:
+    if not holds:
+        raise BadDecision(f"{name}: expected {expected}; found {found!r}")

@@ -1,0 +1,81 @@
+"""What the matcher finds for an item, and how often each of its rules is right."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from metric_base.folders import taxonomy_directory
+
+__all__ = ["THRESHOLD", "Finding", "believed", "measured_reliability", "nothing", "reliabilities"]
+
+#: Matches that are right less often than this wait for a reader. The target is 0.95 over all matches; a rule at
+#: 0.8 is still worth its coverage because most matches come from rules above 0.95 (docs/matching.md).
+THRESHOLD = 0.8
+
+#: How often a rule is right before it has been measured, and how many strings that belief is worth.
+_BELIEF = {"decision": 0.97, "source synset": 0.95, "class": 0.95, "exact": 0.95, "compound": 0.9, "head": 0.8}
+#: A title says much besides the thing, so a rule is believed less of it.
+_TITLE = "title "
+_TITLE_BELIEF = 0.8
+
+_CERTAINTY = {"ruled": 1.02, "sole": 1.0, "domain": 0.97, "frequent": 0.9, "rare": 0.85}
+_BELIEF_WEIGHT = 6.0
+
+_FILE = "reliability.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What was found: `subject` is the phrase that a decision would be about, `rule` how it was found.
+
+    The rules are `decision`, `source synset`, `class`, and `exact`, `compound` or `head` with the certainty of the
+    sense (`exact/sole`), with `title ` before it where there is nothing but a title, or `title of series ` where that
+    begins with a series in capitals and a colon; without a concept `unknown`, `part`, `set` or `none`.
+    """
+
+    concept: str | None
+    score: float
+    reason: str
+    rule: str
+    subject: str
+
+    @property
+    def settled(self) -> bool:
+        """Whether it needs no reader: a concept above the threshold, or a decision that there is none."""
+        return self.score >= THRESHOLD
+
+
+def nothing(rule: str, reason: str, subject: str) -> Finding:
+    """The finding of no concept."""
+    return Finding(None, 0.0, reason, rule, subject)
+
+
+def believed(rule: str) -> float:
+    """The share of right matches believed of a rule before any is counted."""
+    if rule.startswith(_TITLE):
+        return _TITLE_BELIEF * believed(rule.rpartition(" ")[2])
+    form, _, certainty = rule.partition("/")
+    return _BELIEF[form] * _CERTAINTY.get(certainty, 1.0)
+
+
+def reliabilities(counts: Mapping[str, tuple[int, int]]) -> dict[str, float]:
+    """Share of right matches by rule from (right, all), drawn towards the belief where few were counted."""
+    return {
+        rule: round((right + _BELIEF_WEIGHT * believed(rule)) / (total + _BELIEF_WEIGHT), 3)
+        for rule, (right, total) in sorted(counts.items())
+    }
+
+
+def measured_reliability(path: Path | None = None) -> Mapping[str, float]:
+    """Share of right matches by rule; empty where it was never measured.
+
+    `python -m benchmarks.taxonomy.matching --calibrate` writes it.
+    """
+    file = path or taxonomy_directory() / _FILE
+    if not file.is_file():
+        return {}
+    rules: Mapping[str, float] = json.loads(file.read_text(encoding="utf-8"))["reliability"]
+    return rules

@@ -1,0 +1,47 @@
+"""The taxonomy that a release is built with: the catalogue's categories and the matcher's concepts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+from crawler.items import RawItem
+from taxonomy.catalogue import Catalogue, default_catalogue
+from taxonomy.categories import Category, Match
+from taxonomy.matching.matcher import Matcher, default_matcher
+
+__all__ = ["MatchedTaxonomy", "default_taxonomy"]
+
+#: Kind of the rows whose source names the node itself (`taxonomy.curated`), so that there is nothing to match.
+_CURATED = "curated"
+
+
+class MatchedTaxonomy:
+    """A `Taxonomy`: the concept that the matcher finds, on the leaf that the catalogue gives it."""
+
+    def __init__(self, catalogue: Catalogue, matcher: Matcher) -> None:
+        self._catalogue = catalogue
+        self._matcher = matcher
+
+    def categories(self) -> Sequence[Category]:
+        """All nodes, root first, parents before children; every leaf at level 5."""
+        return self._catalogue.categories
+
+    def match(self, item: RawItem) -> Match:
+        """The leaf of an item; without one, the reason says whether the words or the place are missing."""
+        if item.kind == _CURATED and item.synset:
+            return self._placed(item.synset, 1.0, "the curated table names it")
+        found = self._matcher.finding(item.source, item.category_path, item.title, item.synset)
+        if found.concept is None or not found.settled:
+            return Match(None, found.score, found.reason)
+        return self._placed(found.concept, found.score, found.reason)
+
+    def _placed(self, concept: str, score: float, reason: str) -> Match:
+        leaf = self._catalogue.leaf_of(concept)
+        return Match(leaf, score, reason if leaf else f"{reason}; {concept} has no leaf in the frozen tree")
+
+
+@cache
+def default_taxonomy() -> MatchedTaxonomy:
+    """The taxonomy of the tables that ship with the project."""
+    return MatchedTaxonomy(default_catalogue(), default_matcher())

@@ -1,0 +1,188 @@
+"""Crawls of a made shop on loopback: items against truth, kills, shared frontiers, manners."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from tests.made.made_site import PICTURES, MadeSite, Shop, expected, fault
+
+ROOT = Path(__file__).resolve().parents[3]
+
+
+def command(site: MadeSite, out: Path, *words: str) -> list[str]:
+    code = "from metric_tree.commands import main; raise SystemExit(main())"
+    fixed = [
+        "crawl",
+        "generic",
+        "--out",
+        str(out),
+        "--start-url",
+        f"{site.base}/list/0",
+        "--contact",
+        "tests@example.org",
+    ]
+    return [sys.executable, "-c", code, *fixed, "--delay", "0", "--private", "--json", *words]
+
+
+def crawl(site: MadeSite, out: Path, *words: str, status: int = 0) -> Any:
+    done = subprocess.run(
+        command(site, out, *words), cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == status, done.stderr
+    return json.loads(done.stdout) if status == 0 else done.stderr
+
+
+def items(out: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for path in sorted(out.rglob("items-*.jsonl")) for line in path.read_text().splitlines()]
+
+
+def sizes(out: Path) -> dict[str, tuple[float, ...]]:
+    return {item["title"]: tuple(item["extents_mm"]) for item in items(out)}
+
+
+def test_a_shop_with_faults_is_brought_home(tmp_path: Path) -> None:
+    shop = Shop(products=250)
+    with MadeSite(shop) as site:
+        summary = crawl(site, tmp_path / "out")
+        assert sizes(tmp_path / "out") == expected(shop)
+        assert len(items(tmp_path / "out")) == len(expected(shop))
+        assert not any(path.startswith("/private/") for path in site.fetched)
+    cases = [fault(number, shop) for number in range(shop.products)]
+    assert summary["reason"] == "finished"
+    assert summary["frontier"]["waiting"] == summary["frontier"]["leased"] == 0
+    assert summary["failed"]["http 500"] == cases.count("lasting_500")
+    assert summary["failed"].get("off the site", 0) == cases.count("off_site")
+    assert summary["frontier"]["failed"] == sum(summary["failed"].values())
+    assert summary["failed"]["too large"] == cases.count("bomb") + cases.count("endless")
+    assert summary["bans"] == cases.count("passing_503")
+    assert summary["dropped"]["no_html"] == cases.count("lying_type")
+    assert summary["dropped"]["no_size"] >= cases.count("no_size") + cases.count("package_only")
+    whole = {name: sum(site.get(name, 0) for site in summary["sites"].values()) for name in ("pages", "items")}
+    assert whole == {"pages": summary["pages"], "items": summary["items"]}
+    for kind in ("dropped", "failed"):
+        for reason, count in summary[kind].items():
+            assert sum(site.get(f"{kind}/{reason}", 0) for site in summary["sites"].values()) == count
+    home = max(summary["sites"].values(), key=lambda site: site.get("pages", 0))
+    assert home["bytes"] > 0
+    assert home["pages_per_second"] > 0
+
+
+def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
+    shop = Shop(products=300, faults=False, delay=0.1)
+    generator = random.Random(4)
+    with MadeSite(shop) as site:
+        for number in range(3):
+            words = ["--resume"] if number else []
+            process = subprocess.Popen(command(site, tmp_path / "out", *words), cwd=ROOT, stdout=subprocess.DEVNULL)
+            before = _stored(tmp_path / "out")
+            _until(lambda before=before: _stored(tmp_path / "out") > before)
+            time.sleep(generator.random())
+            assert process.poll() is None  # a kill finds the crawl at work
+            process.send_signal(signal.SIGKILL)
+            process.wait()
+        crawl(site, tmp_path / "out", "--resume")
+        found = items(tmp_path / "out")
+        assert len(found) == len({item["title"] for item in found}) == shop.products
+        again = sum(count - 1 for path, count in site.fetched.items() if path.startswith("/item/"))
+    assert again <= 3 * 16  # only what was in flight at a kill is asked for again
+
+
+def test_a_folder_with_a_crawl_is_not_overwritten(tmp_path: Path) -> None:
+    with MadeSite(Shop(products=3, faults=False)) as site:
+        crawl(site, tmp_path / "out")
+        message = crawl(site, tmp_path / "out", status=2)
+        assert "expected a free folder, or --resume; found a crawl" in message
+        assert crawl(site, tmp_path / "out", "--resume")["items"] == 0
+
+
+def test_a_limit_stops_and_a_resume_goes_on(tmp_path: Path) -> None:
+    with MadeSite(Shop(products=60, faults=False)) as site:
+        assert crawl(site, tmp_path / "out", "--limit", "20")["reason"] == "limit"
+        assert len(items(tmp_path / "out")) == 20
+        crawl(site, tmp_path / "out", "--resume")
+        assert len(items(tmp_path / "out")) == 60
+
+
+def test_a_crawl_with_a_cache_asks_whether_pages_changed(tmp_path: Path) -> None:
+    with MadeSite(Shop(products=30, faults=False)) as site:
+        cache = ["--cache", str(tmp_path / "cache")]
+        crawl(site, tmp_path / "first", *cache)
+        assert not site.unchanged
+        asked = site.fetched.copy()
+        crawl(site, tmp_path / "second", *cache)
+        again = site.fetched - asked
+        pages = {path: count for path, count in again.items() if path.startswith(("/item", "/list", "/calendar"))}
+        assert len(pages) > 30
+        assert {path: site.unchanged[path] for path in pages} == pages  # each was asked for, and none was sent
+        assert sizes(tmp_path / "second") == sizes(tmp_path / "first") == expected(site.shop)
+        unchanged = site.unchanged.copy()
+        site.shop = Shop(products=30, faults=False, sizes=(10,))  # every product's page is another now
+        crawl(site, tmp_path / "third", *cache)
+        sent_again = [path for path in site.unchanged - unchanged if path.startswith("/item")]
+        assert sent_again == []
+        assert sizes(tmp_path / "third") == expected(site.shop)
+
+
+def test_pictures_are_stored_once_and_named_by_their_items(tmp_path: Path) -> None:
+    with MadeSite(Shop(products=20, faults=False)) as site:
+        summary = crawl(site, tmp_path / "out", "--pictures")
+        asked = {path for path in site.fetched if path.startswith("/picture/")}
+    files = [path for path in (tmp_path / "out" / "pictures").rglob("*.png") if path.is_file()]
+    lines = [line for path in (tmp_path / "out").glob("pictures-*.jsonl") for line in path.read_text().splitlines()]
+    assert len(asked) == len(files) == len({json.loads(line)["image_id"] for line in lines}) == PICTURES
+    assert all(item["images"] for item in items(tmp_path / "out"))
+    assert (summary["items"], summary["pictures"]) == (20, len(lines))
+    assert summary["frontier"]["items"] == 20
+    assert [path.name for path in (tmp_path / "out").glob("items-*")] == ["items-000000001-000000020.jsonl"]
+
+
+def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_url: str) -> None:
+    environment = os.environ | {"METRIC_TREE_LEASE_SECONDS": "3"}
+    shop = Shop(products=240, faults=False, delay=0.3)
+    with MadeSite(shop) as site:
+        words = ["--redis", redis_url]
+        one, two = (
+            subprocess.Popen(
+                command(site, tmp_path / "out", *words, "--worker", name),
+                cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=environment,
+            )
+            for name in ("one", "two")
+        )  # fmt: skip
+        _until(lambda: all(_stored(tmp_path / "out" / name) > 5 for name in ("one", "two")))
+        one.send_signal(signal.SIGKILL)
+        one.wait()
+        assert two.wait(timeout=90) == 0
+        crawl_again = command(site, tmp_path / "out", *words, "--worker", "one", "--resume")
+        subprocess.run(crawl_again, cwd=ROOT, capture_output=True, env=environment, timeout=60, check=True)
+        found = {item["title"] for item in items(tmp_path / "out")}
+        twice = sum(count - 1 for path, count in site.fetched.items() if path.startswith("/item/"))
+    assert len(found) == shop.products
+    assert {path.parent.name for path in (tmp_path / "out").rglob("items-*.jsonl")} == {"one", "two"}
+    assert twice <= 32  # what the killed worker had in flight: in the downloader, and fetched but not yet read
+
+
+def _stored(folder: Path) -> int:
+    path = folder / "frontier.sqlite"
+    if not path.exists():
+        return 0
+    with sqlite3.connect(f"file:{path}?mode=ro", uri=True) as connection:
+        try:
+            return int(connection.execute("SELECT count(*) FROM items").fetchone()[0])
+        except sqlite3.OperationalError:  # the worker has not made its tables yet
+            return 0
+
+
+def _until(holds: Any, seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not holds():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.05)

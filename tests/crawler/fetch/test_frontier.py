@@ -1,0 +1,147 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from crawler.fetch.frontier import OFF_SITE, PRIVATE, Outcome, Task, task_key
+from crawler.fetch.frontier_redis import RedisFrontier
+from crawler.fetch.frontier_sqlite import SqliteFrontier
+from crawler.fetch.segments import SEGMENT_ITEMS, write_segments, written
+
+
+def _item(number: int) -> tuple[str, str]:
+    return (f"shop:{number}", json.dumps({"schema": "metric-tree/raw/1", "source_id": str(number)}))
+
+
+@given(st.text(max_size=30), st.dictionaries(st.text(max_size=5), st.integers()), st.integers(-9, 9))
+def test_a_task_survives_its_text(url: str, meta: dict[str, int], priority: int) -> None:
+    task = Task(url, "parse", meta, priority, "key")
+    assert Task.of_text(task.text()) == task
+
+
+def test_what_is_known_is_not_added_again(tmp_path: Path) -> None:
+    frontier = SqliteFrontier(tmp_path / "f.sqlite")
+    assert (
+        frontier.add([Task("http://a.example/1"), Task("http://a.example/1?utm_source=x"), Task("http://a.example/2")])
+        == 2
+    )
+    assert task_key("http://a.example/1#top") == task_key("http://a.example/1")
+    assert task_key("http://a.example/1", "picture") != task_key("http://a.example/1")
+
+
+def test_priority_first_then_age(tmp_path: Path) -> None:
+    frontier = SqliteFrontier(tmp_path / "f.sqlite")
+    frontier.add(
+        [Task("http://a.example/old"), Task("http://a.example/high", priority=5), Task("http://a.example/new")]
+    )
+    leased = [frontier.lease() for _ in range(4)]
+    assert [task.url.rpartition("/")[2] if task else None for task in leased] == ["high", "old", "new", None]
+
+
+def test_what_a_killed_process_held_is_waiting_again(tmp_path: Path) -> None:
+    frontier = SqliteFrontier(tmp_path / "f.sqlite")
+    frontier.add([Task("http://a.example/1"), Task("http://a.example/2")])
+    done = frontier.lease()
+    assert done is not None
+    frontier.lease()
+    frontier.commit(Outcome(done.key, [_item(1)], [Task("http://a.example/3")]))
+    again = SqliteFrontier(tmp_path / "f.sqlite")  # the first is not closed: it was killed
+    assert again.counts() == {"waiting": 2, "leased": 0, "done": 1, "failed": 0, "items": 1, "pictures": 0}
+
+
+def test_an_item_comes_once(tmp_path: Path) -> None:
+    frontier = SqliteFrontier(tmp_path / "f.sqlite")
+    frontier.add([Task("http://a.example/1")])
+    task = frontier.lease()
+    assert task is not None
+    assert frontier.commit(Outcome(task.key, [_item(1), _item(1), _item(2)])) == 2
+    assert frontier.commit(Outcome(task.key, [_item(2)], failure="late")) == 0
+    assert frontier.failures() == {"late": 1}
+
+
+def test_a_task_put_back_keeps_its_key(tmp_path: Path) -> None:
+    frontier = SqliteFrontier(tmp_path / "f.sqlite")
+    frontier.add([Task("http://a.example/1")])
+    task = frontier.lease()
+    assert task is not None
+    frontier.put_back(Task("http://a.example/moved", key=task.key))
+    moved = frontier.lease()
+    assert moved is not None
+    assert (moved.url, moved.key) == ("http://a.example/moved", task.key)
+
+
+def test_segments_hold_every_item_once_whatever_is_interrupted(tmp_path: Path) -> None:
+    frontier = SqliteFrontier(tmp_path / "f.sqlite")
+    frontier.add([Task("http://a.example/1"), Task("http://a.example/2")])
+    for first in (0, SEGMENT_ITEMS + 10):
+        task = frontier.lease()
+        assert task is not None
+        frontier.commit(Outcome(task.key, [_item(first + number) for number in range(SEGMENT_ITEMS + 10)]))
+        assert write_segments(frontier, tmp_path) == SEGMENT_ITEMS + 10
+    assert write_segments(frontier, tmp_path) == 0
+    (tmp_path / ".items-000099999-000099999.jsonl.123").write_text("half")  # what a kill leaves
+    assert written(tmp_path) == 2 * (SEGMENT_ITEMS + 10)
+    lines = [line for path in sorted(tmp_path.glob("items-*.jsonl")) for line in path.read_text().splitlines()]
+    assert len(lines) == len(set(lines)) == 2 * (SEGMENT_ITEMS + 10)
+
+
+def test_pictures_go_to_segments_of_their_own(tmp_path: Path) -> None:
+    frontier = SqliteFrontier(tmp_path / "f.sqlite")
+    frontier.add([Task("http://a.example/1"), Task("http://a.example/2")])
+    page, seen = frontier.lease(), frontier.lease()
+    assert page is not None
+    assert seen is not None
+    assert frontier.commit(Outcome(page.key, [_item(1)])) == 1
+    pictures = [("picture:x", "{}"), ("picture:y", "{}")]
+    assert frontier.commit(Outcome(seen.key, pictures=pictures)) == 2
+    assert write_segments(frontier, tmp_path) == 1
+    names = ["items-000000001-000000001.jsonl", "pictures-000000001-000000002.jsonl"]
+    assert sorted(path.name for path in tmp_path.glob("*.jsonl")) == names
+    assert write_segments(frontier, tmp_path) == 0
+
+
+def test_an_answer_is_a_page_or_a_picture() -> None:
+    with pytest.raises(ValueError, match="items or pictures"):
+        Outcome("key", [_item(1)], pictures=[("picture:x", "{}")])
+
+
+def test_a_page_of_which_items_are_left_over_waits_again(tmp_path: Path) -> None:
+    frontier = SqliteFrontier(tmp_path / "f.sqlite")
+    frontier.add([Task("http://a.example/1")])
+    task = frontier.lease()
+    assert task is not None
+    assert frontier.commit(Outcome(task.key, [_item(1), _item(2)], most=1)) == 1
+    assert (frontier.counts()["waiting"], frontier.counts()["items"]) == (1, 1)
+    assert frontier.lease() == task
+    assert frontier.commit(Outcome(task.key, [_item(1), _item(2)])) == 1
+    assert frontier.counts()["done"] == 1
+
+
+@pytest.mark.parametrize("kind", ["sqlite", "redis"])
+def test_a_refused_task_is_offered_again_and_a_failed_one_is_not(
+    tmp_path: Path, kind: str, request: pytest.FixtureRequest
+) -> None:
+    frontier: SqliteFrontier | RedisFrontier = SqliteFrontier(tmp_path / "f.sqlite")
+    if kind == "redis":
+        frontier = RedisFrontier(request.getfixturevalue("redis_url"), "test", tmp_path)
+    frontier.remember({"start": ["http://a.example/1"]})
+    frontier.add([Task(f"http://a.example/{number}") for number in range(3)])
+    for failure in (OFF_SITE, PRIVATE, "http 404"):
+        task = frontier.lease()
+        assert task is not None
+        frontier.commit(Outcome(task.key, failure=failure))
+    assert frontier.reopen(PRIVATE) == 1
+    again = frontier.lease()
+    assert again is not None
+    assert again.url == "http://a.example/1"
+    assert frontier.lease() is None
+    assert frontier.failures() == {OFF_SITE: 1, "http 404": 1}
+    assert frontier.origin() == {"start": ["http://a.example/1"]}
+    frontier.start_over()
+    assert frontier.is_exhausted()
+    assert frontier.add([Task("http://a.example/0")]) == 1
+    frontier.close()

@@ -1,0 +1,170 @@
+"""Downloads from a server of this machine: verified, kept, refused when other bytes come, taken up again."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import threading
+import zipfile
+from collections import Counter
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+
+from crawler.imports import downloads, imported, readings
+from crawler.imports.downloads import NoInput, downloaded
+from crawler.imports.sources import Source, source
+
+TABLE = b"no,w\n1,12.5\n2,40\n"
+
+DECLARATION = """
+id = "{id}"
+title = "Made-up things"
+url = "https://example.org/things"
+licence = "none"
+licence_basis = "we made them up"
+kind = "measured"
+ship = false
+[[tables]]
+files = ["things.csv"]
+unit = "cm"
+id = "{{no}}"
+category = ["box"]
+axes = {{ width = "w" }}
+[[files]]
+path = "things.csv"
+sha256 = "{sha}"
+url = "{url}"
+form = "{form}"
+"""
+
+
+class Site:
+    """What a small server answers, path to bytes, and how often it was asked."""
+
+    def __init__(self) -> None:
+        self.pages: dict[str, bytes] = {}
+        self.asked: Counter[str] = Counter()
+        site = self
+
+        class Handler(BaseHTTPRequestHandler):
+            def do_GET(self) -> None:
+                site.asked[self.path] += 1
+                data = site.pages.get(self.path)
+                self.send_response(404 if data is None else 200)
+                self.send_header("Content-Length", str(len(data or b"")))
+                self.end_headers()
+                self.wfile.write(data or b"")
+
+            def log_message(self, *_: object) -> None:
+                """Say nothing."""
+
+        self.server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+
+    def url(self, path: str) -> str:
+        return f"http://127.0.0.1:{self.server.server_port}{path}"
+
+
+@pytest.fixture
+def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
+    """A server on this machine, and a cache of our own."""
+    monkeypatch.setenv(downloads.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setattr(downloads, "RETRIES", 0)
+    served = Site()
+    threading.Thread(target=served.server.serve_forever, daemon=True).start()
+    yield served
+    served.server.shutdown()
+    served.server.server_close()
+
+
+def declared(folder: Path, url: str, data: bytes = TABLE, form: str = "same") -> Source:
+    text = DECLARATION.format(id="things", sha=hashlib.sha256(data).hexdigest(), url=url, form=form)
+    (folder / "things.toml").write_text(text, encoding="utf-8")
+    return source("things", folder)
+
+
+def zipped(members: dict[str, bytes]) -> bytes:
+    sink = io.BytesIO()
+    with zipfile.ZipFile(sink, "w") as archive:
+        for name, data in members.items():
+            archive.writestr(name, data)
+    return sink.getvalue()
+
+
+def test_a_download_is_verified_kept_and_read(site: Site, tmp_path: Path) -> None:
+    site.pages["/things.csv"] = TABLE
+    things = declared(tmp_path, site.url("/things.csv"))
+    folder = downloaded(things)
+    assert (folder / "things.csv").read_bytes() == TABLE
+    assert folder.is_relative_to(tmp_path / "cache")
+    assert [item.extents_mm for item in imported(things, readings(things, folder)).items] == [(125.0,), (400.0,)]
+    downloaded(things)
+    assert site.asked["/things.csv"] == 1
+
+
+def test_other_bytes_are_refused_and_nothing_is_kept(site: Site, tmp_path: Path) -> None:
+    site.pages["/things.csv"] = TABLE.replace(b"40", b"41")
+    things = declared(tmp_path, site.url("/things.csv"))
+    with pytest.raises(NoInput, match=r"things: expected a download of http.*or --input; found .*hash"):
+        downloaded(things)
+    assert not list((tmp_path / "cache").rglob("things.csv"))
+    site.pages["/things.csv"] = TABLE
+    assert (downloaded(things) / "things.csv").read_bytes() == TABLE
+
+
+def test_a_cached_file_that_was_spoilt_is_fetched_again(site: Site, tmp_path: Path) -> None:
+    site.pages["/things.csv"] = TABLE
+    things = declared(tmp_path, site.url("/things.csv"))
+    cached = downloaded(things) / "things.csv"
+    cached.write_bytes(b"no,w\n1,99\n")
+    assert (downloaded(things) / "things.csv").read_bytes() == TABLE
+    assert site.asked["/things.csv"] == 2
+
+
+def test_a_stutter_is_tried_once_more(site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(downloads, "RETRIES", 1)
+    things = declared(tmp_path, site.url("/things.csv"))
+    with pytest.raises(NoInput, match="404"):
+        downloaded(things)
+    assert site.asked["/things.csv"] == 2
+
+
+@pytest.mark.parametrize(
+    ("form", "public", "made"),
+    [
+        ("zip", zipped({"a/": b"", "a/readme.txt": b"no", "a/list.csv": TABLE}), TABLE),
+        ("json-line", b'{ "a":\n [1,  2] }\n', b'{"a": [1, 2]}'),
+        ("json-lines", b'{ "a": [1, 2] }', b'{\n"a": [\n1,\n2\n]\n}'),
+    ],
+)
+def test_a_file_is_made_of_what_lies_at_the_address(
+    site: Site, tmp_path: Path, form: str, public: bytes, made: bytes
+) -> None:
+    things = declared(tmp_path, site.url("/public"), made, form)
+    site.pages["/public"] = public
+    kept = downloaded(things) / "things.csv"
+    assert kept.read_bytes() == made
+    kept.write_bytes(b"spoilt")
+    assert (downloaded(things) / "things.csv").read_bytes() == made
+
+
+@pytest.mark.parametrize(
+    ("form", "wrong"),
+    [("zip", b"no archive"), ("zip", zipped({"list.csv": b"other"})), ("json-line", b"{"), ("json-line", b"[1]")],
+)
+def test_what_it_cannot_be_made_of_is_refused_and_fetched_again(
+    site: Site, tmp_path: Path, form: str, wrong: bytes
+) -> None:
+    right, made = (zipped({"list.csv": TABLE}), TABLE) if form == "zip" else (b"[2]", json.dumps([2]).encode())
+    things = declared(tmp_path, site.url("/public"), made, form)
+    site.pages["/public"] = wrong
+    with pytest.raises(
+        NoInput, match=r"things: expected a download of http://127.0.0.1:\d+/public or --input; found no"
+    ):
+        downloaded(things)
+    assert not list((tmp_path / "cache").rglob("things.csv"))
+    site.pages["/public"] = right
+    assert (downloaded(things) / "things.csv").read_bytes() == made

@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import gzip
+import re
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from crawler.imports.declaration import REASONS
+from crawler.imports.sources import OPEN_LICENCES, BadDeclaration, Source, UnknownSource, source, sources
+from crawler.items import RawItem
+
+ROOT = Path(__file__).resolve().parents[3]
+SHA = "0" * 64
+
+DECLARATION = f"""
+id = "{{id}}"
+title = "Made-up lamps"
+url = "https://example.org/lamps"
+licence = "CC0-1.0"
+licence_basis = "we made them up"
+attribution = "us"
+kind = "measured"
+ship = true
+
+[[tables]]
+files = ["lamps.csv"]
+unit = "cm"
+category = ["lamp"]
+axes = {{{{ height = "h" }}}}
+
+[[files]]
+path = "lamps.csv"
+sha256 = "{SHA}"
+url = "https://example.org/lamps.csv"
+"""
+
+
+def declared(folder: Path, text: str = DECLARATION, name: str = "lamps") -> Source:
+    (folder / f"{name}.toml").write_text(text.format(id=name), encoding="utf-8")
+    return source(name, folder)
+
+
+def test_a_declaration_is_read(tmp_path: Path) -> None:
+    lamps = declared(tmp_path)
+    assert (lamps.id, lamps.kind, lamps.ship, lamps.files[0].sha256) == ("lamps", "measured", True, SHA)
+    assert lamps.tables[0].axes["height"].column == "h"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "field"),
+    [
+        ('id = "{id}"', 'id = "other"', "id"),
+        ('kind = "measured"', 'kind = "guess"', "kind"),
+        ('licence = "CC0-1.0"', 'licence = "GPL-3.0-or-later"', "ship"),
+        ("ship = true", "ship = true\nnoncommercial = true", "ship"),
+        ("ship = true", "ship = true\ncolour = 3", "declaration"),
+        ('attribution = "us"', "", "attribution"),
+        ("ship = true", 'ship = true\nexcluded = "no things"', "one of tables, reader, excluded"),
+        ('unit = "cm"', 'unit = "cubit"', "tables.unit"),
+        ('unit = "cm"', 'unit = "cm"\nshade = "red"', "tables"),
+        ("height = ", "girth = ", "tables.axes"),
+        ('unit = "cm"', "", "tables.unit"),
+        ('category = ["lamp"]', 'category = ["lamp"]\nrefused = "dull"', "tables.reject"),
+        (
+            'category = ["lamp"]',
+            'category = ["lamp"]\nreject = [{{ column = "h", matches = "(", outcome = "no_size" }}]',
+            "pattern",
+        ),
+        ('category = ["lamp"]', 'category = ["lamp"]\nreject = [{{ column = "h", outcome = "no_size" }}]', "rule"),
+        (SHA, "abc", "files.sha256"),
+        ('url = "https://example.org/lamps.csv"', "", "files.url"),
+        ('url = "https://example.org/lamps.csv"', 'note = "drawn by hand"', "fetch"),
+        ('url = "https://example.org/lamps.csv"', 'url = "https://example.org/x"\nform = "tar"', "files.form"),
+        ('title = "Made-up lamps"', "title = ", "found"),
+    ],
+)
+def test_a_fault_of_a_declaration_is_named_at_the_door(tmp_path: Path, old: str, new: str, field: str) -> None:
+    assert old in DECLARATION
+    with pytest.raises(BadDeclaration, match=f"lamps.toml: .*{re.escape(field)}"):
+        declared(tmp_path, DECLARATION.replace(old, new))
+
+
+def test_an_unknown_source_names_those_there_are(tmp_path: Path) -> None:
+    declared(tmp_path)
+    with pytest.raises(UnknownSource, match="expected one of lamps; found 'lamp'"):
+        source("lamp", tmp_path)
+
+
+def test_all_declarations_pass_the_door() -> None:
+    assert len(sources()) >= 38
+    assert [s.id for s in sources()] == sorted(s.id for s in sources())
+
+
+@pytest.mark.parametrize("one", sources(), ids=lambda s: s.id)
+def test_a_source_says_whose_terms_hold_and_what_is_done_about_its_traps(one: Source) -> None:
+    assert one.url.startswith("https://")
+    assert len(one.licence_basis) > 20
+    assert one.traps
+    assert one.files
+    assert all(re.fullmatch(r"[0-9a-f]{64}", file.sha256) for file in one.files)
+    assert all(file.url.startswith("https://") or file.note for file in one.files)
+    assert one.fetch if one.downloads == "no" else one.address
+    assert all("/HEAD/" not in file.url for file in one.files) or one.downloads == "while unchanged"
+    assert not one.reader or find_spec(f"crawler.imports.{one.reader}")
+
+
+def test_only_open_licences_ship_and_no_copyleft_is_open() -> None:
+    assert not any(re.search("GPL|EPL|NC|SA", licence) for licence in OPEN_LICENCES)
+    for name in (
+        "ikea_sa_2020",
+        "gsmarena_2021",
+        "ev_specs_2025",
+        "3dfuture_respace",
+        "amazon_us_2020_sample",
+        "bolts",
+    ):
+        assert not source(name).ship
+    assert source("3dfuture_respace").noncommercial
+
+
+def test_the_shipped_items_are_those_of_the_sources_that_ship() -> None:
+    shipped = {path.name.removesuffix(".jsonl.gz"): path for path in (ROOT / "data" / "raw").glob("*.jsonl.gz")}
+    assert set(shipped) == {s.id for s in sources() if s.ship}
+    assert sum(path.stat().st_size for path in shipped.values()) < 8_000_000
+    for name, path in shipped.items():
+        with gzip.open(path, "rt", encoding="utf-8") as lines:
+            first = RawItem.parsed(next(lines))
+        assert (first.source, first.licence) == (name, source(name).licence)
+
+
+def test_the_page_of_sources_lists_every_source_and_reason() -> None:
+    page = (ROOT / "data" / "sources" / "README.md").read_text(encoding="utf-8")
+    assert all(f"[{s.id}]({s.url})" in page for s in sources())
+    assert all(f"`{code}`" in page for code in REASONS)

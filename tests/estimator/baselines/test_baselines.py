@@ -1,0 +1,176 @@
+"""The baselines do what the paper and its predecessor say they do, faults included."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from estimator.baselines.candidates import CANDIDATES, candidate_scales, estimate_on
+from estimator.baselines.paper import Mixture, authors_lists, fitted, paper_result
+from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
+from estimator.command import main
+from estimator.estimate import Options
+from estimator.measured_object import MeasuredObject
+from estimator.scene import BadScene, Camera, Instance, Scene, View
+from metric_tree.tree import Tree
+
+
+def _object(name: str, category: str, extents: tuple[float, ...], eta: tuple[float, ...] = (1, 1, 1)) -> MeasuredObject:
+    return MeasuredObject(name, category, np.array(extents), np.full(3, 0.03), np.array(eta, dtype=float))
+
+
+def test_product_without_jacobian_is_low() -> None:
+    """Methods.md: the estimate is low by c^2 / (1 + c^2) for a class of relative spread c, however many objects."""
+    generator = np.random.default_rng(0)
+    spread = 0.3
+    sizes = generator.normal(1000, spread * 1000, 4000)
+    heights = sizes[sizes > 100] / 1000  # at scale one
+    mixture = Mixture(("height",), np.ones(1), np.array([[1000.0]]), np.array([[[(spread * 1000) ** 2]]]))
+    scales = np.linspace(0.5, 1.5, 1001)
+    product = np.stack([mixture.log_density(scales[:, None] * height * 1000, [0]) for height in heights[:600]])
+    found = estimate_on(scales, product, 0.9)
+    assert found.modes[0].scale == pytest.approx(1 - spread**2 / (1 + spread**2), abs=0.02)
+
+
+def test_mixture_density_is_scikit_learns() -> None:
+    generator = np.random.default_rng(1)
+    sizes = generator.normal([500, 400, 900], [50, 40, 60], (60, 3))
+    mixture = fitted(("length", "width", "height"), sizes)
+    assert len(mixture.weights) == 20  # n // 3
+    points = generator.normal([500, 400, 900], 60, (5, 3))
+    expected = np.log(
+        sum(
+            w * multivariate_normal(m, c).pdf(points)
+            for w, m, c in zip(mixture.weights, mixture.means, mixture.covariances, strict=True)
+        )
+    )
+    assert mixture.log_density(points, [0, 1, 2]) == pytest.approx(expected, rel=1e-6)
+    marginal = np.log(
+        sum(
+            w * multivariate_normal(m[[0, 2]], c[np.ix_([0, 2], [0, 2])]).pdf(points[:, [0, 2]])
+            for w, m, c in zip(mixture.weights, mixture.means, mixture.covariances, strict=True)
+        )
+    )
+    assert mixture.log_density(points[:, [0, 2]], [0, 2]) == pytest.approx(marginal, rel=1e-6)
+
+
+def test_candidates_hold_every_proposal() -> None:
+    scales = candidate_scales(np.array([0.2, 0.5]))
+    assert len(scales) == CANDIDATES
+    assert scales[0] < 0.2
+    assert scales[-1] > 0.5
+    assert np.allclose(np.diff(scales), scales[1] - scales[0])
+
+
+def test_paper_drops_implausible_dimensions(mini: Tree) -> None:
+    objects = [
+        _object("1", "swivel chair", (1.24, 1.20, 1.00), (0.9, 0.8, 0.4)),  # half a metre a unit; height half seen
+        _object("2", "bar stool", (0.84, 0.80, 1.52)),
+        _object("3", "bar stool", (9.0, 9.0, 9.0), (0.1, 0.1, 0.1)),
+    ]
+    result = paper_result(objects, mini, Options(method="paper"))
+    assert result.status == "resolved"
+    assert result.scale == pytest.approx(0.5, rel=0.04)
+    assert result.objects[0].used == ("length", "width")
+    assert result.objects[1].used == ("length", "width", "height")
+    assert result.objects[2].verdict == "skipped"
+    assert "confidence" in (result.objects[2].reason or "")
+    # no object can be an outlier
+    assert {item.weight for item in result.objects[:2]} == {1.0}
+    assert set(result.seconds) == {"fit", "posterior"}
+
+
+def test_paper_without_usable_objects_is_unresolved(mini: Tree) -> None:
+    result = paper_result([_object("1", "unicorn", (1, 1, 1))], mini, Options(method="paper"))
+    assert (result.status, result.scale, result.exit_code) == ("unresolved", None, 3)
+
+
+def _lists(folder: Path) -> Path:
+    folder.mkdir()
+    (folder / "mouse.csv").write_text("60,110,35\n62,114,37\n64,112,36\n66,118,38\n", encoding="utf-8")
+    (folder / "diningchair.csv").write_text("18,20,36\n17,19,35\n", encoding="utf-8")
+    (folder / "person.csv").write_text("1700\n1800\n", encoding="utf-8")
+    return folder
+
+
+def test_authors_lists(tmp_path: Path, mini: Tree) -> None:
+    """The files' own axes: sides sorted, height last; what the tree does not know is left aside."""
+    lists = authors_lists(_lists(tmp_path / "lists"), mini)
+    assert set(lists) <= {node.node_id for node in mini}
+    for dims, sizes in lists.values():
+        assert sizes.shape[1] == len(dims)
+        if dims[:2] == ("length", "width"):
+            assert (sizes[:, 0] >= sizes[:, 1]).all()
+
+
+def test_authors_lists_missing(tmp_path: Path, mini: Tree) -> None:
+    with pytest.raises(BadScene, match="--paper-lists"):
+        authors_lists(tmp_path / "nowhere", mini)
+
+
+def _scene(height: float = 0.8, tilt: float = 0.0) -> tuple[Scene, Instance]:
+    """A stick of a height (scene units) four units before a camera that leans by `tilt`, its detection box."""
+    camera = Camera("PINHOLE", 640, 480, np.array([500.0, 500.0, 320.0, 240.0]))
+    c, s = math.cos(tilt), math.sin(tilt)
+    rotation = np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
+    points = np.column_stack([np.zeros(9), np.linspace(-height / 2, height / 2, 9), np.full(9, 4.0)])
+    seen = points @ rotation.T
+    pixels = seen[:, :2] / seen[:, 2:] * 500 + [320, 240]
+    views = (
+        View("first.png", camera, np.eye(3), np.zeros(3), np.zeros((0, 2)), np.zeros(0, dtype=np.int64)),
+        View("second.png", camera, rotation, np.zeros(3), pixels, np.arange(9)),
+    )
+    top, bottom = round(float(pixels[:, 1].min())), round(float(pixels[:, 1].max()))
+    mask = np.ones((bottom - top, 20), dtype=bool)
+    scene = Scene(Path("made"), "memory", views, points)
+    return scene, Instance("1", 1, "bar stool", mask, (310, top))
+
+
+@pytest.mark.parametrize("tilt", [0.0, 0.3, -0.2])
+def test_box_height_follows_the_prescribed_vertical(tilt: float) -> None:
+    scene, instance = _scene(tilt=tilt)
+    down = prescribed_down(scene)
+    assert down.tolist() == [0, 1, 0]
+    assert box_heights(scene, [instance], down)[0] == pytest.approx(0.8, rel=0.02)
+
+
+def test_box_without_points_has_no_height() -> None:
+    scene, instance = _scene()
+    away = replace(instance, origin=(0, 0), mask=np.ones((5, 5), dtype=bool))
+    assert math.isnan(box_heights(scene, [away], prescribed_down(scene))[0])
+
+
+def test_sucar_counts_every_frame(mini: Tree) -> None:
+    """A bar stool of 760 mm that is 0.8 units high: the scale is 0.95, and each further frame narrows the interval."""
+    scene, instance = _scene()
+    one = sucar_result(scene, [instance], mini, Options(method="sucar"))
+    assert one.scale == pytest.approx(0.95, rel=0.03)
+    many = sucar_result(scene, [instance] * 9, mini, Options(method="sucar"))
+    assert one.interval is not None
+    assert many.interval is not None
+    narrowed = math.log(one.interval.high / one.interval.low) / math.log(many.interval.high / many.interval.low)
+    assert narrowed == pytest.approx(3, rel=0.15)
+    assert all(item.used == ("height",) for item in many.objects)
+
+
+def test_height_is_ours_with_heights_alone(tmp_path: Path, mini: Tree, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "objects.json"
+    document = {
+        "schema": "metric-tree/objects/1",
+        "objects": [
+            {"category": "bar stool", "dimensions": {"length": 90.0, "width": 80.0, "height": height}}
+            for height in (1.50, 1.52, 1.54)
+        ],
+    }
+    path.write_text(json.dumps(document), encoding="utf-8")
+    status = main(["--objects", str(path), "--tree", str(mini.release.directory), "--method", "height", "--json"])
+    record = json.loads(capsys.readouterr().out)
+    assert status == 0
+    assert record["scale"] == pytest.approx(0.5, rel=0.03)
+    assert record["objects"][0]["used"] == ["height"]

@@ -1,0 +1,111 @@
+"""The extent rule: invariance, bias on made shapes, honesty of its sigma; the footprint on L-shapes."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator.geometry.extents import edges, extent_sigma
+from estimator.geometry.footprint import footprint_axes, smallest_rectangle_axes
+from tests.made.shapes import sampled_box, sampled_cylinder
+
+
+def extents(points, noise=0.0):
+    low, high = edges(points, noise)
+    return high - low
+
+
+@given(st.integers(0, 1000), st.floats(1e-4, 1e4), st.floats(-1e3, 1e3))
+@settings(max_examples=25, deadline=None)
+def test_extents_scale_and_shift_with_the_points(seed, scale, shift):
+    points = np.random.default_rng(seed).uniform(size=(200, 3))
+    low, high = edges(points)
+    low_moved, high_moved = edges(points * scale + shift)
+    assert np.allclose(low_moved, low * scale + shift, rtol=1e-6, atol=1e-6 * (scale + abs(shift)))
+    assert np.allclose(high_moved, high * scale + shift, rtol=1e-6, atol=1e-6 * (scale + abs(shift)))
+
+
+@pytest.mark.parametrize("count", [100, 400, 3000])
+@pytest.mark.parametrize("shape", [sampled_box, sampled_cylinder])
+def test_bias_on_clean_surfaces_is_under_two_per_cent(count, shape):
+    random = np.random.default_rng(count)
+    size = np.array([0.5, 0.5, 0.9])
+    measured = np.mean([extents(shape(size, count, random)) for _ in range(40)], axis=0)
+    assert np.abs(np.log(measured / size)).max() < 0.02
+
+
+def test_noise_is_taken_off_where_it_is_known():
+    random = np.random.default_rng(0)
+    size = np.array([0.6, 0.4, 0.5])
+    points = sampled_box(size, 4000, random) + random.normal(0, 0.01, (4000, 3))
+    plain, corrected = extents(points), extents(points, 0.01)
+    assert np.abs(np.log(corrected / size)).mean() < np.abs(np.log(plain / size)).mean()
+
+
+def test_one_flying_point_in_two_hundred_moves_nothing_much():
+    random = np.random.default_rng(1)
+    points = sampled_box(np.ones(3), 400, random)
+    wild = np.vstack([points, [[30, 30, 30], [-30, -30, -30]]])
+    assert np.abs(np.log(extents(wild) / extents(points))).max() < 0.03
+
+
+def test_sigma_covers_the_error_of_made_shapes():
+    """Over shapes and counts the error stays within two stated standard deviations nine times in ten."""
+    random = np.random.default_rng(2)
+    inside = []
+    for _ in range(150):
+        size = random.uniform(0.1, 1.0, 3)
+        size[1] = size[0]
+        count = int(random.choice([30, 100, 1000]))
+        points = (sampled_box if random.random() < 0.5 else sampled_cylinder)(size, count, random)
+        found = extents(points)
+        sigma = np.linalg.norm(extent_sigma(points, found, 0.0), axis=0)
+        inside.append(np.abs(np.log(found / size)) < 2 * sigma)
+    assert np.mean(inside) > 0.9
+
+
+def test_sigma_grows_with_fewer_points_noise_and_fading_edges():
+    random = np.random.default_rng(3)
+    many, few = sampled_box(np.ones(3), 3000, random), sampled_box(np.ones(3), 30, random)
+    plain = extent_sigma(many, np.ones(3), 0.0)
+    assert (extent_sigma(few, np.ones(3), 0.0) > plain).all()
+    assert (extent_sigma(many, np.ones(3), 0.1) > plain).all()
+    fading = np.where(many > 0.4, many + random.exponential(0.2, many.shape), many)
+    assert (extent_sigma(fading, np.ones(3), 0.0)[1] > plain[1]).all()
+
+
+def angle_of(axes):
+    return float(np.degrees(np.arctan2(axes[0, 1], axes[0, 0])) % 90)
+
+
+@pytest.mark.parametrize("turn", [0.0, 17.0, 45.0, 80.0])
+def test_footprint_of_a_rectangle(turn):
+    random = np.random.default_rng(4)
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    points = sampled_box(np.array([1.0, 0.5, 1]), 2000, random)[:, :2] @ np.array([[c, s], [-s, c]])
+    off = abs(angle_of(footprint_axes(points)) - turn)
+    assert min(off, 90 - off) <= 1.5
+
+
+def test_an_l_of_two_walls_is_not_turned_to_its_hypotenuse():
+    """Two sides of a box seen from its corner: the minimum rectangle has the same area both ways, closeness tells."""
+    random = np.random.default_rng(5)
+    wins = 0
+    for _ in range(20):
+        along = np.column_stack([random.uniform(0, 1, 300), random.normal(0, 0.01, 300)])
+        across = np.column_stack([random.normal(0, 0.01, 200), random.uniform(0, 0.6, 200)])
+        angle = angle_of(footprint_axes(np.vstack([along, across])))
+        wins += min(angle, 90 - angle) < 4
+    assert wins == 20
+
+
+def test_papers_rectangle_is_the_smallest():
+    random = np.random.default_rng(6)
+    points = random.uniform([0, 0], [2, 1], (500, 2))
+    axes = smallest_rectangle_axes(points)
+    assert np.allclose(axes @ axes.T, np.eye(2))
+    areas = []
+    for degrees in np.arange(0, 90, 1.0):
+        c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        areas.append(np.prod(np.ptp(points @ np.array([[c, -s], [s, c]]), axis=0)))
+    assert np.prod(np.ptp(points @ axes.T, axis=0)) <= min(areas) * 1.001

@@ -1,0 +1,171 @@
+"""The door: from a made scene with masks to sizes, whatever the scene's unit and frame."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from estimator.geometry.measurement import PAPER, MeasurementOptions, measured
+from estimator.scene import DenseCloud, Scene, View
+from tests.made.shapes import Made, Solid, Thing, box, cylinder, floor, made_scene, orbit
+
+SIZES = {"cabinet": (0.8, 0.4, 0.9), "chair": (0.45, 0.4, 0.8), "bottle": (0.1, 0.1, 0.32)}
+
+
+@pytest.fixture(scope="module")
+def room():
+    things = [
+        floor(5),
+        box(None, (5, 0.1, 2.4), (0, 2.5, 0)),
+        box("cabinet", SIZES["cabinet"], (0, 0.4, 0), 15),
+        box("chair", SIZES["chair"], (1.0, -0.4, 0), 40),
+        cylinder("bottle", SIZES["bottle"], (0, 0.4, 0.9)),
+    ]
+    views = orbit(12, 2.6, 1.7, arc=330, target=(0.2, 0.1, 0.5), size=(240, 180), focal=180.0)
+    return made_scene(things, views, dense=40_000, noise=0.001, sparse=3000)
+
+
+def moved(made, scale, turn, shift):
+    """The same scene under a similarity: x' = scale turn x + shift."""
+    views = []
+    for view in made.scene.views:
+        rotation = view.rotation @ turn.T
+        centre = scale * turn @ view.centre + shift
+        views.append(View(view.name, view.camera, rotation, -rotation @ centre, view.keypoints, view.point_index))
+    place = lambda points: scale * points @ turn.T + shift  # noqa: E731
+    scene = Scene(
+        made.scene.path, "memory", tuple(views), place(made.scene.points), DenseCloud(place(made.scene.dense.points))
+    )
+    return Made(scene, made.instances, made.things, made.owner)
+
+
+def by_category(found):
+    return {thing.category: thing for thing in found.objects}
+
+
+def test_sizes_of_a_room_under_any_similarity(room):
+    turn = Rotation.from_euler("zyx", [40, 70, -20], degrees=True).as_matrix()
+    for scale, rotation in ((1.0, np.eye(3)), (0.31, turn), (57.0, turn.T)):
+        made = moved(room, scale, rotation, np.array([3.0, -1.0, 2.0]))
+        found = measured(made.scene, made.instances)
+        assert len(found.objects) == 3
+        assert np.degrees(np.arccos(np.clip(found.up.vector @ rotation[:, 2], -1, 1))) < 1.0
+        assert len(found.planes) >= 1
+        for category, thing in by_category(found).items():
+            error = (
+                np.log(thing.extents / scale / np.sort(SIZES[category])[::-1])
+                if category == "none"
+                else np.log(thing.extents / scale / SIZES[category])
+            )
+            free = ~thing.truncated
+            assert np.abs(error[free]).max() < 0.08, category
+            assert abs(error[2]) < 0.04, category
+            assert (thing.sigma > 0).all()
+            assert thing.sigma[2] < 0.2
+
+
+def test_box_points_and_members_belong_together(room):
+    found = measured(room.scene, room.instances)
+    for thing, track in zip(found.objects, found.tracks, strict=True):
+        assert thing.members == track.members
+        assert thing.points == len(thing.point_rows)
+        assert thing.cloud == "dense"
+        local = (room.scene.dense.points[thing.point_rows] - thing.box.centre) @ thing.box.axes.T
+        assert (np.abs(local) < thing.box.extents * 0.6).all(axis=1).mean() > 0.95
+        assert np.allclose(thing.box.extents, thing.extents)
+        assert thing.extents[0] >= thing.extents[1]
+        assert np.allclose(thing.box.axes @ thing.box.axes.T, np.eye(3), atol=1e-9)
+
+
+def test_sparse_points_alone_do(room):
+    found = measured(replace(room.scene, dense=None), room.instances)
+    cabinet = by_category(found)["cabinet"]
+    assert cabinet.cloud == "sparse"
+    assert np.abs(np.log(cabinet.extents / SIZES["cabinet"])[~cabinet.truncated]).max() < 0.15
+
+
+def test_the_papers_arm_runs_and_never_reaches_down(room):
+    found = measured(room.scene, room.instances, PAPER)
+    assert found.planes == ()
+    assert found.up.method == "camera-x-axes"
+    for thing in found.objects:
+        assert thing.unsupported_height is None
+        assert np.isfinite(thing.confidence).all()
+
+
+def without_feet(made, category, share):
+    """The scene without the dense points in the lowest share of the things of a category."""
+    points = made.scene.dense.points
+    keep = np.ones(len(points), dtype=bool)
+    for number, thing in enumerate(made.things):
+        if thing.category == category:
+            own = made.owner == number
+            low, high = points[own, 2].min(), points[own, 2].max()
+            keep &= ~(own & (points[:, 2] < low + share * (high - low)))
+    scene = replace(made.scene, dense=DenseCloud(points[keep]))
+    return Made(scene, made.instances, made.things, made.owner[keep])
+
+
+@pytest.mark.parametrize(("category", "share"), [("chair", 0.4), ("cabinet", 0.25)])
+def test_an_unseen_foot_reaches_down_to_what_it_stands_on(room, category, share):
+    made = without_feet(room, category, share)
+    bare = by_category(measured(made.scene, made.instances, MeasurementOptions(supports=False)))[category]
+    found = by_category(measured(made.scene, made.instances))[category]
+    assert np.log(bare.extents[2] / SIZES[category][2]) < np.log(1 - share) + 0.06
+    assert abs(np.log(found.extents[2] / SIZES[category][2])) < 0.05
+    assert found.unsupported_height == pytest.approx(bare.extents[2], rel=0.02)
+    assert found.notes
+    assert found.sigma[2] > by_category(measured(room.scene, room.instances))[category].sigma[2]
+    # the bare one's masks go further down than its points
+    assert bare.truncated[2]
+
+
+def test_a_clock_on_the_wall_stays_there():
+    wall = box(None, (5, 0.1, 2.4), (0, 1.0, 0))
+    clock = Thing("clock", (Solid("box", np.array([0.3, 0.04, 0.3]), np.array([0, 0.93, 1.5])),))
+    views = orbit(8, 2.4, 1.5, arc=70, target=(0, 0.9, 1.2), size=(240, 180), focal=180.0)
+    made = made_scene([floor(5), wall, clock], views, dense=24_000, noise=0.001)
+    for category in ("clock", "thing of no known name"):
+        named = tuple(replace(instance, category=category) for instance in made.instances)
+        thing = measured(made.scene, named).objects[0]
+        assert thing.unsupported_height is None
+        assert abs(np.log(thing.extents[2] / 0.3)) < 0.08
+
+
+def test_too_few_points_are_skipped_with_a_reason(room):
+    views = []
+    for view in room.scene.views:
+        kept = view.point_index < 40
+        views.append(replace(view, keypoints=view.keypoints[kept], point_index=view.point_index[kept]))
+    starved = replace(room.scene, dense=None, points=room.scene.points[:40], views=tuple(views))
+    found = measured(starved, room.instances)
+    assert found.objects
+    for thing in found.objects:
+        assert "needed" in (thing.skipped or "needed")
+        if thing.skipped:
+            assert np.isnan(thing.extents).all()
+            assert thing.box is None
+
+
+def test_nothing_to_measure(room):
+    found = measured(room.scene, ())
+    assert found.objects == ()
+    assert found.tracks == ()
+    assert set(found.timings) >= {"labels", "association", "up", "dimensions"}
+
+
+def test_a_scene_without_points():
+    empty = made_scene([floor(2)], orbit(3, 2.0, 1.0, size=(40, 30), focal=30.0), dense=100, sparse=10)
+    scene = replace(
+        empty.scene,
+        dense=None,
+        points=np.empty((0, 3)),
+        views=tuple(
+            replace(view, keypoints=np.empty((0, 2)), point_index=np.empty(0, dtype=np.int64))
+            for view in empty.scene.views
+        ),
+    )
+    found = measured(scene, ())
+    assert found.planes == ()
+    assert any("support plane" in warning for warning in found.warnings)

@@ -1,0 +1,145 @@
+"""Support planes and what stands on them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from estimator.geometry.planes import floor_of, level_basis, support_planes
+from estimator.geometry.standing import stands
+from estimator.geometry.support import Level, foot_on, ground_of, level_below
+from tests.made.shapes import box, floor, made_scene, orbit
+
+UP = np.array([0, 0, 1.0])
+LOW, HIGH = np.array([0, 0, 0.0]), np.array([0.5, 0.4, 1.0])
+
+
+@pytest.fixture(scope="module")
+def room():
+    things = [floor(5), box("table", (1.4, 0.8, 0.72), (0, 0, 0)), box("box", (0.3, 0.3, 0.3), (0.2, 0, 0.72))]
+    things += [box(None, (5, 0.1, 2.4), (0, 2.5, 0))]
+    return made_scene(things, orbit(10, 2.4, 1.6, size=(160, 120), focal=120.0), dense=30_000, noise=0.003)
+
+
+def test_floor_and_table_are_found_at_their_heights(room):
+    planes = support_planes(UP, room.scene.dense.points)
+    assert [round(plane.height, 1) for plane in planes] == [0.0, 0.7]
+    assert abs(planes[0].height) < 0.01
+    assert abs(planes[1].height - 0.72) < 0.01
+    assert floor_of(planes, room.scene.dense.points) is planes[0]
+
+
+def test_a_plane_knows_where_it_was_seen(room):
+    planes = support_planes(UP, room.scene.dense.points)
+    table = np.random.default_rng(0).uniform([-0.6, -0.3], [0.6, 0.3], (50, 2)) @ planes[1].basis[:2, :2].T
+    assert planes[1].coverage(table) > 0.8
+    assert planes[1].coverage(table + 3) == 0
+
+
+def test_a_table_is_no_floor(room):
+    """Where much of the cloud lies below the lowest plane it is not what everything stands on."""
+    points = room.scene.dense.points
+    planes = support_planes(UP, points)
+    assert floor_of(planes[1:], points) is None
+    assert floor_of((), points) is None
+
+
+@given(st.integers(0, 1000), st.floats(1e-3, 1e3))
+@settings(max_examples=10, deadline=None)
+def test_heights_turn_and_grow_with_the_scene(room, seed, scale):
+    turn = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    points = room.scene.dense.points
+    planes = support_planes(turn @ UP, scale * points @ turn.T)
+    assert len(planes) == 2
+    assert planes[1].height - planes[0].height == pytest.approx(0.72 * scale, rel=0.03)
+
+
+def test_level_basis_is_right_handed():
+    for up in (UP, -UP, np.array([1.0, 0, 0]), np.array([0.6, 0, 0.8])):
+        basis = level_basis(up)
+        assert np.allclose(basis @ basis.T, np.eye(3))
+        assert np.linalg.det(basis) == pytest.approx(1)
+        assert np.allclose(basis[2], up)
+
+
+def test_few_points_have_no_planes():
+    assert support_planes(UP, np.empty((0, 3))) == ()
+    assert support_planes(UP, np.zeros((5, 3))) == ()
+    assert ground_of(np.empty((0, 3)), np.eye(3), ()) is None
+
+
+def corners(x, y, half=0.15):
+    return np.array([[x - half, y - half], [x + half, y - half], [x + half, y + half], [x - half, y + half]])
+
+
+def test_the_level_around_a_thing_is_found_though_hidden_below_it(room):
+    """The box on the table: the surface it hides is read off around it; beside the table it is the floor."""
+    points = room.scene.dense.points
+    basis = np.eye(3)
+    ground = ground_of(points, basis, support_planes(UP, points))
+    on_table = level_below(ground, corners(0.2, 0), np.array([0, 0, 0.75]), np.array([0.3, 0.3, 1.02]), None)
+    assert on_table.height == pytest.approx(0.72, abs=0.015)
+    on_floor = level_below(ground, corners(1.2, -1.0), np.array([0, 0, 0.1]), np.array([0.3, 0.3, 1.0]), None)
+    assert on_floor.height == pytest.approx(0.0, abs=0.015)
+
+
+def test_a_small_gap_is_filled_and_a_large_one_is_not():
+    foot = foot_on(Level(-0.2, 0.01), LOW, HIGH, 0.01, None, np.nan)
+    assert foot.filled
+    assert foot.bottom == -0.2
+    assert foot.sigma > 0.005
+    hanging = foot_on(Level(-1.0, 0.01), LOW, HIGH, 0.01, None, np.nan)
+    assert not hanging.standing
+    assert hanging.bottom == 0
+
+
+def test_masks_decide_where_they_tell():
+    level = Level(-0.3, 0.01)
+    assert foot_on(level, LOW, HIGH, 0.01, None, 0.9).filled
+    assert not foot_on(level, LOW, HIGH, 0.01, None, 0.1).filled
+
+
+def test_things_that_hang_are_never_dropped_to_the_floor():
+    assert not foot_on(Level(-0.3, 0.01), LOW, HIGH, 0.01, False, 0.9).filled
+    assert not foot_on(Level(-1.5, 0.01), LOW, HIGH, 0.01, stands("clock"), np.nan).filled
+
+
+def test_a_table_top_reaches_the_floor_and_says_so_without_one():
+    low, high = np.array([0, 0, 0.68]), np.array([1.2, 0.8, 0.74])
+    foot = foot_on(Level(0.0, 0.01), low, high, 0.01, stands("desk"), np.nan)
+    assert foot.filled
+    assert high[2] - foot.bottom == pytest.approx(0.74)
+    assert foot.sigma > 0.03
+    without = foot_on(None, low, high, 0.01, stands("desk"), np.nan)
+    assert without.short
+    assert not foot_on(None, low, high, 0.01, stands("keyboard"), np.nan).short
+
+
+def test_contact_settles_the_foot_on_the_level():
+    foot = foot_on(Level(0.02, 0.005), LOW, HIGH, 0.03, None, np.nan)
+    assert foot.standing
+    assert not foot.filled
+    assert foot.bottom == 0.02
+
+
+@pytest.mark.parametrize(
+    ("category", "answer"),
+    [
+        ("chair", True),
+        ("swivel chair", True),
+        ("office_chair", True),
+        ("Dining Table", True),
+        ("wall clock", False),
+        ("picture frame", False),
+        ("ceiling lamp", False),
+        ("floor lamp", True),
+        ("lamp", None),
+        ("table lamp", None),
+        ("cabinet", None),
+        ("bottle", None),
+        ("", None),
+    ],
+)
+def test_the_name_settles_who_stands(category, answer):
+    assert stands(category) is answer

@@ -1,0 +1,135 @@
+"""Up: eigenvector and eigen-gap, fallbacks by name, and level surfaces."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from estimator.geometry.planes import refined_up, support_planes
+from estimator.geometry.up import camera_up, joined_up
+from estimator.scene import View
+from tests.made.shapes import box, floor, made_scene, view_at
+
+UP = np.array([0, 0, 1.0])
+
+
+def off_deg(vector, truth=UP):
+    return float(np.degrees(np.arccos(np.clip(vector @ truth, -1, 1))))
+
+
+def panned(yaws, rolls, pitch=-15.0):
+    """Views from one place, turned by the given yaws and rolls in degrees."""
+    views = []
+    for yaw, roll in zip(yaws, rolls, strict=True):
+        ahead = Rotation.from_euler("z", yaw, degrees=True).apply(
+            [0, np.cos(np.radians(pitch)), np.sin(np.radians(pitch))]
+        )
+        views.append(view_at(np.zeros(3), ahead, "v", roll=roll))
+    return views
+
+
+def test_level_cameras_that_turn_give_up_exactly():
+    up = camera_up(panned(np.linspace(-90, 90, 20), np.zeros(20)))
+    assert off_deg(up.vector) < 1e-6
+    assert up.method == "camera-x-axes"
+
+
+@pytest.mark.parametrize(("yaw", "observable"), [(180, True), (40, True), (5, False), (2, False)])
+def test_the_eigen_gap_decides(yaw, observable):
+    """methods.md: 0.3 degrees at yaw +-180, 9 at +-5, 75 at +-2 with two degrees of roll noise."""
+    random = np.random.default_rng(3)
+    up = camera_up(panned(np.linspace(-yaw, yaw, 30), random.normal(0, 2, 30)))
+    assert (up.method == "camera-x-axes") is observable
+    assert off_deg(up.vector) < (4 if observable else 20)
+
+
+def test_sigma_is_honest_for_turning_cameras():
+    """The true error stays within three stated standard deviations in nearly all of a hundred videos."""
+    random = np.random.default_rng(5)
+    inside = 0
+    for _ in range(100):
+        half = random.uniform(30, 180)
+        up = camera_up(panned(np.linspace(-half, half, 24), random.normal(0, 2, 24)))
+        inside += off_deg(up.vector) < 3 * up.sigma_deg
+    assert inside >= 95
+
+
+def test_straight_driving_falls_back_by_name_and_keeps_the_sign():
+    views = [view_at(np.array([0, k, 1.5]), np.array([0, k + 5, 1.2]), "v") for k in range(12)]
+    up = camera_up(views)
+    assert up.method == "mean-camera-up"
+    assert off_deg(up.vector) < 5
+    assert up.known is not None
+    assert abs(up.known @ up.vector) < 1e-9
+
+
+def test_scattered_cameras_leave_up_unknown():
+    turned = [Rotation.from_euler("y", angle, degrees=True).as_matrix() for angle in (0, 180)]
+    views = [
+        View("v", view_at(np.zeros(3), np.ones(3), "v").camera, r, np.zeros(3), np.empty((0, 2)), np.empty(0, int))
+        for r in turned
+    ]
+    flipped = [
+        View("v", v.camera, np.diag([1, -1, -1.0]) @ v.rotation, v.translation, v.keypoints, v.point_index)
+        for v in views
+    ]
+    up = camera_up(views + flipped)
+    assert up.method == "none"
+    assert np.linalg.norm(up.vector) == pytest.approx(1)
+
+
+def test_no_views_is_an_error_with_a_name():
+    with pytest.raises(ValueError, match="at least one view"):
+        camera_up([])
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=25, deadline=None)
+def test_up_turns_with_the_scene(seed):
+    """Equivariance: turning the whole scene turns up with it."""
+    random = np.random.default_rng(seed)
+    views = panned(random.uniform(-90, 90, 8), random.normal(0, 2, 8))
+    turn = Rotation.random(rng=random).as_matrix()
+    turned = [View(v.name, v.camera, v.rotation @ turn.T, v.translation, v.keypoints, v.point_index) for v in views]
+    one, two = camera_up(views), camera_up(turned)
+    assert one.method == two.method
+    assert two.vector @ (turn @ one.vector) > 1 - 1e-6
+
+
+@pytest.fixture(scope="module")
+def driven():
+    """Cameras that look down by 20 degrees and hardly turn, over a floor with boxes."""
+    things = [floor(8)]
+    things += [box("box", (0.5, 0.4, 0.6), (-1 + 0.7 * k, 1.5 + 0.5 * (k % 3), 0), 25 * k) for k in range(5)]
+    eyes = [np.array([0.05 * k, -1.5 + 0.1 * k, 1.5]) for k in range(8)]
+    views = [view_at(eye, np.add(eye, [0, 3.0, -1.1]), "v", size=(160, 120), focal=130.0) for eye in eyes]
+    return made_scene(things, views, dense=12_000, noise=0.003)
+
+
+def test_a_level_surface_settles_what_the_cameras_leave_open(driven):
+    camera = camera_up(driven.scene.views)
+    assert camera.method == "mean-camera-up"
+    assert off_deg(camera.vector) > 10
+    refined = refined_up(camera, driven.scene.dense.points)
+    assert refined.method == "mean-camera-up+plane"
+    assert off_deg(refined.vector) < 1.0
+    assert refined.sigma_deg < camera.sigma_deg
+
+
+def test_walls_alone_do_not_pass_for_level_surfaces():
+    random = np.random.default_rng(0)
+    wall = np.column_stack([random.uniform(-2, 2, 4000), random.normal(2, 0.005, 4000), random.uniform(0, 2.5, 4000)])
+    other = wall[:, [1, 0, 2]]
+    points = np.concatenate([wall, other])
+    up = camera_up(panned(np.linspace(-60, 60, 12), np.zeros(12)))
+    refined = refined_up(up, points)
+    assert off_deg(refined.vector) < 0.5
+    assert support_planes(refined.vector, points) == ()
+
+
+def test_joining_weighs_by_variance():
+    camera = camera_up(panned(np.linspace(-90, 90, 20), np.zeros(20)))
+    leaning = np.array([np.sin(0.1), 0, np.cos(0.1)])
+    assert off_deg(joined_up(camera, leaning, 10.0).vector) < off_deg(joined_up(camera, leaning, 1.0).vector)
+    assert joined_up(camera, leaning, 0.0).sigma_deg < camera.sigma_deg

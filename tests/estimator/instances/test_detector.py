@@ -1,0 +1,251 @@
+"""Real ONNX graphs through the real onnxruntime: masks, labels, faults, and the whole command."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from onnx import TensorProto, helper
+
+from estimator.command import main
+from estimator.instances.detector import Detector, detected, detector_at, label_names
+from estimator.instances.registry import RegisteredDetector, downloaded, registry
+from estimator.reading import instances_at, scene_at
+from estimator.scene import BadScene
+from metric_tree.tree import Tree
+from tests.made.detectors import COLOURS, box_mask_graph, paint_graph, save
+from tests.made.small_scene import write_small_scene
+
+LABELS = ("", "swivel chair", "bar stool")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small scene with its instances as paint in lossless pictures, and instances.json renamed."""
+    root = tmp_path_factory.mktemp("scene")
+    write_small_scene(root)
+    scene = scene_at(root / "colmap")
+    (root / "images").mkdir()
+    for row, view in enumerate(scene.views):
+        canvas = np.full((view.camera.height, view.camera.width, 3), 90, dtype=np.uint8)
+        for instance in instances_at(scene):
+            if instance.view == row:
+                colour = COLOURS[("chair", "table").index(instance.category)]
+                (x, y), (h, w) = instance.origin, instance.mask.shape
+                canvas[y : y + h, x : x + w][instance.mask] = colour[::-1]
+        name = root / "images" / Path(view.name).with_suffix(".png").name
+        cv2.imwrite(str(name), canvas)
+        name.rename(root / "images" / Path(view.name).name)
+    return root
+
+
+def test_masks_are_those_of_the_graph(folder: Path, tmp_path: Path) -> None:
+    scene = scene_at(folder / "colmap")
+    detector = Detector(paint_graph(tmp_path / "paint.onnx"), ("", "chair", "table"))
+    found, warnings = detected(scene, folder / "images", detector)
+    expected = instances_at(scene)
+    assert warnings == ()
+    assert len(found) == len(expected) > 0
+    by_key = {(instance.view, instance.category): instance for instance in expected}
+    for instance in found:
+        twin = by_key[instance.view, instance.category]
+        assert instance.origin == twin.origin
+        assert np.array_equal(instance.mask, twin.mask)
+        assert instance.score == pytest.approx(0.9, abs=1e-4)
+        assert not instance.from_box
+
+
+def test_a_graph_traced_for_one_size_is_fed_that_size(folder: Path, tmp_path: Path) -> None:
+    scene = scene_at(folder / "colmap")
+    detector = Detector(paint_graph(tmp_path / "paint.onnx", fixed=(120, 160)), ("", "chair", "table"))
+    found, _ = detected(scene, folder / "images", detector)
+    for instance, twin in zip(found, sorted(instances_at(scene), key=lambda one: one.view), strict=True):
+        assert abs(int(instance.mask.sum()) / int(twin.mask.sum()) - 1) < 0.1
+
+
+@pytest.mark.parametrize("size", [(400, 600), (1600, 900), (300, 2400)])
+def test_small_masks_are_stretched_over_their_boxes(tmp_path: Path, size: tuple[int, int]) -> None:
+    height, width = size
+    factor = min(800 / min(size), 1333 / max(size))
+    mask = np.zeros((28, 28))
+    mask[:, :14] = 1  # the left half of the box
+    box = np.array([100, 60, 300, 260.0])
+    graph = box_mask_graph(tmp_path / "zoo.onnx", tuple(box * factor), mask)
+    (seen,) = Detector(graph, ("", "person"), "caffe")(np.zeros((height, width, 3), dtype=np.uint8)).masks
+    assert seen.shape == size
+    rows, columns = np.nonzero(seen)
+    assert (columns.min(), rows.min(), rows.max() + 1) == pytest.approx((100, 60, 260), abs=1)
+    assert columns.max() + 1 == pytest.approx(200, abs=2)
+
+
+@pytest.mark.parametrize(("channel", "mean"), [(0, 102.9801), (1, 115.9465), (2, 122.7717)])
+def test_the_zoos_input_is_blue_green_red_less_the_means(tmp_path: Path, channel: int, mean: float) -> None:
+    graph = box_mask_graph(tmp_path / "zoo.onnx", (0, 0, 100, 100), np.ones((28, 28)), channel)
+    picture = np.zeros((40, 60, 3), dtype=np.uint8)  # RGB
+    picture[..., 2 - channel] = 250
+    detector = Detector(graph, ("", "person"), "caffe")
+    assert detector(picture).scores == pytest.approx([(250 - mean) / 200], abs=1e-4)
+    assert len(detector(250 - picture).scores) == 0  # the other two channels: nothing here
+
+
+def test_a_file_of_the_registry_is_known_by_its_sha256(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    graph = box_mask_graph(tmp_path / "any name.onnx", (0, 0, 100, 100), np.ones((28, 28)))
+    own = RegisteredDetector(
+        "zoo", "", ("https://example.org/a",), hashlib.sha256(graph.read_bytes()).hexdigest(), "MIT", "caffe", "coco_80"
+    )
+    assert (detector_at(graph).form, detector_at(graph).labels[12]) == ("torchvision", "")
+    monkeypatch.setattr("estimator.instances.registry.registry", lambda: (own,))
+    assert (detector_at(graph).form, detector_at(graph).labels[12]) == ("caffe", "stop sign")
+
+
+def test_a_box_beyond_the_picture_is_cut(tmp_path: Path) -> None:
+    graph = box_mask_graph(tmp_path / "zoo.onnx", (-50, -50, 100, 2000), np.ones((28, 28)))
+    (seen,) = Detector(graph, ("", "person"))(np.zeros((200, 300, 3), dtype=np.uint8)).masks
+    assert seen[:, :98].all()
+    assert not seen[:, 101:].any()
+
+
+def test_the_whole_command_needs_no_masks_file(
+    folder: Path, tmp_path: Path, mini: Tree, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    for name in ("cameras.bin", "images.bin", "points3D.bin", "frames.bin", "rigs.bin"):
+        (bare / name).write_bytes((folder / "colmap" / name).read_bytes())
+    (tmp_path / "labels.txt").write_text("swivel chair\nbar stool\n")
+    graph = paint_graph(tmp_path / "paint.onnx")
+    words = [str(bare), "--tree", str(mini.release.directory), "--json"]
+    own = [
+        "--images",
+        str(folder / "images"),
+        "--detector",
+        str(graph),
+        "--detector-labels",
+        str(tmp_path / "labels.txt"),
+    ]
+    assert main(words) == 2
+    fault = capsys.readouterr().err
+    assert "--detector" in fault
+    assert "docs/training.md" in fault
+    status = main(words + own)
+    record = json.loads(capsys.readouterr().out)
+    # the same masks from a file give the same answer
+    document = json.loads((folder / "colmap" / "instances.json").read_text())
+    document["categories"] = [{"id": k, "name": name} for k, name in enumerate(LABELS[1:], start=1)]
+    (tmp_path / "masks.json").write_text(json.dumps(document))
+    assert main([*words, "--instances", str(tmp_path / "masks.json")]) == status
+    other = json.loads(capsys.readouterr().out)
+    assert {item["category"] for item in record["objects"]} == {"swivel chair", "bar stool"}
+    assert record["scale"] == other["scale"]
+    sizes = [
+        sorted((item["category"], *item["dimensions"].values()) for item in one["objects"]) for one in (record, other)
+    ]
+    assert sizes[0] == sizes[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--detector", "x.onnx"], "together"),
+        (["--images", "."], "together"),
+        (["--detector-labels", "x"], "--detector"),
+        (["--images", ".", "--detector", "no-such"], "maskrcnn-12"),
+        (["--images", ".", "--detector", "x", "--instances", "y"], "--instances"),
+        (["--images", ".", "--detector", "x", "--categories", "y"], "--categories"),
+    ],
+)
+def test_faults_of_the_arguments_are_one_line(
+    folder: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main([str(folder / "colmap"), *words]) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_faults_of_graphs_and_pictures_name_the_file(folder: Path, tmp_path: Path) -> None:
+    scene = scene_at(folder / "colmap")
+    junk = tmp_path / "junk.onnx"
+    junk.write_bytes(b"no graph")
+    with pytest.raises(BadScene, match=r"junk\.onnx.*ONNX graph"):
+        Detector(junk, LABELS)
+    picture = helper.make_tensor_value_info("picture", TensorProto.FLOAT, [3, "h", "w"])
+    same = helper.make_tensor_value_info("same", TensorProto.FLOAT, [3, "h", "w"])
+    copy = save(tmp_path / "copy.onnx", [helper.make_node("Identity", ["picture"], ["same"])], {}, picture, [same])
+    with pytest.raises(BadScene, match=r"copy\.onnx.*boxes"):
+        Detector(copy, LABELS)
+    detector = Detector(paint_graph(tmp_path / "paint.onnx"), LABELS)
+    with pytest.raises(BadScene, match="no such folder"):
+        detected(scene, tmp_path / "nowhere", detector)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BadScene, match="none of them"):
+        detected(scene, tmp_path / "empty", detector)
+    (tmp_path / "empty" / Path(scene.views[0].name).name).write_bytes(b"no picture")
+    with pytest.raises(BadScene, match="OpenCV"):
+        detected(scene, tmp_path / "empty", detector)
+    with pytest.raises(BadScene, match="label"):
+        detected(scene, folder / "images", Detector(tmp_path / "paint.onnx", ("", "chair")))
+
+
+def test_coco_ids_have_their_gaps() -> None:
+    names = label_names("coco_91")
+    assert (names[1], names[13], names[44], names[62], names[90]) == (
+        "person", "stop sign", "bottle", "chair", "toothbrush",
+    )  # fmt: skip
+    assert names[12] == names[83] == ""
+    assert (label_names("coco_80")[1], label_names("coco_80")[80]) == ("person", "toothbrush")
+
+
+def test_the_registry_is_whole() -> None:
+    entries = registry()
+    assert [entry.name for entry in entries] == ["maskrcnn-12", "maskrcnn-12-int8"]
+    for entry in entries:
+        assert entry.input in {"torchvision", "caffe"}
+        assert label_names(entry.labels)[1] == "person"
+        assert len(entry.sha256) == 64
+        assert all(url.startswith("https://") for url in entry.urls)
+
+
+@pytest.mark.parametrize("line", ['sha256 = ""', 'urls = []\nsha256 = "%s"' % ("0" * 64), 'sha256 = "bf2d0c1e"'])
+def test_an_entry_that_nobody_can_check_is_refused(tmp_path: Path, line: str) -> None:
+    file = tmp_path / "detectors.toml"
+    urls = "" if "urls" in line else 'urls = ["https://example.org/a.onnx"]\n'
+    file.write_text(f'[made]\ntitle = ""\nlicence = "MIT"\ninput = "caffe"\nlabels = "coco_80"\n{urls}{line}\n')
+    with pytest.raises(BadScene, match=r"detectors\.toml: made: expected an address and a sha256"):
+        registry(file)
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[str]:
+    folder = tmp_path / "served"
+    folder.mkdir()
+    paint_graph(folder / "model.onnx")
+    handler = partial(SimpleHTTPRequestHandler, directory=str(folder))
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as serving:
+        threading.Thread(target=serving.serve_forever, daemon=True).start()
+        yield f"http://127.0.0.1:{serving.server_port}/model.onnx"
+        serving.shutdown()
+
+
+def test_a_download_is_checked_and_kept(server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("METRIC_TREE_CACHE", str(tmp_path / "cache"))
+    right = hashlib.sha256((tmp_path / "served" / "model.onnx").read_bytes()).hexdigest()
+    entry = RegisteredDetector("made", "", (server,), right, "CC0-1.0", "torchvision", "coco_80")
+    with pytest.raises(BadScene, match="sha256"):
+        downloaded(replace(entry, sha256="0" * 64))
+    kept = downloaded(entry)
+    assert kept.is_relative_to(tmp_path / "cache")
+    assert detector_at(kept).labels[62] == "chair"
+    gone = "http://127.0.0.1:9/x"
+    with pytest.raises(BadScene, match="download"):
+        downloaded(replace(entry, name="gone", urls=(gone,)))
+    assert downloaded(replace(entry, name="moved", urls=(gone, server))).is_file()  # the second address has it

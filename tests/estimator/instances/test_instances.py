@@ -1,0 +1,223 @@
+"""Instance masks: COCO in all its spellings against pycocotools, joins by name, other sizes, OpenSfM's pictures."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pycocotools import mask as coco
+
+from estimator.instances.crops import crop_at
+from estimator.instances.masks import box_mask, coco_mask
+from estimator.reading import instances_and_warnings, instances_at
+from estimator.scene import BadScene, Camera, Instance, Scene, View
+
+HERE = Path("instances.json")
+
+
+def scene_of(folder: Path, *names: str, width: int = 40, height: int = 30) -> Scene:
+    """A scene with views of these names and one point."""
+    camera = Camera("SIMPLE_PINHOLE", width, height, np.array([30.0, width / 2, height / 2]))
+    no_keypoints = (np.empty((0, 2)), np.empty(0, dtype=np.int64))
+    views = tuple(View(name, camera, np.eye(3), np.zeros(3), *no_keypoints) for name in names)
+    return Scene(folder, "memory", views, np.array([[0.0, 0.0, 1.0]]))
+
+
+def dataset(annotations: list[dict[str, Any]], *names: str, size: tuple[int, int] | None = (40, 30)) -> dict[str, Any]:
+    images: list[dict[str, Any]] = [{"id": 10 * row, "file_name": name} for row, name in enumerate(names, start=1)]
+    if size:
+        images = [image | {"width": size[0], "height": size[1]} for image in images]
+    named = [{"image_id": 10, "category_id": 3} | annotation for annotation in annotations]
+    return {"images": images, "categories": [{"id": 3, "name": "mug"}], "annotations": named}
+
+
+def written(folder: Path, document: object, name: str = "instances.json") -> Path:
+    (folder / name).write_text(json.dumps(document), encoding="utf-8")
+    return folder / name
+
+
+def pasted(instance: Instance, camera: Camera) -> np.ndarray:
+    """(h, w) the mask in its whole picture."""
+    whole = np.zeros((camera.height, camera.width), dtype=bool)
+    (x, y), (height, width) = instance.origin, instance.mask.shape
+    whole[y : y + height, x : x + width] = instance.mask
+    return whole
+
+
+masks = st.integers(0, 2**32 - 1).map(
+    lambda seed: cv2.blur(np.random.default_rng(seed).random((30, 40)), (5, 5)) > 0.5,
+)
+
+
+@settings(deadline=None)
+@given(mask=masks, compressed=st.booleans())
+def test_run_lengths_are_pycocotools(mask: np.ndarray, compressed: bool) -> None:
+    runs = coco.encode(np.asfortranarray(mask, dtype=np.uint8))
+    counts: Any = runs["counts"].decode()
+    if not compressed:
+        edges = np.flatnonzero(np.diff(mask.T.ravel().astype(int), prepend=0))
+        counts = np.diff([0, *edges, mask.size]).tolist()
+    read = coco_mask(HERE, "a", {"size": [30, 40], "counts": counts}, (1, 1))
+    np.testing.assert_array_equal(read, mask)
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), corners=st.integers(3, 12), parts=st.integers(1, 3))
+def test_polygons_are_pycocotools(seed: int, corners: int, parts: int) -> None:
+    rng = np.random.default_rng(seed)
+    polygons = [(rng.random((corners, 2)) * (40, 30)).ravel().tolist() for _ in range(parts)]
+    runs = coco.merge(coco.frPyObjects(polygons, 30, 40))
+    np.testing.assert_array_equal(coco_mask(HERE, "a", polygons, (40, 30)), coco.decode(runs).astype(bool))
+
+
+def test_a_polygon_far_beyond_the_picture_is_cut_to_it() -> None:
+    everything = coco_mask(HERE, "a", [[-1e9, -1e9, 1e9, -1e9, 1e9, 1e9, -1e9, 1e9]], (40, 30))
+    assert everything.all()
+    with pytest.raises(BadScene, match="outlines of at most"):
+        coco_mask(HERE, "a", [[0, 0, 50_000, 0] * 100 + [0, 9]], (50_000, 100))
+
+
+@pytest.mark.parametrize(
+    ("box", "rows", "columns"),
+    [([2, 3, 4, 5], (3, 8), (2, 6)), ([-5, -5, 10, 10], (0, 5), (0, 5)), ([35.6, 0, 100, 1.4], (0, 1), (36, 40))],
+)
+def test_boxes_hold_the_pixels_whose_centres_they_hold(
+    box: list[float], rows: tuple[int, int], columns: tuple[int, int]
+) -> None:
+    expected = np.zeros((30, 40), dtype=bool)
+    expected[slice(*rows), slice(*columns)] = True
+    np.testing.assert_array_equal(box_mask(HERE, "a", box, (40, 30)), expected)
+
+
+def test_a_dataset_with_masks_boxes_scores_and_tracks(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "a.png", "b.png")
+    mask = np.zeros((30, 40), dtype=bool)
+    mask[4:9, 6:20] = True
+    runs = coco.encode(np.asfortranarray(mask, dtype=np.uint8))
+    annotations = [
+        {"id": 5, "segmentation": {"size": [30, 40], "counts": runs["counts"].decode()}, "track_id": 8, "score": 0.5},
+        {"bbox": [1, 2, 3, 4], "image_id": 20},
+        {"segmentation": [], "bbox": [1, 2, 3, 4]},
+    ]
+    written(tmp_path, dataset(annotations, "a.png", "b.png"))
+    first, second, third = instances_at(scene)
+    np.testing.assert_array_equal(pasted(first, scene.views[0].camera), mask)
+    assert (first.id, first.view, first.category, first.score, first.track) == ("5", 0, "mug", 0.5, "8")
+    assert not first.from_box
+    assert (second.view, second.origin, second.mask.shape, second.from_box) == (1, (1, 2), (4, 3), True)
+    assert third.from_box
+
+
+def test_joined_by_name_then_base_name_never_by_id(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "left/a.png", "right/a.png", "left/b.png", "c.png")
+    boxes = [{"bbox": [1, 1, 5, 5], "image_id": number} for number in (10, 20, 30, 40, 50)]
+    names = ("right/a.png", "deep/b.png", "./c.png", "a.png", "nowhere.png")
+    written(tmp_path, dataset(boxes, *names))
+    instances, warnings = instances_and_warnings(scene)
+    assert [instance.view for instance in instances] == [1, 2, 3], (
+        "two views are called a.png, so the bare name is none"
+    )
+    assert any("2 of 5 images match no view, such as 'a.png'" in warning for warning in warnings)
+
+
+def test_crowds_and_empty_masks_are_left_out_and_told(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "a.png")
+    empty = {"size": [30, 40], "counts": [1200]}
+    crowd = {"size": [30, 40], "counts": [0, 1200]}
+    annotations = [{"segmentation": empty}, {"segmentation": crowd, "iscrowd": 1}, {"bbox": [1, 1, 2, 2]}]
+    written(tmp_path, dataset(annotations, "a.png"))
+    instances, warnings = instances_and_warnings(scene)
+    assert len(instances) == 1
+    assert any("1 crowd" in warning for warning in warnings)
+    assert any("1 masks without a pixel" in warning for warning in warnings)
+
+
+@settings(max_examples=40, deadline=None)
+@given(mask=masks, width=st.integers(1, 100), height=st.integers(1, 100))
+def test_another_size_is_resampled_at_pixel_centres(mask: np.ndarray, width: int, height: int) -> None:
+    camera = Camera("SIMPLE_PINHOLE", width, height, np.array([30.0, 1.0, 1.0]))
+    expected = np.zeros((height, width), dtype=bool)
+    for y in range(height):
+        for x in range(width):
+            expected[y, x] = mask[int((y + 0.5) * 30 / height), int((x + 0.5) * 40 / width)]
+    crop = crop_at(mask, camera)
+    if crop is None:
+        assert not expected.any()
+    else:
+        np.testing.assert_array_equal(pasted(Instance("1", 0, "mug", *crop), camera), expected)
+
+
+def test_a_turned_picture_is_told(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "a.png")
+    written(tmp_path, dataset([{"bbox": [1, 1, 9, 9]}], "a.png", size=(30, 40)))
+    assert any("another shape" in warning for warning in instances_and_warnings(scene)[1])
+
+
+def test_results_take_names_from_beside_or_from_categories(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "a.png")
+    frame = dataset([], "a.png")
+    results = written(tmp_path, [{"image_id": 10, "category_id": 3, "bbox": [1, 2, 3, 4], "score": 0.25}], "found.json")
+    with pytest.raises(BadScene, match=r"--categories.*no file found_categories\.json"):
+        instances_at(scene, results)
+    other = written(tmp_path, frame, "other.json")
+    (instance,) = instances_at(scene, results, other)
+    assert (instance.category, instance.score, instance.from_box) == ("mug", 0.25, True)
+    assert instances_and_warnings(scene, results, other)[1] == ()
+    written(tmp_path, frame, "found_categories.json")
+    assert len(instances_at(scene, results)) == 1
+
+
+def test_categories_beside_a_dataset_are_told_not_read(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "a.png")
+    annotation = {"id": 1, "image_id": 10, "category_id": 3, "bbox": [1, 2, 3, 4]}
+    whole = written(tmp_path, dataset([annotation], "a.png"), "whole.json")
+    assert instances_and_warnings(scene, whole)[1] == ()
+    (line,) = instances_and_warnings(scene, whole, "other.json")[1]
+    assert line.startswith("--categories other.json: not read")
+
+
+def pictures(folder: Path, names: dict[str, str], **pixels: np.ndarray) -> Path:
+    (folder / "instances").mkdir()
+    written(folder / "instances", names, "categories.json")
+    for name, values in pixels.items():
+        (folder / "instances" / f"{name}.jpg.png").write_bytes(cv2.imencode(".png", values)[1].tobytes())
+    return folder / "instances"
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_pictures_whose_values_are_objects(dtype: type, tmp_path: Path) -> None:
+    values = np.zeros((30, 40), dtype=dtype)
+    values[2:8, 2:8], values[2:8, 30:38], values[20:25, 5:9], values[28:, :] = 1, 1, 2, 200
+    pictures(tmp_path, {"1": "chair", "2": "chair"}, a=values)
+    instances, warnings = instances_and_warnings(scene_of(tmp_path, "a.jpg", "b.jpg"))
+    assert [(instance.view, instance.category, instance.mask.sum()) for instance in instances] == [
+        (0, "chair", 36 + 48),
+        (0, "chair", 20),
+    ]
+    assert any("read as objects" in warning for warning in warnings)
+
+
+def test_pictures_whose_values_are_categories(tmp_path: Path) -> None:
+    values = np.zeros((30, 40), dtype=np.uint8)
+    values[2:12, 2:12], values[2:8, 30:38], values[20, 20] = 1, 1, 1  # two chairs and a speck
+    values[20:25, 5:9] = 2
+    pictures(tmp_path, {"1": "chair", "2": "cup"}, a=values)
+    instances, warnings = instances_and_warnings(scene_of(tmp_path, "a.jpg"))
+    assert [(instance.category, instance.mask.sum()) for instance in instances] == [
+        ("chair", 100),
+        ("chair", 48),
+        ("cup", 20),
+    ]
+    assert any("read as categories" in warning for warning in warnings)
+
+
+def test_pictures_of_three_channels_are_refused(tmp_path: Path) -> None:
+    pictures(tmp_path, {"1": "chair"}, a=np.ones((30, 40, 3), dtype=np.uint8))
+    with pytest.raises(BadScene, match="channels: expected 1"):
+        instances_at(scene_of(tmp_path, "a.jpg"))

@@ -1,0 +1,133 @@
+"""The figure: what stands in it, in which units, and that it is whole or not there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from estimator.outputs.figure import figure, write_figure
+from estimator.outputs.plan import COLOURS
+from estimator.pipeline import SceneEstimate
+from estimator.posterior.grid import Curve
+from estimator.scene import BadScene
+from tests.made.drawn import SCALE, drawn_estimate
+from tests.made.small_scene import write_small_scene
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("figure") / "whole"
+    write_small_scene(place)
+    return place / "colmap"
+
+
+@pytest.fixture(scope="module")
+def estimate(folder: Path) -> SceneEstimate:
+    return drawn_estimate(folder)
+
+
+def panels(drawn: Figure) -> tuple[Axes, Axes, Axes, Axes]:
+    """Posterior, objects, plan and elevation."""
+    head, body, above, side = drawn.axes
+    return head, body, above, side
+
+
+def test_the_posterior_with_interval_and_modes(estimate: SceneEstimate) -> None:
+    head, _, _, _ = panels(figure(estimate))
+    assert "0.5 m per scene unit" in head.get_title(loc="left")
+    assert "90% between 0.4 and 0.6" in head.get_title(loc="left")
+    lines = [float(line.get_xdata()[0]) for line in head.lines if len(line.get_xdata()) == 2]
+    assert sorted(lines) == [SCALE, 0.9], "both modes are marked"
+    (shade,) = head.collections
+    corners = shade.get_paths()[0].get_extents()
+    assert (corners.x0, corners.x1) == pytest.approx((0.4, 0.6), abs=0.005)
+
+
+def test_the_interval_ends_at_the_same_place_in_both_panels(estimate: SceneEstimate) -> None:
+    coarse = replace(estimate.result, curve=thinned(estimate.result.curve), object_curves={})
+    (shade,) = panels(figure(replace(estimate, result=coarse)))[0].collections
+    (band,) = panels(figure(estimate))[1].patches
+    above = shade.get_paths()[0].get_extents()
+    assert (above.x0, above.x1) == pytest.approx((0.4, 0.6), rel=1e-9)
+    assert (band.get_x(), band.get_x() + band.get_width()) == pytest.approx((0.4, 0.6), rel=1e-9)
+
+
+def thinned(curve: Curve | None) -> Curve:
+    """Every 20th point, so that none lies at the interval's ends."""
+    assert curve is not None
+    return Curve(curve.log_scale[::20], curve.density[::20], 0.0, 0.0)
+
+
+def test_a_result_without_a_scene_is_drawn_alone(estimate: SceneEstimate) -> None:
+    head, body = figure(estimate.result).axes
+    assert "0.5 m per scene unit" in head.get_title(loc="left")
+    assert len(body.get_yticklabels()) == 2
+
+
+def test_every_object_has_a_row_of_its_own_in_the_colour_of_its_verdict(estimate: SceneEstimate) -> None:
+    _, body, _, _ = panels(figure(estimate))
+    labels = {label.get_text(): label.get_color() for label in body.get_yticklabels()}
+    assert labels == {"chair 1": COLOURS["used"], "table 2": COLOURS["outlier"]}
+    curves = [line for line in body.lines if len(line.get_xdata()) > 2]
+    for curve, scale in zip(curves, (0.48, 0.9), strict=True):
+        peak = curve.get_xdata()[np.nanargmin(curve.get_ydata())]
+        assert peak == pytest.approx(scale, rel=0.02)
+    assert "1 used, 1 outliers, 0 skipped" in body.get_xlabel()
+
+
+def test_the_plan_is_in_metres(estimate: SceneEstimate) -> None:
+    _, _, above, side = panels(figure(estimate))
+    sizes = sorted(tuple(sorted(patch.get_extents().bounds[2:])) for patch in outlines(above))
+    # the boxes lie along the axes: 0.6 x 0.4 and half of it, in units of half a metre
+    assert sizes[-1] == pytest.approx((0.4 * SCALE, 0.6 * SCALE)), "furniture lies along the paper"
+    heights = sorted(patch.get_extents().bounds[3] for patch in outlines(side))
+    assert heights == pytest.approx([0.4 * SCALE, 0.8 * SCALE])
+    areas = sorted(polygon_area(patch.vertices) for patch in outlines(above))
+    assert areas == pytest.approx([0.3 * 0.2 * SCALE**2, 0.6 * 0.4 * SCALE**2])
+
+
+def outlines(axes: Axes) -> list:
+    return [patch.get_path() for patch in axes.patches if not patch.get_fill()]
+
+
+def polygon_area(vertices: np.ndarray) -> float:
+    x, y = vertices.T
+    return 0.5 * abs(float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg"])
+def test_written_in_the_format_of_its_name(suffix: str, estimate: SceneEstimate, tmp_path: Path) -> None:
+    file = tmp_path / f"scale{suffix}"
+    write_figure(estimate, file)
+    assert [path.name for path in tmp_path.iterdir()] == [file.name]
+    assert file.read_bytes()[:4] in (b"\x89PNG", b"%PDF", b"<?xm")
+    if suffix == ".png":
+        assert cv2.imread(str(file)).std() > 10
+
+
+def test_nothing_is_left_of_a_figure_that_fails(estimate: SceneEstimate, tmp_path: Path) -> None:
+    with pytest.raises(BadScene, match=r"ends in \.png"):
+        write_figure(estimate, tmp_path / "scale.jpq")
+    with pytest.raises(BadScene, match="a place that can be written"):
+        write_figure(estimate, tmp_path / "nowhere" / "scale.png")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_method_that_measures_no_object_is_drawn_without_boxes(estimate: SceneEstimate) -> None:
+    bare = replace(estimate, measurements=None, result=replace(estimate.result, up=None, object_curves={}))
+    head, body, above, side = panels(figure(bare))
+    assert head.axison
+    assert not body.axison
+    assert not above.axison
+    assert not side.axison
+
+
+def test_an_unresolved_result_gives_no_posterior_panel(estimate: SceneEstimate) -> None:
+    nothing = replace(estimate, result=replace(estimate.result, scale=None, interval=None))
+    assert not panels(figure(nothing))[0].axison

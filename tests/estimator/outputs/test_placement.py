@@ -1,0 +1,48 @@
+"""Labels: on the canvas, near their things, off each other while there is room."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator.outputs.placement import placed_labels
+
+CANVAS = (1600, 1200)
+
+
+def boxes(seed: int, n: int) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    low = rng.uniform(0, 1, (n, 2)) * (1500, 1100)
+    return np.hstack([low, low + rng.uniform(10, 100, (n, 2))]), rng.uniform([100, 40], [220, 90], (n, 2))
+
+
+@settings(max_examples=30, deadline=None)
+@given(seed=st.integers(0, 9999), n=st.integers(0, 30))
+def test_labels_stay_on_the_canvas(seed: int, n: int) -> None:
+    things, sizes = boxes(seed, n)
+    corners = placed_labels(things, sizes, CANVAS)
+    assert corners.shape == (n, 2)
+    assert (corners >= 0).all()
+    assert (corners + sizes <= CANVAS).all()
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 9999))
+def test_few_labels_do_not_overlap(seed: int) -> None:
+    things, sizes = boxes(seed, 6)
+    corners = placed_labels(things, sizes, CANVAS)
+    for a in range(6):
+        for b in range(a):
+            gap = np.maximum(corners[a] - corners[b] - sizes[b], corners[b] - corners[a] - sizes[a])
+            assert gap.max() > -1, "no line of text is hidden"
+
+
+def test_a_lone_label_lies_beside_its_thing() -> None:
+    thing = np.array([[700.0, 500.0, 760.0, 540.0]])
+    size = np.array([[120.0, 50.0]])
+    (corner,) = placed_labels(thing, size, CANVAS)
+    middle = corner + size[0] / 2
+    assert np.linalg.norm(middle - (730, 520)) < 120
+    covered = np.minimum(corner + size[0], thing[0, 2:]) - np.maximum(corner, thing[0, :2])
+    assert covered.min() < 25, "it does not hide the whole of it"

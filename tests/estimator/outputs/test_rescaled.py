@@ -1,0 +1,144 @@
+"""Models written at metric scale: read back by us and by pycolmap, equal to COLMAP's own transform."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from estimator.outputs.rescaled import TRANSFORM, write_scaled
+from estimator.reading import scene_at
+from estimator.scene import BadScene, Scene
+from tests.made.small_scene import small_model, write_small_scene
+
+SCALE = 0.37897
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("rescaled") / "whole"
+    write_small_scene(folder)
+    return folder
+
+
+def check_scaled(scene: Scene, scaled: Scene, scale: float) -> None:
+    np.testing.assert_allclose(scaled.points, scene.points * scale, rtol=1e-15)
+    for view, other in zip(scene.views, scaled.views, strict=True):
+        assert other.name == view.name
+        np.testing.assert_array_equal(other.rotation, view.rotation)
+        np.testing.assert_allclose(other.translation, view.translation * scale, rtol=1e-15)
+        np.testing.assert_array_equal(other.keypoints, view.keypoints)
+        np.testing.assert_array_equal(other.point_index, view.point_index)
+
+
+@pytest.mark.parametrize("form", ["colmap", "text", "opensfm"])
+def test_every_form_reads_back_scaled(form: str, small: Path, tmp_path: Path) -> None:
+    scene = scene_at(small / form)
+    write_scaled(scene, SCALE, tmp_path / "metric")
+    scaled = scene_at(tmp_path / "metric")
+    check_scaled(scene, scaled, SCALE)
+    if scene.dense is not None:
+        assert scaled.dense is not None
+        np.testing.assert_allclose(scaled.dense.points, scene.dense.points * SCALE, rtol=1e-6)
+        np.testing.assert_array_equal(scaled.dense.visible_views, scene.dense.visible_views)
+
+
+def test_visibility_counts_the_views_of_the_written_model(small: Path, tmp_path: Path) -> None:
+    """The cloud's own model, whose order differs from the shots', is not written with it."""
+    document = json.loads((small / "opensfm" / "reconstruction.json").read_text(encoding="utf-8"))
+    document[0]["shots"] = dict(reversed(document[0]["shots"].items()))
+    (tmp_path / "in").mkdir()
+    (tmp_path / "in" / "reconstruction.json").write_text(json.dumps(document), encoding="utf-8")
+    scene = scene_at(tmp_path / "in", small / "colmap" / "dense.ply")
+    write_scaled(scene, SCALE, tmp_path / "out")
+    scaled = scene_at(tmp_path / "out")
+    assert scene.dense is not None
+    assert scaled.dense is not None
+    np.testing.assert_array_equal(scaled.dense.visible_offsets, scene.dense.visible_offsets)
+    np.testing.assert_array_equal(scaled.dense.visible_views, scene.dense.visible_views)
+
+
+@pytest.mark.parametrize("suffix", ["bin", "txt"])
+def test_colmap_reads_what_its_own_transform_gives(suffix: str, tmp_path: Path) -> None:
+    """Rigs with several sensors included: every pose of the five files is scaled."""
+    folder = tmp_path / "scene" / "sparse" / "0"
+    folder.mkdir(parents=True)
+    reconstruction = small_model()
+    (reconstruction.write_binary if suffix == "bin" else reconstruction.write_text)(str(folder))
+    write_scaled(scene_at(tmp_path / "scene"), SCALE, tmp_path / "metric")
+    scaled = pycolmap.Reconstruction(str(tmp_path / "metric" / "sparse" / "0"))
+    reconstruction.transform(pycolmap.Sim3d(SCALE, pycolmap.Rotation3d(), np.zeros(3)))
+    assert sorted(scaled.images) == sorted(reconstruction.images)
+    for key, image in reconstruction.images.items():
+        np.testing.assert_allclose(
+            scaled.images[key].cam_from_world().matrix(), image.cam_from_world().matrix(), atol=1e-12
+        )
+    for key, point in reconstruction.points3D.items():
+        np.testing.assert_allclose(scaled.points3D[key].xyz, point.xyz, rtol=1e-12)
+        assert len(scaled.points3D[key].track.elements) == len(point.track.elements)
+    for key, rig in reconstruction.rigs.items():
+        for sensor, pose in rig.non_ref_sensors.items():
+            np.testing.assert_allclose(scaled.rigs[key].non_ref_sensors[sensor].matrix(), pose.matrix(), atol=1e-12)
+
+
+def test_the_transform_file_is_colmaps(small: Path, tmp_path: Path) -> None:
+    write_scaled(scene_at(small / "colmap"), SCALE, tmp_path / "metric")
+    words = (tmp_path / "metric" / TRANSFORM).read_text(encoding="utf-8").split()
+    assert [float(word) for word in words] == [SCALE, 1, 0, 0, 0, 0, 0, 0]
+
+
+def test_only_the_chosen_reconstruction_is_written(small: Path, tmp_path: Path) -> None:
+    document = json.loads((small / "opensfm" / "reconstruction.json").read_text(encoding="utf-8"))
+    name, shot = next(iter(document[0]["shots"].items()))
+    rigs = {"rig_instances": {"r": {"rotation": [0, 0, 0], "translation": [1, 2, 4], "rig_camera_ids": {}}}}
+    (tmp_path / "in").mkdir()
+    several = json.dumps([document[0] | {"shots": {name: shot}}, document[0] | rigs])
+    (tmp_path / "in" / "reconstruction.json").write_text(several, encoding="utf-8")
+    write_scaled(scene_at(tmp_path / "in"), 0.5, tmp_path / "out")
+    (written,) = json.loads((tmp_path / "out" / "reconstruction.json").read_text(encoding="utf-8"))
+    assert len(written["shots"]) == 8
+    assert written["rig_instances"]["r"]["translation"] == [0.5, 1, 2]
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_big_endian"])
+def test_clouds_of_other_forms(form: str, small: Path, tmp_path: Path) -> None:
+    lines = ["ply", f"format {form} 1.0", "element vertex 2", "property double x", "property double y"]
+    header = "\n".join([*lines, "property uchar q", "property double z", "end_header", ""]).encode("ascii")
+    rows = np.array([(1, 2, 7, 3), (4, 5, 8, 6)], dtype=[("x", ">f8"), ("y", ">f8"), ("q", "u1"), ("z", ">f8")])
+    (tmp_path / "in").mkdir()
+    for file in (small / "text").glob("*.txt"):
+        (tmp_path / "in" / file.name).write_bytes(file.read_bytes())
+    (tmp_path / "in" / "fused.ply").write_bytes(header + (b"1 2 7 3\n4 5 8 6\n" if form == "ascii" else rows.tobytes()))
+    write_scaled(scene_at(tmp_path / "in"), SCALE, tmp_path / "out")
+    dense = scene_at(tmp_path / "out").dense
+    assert dense is not None
+    np.testing.assert_array_equal(dense.points, np.array([[1, 2, 3], [4, 5, 6]]) * SCALE)
+
+
+def test_nothing_is_left_where_writing_fails(small: Path, tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for file in (small / "colmap").glob("*.bin"):
+        (tmp_path / "in" / file.name).write_bytes(file.read_bytes())
+    scene = scene_at(tmp_path / "in")
+    (tmp_path / "in" / "frames.bin").write_bytes(b"\xff" * 8)
+    with pytest.raises(BadScene, match=r"frames\.bin"):
+        write_scaled(scene, SCALE, tmp_path / "metric")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
+
+
+def test_a_place_that_cannot_be_written_is_one_line(small: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    with pytest.raises(BadScene, match="--write-scaled: expected a place that can be written"):
+        write_scaled(scene_at(small / "colmap"), SCALE, tmp_path / "file" / "metric")
+
+
+def test_an_existing_folder_and_impossible_scales_are_refused(small: Path, tmp_path: Path) -> None:
+    scene = scene_at(small / "colmap")
+    with pytest.raises(BadScene, match="a folder that is not there yet"):
+        write_scaled(scene, SCALE, tmp_path)
+    for scale in (0.0, -1.0, float("nan"), float("inf")):
+        with pytest.raises(BadScene, match="a positive number"):
+            write_scaled(scene, scale, tmp_path / "metric")

@@ -1,0 +1,163 @@
+"""One object's likelihood against the definition, integrated by brute force."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import permutations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from estimator.posterior import assignments, likelihood
+from estimator.posterior.assignments import LOG_BOX, SHIFTS, VERTICAL, Layout, variants
+from estimator.posterior.likelihood import OUTLIER, rows, usable
+from estimator.posterior.posterior import object_curves
+from estimator.scene import FloatArray
+from metric_tree.prior import Prior
+from tests.made.priors import evidence, prior
+
+CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
+JOINT = np.zeros(1, dtype=bool)
+
+
+@pytest.fixture
+def no_gross_errors(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """The plain mixture: dimensions are cut or measured as their sigma says."""
+    monkeypatch.setattr(assignments, "GROSS", 0.0)
+    variants.cache_clear()
+    likelihood._table.cache_clear()
+    yield
+    variants.cache_clear()
+    likelihood._table.cache_clear()
+
+
+def _density(of: Prior, y: FloatArray, u: float, order: tuple[int, ...], sigma: float) -> float:
+    """Plain mixture density of log extents y assigned to the prior's axes by `order`, relative to the outlier's."""
+    x = y[list(order)] + u + math.log(1000)
+    total = 0.0
+    for weight, mean, covariance in zip(of.weights, of.means, of.covariances, strict=True):
+        spread = covariance + of.shared_covariance + sigma**2 * np.eye(3)
+        total += weight * multivariate_normal(mean, spread).pdf(x)
+    return total * LOG_BOX**3
+
+
+@pytest.mark.usefixtures("no_gross_errors")
+@given(st.floats(-2, 2), st.lists(st.floats(0.4, 2.5), min_size=3, max_size=3), st.floats(0.01, 0.2))
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_curve_is_the_mixture_on_the_line(u: float, stretch: list[float], sigma: float) -> None:
+    sizes = np.array([0.6, 0.55, 1.0]) * stretch
+    sizes[:2] = np.sort(sizes[:2])[::-1]
+    # far from equal sides, so that one order is sure
+    sizes[0] = max(sizes[0], sizes[1] * 2.4)
+    item = evidence(CHAIR, sizes, sigma=sigma)
+    found = object_curves([item], np.array([u, u + 1e-3]))[0, 0]
+    expected = (1 - OUTLIER) * _density(CHAIR, np.log(sizes), u, (0, 1, 2), sigma) + OUTLIER
+    assert found == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.usefixtures("no_gross_errors")
+def test_free_box_sums_all_orders() -> None:
+    sizes = np.array([1.0, 0.6, 0.5])
+    item = evidence(CHAIR, sizes, vertical_known=False)
+    found = object_curves([item], np.array([-0.05, 0.0]))[0, 1]
+    total = sum(_density(CHAIR, np.log(sizes), 0.0, order, 0.03) for order in permutations(range(3)))
+    assert found == pytest.approx((1 - OUTLIER) * total + OUTLIER, rel=2e-3)
+
+
+@pytest.mark.usefixtures("no_gross_errors")
+def test_lying_thing_may_stand() -> None:
+    book = prior("book.n.01", [(240, 170, 25)])
+    standing = evidence(book, (0.17, 0.025, 0.24), pose="flat")
+    found = object_curves([standing], np.array([-0.02, 0.0]))[0, 1]
+    # length stands up; width and height lie, in either order of the sorted sides
+    total = VERTICAL["flat"][0] * (
+        _density(book, np.log([0.17, 0.025, 0.24]), 0.0, (2, 0, 1), 0.03)
+        + _density(book, np.log([0.17, 0.025, 0.24]), 0.0, (2, 1, 0), 0.03)
+    )
+    assert found == pytest.approx((1 - OUTLIER) * total + OUTLIER, rel=2e-3)
+    upright = object_curves([evidence(book, (0.17, 0.025, 0.24))], np.array([-0.02, 0.0]))[0, 1]
+    assert upright < 2 * OUTLIER
+
+
+def test_missing_dimension_is_marginalised() -> None:
+    item = evidence(CHAIR, (math.nan, math.nan, 1.0))
+    found = object_curves([item], np.array([-0.01, 0.0]))[0, 1]
+    total = 0.0
+    for weight, mean, covariance in zip(CHAIR.weights, CHAIR.means, CHAIR.covariances, strict=True):
+        sd = math.sqrt(covariance[2, 2] + CHAIR.shared_covariance[2, 2] + 0.03**2)
+        z = (math.log(1000.0) - mean[2]) / sd
+        total += weight * math.exp(-(z**2) / 2) / (sd * math.sqrt(2 * math.pi))
+    assert found == pytest.approx((1 - OUTLIER) * total * LOG_BOX + OUTLIER, rel=2e-3)
+
+
+def test_cut_side_can_only_be_short() -> None:
+    """A cut height speaks against scales that make the thing too tall, not against those that make it too short."""
+    u = np.linspace(-2, 2, 401)
+    whole = object_curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03)], u)[0]
+    cut = object_curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03, cut=(False, False, True))], u)[0]
+    assert u[cut.argmax()] == pytest.approx(0.05, abs=0.08)  # length and width are right at scale one
+    assert cut.max() > 2 * whole.max()
+    tall = object_curves([evidence(CHAIR, (0.56, 0.54, 2.0), sigma=0.03, cut=(False, False, True))], u)[0]
+    assert tall.max() < cut.max() / 10
+
+
+@given(
+    st.sampled_from(["upright", "flat", "any"]),
+    st.booleans(),
+    st.lists(st.booleans(), min_size=3, max_size=3),
+    st.lists(st.booleans(), min_size=3, max_size=3),
+)
+def test_variants_are_a_distribution(pose: str, vertical: bool, missing: list[bool], cut: list[bool]) -> None:
+    if all(missing):
+        missing = [False, *missing[1:]]
+    layout = Layout(
+        pose, vertical, False, (missing[0], missing[1], missing[2]), (cut[0], cut[1], cut[2]), (True,) * 3, False
+    )
+    ways = variants(layout)
+    assert (ways.shift >= 0).all()
+    assert np.array_equal(np.sort(ways.measured, axis=1), np.tile([0, 1, 2], (len(ways.measured), 1)))
+    # the weights of the shifts of one assignment sum to that assignment's own weight
+    plain = variants(Layout(pose, vertical, False, layout.missing, (False,) * 3, (True,) * 3, bool(cut[0] or cut[1])))
+    boxes = np.exp(ways.log_weight - math.log(LOG_BOX) * ways.active.sum(axis=1))
+    assert boxes.sum() == pytest.approx(
+        np.exp(plain.log_weight - math.log(LOG_BOX) * plain.active.sum(axis=1)).sum(), rel=1e-9
+    )
+
+
+def test_one_gross_error_is_borne() -> None:
+    """A chair whose height is half of what it should be keeps its scale by the other two; two such make an outlier."""
+    u = np.linspace(-1.5, 1.5, 601)
+    one = object_curves([evidence(CHAIR, (0.56, 0.54, 0.48), sigma=0.02)], u)[0]
+    assert abs(u[one.argmax()]) < 0.2  # a joint fit would say 0.4
+    two = object_curves([evidence(CHAIR, (1.4, 0.54, 0.48), sigma=0.02)], u)[0]
+    assert two.max() < one.max() / 5
+
+
+def test_shifts_sum_to_one() -> None:
+    assert sum(weight for weight, *_ in SHIFTS) == pytest.approx(1)
+
+
+def test_a_low_score_makes_an_outlier_likelier() -> None:
+    sure = rows([evidence(CHAIR, (0.6, 0.5, 1.0))], JOINT)
+    unsure = rows([evidence(CHAIR, (0.6, 0.5, 1.0), score=0.3)], JOINT)
+    assert unsure.log_floor[0] > sure.log_floor[0]
+
+
+def test_usable_dimensions_are_those_of_the_prior() -> None:
+    keyboard = prior("keyboard.n.01", [(440, 150)], dims=("length", "width"))
+    assert usable([evidence(keyboard, (0.4, math.nan, 0.03))]).tolist() == [[True, False, False]]
+    sorted_prior = prior("stone.n.01", [(90, 60, 40)], dims=("extent1", "extent2", "extent3"))
+    assert usable([evidence(sorted_prior, (0.09, 0.04, 0.06))]).all()
+    assert usable([]).shape == (0, 3)
+
+
+def test_sorted_prior_sorts_the_object() -> None:
+    stone = prior("stone.n.01", [(90, 60, 40)], dims=("extent1", "extent2", "extent3"))
+    u = np.linspace(-1, 1, 201)
+    lying = object_curves([evidence(stone, (0.09, 0.06, 0.04))], u)
+    standing = object_curves([evidence(stone, (0.06, 0.04, 0.09))], u)
+    assert np.allclose(lying, standing)

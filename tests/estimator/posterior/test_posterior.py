@@ -1,0 +1,251 @@
+"""The posterior of whole scenes: against brute-force quadrature, known truths, and the contract's rules."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from estimator.posterior import grid
+from estimator.posterior.class_error import convolved, shared_error
+from estimator.posterior.grid import Curve, Mode
+from estimator.posterior.likelihood import Evidence, rows
+from estimator.posterior.posterior import posterior, status_of
+from estimator.scene import FloatArray
+from tests.estimator.posterior.test_symmetric import unpacked
+from tests.made.priors import evidence, prior
+
+CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
+DESK = prior("desk.n.01", [(1300, 680, 740)], spread=0.1)
+BOTTLE = prior("bottle.n.01", [(85, 80, 260), (75, 73, 200), (95, 90, 330)], spread=0.08, shared=0.1)
+
+
+def _drawn(of: object, scale: float, n: int, seed: int, sigma: float = 0.03) -> list[Evidence]:
+    generator = np.random.default_rng(seed)
+    sizes = of.sample(n, seed) / 1000 / scale * np.exp(generator.normal(0, sigma, (n, 3)))  # type: ignore[attr-defined]
+    sizes[:, :2] = np.sort(sizes[:, :2], axis=1)[:, ::-1]
+    return [evidence(of, size, sigma=sigma, name=str(i)) for i, size in enumerate(sizes)]  # type: ignore[arg-type]
+
+
+def _brute(items: list[Evidence], u: FloatArray, nodes: int = 16) -> FloatArray:
+    """Log E_e[prod_i p_i] by a tensor rule of Gauss and Hermite in three dimensions, (g,)."""
+    z, w = np.polynomial.hermite_e.hermegauss(nodes)
+    w = w / w.sum()
+    points = np.array(np.meshgrid(z, z, z, indexing="ij")).reshape(3, -1).T
+    weights = np.array(np.meshgrid(w, w, w, indexing="ij")).reshape(3, -1).prod(axis=0)
+    points, weights = points[weights > 1e-10], weights[weights > 1e-10]
+    e = points @ np.linalg.cholesky(shared_error(items[0].prior).covariance).T  # (q, 3)
+    parts = rows(items, np.zeros(len(items), dtype=bool))
+    floor = np.exp(parts.log_floor)
+    values = []
+    for at in u:
+        off = (at - e)[:, None, :] - parts.residual.T  # (q, m, 3)
+        density = np.exp(parts.log_weight - 0.5 * np.einsum("qmi,mij,qmj->qm", off, unpacked(parts.precision), off))
+        per_object = np.add.reduceat(density, parts.start, axis=1) + floor
+        values.append(math.log(float(weights @ per_object.prod(axis=1))))
+    return np.array(values)
+
+
+def _moments(u: FloatArray, log_density: FloatArray) -> tuple[float, float]:
+    mass = np.exp(log_density - log_density.max())
+    mass /= mass.sum()
+    mean = float(mass @ u)
+    return mean, math.sqrt(float(mass @ (u - mean) ** 2))
+
+
+@pytest.mark.parametrize("count", [2, 3, 6])
+@pytest.mark.parametrize("wrong", [False, True])
+@pytest.mark.parametrize("cut", [False, True])
+def test_shared_error_against_quadrature(count: int, wrong: bool, cut: bool) -> None:
+    """The accuracy that `class_error` states, in the posterior's own standard deviation."""
+    items = _drawn(BOTTLE, 0.4, count, seed=count)
+    if cut:
+        items[-1] = evidence(BOTTLE, items[-1].object.extents * [0.6, 1, 1], cut=(True, False, False))
+    if wrong:
+        items[0] = evidence(BOTTLE, items[0].object.extents * [2.0, 1.3, 0.7])
+    found = posterior(items)
+    expected_mean, expected_sd = _moments(found.coarse, _brute(items, found.coarse))
+    mean, sd = _moments(found.coarse, found.class_log_likelihood[0])
+    assert abs(mean - expected_mean) < (0.06 if wrong else 0.03) * expected_sd
+    assert sd == pytest.approx(expected_sd, rel=0.03 if wrong else 0.01)
+
+
+def test_one_object_has_the_class_error_in_closed_form() -> None:
+    items = _drawn(CHAIR, 2.0, 1, seed=3)
+    found = posterior(items)
+    expected = _brute(items, found.coarse, nodes=24)
+    shown = expected > expected.max() - 8
+    off = (found.class_log_likelihood[0] - expected)[shown]
+    assert np.abs(off).max() < 0.02
+
+
+@given(st.floats(-6, 6), st.integers(0, 50))
+@settings(max_examples=25, deadline=None)
+def test_scale_follows_the_unit(log_scale: float, seed: int) -> None:
+    """Measuring in another unit multiplies the answer and changes nothing else."""
+    scale = math.exp(log_scale)
+    items = [*_drawn(CHAIR, 1.0, 2, seed), *_drawn(DESK, 1.0, 1, seed + 1)]
+    moved = [evidence(i.prior, i.object.extents / scale, name=i.object.id) for i in items]
+    here, there = posterior(items), posterior(moved)
+    assert there.modes[0].scale / scale == pytest.approx(here.modes[0].scale, rel=2e-3)
+    assert there.interval[0] / scale == pytest.approx(here.interval[0], rel=4e-3)
+    assert there.weight == pytest.approx(here.weight, abs=0.02)
+
+
+def test_a_class_saturates() -> None:
+    """Forty chairs know no more than the error they share lets them; a desk adds what the forty-first cannot."""
+
+    def width(items: list[Evidence]) -> float:
+        low, high = posterior(items).interval
+        return math.log(high / low)
+
+    chairs = _drawn(CHAIR, 1.0, 41, seed=5)
+    shared_only = 2 * 1.645 * shared_error(CHAIR).along_sd
+    assert width(chairs[:40]) == pytest.approx(shared_only, rel=0.25)
+    assert width(chairs[:40]) > 0.97 * shared_only
+    with_desk = width([*chairs[:40], *_drawn(DESK, 1.0, 1, seed=6)])
+    assert with_desk < 0.9 * width(chairs)
+
+
+def test_no_jacobian_bias() -> None:
+    """The paper's product is low by c^2 / (1 + c^2) for a class of spread c; in log space nothing is lost."""
+    can = prior("can.n.01", [(80, 78, 200)], spread=0.3, shared=0.03)
+    errors = [math.log(posterior(_drawn(can, 0.5, 20, seed)).modes[0].scale / 0.5) for seed in range(12)]
+    assert abs(np.mean(errors)) < 0.04
+
+
+def test_a_wrong_label_has_no_veto() -> None:
+    items = [*_drawn(CHAIR, 1.0, 3, 0), *_drawn(DESK, 1.0, 2, 1), *_drawn(BOTTLE, 1.0, 2, 2)]
+    without = posterior(items)
+    bucket = evidence(CHAIR, (0.27, 0.26, 0.25), name="bucket")
+    found = posterior([*items, bucket])
+    assert found.modes[0].scale == pytest.approx(without.modes[0].scale, rel=0.03)
+    assert found.weight[-1] < 0.05
+    assert found.weight[:-1].min() > 0.5
+    assert found.own_scale[-1] > 2
+
+
+def test_contradiction_is_refused() -> None:
+    """Two classes that are sure of different scales: both modes stand, with their masses, and no answer is given."""
+    items = [evidence(CHAIR, (0.56, 0.54, 0.95)), evidence(DESK, (2.6, 1.36, 1.48))]
+    found = posterior(items)
+    assert found.status == "unresolved"
+    assert len(found.modes) >= 2
+    assert sum(mode.mass for mode in found.modes) == pytest.approx(1, abs=0.02)
+
+
+def test_hatchback_or_saloon_at_any_scale() -> None:
+    """The evidence of the proportions picks the component, whatever the unit."""
+    car = prior("car.n.01", [(3900, 1750, 1500), (4900, 1850, 1450)], spread=0.025, shared=0.03)
+    for scale in (0.01, 1.0, 30.0):
+        hatchback = posterior([evidence(car, np.array([3.9, 1.75, 1.5]) / scale, sigma=0.02)])
+        saloon = posterior([evidence(car, np.array([4.9, 1.85, 1.45]) / scale, sigma=0.02)])
+        assert hatchback.modes[0].scale == pytest.approx(scale, rel=0.02)
+        assert saloon.modes[0].scale == pytest.approx(scale, rel=0.02)
+        assert hatchback.modes[0].mass > 0.75
+        assert saloon.modes[0].mass > 0.75
+
+
+def test_known_length_decides() -> None:
+    items = _drawn(CHAIR, 1.0, 2, 0)
+    known = np.array([[math.log(1.04), 0.002]])
+    found = posterior(items, known)
+    assert found.modes[0].scale == pytest.approx(1.04, rel=1e-3)
+    low, high = found.interval
+    assert math.log(high / low) == pytest.approx(2 * 1.645 * 0.002, rel=0.1)
+
+
+def test_known_length_alone() -> None:
+    found = posterior([], np.array([[math.log(0.3), 0.01]]))
+    assert found.status == "resolved"
+    assert found.modes[0].scale == pytest.approx(0.3, rel=1e-3)
+    assert math.log(found.interval[1] / 0.3) == pytest.approx(1.645 * 0.01, rel=0.05)
+
+
+def test_nothing_is_an_error() -> None:
+    with pytest.raises(ValueError, match="neither"):
+        posterior([])
+
+
+def test_leaving_a_class_out_is_the_scene_without_it() -> None:
+    items = [*_drawn(CHAIR, 1.0, 3, 0), *_drawn(DESK, 1.0, 1, 1)]
+    _, modes, interval = posterior(items).without("desk.n.01")
+    alone = posterior(items[:3])
+    assert modes[0].scale == pytest.approx(alone.modes[0].scale, rel=2e-3)
+    assert interval == pytest.approx(alone.interval, rel=5e-3)
+
+
+def test_coverage_of_the_interval() -> None:
+    """Objects drawn as the model says: the 90 % interval holds the truth in about nine of ten scenes."""
+    generator = np.random.default_rng(8)
+    held = 0
+    for number in range(150):
+        items = []
+        for of in (CHAIR, DESK, BOTTLE):
+            error = generator.multivariate_normal(np.zeros(3), shared_error(of).covariance)
+            for _ in range(int(generator.integers(1, 4))):
+                k = generator.choice(len(of.weights), p=of.weights)
+                x = generator.multivariate_normal(of.means[k], of.covariances[k]) + error
+                sizes = np.exp(x + generator.normal(0, 0.03, 3)) / 1000
+                sizes[:2] = np.sort(sizes[:2])[::-1]
+                items.append(evidence(of, sizes, name=str(number)))
+        low, high = posterior(items).interval
+        held += low <= 1.0 <= high
+    assert 0.84 * 150 <= held <= 0.96 * 150
+
+
+def test_status_rule_of_the_contract() -> None:
+    best = Mode(1.0, 0.85)
+    assert status_of([best, Mode(1.24, 0.15)], (0.9, 1.3)) == "resolved"
+    assert status_of([best, Mode(1.26, 0.15)], (0.9, 1.3)) == "unresolved"
+    assert status_of([best, Mode(0.79, 0.15)], (0.7, 1.1)) == "unresolved"
+    assert status_of([best, Mode(1.5, 0.09)], (0.9, 1.3)) == "resolved"
+    assert status_of([best], (0.7, 0.7 * 1.81)) == "unresolved"
+
+
+@given(st.floats(0.03, 0.4), st.floats(-0.5, 0.5), st.floats(0.6, 0.99))
+@settings(deadline=None, max_examples=40)
+def test_interval_and_mode_of_a_gaussian(sd: float, mean: float, level: float) -> None:
+    u = grid.evidence_grid(np.array([mean]), np.array([sd]), np.array([8 * sd]))
+    curve = grid.curve(u, -0.5 * ((u - mean) / sd) ** 2, np.zeros((0, 2)))
+    half = norm.ppf((1 + level) / 2) * sd
+    low, high = grid.interval(curve, level)
+    assert math.log(low) == pytest.approx(mean - half, abs=0.02 * sd)
+    assert math.log(high) == pytest.approx(mean + half, abs=0.02 * sd)
+    assert math.log(grid.modes(curve)[0].scale) == pytest.approx(mean, abs=0.01 * sd)
+
+
+def test_mass_beyond_the_grid_counts() -> None:
+    """A flat posterior is the prior's box, wherever the grid happens to lie."""
+    u = np.linspace(-1, 1, 50)
+    flat = grid.curve(u, np.zeros(50), np.zeros((0, 2)))
+    low, high = grid.interval(flat, 0.9)
+    width = grid.BOX[1] - grid.BOX[0]
+    assert math.log(low) == pytest.approx(grid.BOX[0] + 0.05 * width, abs=0.05)
+    assert math.log(high) == pytest.approx(grid.BOX[1] - 0.05 * width, abs=0.05)
+
+
+def test_modes_share_the_mass() -> None:
+    u = np.linspace(-2, 2, 2001)
+    step = u[1] - u[0]
+
+    def bump(mean: float, sd: float, mass: float) -> FloatArray:
+        return mass * np.exp(-0.5 * ((u - mean) / sd) ** 2) / (sd * math.sqrt(2 * math.pi))
+
+    density = bump(-0.5, 0.05, 0.3) + bump(0.4, 0.1, 0.7)
+    found = grid.modes(Curve(u, density / (density.sum() * step), 0.0, 0.0))
+    assert [round(mode.mass, 2) for mode in found] == [0.7, 0.3]
+    assert [math.log(mode.scale) for mode in found] == pytest.approx([0.4, -0.5], abs=1e-3)
+
+
+@given(st.floats(0.03, 0.5), st.floats(0.0, 1.0), st.floats(0.6, 3.0))
+def test_convolution_keeps_constants_and_widens_bumps(sd: float, base: float, half: float) -> None:
+    own = np.linspace(-half, half, 301)[None]
+    u = np.linspace(-2, 2, 81)
+    found = convolved(base + np.exp(-0.5 * (own / 0.1) ** 2), own, u, np.array([sd]))[0][0]
+    wide = math.hypot(sd, 0.1)
+    assert found == pytest.approx(base + 0.1 / wide * np.exp(-0.5 * (u / wide) ** 2), abs=5e-3)

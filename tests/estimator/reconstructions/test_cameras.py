@@ -1,0 +1,101 @@
+"""Projection against COLMAP's own, and the guard against points that a lens polynomial folds back."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator.reconstructions.cameras import CAMERA_MODELS, camera_at, pixels_in_view, projected
+from estimator.scene import BadScene, Camera, View
+
+MILD = {
+    "k": 0.01,
+    "k0": 0.01,
+    "k1": 0.01,
+    "k2": -0.002,
+    "p1": 0.001,
+    "p2": -0.001,
+    "omega": 0.3,
+    "alpha": 0.5,
+    "beta": 1.1,
+}
+
+
+def mild_params(model: str, width: int, height: int) -> np.ndarray:
+    """Parameters of a lens of the model with a little distortion."""
+    known = {"f": 0.9 * width, "fx": 0.9 * width, "fy": 0.92 * width, "cx": width / 2 + 3, "cy": height / 2 - 2}
+    return np.array([known.get(name, MILD.get(name, 0.0)) for name in CAMERA_MODELS[model][1]], dtype=float)
+
+
+@pytest.mark.parametrize("model", CAMERA_MODELS)
+def test_numbers_and_parameters_are_colmaps(model: str) -> None:
+    number, names = CAMERA_MODELS[model]
+    assert int(getattr(pycolmap.CameraModelId, model)) == number
+    theirs = pycolmap.Camera.create_from_model_name(1, model, 500.0, 640, 480).params_info
+    assert [name.strip() for name in theirs.split(",")] == list(names)
+
+
+@pytest.mark.parametrize("model", CAMERA_MODELS)
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), width=st.integers(64, 4000), height=st.integers(64, 4000))
+def test_projects_as_colmap_does(model: str, seed: int, width: int, height: int) -> None:
+    params = mild_params(model, width, height)
+    camera = camera_at(Path("x"), "camera", model, (width, height), params)
+    lens = pycolmap.Camera(model=model, width=width, height=height, params=params)
+    points = np.random.default_rng(seed).uniform([-0.4, -0.4, 0.9], [0.4, 0.4, 1.1], size=(20, 3)) * 7.0
+    expected = np.array([lens.img_from_cam(point) for point in points])
+    np.testing.assert_allclose(projected(camera, points), expected, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("model", CAMERA_MODELS)
+def test_nothing_is_seen_behind_the_camera(model: str) -> None:
+    camera = Camera(model, 640, 480, mild_params(model, 640, 480))
+    points = np.array([[0.1, 0.1, -1.0], [0.0, 0.0, 0.0], [np.nan, 0.0, 1.0], [0.1, 0.1, 1.0]])
+    assert np.isnan(projected(camera, points)[:3]).all()
+    assert np.isfinite(projected(camera, points)[3]).all()
+
+
+def test_points_far_outside_are_not_folded_into_the_picture() -> None:
+    # k1 = -0.3: r (1 - 0.3 r^2) turns back at r = 1.05 and is 0 again at r = 1.83
+    camera = Camera("SIMPLE_RADIAL", 640, 480, np.array([500.0, 320.0, 240.0, -0.3]))
+    lens = pycolmap.Camera(model="SIMPLE_RADIAL", width=640, height=480, params=camera.params)
+    far = np.array([[1.82, 0.0, 1.0]])
+    u, v = lens.img_from_cam(far[0])
+    assert 0 < u < 640, "COLMAP alone puts it near the middle"
+    assert 0 < v < 480
+    assert np.isnan(projected(camera, far)).all()
+    edge = np.array([[0.6, 0.3, 1.0], [1.0, 0.0, 1.0]])
+    assert np.isfinite(projected(camera, edge)).all()
+
+
+def test_pixels_in_view_are_those_inside() -> None:
+    camera = Camera("PINHOLE", 100, 50, np.array([100.0, 100.0, 50.0, 25.0]))
+    view = View("a", camera, np.eye(3), np.array([0.0, 0.0, 2.0]), np.empty((0, 2)), np.empty(0, dtype=np.int64))
+    pixels, depths = pixels_in_view(view, np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.0, 0.0, -5.0]]))
+    np.testing.assert_allclose(pixels[0], [50, 25])
+    assert np.isnan(pixels[1:]).all()
+    np.testing.assert_allclose(depths, [2, 2, -3])
+
+
+def test_no_points_give_no_pixels() -> None:
+    assert projected(Camera("PINHOLE", 9, 9, np.array([9.0, 9, 4, 4])), np.empty((0, 3))).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("model", "size", "params", "named"),
+    [
+        ("PINHOLE", (640, 480), [1.0, 1.0, 1.0], "4 numbers"),
+        ("PINHOLE", (0, 480), [1.0] * 4, "size"),
+        ("PINHOLE", (640, 480), [0.0, 1.0, 1.0, 1.0], "focal"),
+        ("PINHOLE", (640, 480), [1.0, 1.0, np.inf, 1.0], "finite"),
+        ("EQUIRECTANGULAR", (640, 480), [640.0, 480.0], "model"),
+    ],
+)
+def test_impossible_cameras_are_refused(model: str, size: tuple[int, int], params: list[float], named: str) -> None:
+    with pytest.raises(BadScene, match=named):
+        camera_at(Path("cameras.bin"), "camera 1", model, size, params)

@@ -1,0 +1,128 @@
+"""COLMAP models against pycolmap's own reading: every camera model, binary and text, three files and five."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+
+from estimator.reading import scene_at
+from estimator.reconstructions.cameras import CAMERA_MODELS, projected
+from estimator.reconstructions.colmap import colmap_folder, colmap_scene, rotation_of
+from estimator.scene import BadScene, Scene
+from tests.estimator.reconstructions.test_cameras import mild_params
+from tests.made.small_scene import small_model
+
+
+def check_equal(scene: Scene, reconstruction: pycolmap.Reconstruction) -> None:
+    """Every number of the scene is pycolmap's."""
+    assert sorted(view.name for view in scene.views) == sorted(image.name for image in reconstruction.images.values())
+    assert len(scene.points) == len(reconstruction.points3D)
+    for view in scene.views:
+        image = reconstruction.find_image_with_name(view.name)
+        pose = image.cam_from_world()
+        np.testing.assert_allclose(view.rotation, pose.rotation.matrix(), atol=1e-12)
+        np.testing.assert_allclose(view.translation, pose.translation, atol=1e-12)
+        np.testing.assert_allclose(view.centre, image.projection_center(), atol=1e-9)
+        assert view.camera.model == image.camera.model_name
+        assert (view.camera.width, view.camera.height) == (image.camera.width, image.camera.height)
+        np.testing.assert_array_equal(view.camera.params, image.camera.params)
+        seen = [point for point in image.points2D if point.has_point3D()]
+        np.testing.assert_array_equal(view.keypoints, [point.xy for point in seen])
+        expected = [reconstruction.points3D[point.point3D_id].xyz for point in seen]
+        np.testing.assert_array_equal(scene.points[view.point_index], expected)
+
+
+@pytest.mark.parametrize("model", CAMERA_MODELS)
+def test_every_camera_model(model: str, tmp_path: Path) -> None:
+    reconstruction = small_model(model, mild_params(model, 320, 240).tolist())
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "txt").mkdir()
+    reconstruction.write_binary(str(tmp_path / "bin"))
+    reconstruction.write_text(str(tmp_path / "txt"))
+    for form in ("bin", "txt"):
+        scene = scene_at(tmp_path / form)
+        check_equal(scene, reconstruction)
+        for view in scene.views:
+            pixels = projected(view.camera, scene.points[view.point_index] @ view.rotation.T + view.translation)
+            np.testing.assert_allclose(pixels, view.keypoints, atol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_random_models_with_gaps_in_the_ids(seed: int, tmp_path: Path) -> None:
+    reconstruction = small_model(seed=seed)
+    for point in sorted(reconstruction.points3D)[::3]:
+        reconstruction.delete_point3D(point)
+    reconstruction.write_binary(str(tmp_path))
+    check_equal(colmap_scene(tmp_path), reconstruction)
+
+
+def test_far_apart_ids_are_found_by_search(tmp_path: Path) -> None:
+    reconstruction = small_model()
+    point = reconstruction.points3D[min(reconstruction.points3D)]
+    reconstruction.add_point3D_with_id(2**40, pycolmap.Point3D(xyz=point.xyz, track=pycolmap.Track()))
+    reconstruction.write_binary(str(tmp_path))
+    check_equal(colmap_scene(tmp_path), reconstruction)
+
+
+@pytest.mark.parametrize("place", ["", "sparse", "sparse/0", "0"])
+@pytest.mark.parametrize("files", [3, 5])
+def test_found_in_the_usual_places(place: str, files: int, tmp_path: Path) -> None:
+    folder = tmp_path / place
+    folder.mkdir(parents=True, exist_ok=True)
+    small_model().write_binary(str(folder))
+    if files == 3:
+        (folder / "rigs.bin").unlink()
+        (folder / "frames.bin").unlink()
+    scene = scene_at(tmp_path)
+    assert scene.path == tmp_path
+    assert scene.model_path == folder == colmap_folder(tmp_path)
+    assert len(scene.views) == 8
+
+
+def test_binary_is_taken_before_text(tmp_path: Path) -> None:
+    small_model().write_binary(str(tmp_path))
+    small_model(seed=1).write_text(str(tmp_path))
+    assert scene_at(tmp_path).format == "colmap-binary"
+
+
+def test_an_image_without_keypoints_in_text(tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text("1 SIMPLE_PINHOLE 10 10 9 5 5\n", encoding="utf-8")
+    images = "7 1 0 0 0 0 0 0 1 a b.png\n\n8 1 0 0 0 0 0 1 1 c.png\n1.5 2.5 3 4 4 -1\n"
+    (tmp_path / "images.txt").write_text(f"# header\n{images}", encoding="utf-8")
+    (tmp_path / "points3D.txt").write_text("3 0.5 0.25 2 1 2 3 0.1 8 0\n", encoding="utf-8")
+    first, second = scene_at(tmp_path).views
+    assert (first.name, len(first.keypoints)) == ("a b.png", 0)
+    assert second.keypoints.tolist() == [[1.5, 2.5]]
+    assert second.point_index.tolist() == [0]
+
+
+def test_no_sparse_points_is_bad_without_a_dense_cloud(tmp_path: Path) -> None:
+    (tmp_path / "cameras.txt").write_text("1 SIMPLE_PINHOLE 10 10 9 5 5\n", encoding="utf-8")
+    (tmp_path / "images.txt").write_text("7 1 0 0 0 0 0 0 1 a.png\n\n", encoding="utf-8")
+    (tmp_path / "points3D.txt").write_text("# none\n", encoding="utf-8")
+    with pytest.raises(BadScene, match="at least one sparse or dense point"):
+        scene_at(tmp_path)
+    (tmp_path / "dense.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\n"
+        "property float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n",
+        encoding="ascii",
+    )
+    assert scene_at(tmp_path).dense is not None
+
+
+def test_a_point_count_is_not_believed_before_the_bytes_are_there(tmp_path: Path) -> None:
+    small_model().write_binary(str(tmp_path))
+    (tmp_path / "points3D.bin").write_bytes(struct.pack("<Q", 2**61))
+    with pytest.raises(BadScene, match=r"points3D\.bin: number of points: expected at most 0"):
+        scene_at(tmp_path)
+
+
+def test_rotation_of_a_quaternion_is_colmaps() -> None:
+    quaternion = np.array([0.3, -0.5, 0.7, 0.1])
+    quaternion /= np.linalg.norm(quaternion)
+    w, x, y, z = quaternion
+    np.testing.assert_allclose(rotation_of(quaternion), pycolmap.Rotation3d([x, y, z, w]).matrix(), atol=1e-12)

@@ -1,0 +1,57 @@
+"""Known lengths from the command line and from a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.reconstructions.known_lengths import DEFAULT_SIGMA, known_lengths
+from estimator.scene import BadScene
+
+
+def test_two_points_and_metres() -> None:
+    (length,) = known_lengths(["1,2,3", "(1, 2, -1)", "0.5"])
+    assert length.distance == 4
+    assert length.metres == 0.5
+    assert length.sigma == DEFAULT_SIGMA
+    np.testing.assert_allclose(np.exp(length.log_scale), 0.125)
+
+
+def test_a_file_of_lengths(tmp_path: Path) -> None:
+    file = tmp_path / "lengths.txt"
+    file.write_text("# door\n0 0 0 0 0 2 1.0\n\n0,0,0, 3,0,0, 1.5, 0.03  # table\n", encoding="utf-8")
+    door, table = known_lengths([str(file)])
+    assert (door.metres, door.distance, door.sigma) == (1.0, 2.0, DEFAULT_SIGMA)
+    assert (table.metres, table.distance) == (1.5, 3.0)
+    assert table.sigma == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["1,2,3", "4,5,6"], "A B metres, or a file"),
+        (["1,2", "4,5,6", "1"], "point"),
+        (["1,2,x", "4,5,6", "1"], "numbers"),
+        (["1,2,nan", "4,5,6", "1"], "finite"),
+        (["1,2,3", "1,2,3", "1"], "two points apart"),
+        (["1,2,3", "4,5,6", "-1"], "metres"),
+        (["1,2,3", "4,5,6", "inf"], "metres"),
+        (["/nowhere/at/all"], "readable file"),
+    ],
+)
+def test_faults_are_one_line(words: list[str], named: str) -> None:
+    with pytest.raises(BadScene, match=named) as fault:
+        known_lengths(words)
+    assert "\n" not in str(fault.value)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "# nothing\n", "1 2 3\n", "0 0 0 0 0 2 1.0 -0.1\n", "0 0 0 0 0 2 1.0 5\n", "\xff"]
+)
+def test_faults_of_a_file_name_it(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "lengths.txt"
+    file.write_bytes(text.encode("latin-1"))
+    with pytest.raises(BadScene, match=r"lengths\.txt"):
+        known_lengths([str(file)])

@@ -1,0 +1,61 @@
+"""Priors and measured objects made in memory, for the tests of the posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.measured_object import AXES, MeasuredObject
+from estimator.posterior.likelihood import Evidence
+from estimator.scene import FloatArray
+from metric_tree.prior import Prior
+
+__all__ = ["evidence", "prior"]
+
+
+def prior(
+    name: str,
+    sizes_mm: Sequence[Sequence[float]],
+    spread: float = 0.12,
+    shared: float = 0.08,
+    dims: tuple[str, ...] = AXES,
+) -> Prior:
+    """A prior with one component per row of sizes; half of each variance is common to the dimensions."""
+    k, d = np.shape(sizes_mm)
+    pattern = 0.5 + 0.5 * np.eye(d)
+    return Prior(
+        node_id=name,
+        dims=dims,
+        weights=np.full(k, 1 / k),
+        means=np.log(np.array(sizes_mm, dtype=float)),
+        covariances=np.tile(spread**2 * pattern, (k, 1, 1)),
+        shared_covariance=shared**2 * pattern,
+        n=100,
+        n_sources=4,
+        share_by_kind={"product": 1.0},
+        borrowed=0.0,
+    )
+
+
+def evidence(
+    of: Prior,
+    extents: Sequence[float] | FloatArray,
+    sigma: float = 0.03,
+    cut: Sequence[bool] = (False, False, False),
+    pose: str = "upright",
+    vertical_known: bool = True,
+    score: float = 1.0,
+    name: str = "1",
+) -> Evidence:
+    """One object in scene units beside its prior."""
+    item = MeasuredObject(
+        id=name,
+        category=of.node_id,
+        extents=np.array(extents, dtype=float),
+        sigma=np.full(3, sigma),
+        truncated=np.array(cut),
+        score=score,
+        vertical_known=vertical_known,
+    )
+    return Evidence(item, of, pose)

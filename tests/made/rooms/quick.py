@@ -1,0 +1,215 @@
+"""A made world reconstructed in a second: true depth plus noise in place of structure from motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from estimator.scene import BoolArray, Camera, DenseCloud, Instance, Scene, View
+from tests.made.rooms.knobs import Knobs
+from tests.made.rooms.masks import instances_of
+from tests.made.rooms.render import Frame, Renderer
+from tests.made.rooms.similarity import Similarity, random_similarity
+from tests.made.rooms.solids import FloatArray, IntArray
+from tests.made.rooms.truth import Truth, truth_of
+from tests.made.rooms.world import Pinhole, Pose, World
+
+__all__ = ["MadeScene", "quick_scene"]
+
+#: Sparse and dense points taken in each frame; the sums are those of a small indoor video.
+SPARSE_A_FRAME, DENSE_A_FRAME = 400, 2500
+#: Share of the views that could observe a sparse point and do: matching misses as many.
+OBSERVED = 0.6
+#: Views of a sparse point; COLMAP drops tracks of two as unreliable.
+LEAST_VIEWS = 3
+#: A point is seen where it lies within this share of the depth rendered there.
+SAME_DEPTH = 0.02
+#: Largest misfit in pixels at which a moving thing's points still pass for static ones (COLMAP's own limit).
+STATIC_PIXELS = 4.0
+#: The lowest part of an object without a foot that leaves no points.
+FOOT_SHARE = 0.2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MadeScene:
+    """A reconstruction in the estimator's form, its masks, its truth; `ids` are the frames' object numbers."""
+
+    scene: Scene
+    instances: tuple[Instance, ...]
+    truth: Truth
+    ids: tuple[IntArray, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples:
+    """Surface points: where they are at their own frame (n, 3), that frame (n,), and the object they lie on (n,)."""
+
+    points: FloatArray
+    frame: IntArray
+    number: IntArray
+
+
+def quick_scene(
+    world: World, knobs: Knobs | None = None, seed: int = 0, dense_a_frame: int = DENSE_A_FRAME
+) -> MadeScene:
+    """Sparse points with their observations and a dense cloud with its visibility, under a random similarity.
+
+    dense_a_frame : dense points taken in each frame; with 0 there is no dense cloud.
+    """
+    knobs = knobs or Knobs()
+    generator = np.random.default_rng([seed, world.seed, 23])
+    with Renderer(world) as renderer:
+        frames = [renderer.frame(index, colour=False) for index in range(len(world.poses))]
+    to_scene = random_similarity(generator)
+    points, views = _sparse(world, frames, knobs, to_scene, generator)
+    cloud = _dense(world, frames, dense_a_frame, knobs, to_scene, generator) if dense_a_frame else None
+    ids = tuple(frame.ids for frame in frames)
+    scene = Scene(Path(f"{world.kind}-{world.seed}"), "memory", views, points, cloud)
+    return MadeScene(scene, instances_of(world, ids), truth_of(world, to_scene), ids)
+
+
+def _sparse(
+    world: World, frames: list[Frame], knobs: Knobs, to_scene: Similarity, generator: np.random.Generator
+) -> tuple[FloatArray, tuple[View, ...]]:
+    samples = _sampled(world, frames, SPARSE_A_FRAME, generator)
+    pixels, seen = _projected(world, frames, samples)  # (n, v, 2), (n, v)
+    seen &= generator.random(seen.shape) < OBSERVED
+    pixels = pixels + generator.normal(0, knobs.keypoint_noise, pixels.shape)
+    places, static = _believed(world, samples, pixels, seen)
+    kept = static & (seen.sum(axis=1) >= LEAST_VIEWS)
+    noisy = _noisy(world, places, samples.frame, knobs, generator)[kept]
+    pixels, seen = pixels[kept], seen[kept]
+    views = []
+    for index, pose in enumerate(world.poses):
+        rows = np.flatnonzero(seen[:, index])
+        views.append(_view(f"frame{index:03d}.jpg", world.camera, pose, to_scene, pixels[rows, index], rows))
+    return to_scene(noisy), tuple(views)
+
+
+def _dense(
+    world: World, frames: list[Frame], count: int, knobs: Knobs, to_scene: Similarity, generator: np.random.Generator
+) -> DenseCloud:
+    """Moving things leave no dense points: no second view agrees with them."""
+    samples = _sampled(world, frames, count, generator)
+    still = ~_moving(world)[samples.number]
+    samples = _Samples(samples.points[still], samples.frame[still], samples.number[still])
+    _, seen = _projected(world, frames, samples)
+    seen[np.arange(len(seen)), samples.frame] = True
+    offsets = np.concatenate([[0], np.cumsum(seen.sum(axis=1))])
+    noisy = _noisy(world, samples.points, samples.frame, knobs, generator)
+    return DenseCloud(to_scene(noisy), offsets.astype(np.int64), np.nonzero(seen)[1].astype(np.int64))
+
+
+def _sampled(world: World, frames: list[Frame], count: int, generator: np.random.Generator) -> _Samples:
+    """`count` random pixels of every frame, lifted onto the surface they show, but for feet that leave no points."""
+    points, numbers, at = [], [], []
+    for index, (frame, pose) in enumerate(zip(frames, world.poses, strict=True)):
+        rows = generator.integers(0, world.camera.height, count)
+        columns = generator.integers(0, world.camera.width, count)
+        depth = frame.depth[rows, columns].astype(float)
+        hit = np.isfinite(depth)
+        pixels = np.column_stack([columns + 0.5, rows + 0.5])[hit]
+        points.append(_lifted(world.camera, pose, pixels, depth[hit]))
+        numbers.append(frame.ids[rows, columns][hit])
+        at.append(np.full(int(hit.sum()), index))
+    found = _Samples(np.concatenate(points), np.concatenate(at), np.concatenate(numbers))
+    bare = _footless(world, found)
+    return _Samples(found.points[~bare], found.frame[~bare], found.number[~bare])
+
+
+def _footless(world: World, samples: _Samples) -> BoolArray:
+    """Which samples lie on the foot of an object that shows none."""
+    limit = np.full(len(world.objects) + 1, -np.inf)
+    for k, thing in enumerate(world.objects):
+        z = thing.mesh.vertices[:, 2]
+        if thing.no_foot:
+            limit[k + 1] = z.min() + FOOT_SHARE * (z.max() - z.min())
+    return np.asarray(samples.points[:, 2] < limit[samples.number])
+
+
+def _lifted(camera: Pinhole, pose: Pose, pixels: FloatArray, depth: FloatArray) -> FloatArray:
+    """World points (n, 3) of pixels (n, 2) at a depth (n,) along the optical axis."""
+    rays = np.column_stack([(pixels - [camera.width / 2, camera.height / 2]) / camera.focal, np.ones(len(pixels))])
+    return np.asarray((rays * depth[:, None] - pose.translation) @ pose.rotation)
+
+
+def _projected(world: World, frames: list[Frame], samples: _Samples) -> tuple[FloatArray, BoolArray]:
+    """Pixels (n, v, 2) of every sample in every view, moved with its object, and whether it is seen there (n, v)."""
+    camera = world.camera
+    velocity = np.array([np.zeros(3), *(thing.velocity for thing in world.objects)])[samples.number]
+    pixels = np.full((len(samples.points), len(frames), 2), -1.0)
+    seen = np.zeros((len(samples.points), len(frames)), dtype=bool)
+    for index, (frame, pose) in enumerate(zip(frames, world.poses, strict=True)):
+        moved = samples.points + velocity * (index - samples.frame)[:, None]
+        local = moved @ pose.rotation.T + pose.translation
+        ahead = np.flatnonzero(local[:, 2] > 0.1)
+        at = camera.focal * local[ahead, :2] / local[ahead, 2:] + [camera.width / 2, camera.height / 2]
+        within = np.all((at > 0) & (at < [camera.width, camera.height]), axis=1)
+        ahead, at = ahead[within], at[within]
+        pixels[ahead, index] = at
+        cells = at.astype(np.int64)
+        depth, number = frame.depth[cells[:, 1], cells[:, 0]], frame.ids[cells[:, 1], cells[:, 0]]
+        near = np.abs(local[ahead, 2] / depth - 1) < SAME_DEPTH
+        seen[ahead, index] = near & (number == samples.number[ahead])
+    return pixels, seen
+
+
+def _moving(world: World) -> BoolArray:
+    """(1 + objects,) whether each number moves; number 0 is the bare world."""
+    return np.array([False, *(bool(np.any(thing.velocity)) for thing in world.objects)])
+
+
+def _believed(world: World, samples: _Samples, pixels: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
+    """Where a static world's triangulation puts the points, (n, 3), and whether it would keep them, (n,).
+
+    A still point is where it is. A moving one is triangulated from its own frame and its last one, as if it stood
+    still; it is kept where it projects within STATIC_PIXELS of all its observations, as a car driving ahead at our
+    own pace does.
+    """
+    places, kept = samples.points.copy(), np.ones(len(samples.points), dtype=bool)
+    for row in np.flatnonzero(_moving(world)[samples.number]):
+        views = np.flatnonzero(seen[row])
+        kept[row] = len(views) >= LEAST_VIEWS
+        if kept[row]:
+            places[row], misfit = _triangulated(world, views, pixels[row, views])
+            kept[row] = misfit < STATIC_PIXELS
+    return places, kept
+
+
+def _triangulated(world: World, views: IntArray, pixels: FloatArray) -> tuple[FloatArray, float]:
+    """The point nearest to all rays in least squares, and its largest misfit in pixels; inf behind a camera."""
+    camera = world.camera
+    poses = [world.poses[view] for view in views]
+    local = np.column_stack([(pixels - [camera.width / 2, camera.height / 2]) / camera.focal, np.ones(len(pixels))])
+    rays = np.array([ray @ pose.rotation for ray, pose in zip(local, poses, strict=True)])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    across = np.eye(3) - rays[:, :, None] * rays[:, None, :]  # (v, 3, 3) projections across each ray
+    centres = np.array([pose.centre for pose in poses])
+    point = np.linalg.lstsq(across.sum(axis=0), np.einsum("vij,vj->i", across, centres), rcond=None)[0]
+    seen = np.array([pose.rotation @ point + pose.translation for pose in poses])
+    if np.any(seen[:, 2] <= 0):
+        return point, np.inf
+    again = camera.focal * seen[:, :2] / seen[:, 2:] + [camera.width / 2, camera.height / 2]
+    return point, float(np.linalg.norm(again - pixels, axis=1).max())
+
+
+def _noisy(
+    world: World, points: FloatArray, frame: IntArray, knobs: Knobs, generator: np.random.Generator
+) -> FloatArray:
+    """Points moved along their own rays by the depth noise; a share of strays lies anywhere along the ray."""
+    centres = np.array([pose.centre for pose in world.poses])[frame]
+    stretch = 1 + generator.normal(0, knobs.depth_noise, len(points))
+    stray = generator.random(len(points)) < knobs.stray
+    stretch[stray] = generator.uniform(0.5, 1.5, int(stray.sum()))
+    return np.asarray(centres + (points - centres) * stretch[:, None])
+
+
+def _view(name: str, camera: Pinhole, pose: Pose, to_scene: Similarity, keypoints: FloatArray, rows: IntArray) -> View:
+    """The view in the scene's frame: the rotation turns against the scene's, the centre goes with it."""
+    rotation = pose.rotation @ to_scene.rotation.T
+    centre = to_scene(pose.centre[None])[0]
+    params = np.array([camera.focal, camera.focal, camera.width / 2, camera.height / 2])
+    pinhole = Camera("PINHOLE", camera.width, camera.height, params)
+    return View(name, pinhole, rotation, -rotation @ centre, keypoints, rows)

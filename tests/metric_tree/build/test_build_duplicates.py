@@ -1,0 +1,55 @@
+"""Rows that say the same thing twice."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from metric_tree.build.duplicates import duplicates
+
+SIZES = [2000.0, 900.0, 850.0]
+
+
+def repeats(*rows, common=frozenset({"sofa"})):
+    """Rows of (source, kind, title, sizes), all of one node, shipped where the source starts with `o`."""
+    sizes = np.full((len(rows), 6), np.nan)
+    for number, row in enumerate(rows):
+        stated = sorted(row[3], reverse=True)
+        sizes[number, : len(row[3])] = row[3]
+        sizes[number, 3 : 3 + len(stated)] = stated
+    source, kind, title = ([row[column] for row in rows] for column in range(3))
+    shipped = [name.startswith("o") for name in source]
+    return duplicates(["n"] * len(rows), sizes, source, kind, title, shipped, common).tolist()
+
+
+def test_the_same_figures_of_one_shop_count_once():
+    assert repeats(("a", "product", "red", SIZES), ("a", "product", "blue", SIZES)) == [-1, 0]
+
+
+def test_a_rounding_is_no_difference_and_a_centimetre_is():
+    near, far = [2000.1, 900.0, 850.0], [2010.0, 900.0, 850.0]
+    assert repeats(("a", "product", "x", SIZES), ("a", "product", "y", near), ("a", "product", "z", far)) == [-1, 0, -1]
+
+
+def test_what_was_measured_one_by_one_is_never_a_repeat():
+    assert repeats(("a", "measured", "", SIZES), ("a", "measured", "", SIZES)) == [-1, -1]
+
+
+def test_one_number_alone_needs_the_same_title():
+    rows = [("a", "product", "ten cents", [20.0, 20.0]), ("a", "product", "Ten Cents", [20.0, 20.0])]
+    assert repeats(*rows, ("a", "product", "token", [20.0, 20.0])) == [-1, 0, -1]
+
+
+def test_one_product_in_two_shops_is_told_by_a_word_of_its_name():
+    rows = [("a", "product", "Sofa EKTORP grey", SIZES), ("b", "product", "Ektorp", SIZES)]
+    assert repeats(*rows, ("c", "product", "sofa Klippan", SIZES)) == [-1, 0, -1]
+
+
+def test_the_name_of_the_category_tells_nothing():
+    assert repeats(("a", "product", "sofa", SIZES), ("b", "product", "sofa", SIZES)) == [-1, -1]
+
+
+def test_the_row_that_ships_is_kept_then_the_stronger_kind():
+    rows = [("a", "product", "ektorp", SIZES), ("open", "asset", "ektorp", SIZES)]
+    assert repeats(*rows) == [1, -1]
+    rows = [("a", "asset", "ektorp", SIZES), ("b", "product", "ektorp", SIZES)]
+    assert repeats(*rows) == [1, -1]

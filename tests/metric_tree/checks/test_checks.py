@@ -1,0 +1,208 @@
+"""A fixture for each code: the valid release with one fault put in."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from metric_tree.checks.release_files import CODES, findings
+from metric_tree.release import MANIFEST
+from tests.made import minitree
+
+Rows = minitree.Rows
+Fault = Callable[[Rows], None]
+
+NODE, ITEM, PRIOR = "nodes.parquet", "items.parquet", "priors.parquet"
+
+
+def _set(table: str, row: int, **values: Any) -> Fault:
+    return lambda content: content[table][row].update(values)
+
+
+def _node(content: Rows, node_id: str) -> dict[str, Any]:
+    return next(row for row in content[NODE] if row["node_id"] == node_id)
+
+
+def _class(content: Rows, node_id: str) -> list[dict[str, Any]]:
+    return [row for row in content[ITEM] if row["node_id"] == node_id]
+
+
+def _resize(node_id: str, sizes: Callable[[int, dict[str, Any]], dict[str, float]]) -> Fault:
+    """Give the items of a node other sizes."""
+
+    def change(content: Rows) -> None:
+        for number, item in enumerate(_class(content, node_id)):
+            item.update(sizes(number, item))
+
+    return change
+
+
+def _orphan(content: Rows) -> None:
+    _node(content, "mt:bar_stool")["parent_id"] = "stool.n.01"
+
+
+def _cycle(content: Rows) -> None:
+    _node(content, "seat.n.03")["parent_id"] = "chair.n.01"
+
+
+def _rename(content: Rows) -> None:
+    for node_id in ("mt:bar_stool",):
+        row = _node(content, node_id)
+        row.update(name="swivel chair", path=[*row["path"][:-1], "swivel chair"])
+
+
+def _lone_child(content: Rows) -> None:
+    content[NODE] = [row for row in content[NODE] if row["node_id"] != "rat.n.01"]
+
+
+def _menu(content: Rows) -> None:
+    row = _node(content, "device.n.01")
+    row.update(node_id="accessories", synset=None)
+    _node(content, "pointer.n.01")["parent_id"] = "accessories"
+
+
+def _grid(number: int, _: dict[str, Any]) -> dict[str, float]:
+    return {"length_mm": 600.0 + 10 * (number % 3), "width_mm": 500.0, "height_mm": 900.0 + 10 * (number // 3)}
+
+
+def _copies(number: int, _: dict[str, Any]) -> dict[str, float]:
+    return {"length_mm": 600.0 + number // 3, "width_mm": 500.0 + number // 3, "height_mm": 900.0 + number // 3}
+
+
+def _other_source(content: Rows) -> None:
+    for number, item in enumerate(_class(content, "swivel_chair.n.01")[:]):
+        twin = dict(item, item_id=f"other:{number}", source="other", height_mm=item["height_mm"] * 1.8)
+        content[ITEM].append(twin)
+
+
+def _inches(content: Rows) -> None:
+    """One class of four siblings written in inches, as `diningchair.csv` of 2020."""
+    parent = _node(content, "chair.n.01")
+    for name in ("armchair", "rocker", "recliner"):
+        content[NODE].append(dict(_node(content, "mt:bar_stool"), node_id=f"{name}.n.01", name=name))
+        for item in _class(content, "mt:bar_stool"):
+            factor = 1 / 25.4 if name == "armchair" else 1.0
+            sizes = {axis: item[axis] * factor for axis in ("length_mm", "width_mm", "height_mm")}
+            content[ITEM].append(dict(item, node_id=f"{name}.n.01", item_id=f"{name}:{item['item_id']}", **sizes))
+    assert parent["level"] == 4
+
+
+FAULTS: dict[str, Fault] = {
+    "E201": lambda content: content[NODE].append(dict(content[NODE][0], node_id="thing.n.01")),
+    "E202": _orphan,
+    "E203": _cycle,
+    "E204": lambda content: content[NODE].append(dict(content[NODE][-1])),
+    "E205": lambda content: _node(content, "mt:bar_stool").update(level=4),
+    "E206": lambda content: content.update(
+        {NODE: [r for r in content[NODE] if r["parent_id"] != "rodent_figure.n.01"]}
+    ),
+    "E207": lambda content: _node(content, "mt:bar_stool").update(path=["entity", "bar stool"]),
+    "E208": lambda content: _node(content, "mt:bar_stool").update(pose="sideways"),
+    "E209": lambda content: _node(content, "chair.n.01").update(n_items=3),
+    "E210": _rename,
+    "W211": _lone_child,
+    "W212": lambda content: None,  # the mini tree has two mice
+    "W213": _menu,
+    "E301": _set(ITEM, 0, node_id="chair.n.01"),
+    "E302": lambda content: content[ITEM].append(dict(content[ITEM][0])),
+    "E303": _set(ITEM, 0, height_mm=2e6),
+    "E304": _set(ITEM, 0, length_mm=500.0, width_mm=600.0),
+    "E305": _set(ITEM, 0, kind="guess"),
+    "E306": _set(ITEM, 0, licence=None),
+    "E307": _set(ITEM, 0, length_mm=None, width_mm=None, height_mm=None, extents_mm=None),
+    "W308": _resize("swivel_chair.n.01", _copies),
+    "W309": _set(ITEM, 0, height_mm=1050.0 * 25.4),
+    "W310": _set(ITEM, 0, height_mm=1050.0 * 5),
+    "W311": _resize("swivel_chair.n.01", lambda number, item: {"width_mm": 35.0}),
+    "W312": _resize("mt:bar_stool", _grid),
+    "W313": _other_source,
+    "W314": _inches,
+    "E401": _set(PRIOR, 0, node_id="throne.n.01"),
+    "E402": _set(PRIOR, 0, weights=[0.7]),
+    "E403": _set(PRIOR, 0, means=[[6.0, 6.0]]),
+    "E404": _set(PRIOR, 0, covariances=[(-np.eye(3)).tolist()]),
+    "E405": _set(PRIOR, 0, borrowed=1.5),
+    "W406": lambda content: content[PRIOR].pop(0),
+    "E501": lambda content: content["images.parquet"].append(_picture("made:nothing", None, "CC0-1.0")),
+    "E502": lambda content: content["images.parquet"].append(
+        _picture("made:mouse.n.01-0", "images/none.png", "CC0-1.0")
+    ),
+    "E503": lambda content: content["images.parquet"].append(_picture("made:mouse.n.01-0", None, None)),
+    "E504": lambda content: content["images.parquet"].append(_picture("made:mouse.n.01-0", "nodes.parquet", "CC0-1.0")),
+}
+
+
+def _picture(item_id: str, path: str | None, licence: str | None) -> dict[str, Any]:
+    return {"image_id": "0" * 64, "item_id": item_id, "node_id": "mouse.n.01", "path": path, "licence": licence}
+
+
+def test_the_valid_release_has_no_error(tmp_path: Path) -> None:
+    found = findings(minitree.release(tmp_path / "r").directory)
+    assert {f.code for f in found} == {"W211", "W212", "W406"} - {"W406"} | {f.code for f in found if f.code == "W406"}
+    assert not any(f.is_error for f in found)
+
+
+@pytest.mark.parametrize("code", FAULTS)
+def test_each_fault_is_found_by_its_code(tmp_path: Path, code: str) -> None:
+    content = minitree.rows()
+    FAULTS[code](content)
+    found = findings(minitree.release(tmp_path / "r", content).directory)
+    assert code in {finding.code for finding in found}
+    assert all("expected" in finding.message for finding in found)
+
+
+def test_a_file_changed_after_publication_is_found(tmp_path: Path) -> None:
+    directory = minitree.release(tmp_path / "r").directory
+    data = bytearray((directory / ITEM).read_bytes())
+    data[100] ^= 1
+    (directory / ITEM).write_bytes(bytes(data))
+    assert {f.code for f in findings(directory)} == {"E102"}
+
+
+def test_a_missing_file_is_found(tmp_path: Path) -> None:
+    directory = minitree.release(tmp_path / "r").directory
+    (directory / ITEM).unlink()
+    assert {f.code for f in findings(directory)} == {"E101"}
+
+
+def test_a_column_of_another_type_is_found(tmp_path: Path) -> None:
+    directory = minitree.release(tmp_path / "r").directory
+    table = pq.read_table(directory / NODE)
+    pq.write_table(table.set_column(4, "level", table["level"].cast(pa.string())), directory / NODE)
+    manifest = (directory / MANIFEST).read_text()
+    assert {f.code for f in findings(_resealed(directory, manifest))} == {"E104"}
+
+
+def test_rows_and_counts_of_the_manifest_are_held_against_the_tables(tmp_path: Path) -> None:
+    def miscount(manifest: dict[str, Any]) -> None:
+        manifest["counts"]["leaves"] = 99
+
+    directory = minitree.release(tmp_path / "r", manifest=miscount).directory
+    assert "E105" in {f.code for f in findings(directory)}
+    table = pq.read_table(directory / ITEM)
+    pq.write_table(table.slice(1), directory / ITEM)
+    assert {f.code for f in findings(_resealed(directory, (directory / MANIFEST).read_text()))} == {"E103"}
+
+
+def test_every_code_has_its_fixture() -> None:
+    elsewhere = {"E101", "E102", "E103", "E104", "E105"}  # faults of files, above
+    assert set(CODES) == set(FAULTS) | elsewhere
+
+
+def _resealed(directory: Path, manifest: str) -> Path:
+    """The release with checksums and sizes of what is there now, everything else as the manifest says."""
+    import json
+
+    from metric_tree.release import sha256
+
+    fields = json.loads(manifest)
+    for name, recorded in fields["files"].items():
+        recorded.update(sha256=sha256(directory / name), bytes=(directory / name).stat().st_size)
+    (directory / MANIFEST).write_text(json.dumps(fields))
+    return directory

@@ -1,0 +1,177 @@
+"""The fit of one class: what it recovers from damaged rows, what it borrows, what sources' disagreement does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from metric_tree.axes import AXES, candidates
+from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior, correlated, moments
+from metric_tree.fit.disagreement import SharedModel
+from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows, fitted_mixture
+
+MEANS = np.log([[2000.0, 900.0, 700.0], [900.0, 650.0, 1100.0]])  # a sofa and an armchair under one name
+COVARIANCE = np.array([[0.012, 0.004, 0.003], [0.004, 0.010, 0.002], [0.003, 0.002, 0.008]])
+NONE = SharedModel(0.0, 0.0)
+
+
+def two_kinds(n: int, seed: int = 0) -> np.ndarray:
+    generator = np.random.default_rng(seed)
+    x = MEANS[generator.integers(0, 2, n)] + generator.multivariate_normal(np.zeros(3), COVARIANCE, n)
+    x[:, :2] = -np.sort(-x[:, :2], axis=1)
+    return x
+
+
+def class_rows(x, owner=None, sources=None, kinds=None, range_sd=None) -> ClassRows:
+    owner = np.arange(len(x)) if owner is None else owner
+    n = int(owner[-1]) + 1
+    return ClassRows(
+        node_id="seat.n.01",
+        axes=AXES,
+        x=x,
+        owner=owner,
+        sources=tuple(sources or ["a"] * n),
+        kinds=tuple(kinds or ["product"] * n),
+        range_sd=np.full((n, 3), np.nan) if range_sd is None else range_sd,
+        n=n,
+    )
+
+
+def assert_recovered(prior, tolerance):
+    assert len(prior.weights) == 2
+    order = np.argsort(-prior.means[:, 0])
+    assert prior.weights == pytest.approx([0.5, 0.5], abs=0.06)
+    assert prior.means[order] == pytest.approx(MEANS, abs=tolerance)
+    spread = np.sqrt(np.diagonal(prior.covariances, axis1=1, axis2=2))
+    assert spread == pytest.approx(np.sqrt([np.diag(COVARIANCE)] * 2), abs=1.5 * tolerance)
+
+
+def test_two_kinds_are_found():
+    assert_recovered(class_prior(class_rows(two_kinds(500)), VAGUE, NONE, seed=0, heldout=False), 0.03)
+
+
+def test_two_kinds_are_found_with_forty_per_cent_blank():
+    x = two_kinds(800)
+    x[np.random.default_rng(1).random(x.shape) < 0.4] = np.nan
+    x = x[~np.isnan(x).all(axis=1)]
+    assert_recovered(class_prior(class_rows(x), VAGUE, NONE, seed=0, heldout=False), 0.04)
+
+
+def test_two_kinds_are_found_with_the_axis_order_hidden():
+    x = two_kinds(800)
+    axes = np.exp(x)
+    extents = -np.sort(-axes, axis=1)
+    axes[np.random.default_rng(2).random(len(x)) < 0.6] = np.nan  # the words are missing, the numbers are not
+    expanded, owner = candidates(axes, extents, "upright")
+    assert (np.bincount(owner) == 3).sum() > 400
+    assert_recovered(class_prior(class_rows(np.log(expanded), owner), VAGUE, NONE, seed=0, heldout=False), 0.04)
+
+
+def test_blanks_that_depend_on_another_axis_do_not_bias_as_dropping_rows_would():
+    """Width is stated of the shorter half alone: the mean of what is stated is wrong, that of the fit is not."""
+    x = np.random.default_rng(0).multivariate_normal(MEANS[0], correlated(np.full(3, 0.2), 0.9), 400)
+    blank = x.copy()
+    blank[x[:, 0] > np.median(x[:, 0]), 1] = np.nan
+    prior = class_prior(class_rows(blank), VAGUE, NONE, seed=0, heldout=False)
+    dropped = abs(np.nanmean(blank[:, 1]) - x[:, 1].mean())
+    assert dropped > 0.1
+    assert abs(float(prior.weights @ prior.means[:, 1]) - x[:, 1].mean()) < 0.15 * dropped
+
+
+def test_spread_never_falls_under_the_floor():
+    x = np.tile(np.log([[500.0, 500.0, 900.0]]), (40, 1))
+    prior = class_prior(class_rows(x), VAGUE, NONE, seed=0, heldout=False)
+    assert np.linalg.eigvalsh(prior.covariances).min() >= SPREAD_FLOOR**2 * (1 - 1e-9)
+
+
+def test_the_fit_is_the_same_under_a_seed():
+    rows = class_rows(two_kinds(200))
+    one, other = (class_prior(rows, VAGUE, NONE, seed=0) for _ in range(2))
+    assert one.row() == other.row()
+
+
+def test_a_thin_class_borrows_its_parents_spread_and_says_so():
+    belief = Belief(np.log([500.0, 500.0, 900.0]), 0.1, correlated(np.full(3, 0.2)), 8.0)
+    sizes = np.log([[420.0, 400.0, 500.0], [430.0, 400.0, 505.0]])
+    thin = class_prior(class_rows(sizes), belief, NONE, seed=0)
+    spread = np.sqrt(np.einsum("k,kii->i", thin.weights, thin.covariances))
+    assert thin.borrowed == pytest.approx(0.8)
+    assert np.all((spread > 0.15) & (spread < 0.35))  # two near-equal rows are no evidence of a spread of two per cent
+    assert np.exp(thin.weights @ thin.means) == pytest.approx([425, 400, 502], rel=0.06)
+    assert thin.heldout_log_density is None
+
+
+def test_borrowing_fades_with_rows():
+    belief = Belief(VAGUE.mean, 0.1, correlated(np.full(3, 0.5)), 8.0)
+    x = two_kinds(400)[:, :] * 0 + np.random.default_rng(0).multivariate_normal(MEANS[0], COVARIANCE, 400)
+    shares = [class_prior(class_rows(x[:n]), belief, NONE, 0, heldout=False).borrowed for n in (1, 5, 25, 400)]
+    assert shares == sorted(shares, reverse=True)
+    assert shares[-1] < 0.05
+
+
+def test_one_shop_does_not_own_a_class():
+    generator = np.random.default_rng(0)
+    many = generator.multivariate_normal(MEANS[0], COVARIANCE, 2000)
+    few = generator.multivariate_normal(MEANS[0] + 0.5, COVARIANCE, 50)
+    x = np.concatenate([many, few])
+    prior = class_prior(class_rows(x, sources=["shop"] * 2000 + ["other"] * 50), VAGUE, NONE, 0, heldout=False)
+    share = (float(prior.weights @ prior.means[:, 0]) - MEANS[0, 0]) / 0.5
+    assert 0.2 < share < 0.6  # by rows it would be 0.024
+
+
+def test_curated_ranges_count_alone_and_as_one_row_beside_few():
+    typical = np.log([[1000.0, 500.0, 700.0]])
+    real = np.log([[2000.0, 900.0, 800.0]])
+    range_sd = np.array([[0.1, 0.1, np.nan]])
+    alone = class_prior(class_rows(typical, kinds=["curated"], range_sd=range_sd), VAGUE, NONE, 0)
+    assert alone.quantile(0.5) == pytest.approx([1000, 500, 700])
+    spread = np.sqrt(np.diagonal(alone.covariances[0]))
+    assert spread[:2] == pytest.approx([0.15, 0.15])  # wider than stated by half
+    assert alone.share_by_kind == {"curated": 1.0}
+    both = class_rows(
+        np.concatenate([typical, real]),
+        sources=["curated", "a"],
+        kinds=["curated", "product"],
+        range_sd=np.vstack([range_sd, [[np.nan] * 3]]),
+    )
+    prior = class_prior(both, VAGUE, NONE, 0)
+    assert prior.share_by_kind["curated"] == pytest.approx(0.5, abs=0.05)
+    assert np.all(prior.quantile(0.5) > alone.quantile(0.5))
+    many = class_rows(
+        np.concatenate([typical, np.repeat(real, 5, axis=0)]),
+        sources=["curated", *["a"] * 5],
+        kinds=["curated", *["product"] * 5],
+        range_sd=np.vstack([range_sd, [[np.nan] * 3] * 5]),
+    )
+    prior = class_prior(many, VAGUE, NONE, 0)
+    assert prior.share_by_kind == {"product": 1.0}
+    assert prior.quantile(0.5) == pytest.approx([2000, 900, 800], rel=0.1)
+
+
+def test_many_strong_rows_silence_models_and_museums():
+    products = np.log([[1700.0, 480.0, 250.0]]) + np.random.default_rng(3).normal(0, 0.05, (40, 3))
+    statuettes = np.log([[400.0, 200.0, 150.0]] * 3)
+    rows = class_rows(
+        np.concatenate([products, statuettes]),
+        sources=["survey"] * 40 + ["museum"] * 3,
+        kinds=["measured"] * 40 + ["museum"] * 3,
+    )
+    prior = class_prior(rows, VAGUE, NONE, 0)
+    assert prior.share_by_kind == {"measured": 1.0}
+    assert prior.quantile(0.5) == pytest.approx([1700, 480, 250], rel=0.05)
+
+
+def test_axes_that_nobody_states_are_not_published():
+    x = np.log([[400.0, 300.0, np.nan]] * 4)
+    assert class_prior(class_rows(x), VAGUE, NONE, 0).dims == ("length", "width")
+
+
+def test_moments_tell_which_axes_are_known():
+    found = moments(class_rows(np.log([[400.0, 300.0, np.nan]] * 4)))
+    assert found.known == pytest.approx([4, 4, 0])
+
+
+def test_likelihood_never_falls_with_a_component():
+    rows = Rows.plain(two_kinds(150))
+    likelihoods = [fitted_mixture(rows, k, VAGUE).log_likelihood for k in (1, 2, 3)]
+    assert likelihoods[0] < likelihoods[1] <= likelihoods[2] + 1.0

@@ -1,0 +1,121 @@
+"""How sources disagree: the covariance between them is recovered, shrunk and pooled."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from metric_tree.axes import AXES
+from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior
+from metric_tree.fit.disagreement import SharedModel, disagreement, shared_covariance, shared_model, source_effects
+
+BETWEEN = np.array([[0.04, 0.02, 0.01], [0.02, 0.03, 0.0], [0.01, 0.0, 0.02]])
+WITHIN = 0.02 * np.eye(3)
+
+
+def many_sources(sources: int, rows: int, seed: int = 0):
+    generator = np.random.default_rng(seed)
+    effects = generator.multivariate_normal(np.zeros(3), BETWEEN, sources)
+    names = np.repeat([f"s{number:03d}" for number in range(sources)], rows)
+    x = 6 + np.repeat(effects, rows, axis=0) + generator.multivariate_normal(np.zeros(3), WITHIN, sources * rows)
+    return x, names.tolist(), effects
+
+
+def found_of(x, names):
+    return disagreement(x, np.ones_like(x), np.ones(len(x)), names, ["product"] * len(x), WITHIN)
+
+
+def test_covariance_between_sources_is_recovered():
+    x, names, effects = many_sources(300, 4)
+    found = found_of(x, names)
+    assert found.between == pytest.approx(np.cov(effects.T), abs=0.005)
+    assert found.within == pytest.approx(WITHIN, abs=0.003)
+    assert found.freedom == 299
+
+
+def test_no_disagreement_is_found_where_there_is_none():
+    generator = np.random.default_rng(0)
+    estimates = []
+    for _ in range(40):
+        x = generator.multivariate_normal(np.zeros(3), WITHIN, 60)
+        estimates.append(found_of(x, [f"s{number % 6}" for number in range(60)]).between.trace() / 3)
+    assert np.mean(estimates) < 0.1 * WITHIN[0, 0]  # clipped at nothing, hence a little above it
+
+
+def test_the_model_learns_from_classes_of_several_sources():
+    classes = [found_of(*many_sources(6, 10, seed)[:2]) for seed in range(40)]
+    expected = shared_model(classes).covariance(WITHIN)
+    assert expected.trace() == pytest.approx(BETWEEN.trace(), rel=0.2)
+
+
+def test_the_model_tells_a_share_of_the_spread_from_a_fixed_spread():
+    classes = []
+    for number in range(60):
+        generator = np.random.default_rng(number)
+        within = generator.choice([0.003, 0.03, 0.3]) * np.eye(3)
+        effects = generator.multivariate_normal(np.zeros(3), 0.5 * within, 6)
+        x = np.repeat(effects, 20, axis=0) + generator.multivariate_normal(np.zeros(3), within, 120)
+        names = [f"s{row // 20}" for row in range(120)]
+        classes.append(disagreement(x, np.ones_like(x), np.ones(120), names, ["product"] * 120, within))
+    model = shared_model(classes)
+    assert model.share == pytest.approx(0.5, rel=0.35)
+    assert model.spread < 0.03
+
+
+def test_a_mixed_class_does_not_spoil_the_model():
+    classes = [found_of(*many_sources(4, 10, seed)[:2]) for seed in range(30)]
+    x, names, _ = many_sources(4, 10, 99)
+    x[:10] += 3.0  # a toy among the lorries
+    one, other = (shared_model(some).covariance(WITHIN).trace() for some in (classes, [*classes, found_of(x, names)]))
+    assert other < 1.3 * one
+
+
+def test_museums_do_not_teach_the_model():
+    x, names, _ = many_sources(4, 10)
+    museums = [disagreement(x, np.ones_like(x), np.ones(40), names, ["museum"] * 40, WITHIN) for _ in range(20)]
+    assert shared_model(museums) == SharedModel()
+
+
+def test_a_class_of_one_source_carries_the_models_disagreement():
+    x, names, _ = many_sources(1, 30)
+    rows = ClassRows("n", AXES, x, np.arange(30), tuple(names), ("product",) * 30, np.full((30, 3), np.nan), 30)
+    prior = class_prior(rows, VAGUE, SharedModel(0.5, 0.1), 0)
+    assert prior.n_sources == 1
+    within = np.einsum("k,kii->i", prior.weights, prior.covariances)
+    assert np.diag(prior.shared_covariance) == pytest.approx(0.5 * within + 0.01, rel=0.2)
+
+
+def test_a_class_of_many_sources_carries_its_own():
+    found = found_of(*many_sources(100, 5)[:2])
+    assert shared_covariance(found, SharedModel(0.0, 0.0)) == pytest.approx(found.between, rel=0.05)
+
+
+def test_offsets_of_sources_are_predicted_and_shrunk():
+    x, names, effects = many_sources(40, 20)
+    found = found_of(x, names)
+    predicted = source_effects(found, BETWEEN)
+    centred = effects - effects.mean(axis=0)
+    assert np.corrcoef(predicted.ravel(), centred.ravel())[0, 1] > 0.95
+    assert np.abs(source_effects(found, 1e-6 * np.eye(3))).max() < 0.01
+
+
+def test_the_spread_within_is_not_counted_twice():
+    """Ten sources far apart: components hold the spread of one source, the shared covariance the rest."""
+    x, names, _ = many_sources(10, 40)
+    n = len(x)
+    rows = ClassRows("n", AXES, x, np.arange(n), tuple(names), ("product",) * n, np.full((n, 3), np.nan), n)
+    prior = class_prior(rows, VAGUE, SharedModel(), 0, heldout=False)
+    within = np.einsum("k,kii->i", prior.weights, prior.covariances)
+    assert within == pytest.approx(np.diag(WITHIN), rel=0.25)
+    assert np.diag(prior.shared_covariance) == pytest.approx(np.diag(BETWEEN), rel=0.9)
+
+
+def test_axes_that_a_source_does_not_state_are_left_out():
+    x, names, _ = many_sources(4, 5)
+    known = np.ones_like(x)
+    known[:5, 1] = 0
+    found = disagreement(x, known, np.ones(len(x)), names, ["product"] * len(x), WITHIN)
+    assert np.isnan(found.means[0, 1])
+    assert found.rows[0].tolist() == [5, 0, 5]
+    assert source_effects(found, BETWEEN).shape == (4, 3)
+    assert np.isfinite(source_effects(found, BETWEEN)).all()

@@ -1,0 +1,102 @@
+"""The contact sheet: one scale for all, a true size bar, licences, and `metric-tree query --images --sheet`."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from metric_tree.commands import main
+from metric_tree.cutouts.backend import Settings
+from metric_tree.cutouts.release_cutouts import cut_release
+from metric_tree.report.contact_sheet import LARGEST, MARGIN, bar_length, chosen
+from metric_tree.tree import open_tree
+from tests.made.picture_fixture import HOSTILE, release_with, shop_picture, wallpaper
+
+
+@pytest.fixture
+def release(tmp_path):
+    old = release_with(
+        tmp_path / "old",
+        [
+            *(shop_picture(seed) for seed in range(20)),
+            wallpaper(),
+            HOSTILE["bomb: header of 50,000 x 50,000"][0],
+        ],
+    )
+    return cut_release(old, tmp_path / "new", Settings("plain"), version="1.0.0", created="2026-11-21")
+
+
+def query(release, *words):
+    return main(["query", *map(str, (*words, "--tree", release.directory))])
+
+
+def test_query_draws_a_sheet_whose_bar_is_true(release, tmp_path, capsys):
+    assert query(release, "furniture", "--images", 9, "--sheet", tmp_path / "sheet.png", "--json") == 0
+    rows = json.loads(capsys.readouterr().out)["images"]
+    assert len(rows) == 9
+    assert all(row["licence"] == "CC0-1.0" and row["source_url"] for row in rows)
+    mm_per_px = max(max(row["extents_mm"]) for row in rows) / LARGEST
+    with Image.open(tmp_path / "sheet.png") as image:
+        pixels = np.asarray(image.convert("L"))
+    bar = np.flatnonzero(pixels[MARGIN + 50, : MARGIN + 240] < 50)
+    bar = bar[: np.argmax(np.diff(bar, append=10_000) > 1) + 1]  # the text beside it is no part of it
+    assert np.ptp(bar) * mm_per_px == pytest.approx(bar_length(mm_per_px), abs=4 * mm_per_px)
+    assert [path.name for path in tmp_path.glob(".*")] == []
+
+
+def test_things_are_as_large_as_their_longest_extent(release, tmp_path, capsys):
+    assert query(release, "swivel chair", "--images", 2, "--sheet", tmp_path / "sheet.png", "--json") == 0
+    rows = json.loads(capsys.readouterr().out)["images"]
+    longest = [max(row["extents_mm"]) for row in rows]
+    with Image.open(tmp_path / "sheet.png") as image:
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    coloured = (pixels.max(axis=2) - pixels.min(axis=2) > 25).any(axis=0)  # the boxes; text and lines are grey
+    starts = np.flatnonzero(np.diff(coloured.astype(int), prepend=0) == 1)
+    ends = np.flatnonzero(np.diff(coloured.astype(int), append=0) == -1)
+    widths = [end - start + 1 for start, end in zip(starts, ends, strict=True) if end - start > 20]
+    assert len(widths) == 2
+    assert widths[0] / widths[1] == pytest.approx(longest[0] / longest[1], rel=0.03)
+
+
+def test_cut_pictures_come_first_and_spread_over_sizes(release):
+    node = open_tree(release.directory).find("entity")
+    rows = chosen(node, 22)
+    assert [row["cutout_path"] is not None for row in rows] == [True] * 20 + [False] * 2
+    few = [max(row["extents_mm"]) for row in chosen(node, 3)]
+    assert few == sorted(few)
+    assert few[0] < few[-1]
+
+
+def test_pictures_that_are_none_are_left_out_and_uncut_ones_framed(release, tmp_path, capsys):
+    assert query(release, "entity", "--images", 40, "--sheet", tmp_path / "sheet.png") == 0
+    capsys.readouterr()
+    with Image.open(tmp_path / "sheet.png") as image:
+        colours = {colour for _, colour in image.getcolors(1 << 24)}
+    assert (0xCC, 0x88, 0x44) in colours
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("rat", "--sheet", "x.png"), "rat.n.01: expected pictures of items with a size; found none"),
+        (("seat", "--sheet", "x.jpg"), "--sheet: expected a name that ends in .png; found x.jpg"),
+        (("seat", "--images", "0"), "--images: expected a number from 1; found 0"),
+    ],
+)
+def test_faults_are_one_line(release, words, message, capsys):
+    assert query(release, *words) == 2
+    assert message in capsys.readouterr().err
+
+
+@given(st.floats(1e-3, 1e6))
+def test_the_bar_is_round_and_fits(mm_per_px):
+    length = bar_length(mm_per_px)
+    assert 75 <= length / mm_per_px <= 200.001
+    digits = f"{length:.10e}"[0]
+    assert digits in "125"
+    assert float(f"{length:.0e}") == pytest.approx(length)

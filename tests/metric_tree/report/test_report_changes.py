@@ -1,0 +1,96 @@
+"""What differs between two releases, and the page of the fit without non-commercial sources."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from benchmarks.metric_tree import open_fit
+from metric_tree.report.changes import changed, changes, gone, label, size_and_spread, source_changes, spread_of
+from metric_tree.tree import Tree
+from tests.made import minitree
+
+FACTOR = 1.5
+
+
+@pytest.fixture
+def whole(tmp_path):
+    """The mini tree."""
+    return Tree(minitree.release(tmp_path / "whole"))
+
+
+@pytest.fixture
+def opened(tmp_path):
+    """The mini tree with a larger and wider swivel chair, and without the rat."""
+    content = minitree.rows()
+    for prior in content["priors.parquet"]:
+        if prior["node_id"] == "swivel_chair.n.01":
+            centre = np.mean(prior["means"], axis=0)
+            prior["means"] = [[c + np.log(FACTOR) for c in centre]]
+            prior["weights"] = [1.0]
+            prior["covariances"] = [(4 * np.array(prior["covariances"][0])).tolist()]
+    for table in content.values():
+        table[:] = [row for row in table if row["node_id"] != "rat.n.01"]
+    return Tree(minitree.release(tmp_path / "open", content))
+
+
+def test_a_node_that_is_gone_is_named(whole, opened):
+    assert [node.node_id for node in gone(opened, whole)] == ["rat.n.01"]
+    assert gone(whole, opened) == []
+
+
+def test_a_change_is_the_mean_over_the_dimensions(whole, opened):
+    (change,) = changed(changes(opened, whole), shown=5)
+    assert change.node.name == "swivel chair"
+    assert change.size == pytest.approx(np.mean(np.log(change.now_mm / change.then_mm)))
+    assert change.size == pytest.approx(np.log(FACTOR), abs=0.1)
+    assert change.spread > 0.2
+    assert changed(changes(opened, whole), shown=5, least_items=1000) == []
+
+
+def test_a_release_has_not_changed_since_itself(whole):
+    found = changes(whole, whole)
+    assert len(found) == 6
+    assert changed(found, shown=5) == []
+    assert source_changes(whole, whole) == []
+    level, n, sizes, widths = size_and_spread(found)[-1]
+    assert (level, n) == ("all", 6)
+    assert not sizes.any()
+    assert not widths.any()
+
+
+def test_the_spread_is_that_of_a_sample(whole):
+    prior = whole.node("swivel_chair.n.01").prior()
+    sizes = np.log(prior.marginal(prior.dims).sample(40_000, seed=1))
+    assert spread_of(prior) == pytest.approx(sizes.std(axis=0), rel=0.02)
+
+
+def test_items_of_a_source_before_and_now(whole, tmp_path):
+    fewer = minitree.release(tmp_path / "fewer")
+    (record,) = fewer.manifest["sources"]
+    record["n_fit"] = 3
+    assert source_changes(Tree(fewer), whole) == [(record["title"], 0, 3)]
+
+
+def test_a_release_is_called_by_what_it_leaves_out(whole, tmp_path):
+    assert label(whole) == whole.version
+    fewer = minitree.release(tmp_path / "fewer")
+    Tree(fewer).release.manifest["noncommercial"] = False
+    assert label(Tree(fewer)) == f"{whole.version} without non-commercial sources"
+
+
+def test_the_page_of_the_open_fit_is_written_by_its_command(whole, opened, tmp_path, monkeypatch, capsys):
+    out = tmp_path / "open_fit.md"
+    folders = [str(tree.release.directory) for tree in (whole, opened)]
+    words = ["open_fit", "--release", folders[0], "--open", folders[1], "--out", str(out)]
+    monkeypatch.setattr(sys, "argv", words)
+    open_fit.main()
+    text = out.read_text(encoding="utf-8")
+    assert "| nodes | 15 | 14 | 1 |" in text
+    assert "The 1 nodes: `rat.n.01`." in text
+    assert "furniture > seat > chair > swivel chair" in text
+    assert "| coco_80 | 80 |" in text
+    assert list(tmp_path.glob(".*part")) == []
+    monkeypatch.setattr(sys, "argv", words[:-2])
+    open_fit.main()
+    assert capsys.readouterr().out == text

@@ -1,0 +1,180 @@
+"""Two readers, a third where they differ, kappa, and the command that records."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from crawler.items import RawItem
+from metric_tree.commands import main
+from taxonomy.insertions import insertions
+from taxonomy.levels import replaced_ids
+from taxonomy.matching.decisions import (
+    BadDecision,
+    Decision,
+    agreement,
+    decisions,
+    disagreements,
+    recorded,
+    rulings,
+    waiting,
+)
+
+
+def decision(reader: str, concept: str | None, subject: str = "*: chair", blind: bool = True) -> Decision:
+    return Decision(what="match", subject=subject, decision=concept, reader=reader, when="2026-11-21", blind=blind)
+
+
+def test_one_reader_settles_nothing() -> None:
+    found = [decision("a", "chair.n.01")]
+    assert rulings(found) == {}
+    assert waiting(found) == [("match", "*: chair")]
+
+
+def test_two_readers_who_agree_settle() -> None:
+    found = [decision("a", "chair.n.01"), decision("b", "chair.n.01")]
+    assert rulings(found)["*", "chair"].decision == "chair.n.01"
+    assert waiting(found) == []
+
+
+def test_the_same_reader_twice_is_one_reader_and_the_later_word_counts() -> None:
+    found = [decision("a", "chair.n.01"), decision("a", None), decision("b", None)]
+    assert rulings(found[:2]) == {}
+    assert rulings(found)["*", "chair"].decision is None
+
+
+def test_disagreement_waits_for_a_third() -> None:
+    found = [decision("a", "chair.n.01"), decision("b", "stool.n.01")]
+    assert waiting(found) == [("match", "*: chair")]
+    assert [pair[1].decision for pair in disagreements(found)] == ["stool.n.01"]
+    settled = [*found, decision("c", "stool.n.01", blind=False)]
+    assert rulings(settled)["*", "chair"].decision == "stool.n.01"
+    assert rulings([*found, decision("c", None)]) == {}
+
+
+def test_kappa_by_hand() -> None:
+    pairs = [("x", "x"), ("x", "x"), ("y", "y"), ("x", "y")]
+    found = [d for i, (a, b) in enumerate(pairs) for d in (decision("a", a, f"s: {i}"), decision("b", b, f"s: {i}"))]
+    result = agreement(found)
+    expected = 0.75 * 0.5 + 0.25 * 0.5
+    assert result.n == 4
+    assert result.share == 0.75
+    assert result.kappa == pytest.approx((0.75 - expected) / (1 - expected))
+
+
+def test_amendments_do_not_count_as_agreement() -> None:
+    found = [decision("a", "x"), decision("b", "x", blind=False)]
+    assert agreement(found).n == 0
+    assert math.isnan(agreement(found).kappa)
+    assert rulings(found)["*", "chair"].decision == "x"
+
+
+@given(st.lists(st.sampled_from(["x", "y", None]), min_size=1, max_size=20))
+def test_a_reader_agrees_with_itself(answers: list[str | None]) -> None:
+    found = [decision(r, answer, f"s: {i}") for i, answer in enumerate(answers) for r in ("a", "b")]
+    assert agreement(found).kappa == 1.0
+
+
+@given(
+    subject=st.text(min_size=1, max_size=20).map(lambda words: f"s: {words}"),
+    concept=st.one_of(st.none(), st.just("chair.n.01")),
+    why=st.text(max_size=30),
+    blind=st.booleans(),
+)
+def test_a_decision_survives_its_line(subject: str, concept: str | None, why: str, blind: bool) -> None:
+    written = Decision(what="match", subject=subject, decision=concept, reader="r", when="now", why=why, blind=blind)
+    assert Decision.parsed(written.line()) == written
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("{", "expected a JSON object"),
+        ("[]", "expected a JSON object"),
+        ('{"what": "match", "subject": "chair", "decision": "none", "reader": "a", "when": ""}', "<source>: <words>"),
+        ('{"what": "guess", "subject": "*: a", "decision": "none", "reader": "a", "when": ""}', "what: expected"),
+        ('{"what": "match", "subject": "*: a", "decision": "none", "reader": " ", "when": ""}', "reader: expected"),
+        ('{"what": "match", "subject": "*: a", "reader": "a", "when": ""}', "expected a JSON object with"),
+    ],
+)
+def test_a_bad_line_is_named_with_file_and_number(tmp_path: Path, line: str, message: str) -> None:
+    (tmp_path / "d.jsonl").write_text("\n" + line + "\n", encoding="utf-8")
+    with pytest.raises(BadDecision, match=r"d\.jsonl:2: ") as fault:
+        decisions(tmp_path)
+    assert message in str(fault.value)
+
+
+def test_recording_adds_a_line_and_leaves_no_part(tmp_path: Path) -> None:
+    file = tmp_path / "new" / "d.jsonl"
+    recorded(decision("a", "chair.n.01"), file)
+    recorded(decision("b", None), file)
+    assert [d.reader for d in decisions(file.parent)] == ["a", "b"]
+    assert [path.name for path in file.parent.iterdir()] == ["d.jsonl"]
+    with pytest.raises(BadDecision, match="one that a has not decided"):
+        recorded(decision("a", None), file)
+
+
+@pytest.mark.usefixtures("wordnet")
+def test_the_command_records_and_lists(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = ["--folder", str(tmp_path)]
+    record = ["review", "record", "*: foo", "chair.n.01", "--reader", "Ada", *folder]
+    assert main([*record, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["recorded"] == "*: foo"
+    assert main(["review", "list", *folder, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["waiting"] == [{"what": "match", "subject": "*: foo"}]
+    assert main(["review", "blind", "--reader", "Ada", *folder, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == []
+    assert main(["review", "blind", "--reader", "Grace", *folder, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == [{"subject": "*: foo", "words": "foo"}]
+
+
+@pytest.mark.usefixtures("wordnet")
+def test_words_are_listed_from_packed_files_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    item = RawItem(
+        source="shop", source_id="1", category_path=("zzyzx",), dimensions_mm={"height": 1.0}, kind="product"
+    )
+    (tmp_path / "raw.jsonl.gz").write_bytes(gzip.compress(item.line().encode() + b"\n"))
+    assert main(["review", "list", str(tmp_path), "--folder", str(tmp_path / "none"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["schema"] == "metric-tree/review/1"
+    assert [(row["source"], row["items"]) for row in found["words"]] == [("shop", 1)]
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["*: foo", "chair.n.99", "--reader", "Ada"], "decision: expected a WordNet 3.0 synset"),
+        (["ikea_sa_2002: foo", "chair.n.01", "--reader", "Ada"], "expected a source (ikea_sa_2020, "),
+        (["foo", "chair.n.01", "--reader", "Ada"], "subject: expected <source>: <words>"),
+    ],
+)
+@pytest.mark.usefixtures("wordnet")
+def test_a_bad_record_is_one_line_and_writes_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    assert main(["review", "record", *words, "--folder", str(tmp_path / "new")]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "new").exists()
+
+
+def test_shipped_decisions_have_two_readers_each() -> None:
+    assert waiting(decisions()) == []
+    assert agreement(decisions(), "match").n >= 700
+
+
+def test_shipped_insertions_stand_where_two_readers_put_them() -> None:
+    readings: dict[str, list[str | None]] = {}
+    for found in decisions():
+        if found.what == "insertion":
+            readings.setdefault(found.subject, []).append(found.decision)
+    parents = {insertion.id: insertion.parent for insertion in insertions().values()}
+    assert {subject for subject, parent in parents.items() if readings[subject].count(parent) < 2} == set()
+    assert set(readings) - set(parents) <= set(replaced_ids())

@@ -1,0 +1,124 @@
+"""Folding, singulars and the noun phrase of a title."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from taxonomy.matching.words import Phrase, folded, noun_phrase, singulars, spelling_of
+
+TITLES = st.text(alphabet=st.characters(codec="utf-8"), max_size=80)
+WORDS = st.text(alphabet="abcdefghijklmnopqrstuvwxyz", min_size=1, max_size=14)
+
+
+@given(TITLES)
+def test_folding_is_idempotent(text: str) -> None:
+    assert folded(folded(text)) == folded(text)
+
+
+@given(TITLES)
+def test_folded_text_has_no_case_and_single_spaces(text: str) -> None:
+    found = folded(text)
+    assert found == found.lower().strip()
+    assert "  " not in found
+    assert all(c.isascii() and (c.isalnum() or c == " ") for c in found)
+
+
+@given(st.lists(WORDS, min_size=1, max_size=5), st.sampled_from(["-", "_", " ", "  ", " - ", "/"]))
+def test_separators_and_case_do_not_matter(words: list[str], separator: str) -> None:
+    assert folded(separator.join(words)) == folded(" ".join(words)) == folded(separator.join(words).upper())
+
+
+@given(WORDS.filter(lambda word: len(word) > 2 and not word.endswith("s")))
+def test_an_english_plural_has_its_singular_among_the_candidates(word: str) -> None:
+    assert word in set(singulars(_plural(word)))
+
+
+@given(WORDS)
+def test_a_word_is_never_its_own_singular(word: str) -> None:
+    assert word not in set(singulars(word))
+
+
+@given(TITLES)
+def test_a_noun_phrase_is_found_for_whatever_is_said(text: str) -> None:
+    phrase = noun_phrase(text)
+    assert len(phrase) <= len(text)
+    assert phrase == phrase.strip()
+
+
+@given(st.lists(WORDS, min_size=1, max_size=6))
+def test_endings_grow_shorter_and_keep_the_head(words: list[str]) -> None:
+    endings = list(Phrase(words).endings())
+    assert [len(ending.split()) for ending in endings] == list(range(len(words), 0, -1))
+    assert all(ending.split()[-1] == words[-1] for ending in endings)
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        ("TVStand", "tv stand"),
+        ("ArmChair", "arm chair"),
+        ("coat_rack", "coat rack"),
+        ("Drop-leaf table", "drop leaf table"),
+        ("Crèches", "creches"),
+        ("Hjørnesofa", "hjornesofa"),
+        ("GRÖNLID", "gronlid"),
+        ("Children's chair", "childrens chair"),
+        ("grey tyres & armour", "gray tires and armor"),
+        ("", ""),
+    ],
+)
+def test_folding_by_example(written: str, expected: str) -> None:
+    assert folded(written) == expected
+
+
+@pytest.mark.parametrize(
+    ("title", "expected"),
+    [
+        ("Plate with floral decoration", "Plate"),
+        ('Chair, "Womb"', "Chair"),
+        ("Box (with view of Dresden)", "Box"),
+        ("One of a Pair of Columns from a Shrine", "Columns"),
+        ("Set of six teaspoons", "teaspoons"),
+        ("Bar stool with backrest frame,          74 cm", "Bar stool"),
+        ("12 oz mug", "mug"),
+        ("2-seat sofa", "2-seat sofa"),
+        ("A Teapot", "Teapot"),
+        ("chest of drawers", "chest of drawers"),
+        ("with", "with"),
+    ],
+)
+def test_noun_phrases_by_example(title: str, expected: str) -> None:
+    assert noun_phrase(title) == expected
+
+
+@pytest.mark.parametrize(
+    ("plural", "singular"),
+    [
+        ("boxes", "box"), ("knives", "knife"), ("leaves", "leaf"), ("amphorae", "amphora"), ("lekythoi", "lekythos"),
+        ("benches", "bench"), ("cities", "city"), ("plateaux", "plateau"), ("men", "man"), ("ciboria", "ciborium"),
+        ("kylikes", "kylix"), ("bases", "basis"), ("rhyta", "rhytum"),
+    ],
+)  # fmt: skip
+def test_singulars_by_example(plural: str, singular: str) -> None:
+    assert singular in set(singulars(plural))
+
+
+def test_spellings_are_american() -> None:
+    assert spelling_of("colour") == "color"
+    assert spelling_of("tyres") == "tires"
+    assert spelling_of("chair") == "chair"
+
+
+def _plural(word: str) -> str:
+    if word.endswith(("s", "x", "z", "ch", "sh")):
+        return word + "es"
+    if word.endswith("y") and len(word) > 2 and word[-2] not in "aeiou":
+        return word[:-1] + "ies"
+    return word + "s"
+
+
+def test_what_describes_a_part_is_no_modifier_of_the_thing():
+    assert "high chair" not in set(Phrase(["high", "back", "leather", "chair"]).pairs())
+    assert "swivel chair" in set(Phrase(["swivel", "leather", "chair"]).pairs())

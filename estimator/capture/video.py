@@ -1,0 +1,141 @@
+"""The one decoder of videos: upright RGB frames with their presentation times."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.capture.hdr import CURVES, standard_range
+from estimator.scene import BadScene, told
+
+__all__ = ["VIDEO_SUFFIXES", "Video", "VideoFrame"]
+
+Picture = NDArray[np.uint8]
+
+#: Suffixes that are read as videos; the content decides whether they are.
+VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg"})
+#: Threads of the decoder; two cores are the reference machine.
+THREADS = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VideoFrame:
+    """index : from 0 in presentation order; time_s : presentation time; colour : (h, w, 3) upright RGB."""
+
+    index: int
+    time_s: float
+    colour: Picture
+
+
+class Video:
+    """A video file.
+
+    width, height : of the upright frames; turned_deg : the clockwise rotation that the container asks for, applied to
+    every frame; n_frames : how many the container states, 0 where it does not; hdr : the name of its HDR curve or None.
+
+    Raises
+    ------
+    BadScene
+        The file is missing, is no video, or PyAV is not installed.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with _opened(path) as container:
+            stream = _stream(path, container)
+            first = next(_decoded(path, container, stream), None)
+            if first is None:
+                raise BadScene.at(path, "video", "at least one frame that can be decoded", told("none"))
+            rate = stream.average_rate or stream.guessed_rate
+            self.n_frames = int(stream.frames) or _stated_frames(container, stream, rate)
+            self.rate = float(rate) if rate else 0.0
+            self.turned_deg = -round(first.rotation / 90) * 90 % 360
+            self.hdr = CURVES.get(int(first.color_trc))
+            self._aspect = float(stream.sample_aspect_ratio or Fraction(1))
+            self.height, self.width = self._upright(first).shape[:2]
+
+    def frames(self) -> Iterator[VideoFrame]:
+        """All frames from the first, one at a time; a damaged end ends them."""
+        last = -np.inf
+        with _opened(self.path) as container:
+            stream = _stream(self.path, container)
+            for index, frame in enumerate(_decoded(self.path, container, stream)):
+                time_s = frame.time if frame.time is not None else index / (self.rate or 30.0)
+                # a time that does not grow would put two frames in one place
+                last = max(float(time_s), float(np.nextafter(last, np.inf)))
+                yield VideoFrame(index, last, self._upright(frame))
+
+    def _upright(self, frame: Any) -> Picture:
+        if self.hdr is None:
+            colour = frame.to_ndarray(format="rgb24")
+        else:
+            colour = standard_range(frame.to_ndarray(format="rgb48le"), self.hdr)
+        if abs(self._aspect - 1) > 1e-3:
+            colour = _square_pixels(colour, self._aspect)
+        return np.ascontiguousarray(np.rot90(colour, -self.turned_deg // 90))
+
+
+def _opened(path: Path) -> Any:
+    try:
+        import av
+    except ImportError:
+        expected = "PyAV (pip install 'metric-tree[video]')"
+        raise BadScene.at(path, "video", expected, told("not installed")) from None
+    try:
+        return av.open(str(path))
+    except (av.error.FFmpegError, OSError) as fault:
+        words = "no such file" if not path.exists() else getattr(fault, "strerror", None) or str(fault)
+        raise BadScene.at(path, "video", "a video that FFmpeg reads", told(words)) from None
+
+
+def _stream(path: Path, container: Any) -> Any:
+    """The first video stream that is not a cover picture."""
+    import av
+
+    for stream in container.streams.video:
+        if not stream.disposition & av.stream.Disposition.attached_pic:
+            stream.thread_type, stream.thread_count = "AUTO", THREADS
+            return stream
+    raise BadScene.at(path, "video", "a video stream", told("none"))
+
+
+def _decoded(path: Path, container: Any, stream: Any) -> Iterator[Any]:
+    """The frames up to the first that cannot be decoded."""
+    import av
+
+    frames = container.decode(stream)
+    size = None
+    while True:
+        try:
+            frame = next(frames)
+        except (StopIteration, av.error.EOFError):
+            return
+        except av.error.FFmpegError:
+            return
+        size = size or (frame.width, frame.height)
+        if (frame.width, frame.height) != size:
+            raise BadScene.at(path, "video", f"frames of one size, {size}", (frame.width, frame.height))
+        yield frame
+
+
+def _stated_frames(container: Any, stream: Any, rate: Fraction | None) -> int:
+    """Frames by duration and rate, for containers that do not count them."""
+    seconds = 0.0
+    if stream.duration and stream.time_base:
+        seconds = float(stream.duration * stream.time_base)
+    elif container.duration:
+        seconds = container.duration / 1e6
+    return round(seconds * float(rate)) if rate else 0
+
+
+def _square_pixels(colour: Picture, aspect: float) -> Picture:
+    import cv2
+
+    height, width = colour.shape[:2]
+    return np.asarray(cv2.resize(colour, (max(round(width * aspect), 1), height), interpolation=cv2.INTER_AREA))

@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from estimator.files import json_of, listed, mapped
+from estimator.reconstructions.checked_files import json_of, listed, mapped
 from estimator.scene import BadScene, Camera, FloatArray
 
 __all__ = ["FILE_NAME", "FramePose", "FramePoses", "PoseOrigin", "read_frame_poses", "write_frame_poses"]

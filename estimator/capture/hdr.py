@@ -23,7 +23,7 @@ def standard_range(colour: NDArray[np.uint16], curve: str) -> NDArray[np.uint8]:
     # x (1 + x / w^2) / (1 + x): 1 at w, four times diffuse white; middle tones are darkened and are lifted again
     bright = linear * (1 + linear / 16) / (1 + linear) * 1.6
     encoded = np.where(bright <= 0.0031308, 12.92 * bright, 1.055 * np.maximum(bright, 1e-6) ** (1 / 2.4) - 0.055)
-    return np.clip(np.rint(encoded * 255), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(encoded * 255), 0, 255), dtype=np.uint8)
 
 
 def _linear(signal: NDArray[np.float64], curve: str) -> NDArray[np.float64]:

@@ -1,0 +1,85 @@
+"""The file of all frames' poses: what is written is read, what is wrong is named."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, write_frame_poses
+from estimator.scene import BadScene, Camera
+
+CAMERA = Camera("SIMPLE_RADIAL", 640, 480, np.array([500.0, 320.0, 240.0, 0.01]))
+
+
+def _poses(seed: int, n: int) -> FramePoses:
+    generator = np.random.default_rng(seed)
+    turns = Rotation.random(n, rng=generator).as_matrix()
+    frames = [
+        FramePose(
+            k, k / 30, f"{k:06d}.jpg" if k % 3 == 0 else None, "localised", turns[k], generator.normal(size=3), 0.4, 99
+        )
+        if k % 4
+        else FramePose(k, k / 30, None, "none")
+        for k in range(n)
+    ]
+    return FramePoses(Path("/films/room.mp4"), CAMERA, 90, tuple(frames))
+
+
+@given(st.integers(0, 10_000), st.integers(1, 12))
+def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, seed: int, n: int) -> None:
+    poses = _poses(seed, n)
+    folder = tmp_path_factory.mktemp("poses")
+    write_frame_poses(poses, folder / FILE_NAME)
+    again = read_frame_poses(folder)
+    assert (again.source, again.turned_deg, len(again.frames)) == (poses.source, 90, n)
+    assert again.camera is not None
+    assert (again.camera.model, again.camera.params.tolist()) == ("SIMPLE_RADIAL", CAMERA.params.tolist())
+    for one, two in zip(poses.frames, again.frames, strict=True):
+        assert (one.index, one.time_s, one.name, one.origin, one.check_px) == (
+            two.index, two.time_s, two.name, two.origin, two.check_px,
+        )  # fmt: skip
+        if one.rotation is not None:
+            np.testing.assert_array_equal(one.rotation, two.rotation)
+            np.testing.assert_array_equal(one.centre, two.centre)
+
+
+def test_a_frame_is_named_by_index_file_or_stem() -> None:
+    poses = _poses(1, 8)
+    assert poses.at(5).index == poses.at("5").index == 5
+    assert poses.at("000003.jpg").index == poses.at("000003").index == 3
+    with pytest.raises(KeyError):
+        poses.at("chair.jpg")
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"schema": "metric-tree/frame-poses/2"}, "schema"),
+        ({"frames": [{"index": 0}]}, "frames"),
+        ({"frames": 3}, "frames"),
+        ({"camera": {"model": "PINHOLE"}}, "frames"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, change: dict[str, object], word: str) -> None:
+    file = tmp_path / FILE_NAME
+    write_frame_poses(_poses(2, 3), file)
+    file.write_text(json.dumps(json.loads(file.read_text()) | change))
+    with pytest.raises(BadScene, match=word) as fault:
+        read_frame_poses(file)
+    assert str(file) in str(fault.value)
+
+
+def test_a_pose_agrees_with_its_origin(tmp_path: Path) -> None:
+    file = tmp_path / FILE_NAME
+    write_frame_poses(_poses(2, 3), file)
+    document = json.loads(file.read_text())
+    document["frames"][1]["origin"] = "none"
+    file.write_text(json.dumps(document))
+    with pytest.raises(BadScene, match="origin 'none'"):
+        read_frame_poses(file)

@@ -40,7 +40,7 @@ NEGATIVE = re.compile(r"^-[\d.]")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run `estimate-scale`; the exit status is 0, 2, 3 or 1 (docs/formats.md)."""
+    """Run `estimate-scale`; the exit status is 0, 2, 3 or 1 (docs/reference/formats.md)."""
     _use_one_thread()
     from metric_base.terminal import exit_status
 

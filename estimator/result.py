@@ -1,4 +1,4 @@
-"""The answer: `metric-tree/scale/1`, as a record that prints, saves and explains itself (docs/formats.md)."""
+"""The answer: `metric-tree/scale/1`, as a record that prints, saves and explains itself (docs/reference/formats.md)."""
 
 from __future__ import annotations
 

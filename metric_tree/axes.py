@@ -1,6 +1,6 @@
 """Which axis is which: from a source's words to length, width and height, by the node's ordinary pose.
 
-The one place that knows it (docs/formats.md, "Words"). `length` is the longer horizontal extent, `width` the
+The one place that knows it (docs/reference/formats.md, "Words"). `length` is the longer horizontal extent, `width` the
 shorter one, `height` the vertical one. A shop's words are others: a television's "width" is our length, a wardrobe's
 "depth" is our width, a phone's "height" lies down. What the words leave open stays open: it goes into `extents_mm`
 alone and the fit sums over the assignments that the pose allows (`candidates`).

@@ -22,7 +22,7 @@ __all__ = ["MANIFEST", "BadRelease", "Release", "linked", "opened", "published",
 
 MANIFEST = "manifest.json"
 
-#: What a manifest must hold (docs/formats.md).
+#: What a manifest must hold (docs/reference/formats.md).
 MANIFEST_FIELDS = ("schema", "name", "version", "created", "sources", "files", "counts")
 
 #: Rows of one Parquet row group: small enough that the items of one node are read without the others.

@@ -3,7 +3,7 @@
 A range holds nine of ten such things in the writer's judgement. The rows enter the build as raw items of kind
 `curated`, which a class's real items replace. Three tables of one form: `ranges.csv` for the tree, and `blind.csv` and
 `blind_wide.csv`, written for classes that have measured items before these were opened, to see how far such ranges can
-be trusted (docs/tree.md).
+be trusted (docs/explanation/levels.md).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The fit without non-commercial sources beside the whole one.
 
-`python -m benchmarks.metric_tree.open_fit --out docs/open_fit.md`.
+`python -m benchmarks.metric_tree.open_fit --out docs/evidence/open_fit.md`.
 
 What is lost (nodes, items, coverage of label lists) and how far the priors of the nodes that both have differ.
 """
@@ -41,7 +41,7 @@ _HEAD = """# The fit without non-commercial sources
 `{open_directory}` is release {version} fitted without the sources whose terms exclude commercial use; nothing else
 differs. This page says what that costs. It is printed by
 
-    python -m benchmarks.metric_tree.open_fit --out docs/open_fit.md
+    python -m benchmarks.metric_tree.open_fit --out docs/evidence/open_fit.md
 
 and stands beside `metric-tree report {open_directory} --against {directory}`, which shows the same with figures.
 """

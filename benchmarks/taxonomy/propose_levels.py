@@ -1,4 +1,4 @@
-"""The rule that proposes three inner levels out of WordNet's paths of 1 to 20 steps (docs/tree.md).
+"""The rule that proposes three inner levels out of WordNet's paths of 1 to 20 steps (docs/explanation/levels.md).
 
 Levels are nested cuts of the tree of hypernyms. A cut is a set of synsets such that every leaf has exactly one of them
 above it. The cost of a cut is the squared error that stays within its synsets when each is described by its mean log

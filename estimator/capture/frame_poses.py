@@ -125,7 +125,9 @@ def read_frame_poses(file: Path) -> FramePoses:
     except (KeyError, TypeError, ValueError) as fault:
         if isinstance(fault, BadScene):
             raise
-        raise BadScene.at(file, "frames", "the fields of docs/formats.md", f"{type(fault).__name__}: {fault}") from None
+        raise BadScene.at(
+            file, "frames", "the fields of docs/reference/formats.md", f"{type(fault).__name__}: {fault}"
+        ) from None
 
 
 def _row(pose: FramePose) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Objects measured elsewhere: the reader of `metric-tree/objects/1` (docs/scenes.md, `--objects`)."""
+"""Objects measured elsewhere: the reader of `metric-tree/objects/1` (docs/how-to/scenes.md, `--objects`)."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from metric_base.folders import taxonomy_directory
 __all__ = ["THRESHOLD", "Finding", "believed", "measured_reliability", "nothing", "reliabilities"]
 
 #: Matches that are right less often than this wait for a reader. The target is 0.95 over all matches; a rule at
-#: 0.8 is still worth its coverage because most matches come from rules above 0.95 (docs/matching.md).
+#: 0.8 is still worth its coverage because most matches come from rules above 0.95 (docs/explanation/matching.md).
 THRESHOLD = 0.8
 
 #: How often a rule is right before it has been measured, and how many strings that belief is worth.

@@ -258,7 +258,7 @@ def test_shipped_insertions_lack_in_wordnet(wordnet: WordNet) -> None:
     inserted = insertions()
     lexicon = Lexicon(wordnet, inserted)
     assert all(lexicon.knows(insertion.parent) for insertion in inserted.values())
-    #: WordNet has these words too, but lumps or means something else (reasons in docs/matching.md).
+    #: WordNet has these words too, but lumps or means something else (reasons in docs/explanation/matching.md).
     known = {"mt:english_cocker_spaniel", "mt:common_bream", "mt:roller_bearing", "mt:round_table", "mt:plaque"}
     known |= {"mt:playground_ball", "mt:quadcopter", "mt:door_handle"}
     same = {
@@ -312,7 +312,7 @@ def test_shipped_tables_match_by_example(source: str, path: tuple[str, ...], tit
 
 @pytest.mark.usefixtures("wordnet")
 def test_the_matcher_keeps_its_precision_and_coverage() -> None:
-    """The development half only: the held-out half is looked at by hand, and seldom (docs/matching.md)."""
+    """The development half only: the held-out half is looked at by hand, and seldom (docs/explanation/matching.md)."""
     with (taxonomy_directory() / "labelled_strings.csv").open(encoding="utf-8", newline="") as lines:
         rows = [row for row in csv.DictReader(lines) if row["half"] == "development"]
     gone = replaced_ids()

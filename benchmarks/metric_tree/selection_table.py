@@ -1,4 +1,4 @@
-"""The tables of docs/how-to/training-sets.md: our choice of categories, the paper's beside it, and the differences by reason.
+"""The tables of docs/how-to/training-sets.md: our choice of categories, the paper's, and the differences by reason.
 
 python -m benchmarks.metric_tree.selection_table [--tree REF] [--lists
 ../shared/data/sizes/metric_tree_2020/scale_metrics]

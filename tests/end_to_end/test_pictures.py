@@ -1,4 +1,4 @@
-"""From a shop's pages to a training set by the commands alone: a crawl, then the three of docs/how-to/training-sets.md."""
+"""From a shop's pages to a training set by commands alone (docs/how-to/training-sets.md)."""
 
 from __future__ import annotations
 

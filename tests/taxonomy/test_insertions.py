@@ -10,7 +10,7 @@ from taxonomy.matching.lexicon import Lexicon, default_lexicon
 from taxonomy.matching.senses import DOMAINS, fits
 from taxonomy.matching.words import folded, singulars
 
-#: WordNet has the word, but means something else, or lumps what differs in size (reasons in docs/explanation/matching.md).
+#: WordNet has the word but means something else, or lumps what differs in size (docs/explanation/matching.md).
 HOMONYMS = frozenset(
     "mt:" + name
     for name in [

@@ -156,12 +156,12 @@ def _check_detector(options: argparse.Namespace) -> None:
 
 def _objects_result(options: argparse.Namespace) -> ScaleResult:
     from estimator.pipeline import objects_result
-    from estimator.reconstructions.objects_file import objects_of
+    from estimator.reconstructions.objects_file import read_objects
 
     if options.method == "sucar":
         raise InputFault("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
     asked = _asked(options)
-    result = objects_result(objects_of(options.objects), _tree(options), asked, options.paper_lists)
+    result = objects_result(read_objects(options.objects), _tree(options), asked, options.paper_lists)
     if options.figure is not None and result.exit_code == 0:
         from estimator.outputs.figure import write_figure
 
@@ -175,9 +175,9 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
     asked = _asked(options)
     detector = None
     if options.detector is not None:
-        from estimator.instances.detector import detector_at
+        from estimator.instances.detector import load_detector
 
-        detector = detector_at(options.detector, options.detector_labels)
+        detector = load_detector(options.detector, options.detector_labels)
     estimate = scene_estimate(
         options.scene,
         _tree(options),
@@ -219,9 +219,9 @@ def _tree(options: argparse.Namespace) -> Tree:
 
 def _asked(options: argparse.Namespace) -> Options:
     from estimator.estimate import Options
-    from estimator.reconstructions.known_lengths import known_lengths
+    from estimator.reconstructions.known_lengths import parse_known_lengths
 
-    lengths = [length for words in options.known_length for length in known_lengths(words)]
+    lengths = [length for words in options.known_length for length in parse_known_lengths(words)]
     return Options(
         method=options.method,
         level=options.level,
@@ -234,6 +234,6 @@ def _print(result: ScaleResult, as_json: bool) -> None:
     if as_json:
         sys.stdout.write(result.json() + "\n")
         return
-    from estimator.outputs.table import text_of
+    from estimator.outputs.table import result_text
 
-    sys.stdout.write(text_of(result))
+    sys.stdout.write(result_text(result))

@@ -64,16 +64,16 @@ def scene_estimate(
     paper_lists : the authors' lists, for the second arm of `paper`
     images, detector : the folder of the pictures and what finds the instances in them, in place of `instances`
     """
-    from estimator.reading import instances_and_warnings, scene_at
+    from estimator.reading import read_instances_and_warnings, read_scene
 
     started = time.perf_counter()
-    scene = scene_at(path, dense)
+    scene = read_scene(path, dense)
     if images is not None and detector is not None:
-        from estimator.instances.detector import detected
+        from estimator.instances.detector import detect_instances
 
-        found, warnings = detected(scene, images, detector)
+        found, warnings = detect_instances(scene, images, detector)
     else:
-        found, warnings = instances_and_warnings(scene, instances, categories)
+        found, warnings = read_instances_and_warnings(scene, instances, categories)
     heard = (*scene.warnings, *warnings)
     seconds = {"reading": time.perf_counter() - started}
     if options.method == "sucar":

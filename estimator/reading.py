@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.instances.coco import coco_instances, unread
-from estimator.instances.label_images import picture_instances
+from estimator.instances.coco import ignored_categories, read_coco
+from estimator.instances.label_images import read_label_images
 from estimator.reconstructions.cameras import pixels_in_view
-from estimator.reconstructions.colmap import colmap_folder, colmap_scene
-from estimator.reconstructions.ply import dense_cloud, dense_file
+from estimator.reconstructions.colmap import colmap_folder, read_colmap
+from estimator.reconstructions.ply import dense_file, read_dense_cloud
 from estimator.scene import BadScene, DenseCloud, Instance, IntArray, Scene, told
 
-__all__ = ["instances_and_warnings", "instances_at", "scene_at"]
+__all__ = ["read_instances", "read_instances_and_warnings", "read_scene"]
 
 RECONSTRUCTION = "reconstruction.json"
 INSTANCES = "instances.json"
@@ -26,7 +26,7 @@ VISIBILITY_SAMPLE = 2000
 MIN_SHARE_IN_VIEW = 0.95
 
 
-def scene_at(path: Path | str, dense: Path | str | None = None) -> Scene:
+def read_scene(path: Path | str, dense: Path | str | None = None) -> Scene:
     """The scene of a COLMAP model folder or an OpenSfM dataset folder, with its dense cloud.
 
     dense : a PLY file, "none" to do without, or None to take the one beside the model if there is one.
@@ -41,14 +41,14 @@ def scene_at(path: Path | str, dense: Path | str | None = None) -> Scene:
     return scene
 
 
-def instances_at(
+def read_instances(
     scene: Scene, path: Path | str | None = None, categories: Path | str | None = None
 ) -> tuple[Instance, ...]:
     """The instances of a scene; see `instances_and_warnings`."""
-    return instances_and_warnings(scene, path, categories)[0]
+    return read_instances_and_warnings(scene, path, categories)[0]
 
 
-def instances_and_warnings(
+def read_instances_and_warnings(
     scene: Scene, path: Path | str | None = None, categories: Path | str | None = None
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances, and warnings.
@@ -58,9 +58,12 @@ def instances_and_warnings(
     """
     place = _default_instances(scene) if path is None else Path(path)
     if place.is_dir():
-        found, warnings = picture_instances(scene, place)
-        return found, (*warnings, *([] if categories is None else [unread(categories, place, "are pictures")]))
-    return coco_instances(scene, place, None if categories is None else Path(categories))
+        found, warnings = read_label_images(scene, place)
+        return found, (
+            *warnings,
+            *([] if categories is None else [ignored_categories(categories, place, "are pictures")]),
+        )
+    return read_coco(scene, place, None if categories is None else Path(categories))
 
 
 def _sparse_scene(path: Path) -> Scene:
@@ -70,11 +73,11 @@ def _sparse_scene(path: Path) -> Scene:
         raise BadScene.at(path, "scene", "a COLMAP model folder or an OpenSfM dataset folder", told("no such folder"))
     folder = colmap_folder(path)
     if folder is not None:
-        return colmap_scene(folder, path)
+        return read_colmap(folder, path)
     if (path / RECONSTRUCTION).is_file():
-        from estimator.reconstructions.opensfm import opensfm_scene  # reads tracks with pyarrow, which COLMAP needs not
+        from estimator.reconstructions.opensfm import read_opensfm  # reads tracks with pyarrow, which COLMAP needs not
 
-        return opensfm_scene(path)
+        return read_opensfm(path)
     names = sorted(entry.name for entry in path.iterdir())
     expected = f"images.bin or images.txt (also under sparse/0), or {RECONSTRUCTION}"
     raise BadScene.at(path, "scene", expected, told(", ".join(names[:5]) or "an empty folder"))
@@ -92,7 +95,7 @@ def _with_dense(scene: Scene, file: Path | None) -> Scene:
     place = file or dense_file(scene.path, scene.model_path or scene.path)
     if place is None:
         return scene
-    cloud, warnings = dense_cloud(place, len(scene.views))
+    cloud, warnings = read_dense_cloud(place, len(scene.views))
     order = None if cloud.visible_views is None else _model_order(scene, place)
     if cloud.visible_views is not None and order is not None:
         if len(cloud.visible_views) and cloud.visible_views.max() >= len(order):
@@ -115,7 +118,7 @@ def _model_order(scene: Scene, cloud_file: Path) -> IntArray | None:
     if folder is None or (scene.model_path is not None and folder.resolve() == scene.model_path.resolve()):
         return None
     rows = {view.name: row for row, view in enumerate(scene.views)}
-    names = [view.name for view in colmap_scene(folder).views]
+    names = [view.name for view in read_colmap(folder).views]
     return np.array([rows[name] for name in names]) if set(names) <= set(rows) else None
 
 

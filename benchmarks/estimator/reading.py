@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reading import scene_at
+from estimator.reading import read_scene
 
 __all__ = ["write_large_model"]
 
@@ -103,7 +103,7 @@ def main(argv: list[str]) -> int:
     """Print seconds and memory for each form, each in a process of its own."""
     if len(argv) == 2 and argv[0] == "--read":
         start, cpu = time.perf_counter(), time.process_time()
-        scene = scene_at(argv[1])
+        scene = read_scene(argv[1])
         seconds, cpu = time.perf_counter() - start, time.process_time() - cpu
         status = Path("/proc/self/status").read_text(encoding="ascii")  # getrusage tells the parent's peak after a fork
         peak = int(status.split("VmHWM:")[1].split()[0]) / 1e6

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from estimator.geometry.point_labels import sparse_labels
 from estimator.geometry.tracks import incremental_tracks, shared_tracks
-from estimator.reading import instances_at, scene_at
+from estimator.reading import read_instances, read_scene
 from metric_tree.build.steps import Options as BuildOptions
 from metric_tree.build.steps import built, shipped_taxonomy
 from metric_tree.tree import Tree, open_tree
@@ -115,8 +115,8 @@ def _whole_cases(cache: Path, sizes: Sizes, seeds: Sequence[int]) -> Iterator[Ca
                 except NotReconstructed as failure:
                     print(f"left out: {failure}", file=sys.stderr)
                     continue
-            scene = scene_at(folder)
-            yield Case(f"{kind} {seed}", scene, tuple(instances_at(scene)), truth_at(folder, world))
+            scene = read_scene(folder)
+            yield Case(f"{kind} {seed}", scene, tuple(read_instances(scene)), truth_at(folder, world))
 
 
 def _quick_cases(sweep: str, knobs: Knobs, sizes: Sizes, seeds: Sequence[int]) -> Iterator[Case]:

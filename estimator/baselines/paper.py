@@ -22,7 +22,7 @@ from estimator.estimate import Answer, Options, result_of
 from estimator.measured_object import AXES, MeasuredObject
 from estimator.posterior.axes import SORTED_AXES
 from estimator.posterior.categories import Meaning, meanings
-from estimator.reconstructions.checked_files import text_of
+from estimator.reconstructions.checked_files import read_text
 from estimator.result import ScaleResult, UpReport
 from estimator.scene import BadScene, FloatArray, told
 from metric_base.folders import data_folder
@@ -131,7 +131,7 @@ def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], 
 
 def _list_names() -> dict[str, str]:
     """File stem to category name, from the declaration of the authors' lists."""
-    declared = tomllib.loads(text_of(data_folder() / "sources" / "metric_tree_2020.toml"))
+    declared = tomllib.loads(read_text(data_folder() / "sources" / "metric_tree_2020.toml"))
     return {
         Path(file).stem: table["category"][-1]
         for table in declared["tables"]
@@ -143,7 +143,7 @@ def _list_names() -> dict[str, str]:
 def _list(path: Path) -> tuple[tuple[str, ...], FloatArray]:
     try:
         rows = np.array(
-            [[float(cell) for cell in line.split(",")] for line in text_of(path).split("\n") if line.strip()]
+            [[float(cell) for cell in line.split(",")] for line in read_text(path).split("\n") if line.strip()]
         )
     except ValueError:
         raise BadScene.at(path, "rows", "numbers apart by commas, as many in each line", told("others")) from None

@@ -15,7 +15,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from estimator.reconstructions.checked_files import json_of, listed, mapped
+from estimator.reconstructions.checked_files import json_array, json_object, read_json
 from estimator.scene import BadScene, Camera, FloatArray
 
 __all__ = ["FILE_NAME", "FramePose", "FramePoses", "PoseOrigin", "read_frame_poses", "write_frame_poses"]
@@ -115,12 +115,14 @@ def read_frame_poses(file: Path) -> FramePoses:
         The file is missing, is of another kind or version, or a value in it is wrong.
     """
     file = file / FILE_NAME if file.is_dir() else file
-    document = mapped(file, "document", json_of(file))
+    document = json_object(file, "document", read_json(file))
     if document.get("schema") != SCHEMA:
         raise BadScene.at(file, "schema", SCHEMA, document.get("schema"))
     try:
         camera = _camera(document["camera"])
-        frames = tuple(_pose(mapped(file, "frames", row)) for row in listed(file, "frames", document["frames"]))
+        frames = tuple(
+            _pose(json_object(file, "frames", row)) for row in json_array(file, "frames", document["frames"])
+        )
         return FramePoses(Path(document["source"]), camera, int(document["turned_deg"]), frames)
     except (KeyError, TypeError, ValueError) as fault:
         if isinstance(fault, BadScene):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.measured_object import Box
-from estimator.reconstructions.cameras import projected
+from estimator.reconstructions.cameras import project
 from estimator.scene import FloatArray, IntArray, View
 
 __all__ = ["EDGES", "corners", "edge_axis", "projected_edges"]
@@ -36,4 +36,4 @@ def projected_edges(box: Box, view: View) -> FloatArray:
     steps = np.linspace(0.0, 1.0, _PIECES + 1)[None, :, None]
     points = ends[:, None, 0] * (1 - steps) + ends[:, None, 1] * steps
     points_camera = points.reshape(-1, 3) @ view.rotation.T + view.translation
-    return projected(view.camera, points_camera).reshape(len(EDGES), _PIECES + 1, 2)
+    return project(view.camera, points_camera).reshape(len(EDGES), _PIECES + 1, 2)

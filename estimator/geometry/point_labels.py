@@ -15,7 +15,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.sparse import csr_array
 
-from estimator.reconstructions.cameras import projected
+from estimator.reconstructions.cameras import project
 from estimator.scene import BoolArray, Camera, FloatArray, Instance, IntArray, Scene, View
 
 __all__ = ["PointLabels", "PointVotes", "dense_labels", "point_votes", "sparse_labels", "view_labels", "visible_rows"]
@@ -159,7 +159,7 @@ def _inside_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, 
     """Rows of the points (n, 3) that project into the image, their pixels (m, 2) and depths (m,)."""
     # a product this narrow is no work for BLAS, whose threads would wait for one another
     camera_points = np.einsum("nj,ij->ni", points, view.rotation) + view.translation
-    pixels = projected(view.camera, camera_points)
+    pixels = project(view.camera, camera_points)
     x, y = pixels.T
     # NaN, behind the camera or beyond its lens, is not inside
     rows = np.flatnonzero((x >= 0) & (x < view.camera.width) & (y >= 0) & (y < view.camera.height))

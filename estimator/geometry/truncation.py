@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from estimator.geometry.point_labels import PointLabels
-from estimator.reconstructions.cameras import pixels_in_view, projected
+from estimator.reconstructions.cameras import pixels_in_view, project
 from estimator.scene import BoolArray, FloatArray, Instance, Scene, View
 
 __all__ = ["Outline", "Sides", "Surroundings", "outline", "seen_sides"]
@@ -238,4 +238,4 @@ def _hidden(
 
 def _pixels(view: View, points: FloatArray) -> FloatArray:
     """(n, 2) pixels of world points, also outside the image; NaN behind the camera."""
-    return projected(view.camera, points @ view.rotation.T + view.translation)
+    return project(view.camera, points @ view.rotation.T + view.translation)

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.instances.crops import ViewNames, crop_at, instances_of, other_aspect
-from estimator.instances.masks import box_mask, checked_size, coco_mask
-from estimator.reconstructions.checked_files import json_of, listed, mapped
+from estimator.instances.crops import ViewNames, differs_in_aspect, joined_instances, mask_crop
+from estimator.instances.masks import box_mask, coco_mask, picture_size
+from estimator.reconstructions.checked_files import json_array, json_object, read_json
 from estimator.scene import BadScene, Instance, Scene, told
 
-__all__ = ["coco_instances", "unread"]
+__all__ = ["ignored_categories", "read_coco"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +33,7 @@ class CocoFrame:
     categories: dict[Hashable, str]
 
 
-def coco_instances(
-    scene: Scene, file: Path, categories: Path | None = None
-) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def read_coco(scene: Scene, file: Path, categories: Path | None = None) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances of a dataset or of results, and warnings.
 
     Results take names and images from the dataset `categories`, by default `<stem>_categories.json` beside the
@@ -49,25 +47,25 @@ def coco_instances(
     names = [image.file_name for image in frame.images.values()]
     warnings = _warnings(file, annotations, frame, scene, found)
     if categories is not None and frame.file != categories:
-        warnings.append(unread(categories, file, "is a dataset"))
-    return instances_of(file, scene, names, found, warnings)
+        warnings.append(ignored_categories(categories, file, "is a dataset"))
+    return joined_instances(file, scene, names, found, warnings)
 
 
-def unread(categories: Path | str, instances: Path, what: str) -> str:
+def ignored_categories(categories: Path | str, instances: Path, what: str) -> str:
     """The warning for `--categories` beside instances that name their own."""
     return f"--categories {categories}: not read, for {instances} {what} with categories of its own"
 
 
 def _document(scene: Scene, file: Path, categories: Path | None) -> tuple[CocoFrame, list[Any]]:
-    document = json_of(file)
+    document = read_json(file)
     if isinstance(document, dict):
-        return _frame(file, document, scene), listed(file, "annotations", document.get("annotations"))
-    annotations = listed(file, "document", document)
+        return _frame(file, document, scene), json_array(file, "annotations", document.get("annotations"))
+    annotations = json_array(file, "document", document)
     named = categories or file.with_name(f"{file.stem}_categories.json")
     if not named.is_file():
         expected = "a dataset that names categories and images (--categories)"
         raise BadScene.at(file, "categories", expected, told(f"no file {named.name} beside it"))
-    return _frame(named, mapped(named, "document", json_of(named)), scene), annotations
+    return _frame(named, json_object(named, "document", read_json(named)), scene), annotations
 
 
 def _warnings(
@@ -94,7 +92,7 @@ def _warnings(
 def _turned(image: CocoImage, scene: Scene) -> bool:
     if image.view is None or image.size is None:
         return False
-    return other_aspect(image.size, scene.views[image.view].camera)
+    return differs_in_aspect(image.size, scene.views[image.view].camera)
 
 
 def _frame(file: Path, document: dict[str, Any], scene: Scene) -> CocoFrame:
@@ -103,7 +101,7 @@ def _frame(file: Path, document: dict[str, Any], scene: Scene) -> CocoFrame:
     for field, key, image in _entries(file, "images", document):
         name = _text(file, f"{field} file_name", image.get("file_name"))
         size = (image.get("width"), image.get("height"))
-        stated = None if size == (None, None) else checked_size(file, f"{field} width and height", size)
+        stated = None if size == (None, None) else picture_size(file, f"{field} width and height", size)
         images[key] = CocoImage(name, stated, rows.row(name))
     names = {
         key: _text(file, f"{field} name", category.get("name"))
@@ -115,9 +113,9 @@ def _frame(file: Path, document: dict[str, Any], scene: Scene) -> CocoFrame:
 def _entries(file: Path, part: str, document: dict[str, Any]) -> list[tuple[str, Hashable, dict[str, Any]]]:
     """Field, id and object of each entry of a part; every id once."""
     entries, seen = [], set()
-    for number, value in enumerate(listed(file, part, document.get(part))):
+    for number, value in enumerate(json_array(file, part, document.get(part))):
         field = f"{part}[{number}]"
-        entry = mapped(file, field, value)
+        entry = json_object(file, field, value)
         key = _key(file, f"{field} id", entry.get("id"))
         if key in seen:
             raise BadScene.at(file, f"{field} id", "each id once", told(f"{key!r} twice"))
@@ -141,7 +139,7 @@ def _text(file: Path, field: str, value: object) -> str:
 def _instance(file: Path, row: int, entry: object, frame: CocoFrame, scene: Scene) -> Instance | None:
     """One annotation as an instance, or None where it has no view or no pixels."""
     field = f"annotations[{row}]"
-    annotation = mapped(file, field, entry)
+    annotation = json_object(file, field, entry)
     image_id = _key(file, f"{field} image_id", annotation.get("image_id"))
     category_id = _key(file, f"{field} category_id", annotation.get("category_id"))
     if image_id not in frame.images:
@@ -161,7 +159,7 @@ def _instance(file: Path, row: int, entry: object, frame: CocoFrame, scene: Scen
         mask = coco_mask(file, field, segmentation, size)
     else:
         mask = box_mask(file, field, annotation.get("bbox"), size)
-    crop = crop_at(mask, camera)
+    crop = mask_crop(mask, camera)
     if crop is None:
         return None
     track = annotation.get("track_id")

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.scene import BadScene, BoolArray, Camera, Instance, IntArray, Scene, told
 
-__all__ = ["ViewNames", "crop_at", "instances_of", "other_aspect"]
+__all__ = ["ViewNames", "differs_in_aspect", "joined_instances", "mask_crop"]
 
 #: A mask whose shape differs by more than this from its camera's was likely made on a rotated or cropped picture.
 ASPECT_TOLERANCE = 0.02
@@ -33,7 +33,7 @@ class ViewNames:
         return self._by_base.get(PurePosixPath(name).name) if exact is None else exact
 
 
-def instances_of(
+def joined_instances(
     file: Path, scene: Scene, names: Sequence[str], found: Iterable[Instance | None], warnings: Iterable[str]
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances that are there, and warnings with one more for images that match no view.
@@ -50,7 +50,7 @@ def instances_of(
     return instances, (*warnings, *told_lost)
 
 
-def crop_at(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, int]] | None:
+def mask_crop(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, int]] | None:
     """The crop of a (h, w) mask at the camera's resolution and its upper left pixel, or None if it has no pixel.
 
     Each pixel of the camera takes the mask's value at its own centre; only the crop is ever resampled.
@@ -65,7 +65,7 @@ def crop_at(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, int]
     return (crop, (left, top)) if crop.any() else None
 
 
-def other_aspect(size: tuple[int, int], camera: Camera) -> bool:
+def differs_in_aspect(size: tuple[int, int], camera: Camera) -> bool:
     """Whether a picture of `size` (width, height) is of another shape than the camera's."""
     ratio = (size[0] / size[1]) / (camera.width / camera.height)
     return bool(abs(np.log(ratio)) > ASPECT_TOLERANCE)

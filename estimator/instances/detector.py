@@ -18,13 +18,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.instances.crops import crop_at
+from estimator.instances.crops import mask_crop
 from estimator.instances.image_files import image_file
-from estimator.instances.registry import RegisteredDetector, downloaded, known_file, registered
+from estimator.instances.registry import RegisteredDetector, download, registry_entry, registry_entry_of
 from estimator.scene import BadScene, BoolArray, FloatArray, Instance, IntArray, Scene, View, told
 from taxonomy.label_lists import vocabulary
 
-__all__ = ["Detections", "Detector", "InputForm", "detected", "detector_at", "label_names"]
+__all__ = ["Detections", "Detector", "InputForm", "detect_instances", "label_names", "load_detector"]
 
 InputForm = Literal["torchvision", "caffe"]
 
@@ -150,7 +150,7 @@ class Detector:
         return width, height
 
 
-def detector_at(ref: str | Path, labels: Path | None = None) -> Detector:
+def load_detector(ref: str | Path, labels: Path | None = None) -> Detector:
     """The detector of an ONNX file, or of a name in the registry, which is downloaded where it is not yet kept.
 
     labels : a text file with one name per line, the first for label 1; by default COCO's 91 ids, as torchvision's own
@@ -162,8 +162,8 @@ def detector_at(ref: str | Path, labels: Path | None = None) -> Detector:
         There is no such file or name, or the download is not to be had; the message says how to get a detector.
     """
     is_file = Path(ref).is_file()
-    entry = known_file(Path(ref)) if is_file else registered(str(ref))
-    path = Path(ref) if is_file or entry is None else downloaded(entry)
+    entry = registry_entry_of(Path(ref)) if is_file else registry_entry(str(ref))
+    path = Path(ref) if is_file or entry is None else download(entry)
     if labels is not None:
         names = ("", *(line.strip() for line in labels.read_text(encoding="utf-8").splitlines()))
     else:
@@ -179,7 +179,7 @@ def label_names(name: str) -> tuple[str, ...]:
     return ("", *("" if number in COCO_91_GAPS else next(remaining).label for number in range(1, 91)))
 
 
-def detected(scene: Scene, images: Path, detector: Detector) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def detect_instances(scene: Scene, images: Path, detector: Detector) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances that a detector sees in the scene's pictures, and warnings.
 
     images : the folder that holds them, by the views' names, else by their base names.
@@ -212,7 +212,7 @@ def _instances(row: int, view: View, seen: Detections, detector: Detector) -> It
         if not name:
             expected = f"a number with a name (1 to {len(detector.labels) - 1}; name them with --detector-labels)"
             raise BadScene.at(detector.path, "label", expected, int(label))
-        crop = crop_at(mask, view.camera)
+        crop = mask_crop(mask, view.camera)
         if crop is not None:
             yield Instance(f"{row}-{number}", row, name, crop[0], crop[1], score=float(min(score, 1.0)))
 

@@ -20,12 +20,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.instances.crops import ViewNames, crop_at, instances_of
-from estimator.instances.masks import checked_size
-from estimator.reconstructions.checked_files import bytes_of, json_of, mapped
+from estimator.instances.crops import ViewNames, joined_instances, mask_crop
+from estimator.instances.masks import picture_size
+from estimator.reconstructions.checked_files import json_object, read_bytes, read_json
 from estimator.scene import BadScene, BoolArray, Instance, Scene, told
 
-__all__ = ["picture_instances"]
+__all__ = ["read_label_images"]
 
 CATEGORIES = "categories.json"
 #: A connected part smaller than this share of the largest of its value is a speck of the segmenter, not an object.
@@ -34,7 +34,7 @@ _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _CHUNK = struct.Struct(">I4s")
 
 
-def picture_instances(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances of every `<image>.png` of the folder, and warnings."""
     names = _names(folder / CATEGORIES)
     objects = len(set(names.values())) < len(names)
@@ -49,12 +49,12 @@ def picture_instances(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
             found += _of_picture(scene, row, file, names, objects)
     meaning = "objects (a name stands at several values)" if objects else "categories (each name stands once)"
     warnings = [f"{folder}: pixel values are read as {meaning}"]
-    return instances_of(folder, scene, [_matching_name(rows, file) for file in files], found, warnings)
+    return joined_instances(folder, scene, [_matching_name(rows, file) for file in files], found, warnings)
 
 
 def _names(file: Path) -> dict[int, str]:
     names = {}
-    for key, name in mapped(file, "document", json_of(file)).items():
+    for key, name in json_object(file, "document", read_json(file)).items():
         if not (key.isascii() and key.isdecimal() and int(key) < 1 << 16):
             raise BadScene.at(file, "value", "a pixel value from 0 to 65535", key)
         if not isinstance(name, str) or not name.strip():
@@ -83,7 +83,7 @@ def _of_picture(scene: Scene, row: int, file: Path, names: dict[int, str], objec
             continue
         mask = values == value
         for number, part in enumerate([mask] if objects else _parts(mask)):
-            crop = crop_at(part, camera)
+            crop = mask_crop(part, camera)
             if crop is not None:
                 name = f"{file.stem}:{value}" if objects else f"{file.stem}:{value}.{number}"
                 instances.append(Instance(name, row, names[value], crop[0], crop[1]))
@@ -104,7 +104,7 @@ def _pixel_values(file: Path) -> NDArray[np.uint16]:
     """(h, w) values of a PNG of one channel, 8 or 16 bits."""
     import cv2
 
-    data = bytes_of(file)
+    data = read_bytes(file)
     _check_png(file, data)
     picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None:
@@ -128,5 +128,5 @@ def _check_png(file: Path, data: bytes) -> None:
         if data[end : end + 4] != zlib.crc32(data[place + 4 : end]).to_bytes(4, "big"):
             raise BadScene.at(file, f"chunk {kind!r}", "a matching checksum", told("another, or the end of the file"))
         if kind == b"IHDR":
-            checked_size(file, "size", struct.unpack_from(">II", data, place + _CHUNK.size))
+            picture_size(file, "size", struct.unpack_from(">II", data, place + _CHUNK.size))
         place = end + 4

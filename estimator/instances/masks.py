@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from estimator.reconstructions.cameras import MAX_PIXELS, MAX_SIDE_PX
-from estimator.reconstructions.checked_files import mapped
+from estimator.reconstructions.checked_files import json_object
 from estimator.scene import BadScene, BoolArray, FloatArray, IntArray, told
 
-__all__ = ["box_mask", "checked_size", "coco_mask"]
+__all__ = ["box_mask", "coco_mask", "picture_size"]
 
 #: Longest outline that is drawn: a mask of a large picture has some 100,000 pixels of it, and drawing takes
 #: about 100 bytes a pixel.
@@ -22,7 +22,7 @@ MAX_OUTLINE_PX = 2_000_000
 _MAX_LETTERS = 6
 
 
-def checked_size(file: Path, field: str, size: object) -> tuple[int, int]:
+def picture_size(file: Path, field: str, size: object) -> tuple[int, int]:
     """`size` as two whole numbers, if a picture can have these sides."""
     if isinstance(size, list | tuple) and len(size) == 2:
         first, second = size
@@ -36,8 +36,8 @@ def coco_mask(file: Path, field: str, segmentation: object, size: tuple[int, int
     """(h, w) of a `segmentation`: polygons on a picture of `size` (width, height), or run lengths of their own size."""
     if isinstance(segmentation, list):
         return _polygon_mask(file, field, segmentation, size)
-    runs = mapped(file, f"{field} segmentation", segmentation)
-    height, width = checked_size(file, f"{field} segmentation size", runs.get("size"))
+    runs = json_object(file, f"{field} segmentation", segmentation)
+    height, width = picture_size(file, f"{field} segmentation size", runs.get("size"))
     lengths = _run_lengths(file, f"{field} segmentation counts", runs.get("counts"))
     if (lengths < 0).any() or lengths.sum() != width * height:
         expected = f"runs that add up to {height} x {width} pixels"

@@ -14,11 +14,11 @@ from metric_base.folders import data_folder
 __all__ = [
     "CACHE_VARIABLE",
     "RegisteredDetector",
-    "downloaded",
+    "download",
     "how_to_get_one",
-    "known_file",
-    "registered",
     "registry",
+    "registry_entry",
+    "registry_entry_of",
 ]
 
 #: Moves the folder in which downloaded detectors are kept (default: the user's cache).
@@ -62,7 +62,7 @@ def registry(file: Path | None = None) -> tuple[RegisteredDetector, ...]:
     )
 
 
-def registered(name: str) -> RegisteredDetector:
+def registry_entry(name: str) -> RegisteredDetector:
     """The detector of a name; BadScene where there is no such name."""
     for entry in registry():
         if entry.name == name:
@@ -72,14 +72,14 @@ def registered(name: str) -> RegisteredDetector:
     )
 
 
-def known_file(file: Path) -> RegisteredDetector | None:
+def registry_entry_of(file: Path) -> RegisteredDetector | None:
     """The entry whose file this is, by its sha256: somebody may have fetched it by hand."""
     with file.open("rb") as body:
         found = hashlib.file_digest(body, "sha256").hexdigest()
     return next((entry for entry in registry() if entry.sha256 == found), None)
 
 
-def downloaded(entry: RegisteredDetector) -> Path:
+def download(entry: RegisteredDetector) -> Path:
     """The detector's file in the cache, fetched and checked against its sha256 where it is not there yet.
 
     Raises

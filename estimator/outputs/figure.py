@@ -16,7 +16,7 @@ import numpy as np
 
 from estimator.outputs.plan import COLOURS, bare_axes, draw_scene
 from estimator.outputs.whole import written_file
-from estimator.reconstructions.truth import scene_truth
+from estimator.reconstructions.truth import read_truth
 from estimator.result import ObjectReport, ScaleResult
 from estimator.scene import BadScene, FloatArray
 
@@ -76,7 +76,7 @@ def figure(estimate: SceneEstimate | ScaleResult) -> Figure:
     left, *right = np.ravel(np.asarray(drawn.subfigures(1, halves), dtype=object))
     share = min(HEAD_INCHES, 0.4 * height)
     head, body = left.subplots(2, 1, sharex=True, height_ratios=(share, height - share))
-    _draw_posterior(head, result, None if scene is None else scene_truth(scene.scene.path).scale)
+    _draw_posterior(head, result, None if scene is None else read_truth(scene.scene.path).scale)
     _draw_objects(body, result, reports)
     if scene is not None:
         above, side = right[0].subplots(2, 1, height_ratios=(3, 2))

@@ -18,10 +18,10 @@ import numpy as np
 from estimator.geometry.box_edges import edge_axis, projected_edges
 from estimator.instances.image_files import image_file, image_folders
 from estimator.measured_object import MeasuredObject
-from estimator.outputs.placement import placed_labels
+from estimator.outputs.placement import label_places
 from estimator.outputs.size_labels import DimensionLabel, dimension_labels
 from estimator.outputs.whole import written_folder
-from estimator.reconstructions.truth import scene_truth
+from estimator.reconstructions.truth import read_truth
 from estimator.result import ObjectReport
 from estimator.scene import BadScene, FloatArray, Instance, told
 
@@ -88,7 +88,7 @@ def _shown(estimate: SceneEstimate, row: int) -> list[tuple[MeasuredObject, Obje
     if estimate.measurements is None:
         return []
     reports = {report.id: report for report in estimate.result.objects}
-    truth = scene_truth(estimate.scene.path)
+    truth = read_truth(estimate.scene.path)
     shown = []
     for item in estimate.measurements.objects:
         if item.box is None or all(estimate.instances[member].view != row for member in item.members):
@@ -159,7 +159,7 @@ def _with_panels(
     bold, plain = _fonts()
     sizes = np.array([_panel_size(report, labels, bold, plain) for report, labels in texts]).reshape(-1, 2)
     things = np.array([_seen(lines, canvas.shape) for lines in edges]).reshape(-1, 4)
-    places = np.rint(placed_labels(things, sizes, (canvas.shape[1], canvas.shape[0])))
+    places = np.rint(label_places(things, sizes, (canvas.shape[1], canvas.shape[0])))
     sheet = Image.fromarray(canvas)
     shade = Image.new("RGBA", sheet.size, (0, 0, 0, 0))
     draw = ImageDraw.Draw(shade)

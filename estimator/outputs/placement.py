@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.scene import FloatArray
 
-__all__ = ["placed_labels"]
+__all__ = ["label_places"]
 
 #: Rings of places tried around the middle of a thing; further out a label no longer belongs to it.
 _RINGS, _PER_RING = 16, 24
@@ -18,7 +18,7 @@ _STEP_PX, _FLATTENED = 24.0, 1.6
 _OVERLAP_COST, _COVER_COST = 0.5, 110.0
 
 
-def placed_labels(things: FloatArray, sizes: FloatArray, canvas: tuple[int, int]) -> FloatArray:
+def label_places(things: FloatArray, sizes: FloatArray, canvas: tuple[int, int]) -> FloatArray:
     """(n, 2) upper left corners of labels on a canvas (width, height).
 
     things : (n, 4) left, top, right, bottom of what each label speaks of; sizes : (n, 2) width and height of the

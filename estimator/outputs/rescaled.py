@@ -15,9 +15,9 @@ import numpy as np
 
 from estimator.outputs.rescaled_colmap import write_scaled_colmap
 from estimator.outputs.whole import written_folder
-from estimator.reconstructions.checked_files import bytes_of
+from estimator.reconstructions.checked_files import read_bytes
 from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction
-from estimator.reconstructions.ply import ply_layout, visibility, visibility_bytes
+from estimator.reconstructions.ply import ply_layout, read_visibility, visibility_bytes
 from estimator.scene import BadScene, IntArray, Scene
 
 __all__ = ["TRANSFORM", "write_scaled"]
@@ -85,7 +85,7 @@ def _scale_member(entries: Any, member: str, scale: float) -> None:
 def _write_cloud(source: Path, scale: float, target: Path) -> None:
     """A PLY file with its positions scaled."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    data = bytes_of(source)
+    data = read_bytes(source)
     layout = ply_layout(source, data)
     if layout.format == "ascii":
         target.write_bytes(
@@ -105,8 +105,8 @@ def _write_visibility(source: Path, file_views: IntArray | None, n_views: int, t
     if file_views is None:
         shutil.copyfile(beside, written)
         return
-    n_points = ply_layout(source, bytes_of(source)).count
-    offsets, views = visibility(beside, n_points, n_views)
+    n_points = ply_layout(source, read_bytes(source)).count
+    offsets, views = read_visibility(beside, n_points, n_views)
     written.write_bytes(visibility_bytes(offsets, file_views[views]))
 
 

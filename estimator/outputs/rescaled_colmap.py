@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.checked_files import ByteReader, text_of
+from estimator.reconstructions.checked_files import ByteReader, read_text
 from estimator.reconstructions.colmap_binary import image_places, point_places
 from estimator.scene import BadScene, IntArray, told
 
@@ -91,7 +91,7 @@ _BINARY_PLACES: dict[str, Callable[[ByteReader], IntArray]] = {
 
 def _scaled_text(file: Path, part: str, scale: float) -> str:
     """The file with its lengths multiplied; comments and the lines of keypoints stay as they are."""
-    lines, is_keypoints = text_of(file).split("\n"), False
+    lines, is_keypoints = read_text(file).split("\n"), False
     for row, line in enumerate(lines):
         if line.lstrip().startswith("#") or not (line.strip() or is_keypoints):
             continue

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = ["printed", "text_of"]
+__all__ = ["print_result", "result_text"]
 
 #: Columns of the dimensions, in the order in which people say them; a free box has its sorted extents.
 AXES = ("length", "width", "height")
@@ -29,7 +29,7 @@ STYLE = {"used": "green", "outlier": "red", "skipped": "dim"}
 PIPE_WIDTH = 200
 
 
-def text_of(result: ScaleResult) -> str:
+def result_text(result: ScaleResult) -> str:
     """The printed result, as wide as the terminal, with colours on a terminal only."""
     from rich.console import Console
 
@@ -37,11 +37,11 @@ def text_of(result: ScaleResult) -> str:
     width = shutil.get_terminal_size().columns if terminal else PIPE_WIDTH
     console = Console(file=io.StringIO(), width=width, force_terminal=terminal)
     with console.capture() as captured:
-        printed(result, console)
+        print_result(result, console)
     return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
 
 
-def printed(result: ScaleResult, console: Console) -> None:
+def print_result(result: ScaleResult, console: Console) -> None:
     """Print the headline, the objects and the alternatives."""
     console.print(_headline(result), highlight=False)
     if result.up is not None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.scene import BadScene, Camera, FloatArray, View, told
 
-__all__ = ["CAMERA_MODELS", "camera_at", "pixels_in_view", "projected"]
+__all__ = ["CAMERA_MODELS", "make_camera", "pixels_in_view", "project"]
 
 #: COLMAP's camera models by name: number in binary files, parameters in file order (colmap/sensor/models.h).
 CAMERA_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
@@ -46,7 +46,7 @@ _STEPS = 1024
 _DIRECTIONS = 16
 
 
-def camera_at(file: Path, field: str, model: str, size: tuple[int, int], params: Any) -> Camera:
+def make_camera(file: Path, field: str, model: str, size: tuple[int, int], params: Any) -> Camera:
     """A camera whose every number was checked; `file` and `field` name it in a fault.
 
     size : (width, height) in pixels. BadScene for an unknown model, a wrong number of parameters, sizes outside
@@ -69,7 +69,7 @@ def camera_at(file: Path, field: str, model: str, size: tuple[int, int], params:
     return Camera(model, width, height, values)
 
 
-def projected(camera: Camera, points_camera: FloatArray) -> FloatArray:
+def project(camera: Camera, points_camera: FloatArray) -> FloatArray:
     """(n, 2) pixels of (n, 3) points in the camera's frame, by COLMAP's own models, distortion included.
 
     NaN behind the camera, and beyond the angle at which the lens polynomial turns back on itself: past it,
@@ -92,7 +92,7 @@ def pixels_in_view(view: View, points: FloatArray) -> tuple[FloatArray, FloatArr
     """(n, 2) pixels and (n,) depths of (n, 3) world points; pixels are NaN outside the picture or behind it."""
     # (n, 3) = (n, 3) @ (3, 3): x_camera = R x_world + t
     points_camera = points @ view.rotation.T + view.translation
-    pixels = projected(view.camera, points_camera)
+    pixels = project(view.camera, points_camera)
     with np.errstate(invalid="ignore"):
         inside = (pixels >= 0).all(axis=1) & (pixels < (view.camera.width, view.camera.height)).all(axis=1)
     pixels[~inside] = np.nan

@@ -13,7 +13,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from estimator.scene import BadScene, told
 
-__all__ = ["ByteReader", "bytes_of", "json_of", "listed", "mapped", "text_of"]
+__all__ = ["ByteReader", "json_array", "json_object", "read_bytes", "read_json", "read_text"]
 
 _JSON_KINDS = {
     type(None): "null", bool: "a truth value", int: "a number", float: "a number", str: "a string",
@@ -22,7 +22,7 @@ _JSON_KINDS = {
 _COUNT = struct.Struct("<Q")
 
 
-def bytes_of(path: Path, most: int = -1) -> bytes:
+def read_bytes(path: Path, most: int = -1) -> bytes:
     """The whole file, or its first bytes; BadScene where it is missing, a folder, unreadable, or empty."""
     try:
         with path.open("rb") as file:
@@ -34,18 +34,18 @@ def bytes_of(path: Path, most: int = -1) -> bytes:
     return data
 
 
-def text_of(path: Path) -> str:
+def read_text(path: Path) -> str:
     """The whole file as UTF-8."""
     try:
-        return bytes_of(path).decode("utf-8-sig")
+        return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as fault:
         found = told(f"byte {fault.object[fault.start]:#04x} at {fault.start}")
         raise BadScene.at(path, "encoding", "UTF-8", found) from None
 
 
-def json_of(path: Path) -> Any:
+def read_json(path: Path) -> Any:
     """The JSON document of a file."""
-    text = text_of(path)
+    text = read_text(path)
     collecting = gc.isenabled()
     gc.disable()  # a document holds no cycles, and looking for them in a million points takes longer than to read it
     try:
@@ -62,14 +62,14 @@ def json_of(path: Path) -> Any:
             gc.enable()
 
 
-def mapped(path: Path, field: str, value: object) -> dict[str, Any]:
+def json_object(path: Path, field: str, value: object) -> dict[str, Any]:
     """`value` if it is a JSON object."""
     if not isinstance(value, dict):
         raise BadScene.at(path, field, "an object", told(_JSON_KINDS.get(type(value), "something else")))
     return value
 
 
-def listed(path: Path, field: str, value: object) -> list[Any]:
+def json_array(path: Path, field: str, value: object) -> list[Any]:
     """`value` if it is a JSON array."""
     if not isinstance(value, list):
         raise BadScene.at(path, field, "an array", told(_JSON_KINDS.get(type(value), "something else")))
@@ -81,7 +81,7 @@ class ByteReader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.data = bytes_of(path)
+        self.data = read_bytes(path)
         self.place = 0
 
     @property

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.colmap_binary import binary_model
+from estimator.reconstructions.colmap_binary import read_binary_model
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
-from estimator.reconstructions.colmap_text import text_model
+from estimator.reconstructions.colmap_text import read_text_model
 from estimator.scene import MAX_COORDINATE, BadScene, FloatArray, IntArray, Scene, View, told
 
-__all__ = ["colmap_folder", "colmap_scene", "rotation_of"]
+__all__ = ["colmap_folder", "read_colmap", "rotation_of"]
 
 #: Where a COLMAP workspace keeps its model, in the order of preference.
 MODEL_PLACES = (".", "sparse/0", "sparse", "0")
@@ -38,14 +38,14 @@ def model_suffix(folder: Path) -> str | None:
     return None
 
 
-def colmap_scene(folder: Path, path: Path | None = None) -> Scene:
+def read_colmap(folder: Path, path: Path | None = None) -> Scene:
     """The model in `folder`; `path` is what the user named.
 
     Poses are those of `images`, which the new five-file form keeps beside the rigs and frames. BadScene where
     anything does not hold together.
     """
     suffix = model_suffix(folder) or ".bin"
-    model = binary_model(folder) if suffix == ".bin" else text_model(folder)
+    model = read_binary_model(folder) if suffix == ".bin" else read_text_model(folder)
     images_file, points_file = folder / f"images{suffix}", folder / f"points3D{suffix}"
     if not model.images:
         raise BadScene.at(images_file, "images", "at least one registered image", 0)

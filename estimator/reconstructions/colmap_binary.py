@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.cameras import CAMERA_MODELS, camera_at
+from estimator.reconstructions.cameras import CAMERA_MODELS, make_camera
 from estimator.reconstructions.checked_files import ByteReader
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.scene import BadScene, Camera, FloatArray, IntArray, told
 
-__all__ = ["binary_model", "image_places", "point_places"]
+__all__ = ["image_places", "point_places", "read_binary_model"]
 
 _CAMERA = struct.Struct("<IiQQ")  # id, model, width, height; then the parameters
 _IMAGE = struct.Struct("<I7dI")  # id, quaternion, translation, camera id; then the name and the keypoints
@@ -29,7 +29,7 @@ _CHUNK = 1 << 16
 _MODEL_NAMES = {number: (name, len(params)) for name, (number, params) in CAMERA_MODELS.items()}
 
 
-def binary_model(folder: Path) -> ColmapModel:
+def read_binary_model(folder: Path) -> ColmapModel:
     """cameras.bin, images.bin and points3D.bin; rigs.bin and frames.bin repeat what the images say."""
     cameras = _cameras(ByteReader(folder / "cameras.bin"))
     images = _images(ByteReader(folder / "images.bin"))
@@ -81,7 +81,7 @@ def _cameras(reader: ByteReader) -> dict[int, Camera]:
             raise BadScene.at(reader.path, "camera id", "each one once", told(f"{camera_id} twice"))
         model, n_params = _MODEL_NAMES[model_number]
         params = reader.rows("<f8", n_params, f"{field} parameters")
-        cameras[camera_id] = camera_at(reader.path, field, model, (width, height), params)
+        cameras[camera_id] = make_camera(reader.path, field, model, (width, height), params)
     reader.end()
     return cameras
 

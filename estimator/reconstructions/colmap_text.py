@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.cameras import camera_at
-from estimator.reconstructions.checked_files import text_of
+from estimator.reconstructions.cameras import make_camera
+from estimator.reconstructions.checked_files import read_text
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.scene import BadScene, Camera, FloatArray, IntArray, told
 
-__all__ = ["text_model"]
+__all__ = ["read_text_model"]
 
 _IMAGE_FIELDS = 10  # id, quaternion, translation, camera id, name (which may hold spaces)
 _POINT_FIELDS = 4  # id, x, y, z; colour, error and track follow
@@ -20,7 +20,7 @@ _POINT_FIELDS = 4  # id, x, y, z; colour, error and track follow
 MAX_EXACT = 2**53
 
 
-def text_model(folder: Path) -> ColmapModel:
+def read_text_model(folder: Path) -> ColmapModel:
     """cameras.txt, images.txt and points3D.txt; rigs.txt and frames.txt repeat what the images say."""
     cameras = _cameras(folder / "cameras.txt")
     images = _images(folder / "images.txt")
@@ -30,7 +30,7 @@ def text_model(folder: Path) -> ColmapModel:
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Number and text of the lines, the comments left out; blank lines are kept, for they can mean no keypoints."""
-    for number, line in enumerate(text_of(path).split("\n"), start=1):
+    for number, line in enumerate(read_text(path).split("\n"), start=1):
         if not line.lstrip().startswith("#"):
             yield number, line.strip()
 
@@ -47,7 +47,7 @@ def _cameras(path: Path) -> dict[int, Camera]:
         if camera_id in cameras:
             raise BadScene.at(path, field, "each camera id once", told(f"{camera_id} twice"))
         params = _numbers(path, field, words[4:])
-        cameras[camera_id] = camera_at(path, f"{field} camera {camera_id}", words[1], (width, height), params)
+        cameras[camera_id] = make_camera(path, f"{field} camera {camera_id}", words[1], (width, height), params)
     return cameras
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.checked_files import text_of
+from estimator.reconstructions.checked_files import read_text
 from estimator.scene import MAX_COORDINATE, BadScene, FloatArray, told
 
-__all__ = ["KnownLength", "known_lengths"]
+__all__ = ["KnownLength", "parse_known_lengths"]
 
 #: How far off a length is whose points were picked by hand in a sparse cloud, where nothing else is stated.
 DEFAULT_SIGMA = 0.01
@@ -42,7 +42,7 @@ class KnownLength:
         return float(np.log(self.metres / self.distance))
 
 
-def known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
+def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
     """The lengths that the words of one `--known-length` state: two points and metres, or a file.
 
     A point is `x,y,z`, in brackets where it begins with a minus sign. A file holds a length a line, seven numbers
@@ -58,7 +58,7 @@ def known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
 
 
 def _lengths_of(file: Path) -> tuple[KnownLength, ...]:
-    lines = [(number, line.partition("#")[0].strip()) for number, line in enumerate(text_of(file).split("\n"), 1)]
+    lines = [(number, line.partition("#")[0].strip()) for number, line in enumerate(read_text(file).split("\n"), 1)]
     lengths = tuple(_line_length(file, f"line {number}", line) for number, line in lines if line)
     if not lengths:
         raise BadScene.at(file, "lengths", "at least one line", 0)

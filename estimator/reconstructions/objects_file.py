@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from estimator.measured_object import AXES, MeasuredObject
-from estimator.reconstructions.checked_files import json_of, listed, mapped
+from estimator.reconstructions.checked_files import json_array, json_object, read_json
 from estimator.scene import BadScene, BoolArray, FloatArray, told
 
-__all__ = ["SCHEMA", "STATED_SIGMA", "objects_of", "objects_of_record"]
+__all__ = ["SCHEMA", "STATED_SIGMA", "parse_objects", "read_objects"]
 
 SCHEMA = "metric-tree/objects/1"
 
@@ -28,7 +28,7 @@ PLAUSIBLE = 0.7
 EXTENTS = ("extent1", "extent2", "extent3")
 
 
-def objects_of(path: Path) -> tuple[MeasuredObject, ...]:
+def read_objects(path: Path) -> tuple[MeasuredObject, ...]:
     """The objects of a file, in its order.
 
     Raises
@@ -36,17 +36,17 @@ def objects_of(path: Path) -> tuple[MeasuredObject, ...]:
     BadScene
         The file cannot be read, or is of another schema, or a field is not what it must be.
     """
-    return objects_of_record(path, json_of(path))
+    return parse_objects(path, read_json(path))
 
 
-def objects_of_record(path: Path, document: object) -> tuple[MeasuredObject, ...]:
+def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
     """The objects of a parsed document; `path` is for messages."""
-    record = mapped(path, "document", document)
+    record = json_object(path, "document", document)
     if record.get("schema") != SCHEMA:
         raise BadScene.at(path, "schema", SCHEMA, record.get("schema"))
     objects = tuple(
-        _object(path, f"objects[{place}]", mapped(path, f"objects[{place}]", entry))
-        for place, entry in enumerate(listed(path, "objects", record.get("objects")))
+        _object(path, f"objects[{place}]", json_object(path, f"objects[{place}]", entry))
+        for place, entry in enumerate(json_array(path, "objects", record.get("objects")))
     )
     seen: set[str] = set()
     for place, item in enumerate(objects):
@@ -93,7 +93,7 @@ def _object(path: Path, field: str, entry: dict[str, Any]) -> MeasuredObject:
 def _extents(path: Path, field: str, entry: dict[str, Any]) -> FloatArray:
     if "extents" not in entry:
         raise BadScene.at(path, f"{field}.dimensions", "dimensions or extents", None)
-    values = listed(path, f"{field}.extents", entry["extents"])
+    values = json_array(path, f"{field}.extents", entry["extents"])
     if not 1 <= len(values) <= 3:
         raise BadScene.at(path, f"{field}.extents", "one to three lengths", told(f"{len(values)}"))
     lengths = [_length(path, f"{field}.extents[{place}]", value) for place, value in enumerate(values)]
@@ -104,7 +104,7 @@ def _extents(path: Path, field: str, entry: dict[str, Any]) -> FloatArray:
 
 def _by_name(path: Path, field: str, value: object, names: Iterable[str], zero: bool = False) -> FloatArray:
     """(3,) numbers by name, NaN where none is given; null counts as not given."""
-    given = mapped(path, field, value)
+    given = json_object(path, field, value)
     names = tuple(names)
     for name in given:
         if name not in names:
@@ -126,7 +126,7 @@ def _length(path: Path, field: str, value: object, zero: bool = False) -> float:
 
 
 def _cut(path: Path, field: str, value: object, names: tuple[str, ...]) -> BoolArray:
-    given = listed(path, field, value)
+    given = json_array(path, field, value)
     for name in given:
         if name not in names:
             raise BadScene.at(path, field, f"some of {', '.join(names)}", name)

@@ -13,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from estimator.reconstructions.cameras import camera_at, pixels_in_view
-from estimator.reconstructions.checked_files import json_of, listed, mapped
-from estimator.reconstructions.opensfm_tracks import observations_at
+from estimator.reconstructions.cameras import make_camera, pixels_in_view
+from estimator.reconstructions.checked_files import json_array, json_object, read_json
+from estimator.reconstructions.opensfm_tracks import read_observations
 from estimator.scene import MAX_COORDINATE, BadScene, Camera, FloatArray, IntArray, Scene, View, told
 
-__all__ = ["largest_reconstruction", "opensfm_scene"]
+__all__ = ["largest_reconstruction", "read_opensfm"]
 
 RECONSTRUCTION = "reconstruction.json"
 TRACKS = "tracks.csv"
@@ -35,19 +35,19 @@ PROJECTIONS: dict[str, tuple[str, tuple[str, ...]]] = {
 _FOCAL_NAMES = {"*focal", "*focal_x", "*focal_y"}
 
 
-def opensfm_scene(folder: Path) -> Scene:
+def read_opensfm(folder: Path) -> Scene:
     """The largest reconstruction of a dataset folder, with a warning where others are left out.
 
     Without tracks.csv every point is taken as seen wherever it projects, which sees through walls: a warning too.
     """
     file = folder / RECONSTRUCTION
     document, warnings = largest_reconstruction(file)
-    cameras = _cameras(file, mapped(file, "cameras", document.get("cameras")))
-    names, points = _points(file, mapped(file, "points", document.get("points")))
-    shots = mapped(file, "shots", document.get("shots"))
+    cameras = _cameras(file, json_object(file, "cameras", document.get("cameras")))
+    names, points = _points(file, json_object(file, "points", document.get("points")))
+    shots = json_object(file, "shots", document.get("shots"))
     if not shots:
         raise BadScene.at(file, "shots", "at least one", 0)
-    views = tuple(_view(file, name, mapped(file, f"shot {name!r}", shot), cameras) for name, shot in shots.items())
+    views = tuple(_view(file, name, json_object(file, f"shot {name!r}", shot), cameras) for name, shot in shots.items())
     tracks = folder / TRACKS
     if tracks.is_file():
         views = _observed(tracks, views, names)
@@ -59,10 +59,10 @@ def opensfm_scene(folder: Path) -> Scene:
 
 def largest_reconstruction(file: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The reconstruction with the most shots, then points, and a warning where there are several."""
-    found = listed(file, "document", json_of(file))
+    found = json_array(file, "document", read_json(file))
     if not found:
         raise BadScene.at(file, "document", "at least one reconstruction", 0)
-    documents = [mapped(file, f"reconstruction {row}", document) for row, document in enumerate(found)]
+    documents = [json_object(file, f"reconstruction {row}", document) for row, document in enumerate(found)]
     sizes = [(_length(document.get("shots")), _length(document.get("points"))) for document in documents]
     row = max(range(len(documents)), key=sizes.__getitem__)
     if len(documents) == 1:
@@ -77,7 +77,7 @@ def _length(value: object) -> int:
 
 def _cameras(file: Path, documents: dict[str, Any]) -> dict[str, Camera]:
     return {
-        name: _camera(file, f"camera {name!r}", mapped(file, f"camera {name!r}", document))
+        name: _camera(file, f"camera {name!r}", json_object(file, f"camera {name!r}", document))
         for name, document in documents.items()
     }
 
@@ -96,7 +96,7 @@ def _camera(file: Path, field: str, document: dict[str, Any]) -> Camera:
         value = _number(file, f"{field} {name}", document.get(name), None if source in _FOCAL_NAMES else 0.0)
         scaled = value * side if source[:1] in {"*", "+"} else value
         params.append(scaled + half[name[-1]] if source.startswith("+") else scaled)
-    return camera_at(file, field, model, (width, height), params)
+    return make_camera(file, field, model, (width, height), params)
 
 
 def _points(file: Path, documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
@@ -146,7 +146,7 @@ def _rotation(angle_axis: FloatArray) -> FloatArray:
 
 def _observed(file: Path, views: tuple[View, ...], names: list[str]) -> tuple[View, ...]:
     """The views with their own observations of the points, tracks joined by id and images by name."""
-    rows, tracks, normalised = observations_at(file, [view.name for view in views], names)
+    rows, tracks, normalised = read_observations(file, [view.name for view in views], names)
     order = np.argsort(rows, kind="stable")
     parts = np.split(order, np.searchsorted(rows[order], np.arange(1, len(views))))
     return tuple(_with_keypoints(view, normalised[part], tracks[part]) for view, part in zip(views, parts, strict=True))

@@ -10,10 +10,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import csv
 
-from estimator.reconstructions.checked_files import bytes_of
+from estimator.reconstructions.checked_files import read_bytes
 from estimator.scene import BadScene, FloatArray, IntArray, told
 
-__all__ = ["observations_at"]
+__all__ = ["read_observations"]
 
 _FIRST_BYTES = 1000  # hold the line of the version and the start of the first observation
 _VERSION = b"OPENSFM_TRACKS_VERSION"
@@ -21,7 +21,9 @@ _VERSION = b"OPENSFM_TRACKS_VERSION"
 _COLUMNS = {"f0": pa.dictionary(pa.int32(), pa.string()), "f1": pa.string(), "f3": pa.float64(), "f4": pa.float64()}
 
 
-def observations_at(file: Path, images: Sequence[str], tracks: Sequence[str]) -> tuple[IntArray, IntArray, FloatArray]:
+def read_observations(
+    file: Path, images: Sequence[str], tracks: Sequence[str]
+) -> tuple[IntArray, IntArray, FloatArray]:
     """Rows of `images` (m,), rows of `tracks` (m,) and normalised positions (m, 2) of the observations of both.
 
     Observations of other images or of tracks without a point are left out. BadScene for a file that is no table
@@ -39,7 +41,7 @@ def observations_at(file: Path, images: Sequence[str], tracks: Sequence[str]) ->
 
 
 def _table(file: Path) -> pa.Table:
-    head = bytes_of(file, most=_FIRST_BYTES)
+    head = read_bytes(file, most=_FIRST_BYTES)
     has_version = head.startswith(_VERSION)
     if has_version and not head.partition(b"\n")[2].strip():
         raise BadScene.at(file, "observations", "at least one line", 0)

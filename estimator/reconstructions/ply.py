@@ -10,7 +10,7 @@ import numpy as np
 from estimator.reconstructions.checked_files import ByteReader
 from estimator.scene import MAX_COORDINATE, BadScene, DenseCloud, FloatArray, IntArray, told
 
-__all__ = ["dense_cloud", "dense_file", "ply_layout", "visibility", "visibility_bytes"]
+__all__ = ["dense_file", "ply_layout", "read_dense_cloud", "read_visibility", "visibility_bytes"]
 
 #: Where reconstructions keep their dense cloud, in the order of preference: COLMAP's and OpenSfM's places.
 DENSE_PLACES = (
@@ -51,11 +51,11 @@ def dense_file(*folders: Path) -> Path | None:
     return next((place for place in places if place.is_file()), None)
 
 
-def dense_cloud(path: Path, n_views: int) -> tuple[DenseCloud, tuple[str, ...]]:
+def read_dense_cloud(path: Path, n_views: int) -> tuple[DenseCloud, tuple[str, ...]]:
     """The cloud with its visibility where `<path>.vis` exists, and warnings; points without a position are dropped."""
     points = _points(path)
     beside = path.with_name(f"{path.name}.vis")
-    offsets, views = visibility(beside, len(points), n_views) if beside.is_file() else (None, None)
+    offsets, views = read_visibility(beside, len(points), n_views) if beside.is_file() else (None, None)
     good = (np.abs(points) < MAX_COORDINATE).all(axis=1)
     if not good.any():
         raise BadScene.at(path, "vertices", "at least one finite point", told(f"{len(points)} without a position"))
@@ -69,7 +69,7 @@ def dense_cloud(path: Path, n_views: int) -> tuple[DenseCloud, tuple[str, ...]]:
     return DenseCloud(points[good], offsets, views, path), (warning,)
 
 
-def visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, IntArray]:
+def read_visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, IntArray]:
     """Offsets (n + 1,) and views (m,) of COLMAP's `fused.ply.vis`: uint64 n; for each point uint32 k, k uint32.
 
     The numbers are positions of the images in the model's file. BadScene where it does not fit the cloud or the

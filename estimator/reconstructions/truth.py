@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from estimator.reconstructions.checked_files import json_of
+from estimator.reconstructions.checked_files import read_json
 from estimator.scene import BadScene
 
-__all__ = ["SceneTruth", "scene_truth"]
+__all__ = ["SceneTruth", "read_truth"]
 
 TRUTH = "truth.json"
 
@@ -23,10 +23,10 @@ class SceneTruth:
     sizes: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
 
-def scene_truth(folder: Path) -> SceneTruth:
+def read_truth(folder: Path) -> SceneTruth:
     """The truth beside a scene, empty where there is none or it is of another form: it only decorates."""
     try:
-        document = json_of(folder / TRUTH)
+        document = read_json(folder / TRUTH)
     except BadScene:
         return SceneTruth()
     if not isinstance(document, dict):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.reading import instances_and_warnings, instances_at, scene_at
+from estimator.reading import read_instances, read_instances_and_warnings, read_scene
 from estimator.scene import BadScene
 from tests.made.small_scene import write_small_scene
 
@@ -23,51 +23,51 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_reconstruction_file_stands_for_its_folder(small: Path) -> None:
-    scene = scene_at(small / "opensfm" / "reconstruction.json")
+    scene = read_scene(small / "opensfm" / "reconstruction.json")
     assert scene.path == small / "opensfm"
     assert scene.format == "opensfm"
 
 
 def test_paths_may_be_text(small: Path) -> None:
-    assert scene_at(str(small / "text")).format == "colmap-text"
+    assert read_scene(str(small / "text")).format == "colmap-text"
 
 
 def test_no_such_folder(tmp_path: Path) -> None:
     with pytest.raises(BadScene, match="no such folder"):
-        scene_at(tmp_path / "nowhere")
+        read_scene(tmp_path / "nowhere")
     (tmp_path / "file").write_text("x", encoding="utf-8")
     with pytest.raises(BadScene, match="file: scene: expected a COLMAP model folder"):
-        scene_at(tmp_path / "file")
+        read_scene(tmp_path / "file")
 
 
 def test_what_is_in_a_folder_without_a_model_is_told(tmp_path: Path) -> None:
     (tmp_path / "holiday.mp4").write_bytes(b"x")
     with pytest.raises(BadScene, match=r"found holiday\.mp4$"):
-        scene_at(tmp_path)
+        read_scene(tmp_path)
 
 
 def test_missing_instances_are_one_readable_line(small: Path, tmp_path: Path) -> None:
     shutil.copytree(small / "colmap", tmp_path / "scene")
     (tmp_path / "scene" / "instances.json").unlink()
     with pytest.raises(BadScene, match=r"--instances FILE, or --images DIR --detector MODEL .*, found none$") as fault:
-        instances_at(scene_at(tmp_path / "scene"))
+        read_instances(read_scene(tmp_path / "scene"))
     assert len(str(fault.value).removeprefix(str(tmp_path))) < 200
 
 
 def test_instances_json_comes_before_pictures(small: Path, tmp_path: Path) -> None:
     shutil.copytree(small / "opensfm", tmp_path / "scene")
-    scene = scene_at(tmp_path / "scene")
-    assert "read as objects" in instances_and_warnings(scene)[1][0]
+    scene = read_scene(tmp_path / "scene")
+    assert "read as objects" in read_instances_and_warnings(scene)[1][0]
     shutil.copyfile(small / "colmap" / "instances.json", tmp_path / "scene" / "instances.json")
-    assert not instances_and_warnings(scene)[1]
-    pictures = instances_at(scene, tmp_path / "scene" / "instances")
-    assert len(pictures) == len(instances_at(scene)) == 16
+    assert not read_instances_and_warnings(scene)[1]
+    pictures = read_instances(scene, tmp_path / "scene" / "instances")
+    assert len(pictures) == len(read_instances(scene)) == 16
 
 
 def test_polygons_run_lengths_and_pictures_are_the_same_masks(small: Path) -> None:
-    scene = scene_at(small / "opensfm")
-    pictures = {(item.view, item.category): item for item in instances_at(scene, small / "opensfm" / "instances")}
-    for item in instances_at(scene, small / "colmap" / "instances.json"):
+    scene = read_scene(small / "opensfm")
+    pictures = {(item.view, item.category): item for item in read_instances(scene, small / "opensfm" / "instances")}
+    for item in read_instances(scene, small / "colmap" / "instances.json"):
         other = pictures[item.view, item.category]
         assert other.origin == item.origin
         np.testing.assert_array_equal(other.mask, item.mask)
@@ -78,7 +78,7 @@ def test_clouds_in_the_usual_places(place: str, small: Path, tmp_path: Path) -> 
     shutil.copytree(small / "text", tmp_path / "scene")
     (tmp_path / "scene" / place).parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(small / "colmap" / "dense.ply", tmp_path / "scene" / place)
-    dense = scene_at(tmp_path / "scene").dense
+    dense = read_scene(tmp_path / "scene").dense
     assert dense is not None
     assert dense.path == tmp_path / "scene" / place
 
@@ -88,7 +88,7 @@ def test_opensfms_own_cloud(small: Path, tmp_path: Path) -> None:
     place = tmp_path / "scene" / "undistorted" / "depthmaps"
     place.mkdir(parents=True)
     shutil.copyfile(small / "colmap" / "dense.ply", place / "merged.ply")
-    dense = scene_at(tmp_path / "scene").dense
+    dense = read_scene(tmp_path / "scene").dense
     assert dense is not None
     assert dense.path == place / "merged.ply"
 
@@ -104,19 +104,19 @@ def test_a_workspace_model_numbers_the_visibility(small: Path, tmp_path: Path) -
     names = sorted(image.name for image in fused.images.values())
     fused.deregister_frame(fused.find_image_with_name(names[0]).frame_id)
     fused.write_binary(str(workspace / "sparse"))
-    left = [view.name for view in scene_at(workspace).views]
+    left = [view.name for view in read_scene(workspace).views]
     assert names[0] not in left
     shutil.copyfile(small / "colmap" / "dense.ply", workspace / "fused.ply")
     lists = np.tile([1, len(left) - 1], 60).astype("<u4")
     (workspace / "fused.ply.vis").write_bytes(np.uint64(60).tobytes() + lists.tobytes())
-    scene = scene_at(tmp_path / "scene")
+    scene = read_scene(tmp_path / "scene")
     assert scene.dense is not None
     assert scene.dense.visible_views is not None
     assert {scene.views[row].name for row in scene.dense.visible_views} == {left[-1]}
     lists[1] = len(left)
     (workspace / "fused.ply.vis").write_bytes(np.uint64(60).tobytes() + lists.tobytes())
     with pytest.raises(BadScene, match="the images of the model beside the cloud"):
-        scene_at(tmp_path / "scene")
+        read_scene(tmp_path / "scene")
 
 
 def test_reading_a_pinhole_scene_loads_nothing_heavy(small: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from estimator.estimate import Options, estimated
 from estimator.measured_object import MeasuredObject
-from estimator.outputs.table import text_of
+from estimator.outputs.table import result_text
 from estimator.posterior.verdicts import outlier_reason
 from estimator.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
 from metric_tree.tree import Tree
@@ -63,7 +63,7 @@ def test_save_is_whole_or_nothing(tmp_path: Path) -> None:
 
 
 def test_table_names_everything() -> None:
-    text = text_of(RESULT)
+    text = result_text(RESULT)
     assert text.splitlines()[0].startswith("scale 1.93 m per unit   90% interval 1.8 to 2.05")
     assert "0.60 × 0.58 × (>0.91)" in text
     assert "without support planes: 2" in text
@@ -73,7 +73,7 @@ def test_table_names_everything() -> None:
 def test_own_scales_have_three_digits_under_one_another() -> None:
     scales = (1.0, 0.131, 0.0781, 12.3, 234.0)
     objects = tuple(replace(REPORT, id=str(place), scale=scale) for place, scale in enumerate(scales))
-    lines = [line for line in text_of(replace(RESULT, objects=objects)).splitlines() if "chair.n.01  " in line][:5]
+    lines = [line for line in result_text(replace(RESULT, objects=objects)).splitlines() if "chair.n.01  " in line][:5]
     shown = ["1.00", "0.131", "0.0781", "12.3", "234"]
     for line, text in zip(lines, shown, strict=True):
         assert f" {text} " in line
@@ -88,7 +88,7 @@ def test_unmeasured_objects_share_a_line() -> None:
         )
         for n in range(5)
     ]
-    text = text_of(replace(RESULT, objects=(REPORT, *far)))
+    text = result_text(replace(RESULT, objects=(REPORT, *far)))
     assert "not measured (too few points): 5 chair" in text
     assert "16 needed" not in text
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.reading import instances_and_warnings, scene_at
+from estimator.reading import read_instances_and_warnings, read_scene
 from estimator.scene import BadScene
 from tests.made.small_scene import write_small_scene
 
@@ -66,7 +66,7 @@ def outcome(case: Case, folder: Path) -> Outcome:
 
 def _answer(case: Case, folder: Path) -> tuple[str | None, Exception | None]:
     try:
-        instances_and_warnings(scene_at(folder), None if case.instances is None else folder / case.instances)
+        read_instances_and_warnings(read_scene(folder), None if case.instances is None else folder / case.instances)
     except BadScene as bad:
         return str(bad), None
     except Exception as other:  # noqa: BLE001 (the point of the table is to show it)
@@ -89,7 +89,7 @@ def outcomes() -> Iterator[Outcome]:
 def _read_once(folder: Path) -> None:
     """Every form whole, so that no case is charged with an import, and none is damaged from the start."""
     for form in ("colmap", "text", "opensfm"):
-        instances_and_warnings(scene_at(folder / form))
+        read_instances_and_warnings(read_scene(folder / form))
 
 
 def _zero_bytes(name: str) -> Damage:

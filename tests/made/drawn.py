@@ -11,7 +11,7 @@ from estimator.geometry.up import Up
 from estimator.measured_object import Box, MeasuredObject
 from estimator.pipeline import SceneEstimate
 from estimator.posterior.grid import Curve, Mode
-from estimator.reading import instances_at, scene_at
+from estimator.reading import read_instances, read_scene
 from estimator.result import Interval, ObjectReport, ScaleResult, UpReport
 
 __all__ = ["SCALE", "drawn_estimate"]
@@ -31,8 +31,8 @@ def bump(centre: float, width: float) -> np.ndarray:
 
 def drawn_estimate(folder: Path) -> SceneEstimate:
     """Two objects of known boxes in the small COLMAP scene of `folder`: a used chair and an outlier of a table."""
-    scene = scene_at(folder)
-    instances = instances_at(scene)
+    scene = read_scene(folder)
+    instances = read_instances(scene)
     objects, reports = [], []
     for row, (category, verdict, own, used, cut) in enumerate(_OBJECTS):
         extents = np.array([0.6, 0.4, 0.8]) / (row + 1)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimator.geometry.point_labels import sparse_labels
-from estimator.reading import instances_at, scene_at
+from estimator.reading import read_instances, read_scene
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.quick import MadeScene, quick_scene
 from tests.made.rooms.scene_files import write_scene
@@ -95,7 +95,7 @@ def test_oncoming_cars_leave_fewer_points_than_parked_ones() -> None:
 
 def test_files_read_back_as_the_scene_that_was_written(made: MadeScene, room: World, tmp_path: Path) -> None:
     write_scene(made, room, tmp_path)
-    again = scene_at(tmp_path)
+    again = read_scene(tmp_path)
     assert [view.name for view in again.views] == [view.name for view in made.scene.views]
     assert np.allclose(again.points, made.scene.points, rtol=1e-6, atol=1e-6)
     for one, other in zip(again.views, made.scene.views, strict=True):
@@ -104,6 +104,6 @@ def test_files_read_back_as_the_scene_that_was_written(made: MadeScene, room: Wo
     assert again.dense is not None
     assert made.scene.dense is not None
     assert np.array_equal(again.dense.visible_views, made.scene.dense.visible_views)
-    found = instances_at(again)
+    found = read_instances(again)
     assert [item.track for item in found] == [item.track for item in made.instances]
     assert all(np.array_equal(a.mask, b.mask) for a, b in zip(found, made.instances, strict=True))

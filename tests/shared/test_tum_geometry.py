@@ -11,7 +11,7 @@ import pytest
 from sklearn.metrics import adjusted_rand_score
 
 from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measured
-from estimator.reading import instances_at, scene_at
+from estimator.reading import read_instances, read_scene
 from estimator.scene import Instance
 
 pytestmark = pytest.mark.shared
@@ -22,8 +22,8 @@ def office(shared: Path):
     folder = shared / "data/scenes/tum_office"
     if not folder.is_dir():
         pytest.skip(f"no real office at {folder}")
-    scene = scene_at(folder)
-    instances = instances_at(scene, folder / "instances.json")
+    scene = read_scene(folder)
+    instances = read_instances(scene, folder / "instances.json")
     truth = json.loads((folder / "truth.json").read_text())
     return scene, instances, truth
 
@@ -109,7 +109,7 @@ def test_sparse_points_and_the_papers_arm_run(office):
 def test_raw_boxes_run(office, shared):
     scene, _, truth = office
     folder = shared / "data/scenes/tum_office"
-    boxes = instances_at(scene, folder / "detections_yolo.json", folder / "detections_yolo_categories.json")
+    boxes = read_instances(scene, folder / "detections_yolo.json", folder / "detections_yolo_categories.json")
     assert all(one.from_box for one in boxes)
     found = measured(scene, boxes)
     heights = [

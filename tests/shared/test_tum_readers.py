@@ -12,7 +12,7 @@ import pytest
 from pycocotools import mask as coco
 
 from estimator.outputs.rescaled import write_scaled
-from estimator.reading import instances_and_warnings, instances_at, scene_at
+from estimator.reading import read_instances, read_instances_and_warnings, read_scene
 from estimator.reconstructions.cameras import pixels_in_view
 
 pytestmark = pytest.mark.shared
@@ -28,7 +28,7 @@ def office(shared: Path) -> Path:
 
 def test_counts_are_those_of_the_readme(office: Path) -> None:
     start = time.perf_counter()
-    scene = scene_at(office)
+    scene = read_scene(office)
     assert time.perf_counter() - start < 5
     assert len(scene.views) == VIEWS
     assert len(scene.points) == POINTS
@@ -40,10 +40,10 @@ def test_counts_are_those_of_the_readme(office: Path) -> None:
 
 
 def test_all_forms_are_one_scene(office: Path) -> None:
-    binary = scene_at(office / "sparse" / "0")
+    binary = read_scene(office / "sparse" / "0")
     reconstruction = pycolmap.Reconstruction(str(office / "sparse" / "0"))
     for form in ("sparse", "sparse_txt", "opensfm"):
-        scene = scene_at(office / form)
+        scene = read_scene(office / form)
         by_name = {view.name: view for view in scene.views}
         for view in binary.views:
             other = by_name[view.name]
@@ -58,7 +58,7 @@ def test_all_forms_are_one_scene(office: Path) -> None:
 
 
 def test_the_mean_reprojection_error_is_the_readmes(office: Path) -> None:
-    scene = scene_at(office, "none")
+    scene = read_scene(office, "none")
     squared = []
     for view in scene.views:
         pixels, _ = pixels_in_view(view, scene.points[view.point_index])
@@ -70,7 +70,7 @@ def test_the_mean_reprojection_error_is_the_readmes(office: Path) -> None:
 @pytest.mark.parametrize("form", [".", "opensfm"])
 def test_dense_points_project_where_they_are_seen(form: str, office: Path) -> None:
     """The shots of the OpenSfM file stand in another order than the images that the visibility counts."""
-    scene = scene_at(office / form, office / "dense.ply")
+    scene = read_scene(office / form, office / "dense.ply")
     dense = scene.dense
     assert dense is not None
     assert dense.visible_views is not None
@@ -82,8 +82,8 @@ def test_dense_points_project_where_they_are_seen(form: str, office: Path) -> No
 
 
 def test_masks_are_pycocotools_own(office: Path) -> None:
-    scene = scene_at(office, "none")
-    instances, warnings = instances_and_warnings(scene)
+    scene = read_scene(office, "none")
+    instances, warnings = read_instances_and_warnings(scene)
     document = json.loads((office / "instances.json").read_text(encoding="utf-8"))
     assert len(instances) == len(document["annotations"]) == MASKS
     assert not warnings
@@ -99,7 +99,7 @@ def test_masks_are_pycocotools_own(office: Path) -> None:
 
 
 def test_detectors_boxes_find_their_categories(office: Path) -> None:
-    instances = instances_at(scene_at(office, "none"), office / "detections_yolo.json")
+    instances = read_instances(read_scene(office, "none"), office / "detections_yolo.json")
     assert len(instances) == BOXES
     assert all(instance.from_box for instance in instances)
     assert {"chair", "person", "refrigerator"} <= {instance.category for instance in instances}
@@ -107,9 +107,9 @@ def test_detectors_boxes_find_their_categories(office: Path) -> None:
 
 def test_the_scaled_office_is_metric(office: Path, tmp_path: Path) -> None:
     truth = json.loads((office / "truth.json").read_text(encoding="utf-8"))
-    scene = scene_at(office, "none")
+    scene = read_scene(office, "none")
     write_scaled(scene, truth["metres_per_unit"], tmp_path / "metric")
-    scaled = {view.name: view.centre for view in scene_at(tmp_path / "metric").views}
+    scaled = {view.name: view.centre for view in read_scene(tmp_path / "metric").views}
     centres = np.array([scaled[name] for name in sorted(scaled)])
     # the camera's path is 4.61 m by motion capture, sampled once a second by both
     length = np.linalg.norm(np.diff(centres, axis=0), axis=1).sum()

@@ -17,9 +17,9 @@ import pytest
 from onnx import TensorProto, helper
 
 from estimator.command import main
-from estimator.instances.detector import Detector, detected, detector_at, label_names
-from estimator.instances.registry import RegisteredDetector, downloaded, registry
-from estimator.reading import instances_at, scene_at
+from estimator.instances.detector import Detector, detect_instances, label_names, load_detector
+from estimator.instances.registry import RegisteredDetector, download, registry
+from estimator.reading import read_instances, read_scene
 from estimator.scene import BadScene
 from metric_tree.tree import Tree
 from tests.made.detectors import COLOURS, box_mask_graph, paint_graph, save
@@ -33,11 +33,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The small scene with its instances as paint in lossless pictures, and instances.json renamed."""
     root = tmp_path_factory.mktemp("scene")
     write_small_scene(root)
-    scene = scene_at(root / "colmap")
+    scene = read_scene(root / "colmap")
     (root / "images").mkdir()
     for row, view in enumerate(scene.views):
         canvas = np.full((view.camera.height, view.camera.width, 3), 90, dtype=np.uint8)
-        for instance in instances_at(scene):
+        for instance in read_instances(scene):
             if instance.view == row:
                 colour = COLOURS[("chair", "table").index(instance.category)]
                 (x, y), (h, w) = instance.origin, instance.mask.shape
@@ -49,10 +49,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_masks_are_those_of_the_graph(folder: Path, tmp_path: Path) -> None:
-    scene = scene_at(folder / "colmap")
+    scene = read_scene(folder / "colmap")
     detector = Detector(paint_graph(tmp_path / "paint.onnx"), ("", "chair", "table"))
-    found, warnings = detected(scene, folder / "images", detector)
-    expected = instances_at(scene)
+    found, warnings = detect_instances(scene, folder / "images", detector)
+    expected = read_instances(scene)
     assert warnings == ()
     assert len(found) == len(expected) > 0
     by_key = {(instance.view, instance.category): instance for instance in expected}
@@ -65,10 +65,10 @@ def test_masks_are_those_of_the_graph(folder: Path, tmp_path: Path) -> None:
 
 
 def test_a_graph_traced_for_one_size_is_fed_that_size(folder: Path, tmp_path: Path) -> None:
-    scene = scene_at(folder / "colmap")
+    scene = read_scene(folder / "colmap")
     detector = Detector(paint_graph(tmp_path / "paint.onnx", fixed=(120, 160)), ("", "chair", "table"))
-    found, _ = detected(scene, folder / "images", detector)
-    for instance, twin in zip(found, sorted(instances_at(scene), key=lambda one: one.view), strict=True):
+    found, _ = detect_instances(scene, folder / "images", detector)
+    for instance, twin in zip(found, sorted(read_instances(scene), key=lambda one: one.view), strict=True):
         assert abs(int(instance.mask.sum()) / int(twin.mask.sum()) - 1) < 0.1
 
 
@@ -102,9 +102,9 @@ def test_a_file_of_the_registry_is_known_by_its_sha256(tmp_path: Path, monkeypat
     own = RegisteredDetector(
         "zoo", "", ("https://example.org/a",), hashlib.sha256(graph.read_bytes()).hexdigest(), "MIT", "caffe", "coco_80"
     )
-    assert (detector_at(graph).form, detector_at(graph).labels[12]) == ("torchvision", "")
+    assert (load_detector(graph).form, load_detector(graph).labels[12]) == ("torchvision", "")
     monkeypatch.setattr("estimator.instances.registry.registry", lambda: (own,))
-    assert (detector_at(graph).form, detector_at(graph).labels[12]) == ("caffe", "stop sign")
+    assert (load_detector(graph).form, load_detector(graph).labels[12]) == ("caffe", "stop sign")
 
 
 def test_a_box_beyond_the_picture_is_cut(tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_faults_of_the_arguments_are_one_line(
 
 
 def test_faults_of_graphs_and_pictures_name_the_file(folder: Path, tmp_path: Path) -> None:
-    scene = scene_at(folder / "colmap")
+    scene = read_scene(folder / "colmap")
     junk = tmp_path / "junk.onnx"
     junk.write_bytes(b"no graph")
     with pytest.raises(BadScene, match=r"junk\.onnx.*ONNX graph"):
@@ -185,15 +185,15 @@ def test_faults_of_graphs_and_pictures_name_the_file(folder: Path, tmp_path: Pat
         Detector(copy, LABELS)
     detector = Detector(paint_graph(tmp_path / "paint.onnx"), LABELS)
     with pytest.raises(BadScene, match="no such folder"):
-        detected(scene, tmp_path / "nowhere", detector)
+        detect_instances(scene, tmp_path / "nowhere", detector)
     (tmp_path / "empty").mkdir()
     with pytest.raises(BadScene, match="none of them"):
-        detected(scene, tmp_path / "empty", detector)
+        detect_instances(scene, tmp_path / "empty", detector)
     (tmp_path / "empty" / Path(scene.views[0].name).name).write_bytes(b"no picture")
     with pytest.raises(BadScene, match="OpenCV"):
-        detected(scene, tmp_path / "empty", detector)
+        detect_instances(scene, tmp_path / "empty", detector)
     with pytest.raises(BadScene, match="label"):
-        detected(scene, folder / "images", Detector(tmp_path / "paint.onnx", ("", "chair")))
+        detect_instances(scene, folder / "images", Detector(tmp_path / "paint.onnx", ("", "chair")))
 
 
 def test_coco_ids_have_their_gaps() -> None:
@@ -241,11 +241,11 @@ def test_a_download_is_checked_and_kept(server: str, tmp_path: Path, monkeypatch
     right = hashlib.sha256((tmp_path / "served" / "model.onnx").read_bytes()).hexdigest()
     entry = RegisteredDetector("made", "", (server,), right, "CC0-1.0", "torchvision", "coco_80")
     with pytest.raises(BadScene, match="sha256"):
-        downloaded(replace(entry, sha256="0" * 64))
-    kept = downloaded(entry)
+        download(replace(entry, sha256="0" * 64))
+    kept = download(entry)
     assert kept.is_relative_to(tmp_path / "cache")
-    assert detector_at(kept).labels[62] == "chair"
+    assert load_detector(kept).labels[62] == "chair"
     gone = "http://127.0.0.1:9/x"
     with pytest.raises(BadScene, match="download"):
-        downloaded(replace(entry, name="gone", urls=(gone,)))
-    assert downloaded(replace(entry, name="moved", urls=(gone, server))).is_file()  # the second address has it
+        download(replace(entry, name="gone", urls=(gone,)))
+    assert download(replace(entry, name="moved", urls=(gone, server))).is_file()  # the second address has it

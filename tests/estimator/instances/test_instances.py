@@ -13,9 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pycocotools import mask as coco
 
-from estimator.instances.crops import crop_at
+from estimator.instances.crops import mask_crop
 from estimator.instances.masks import box_mask, coco_mask
-from estimator.reading import instances_and_warnings, instances_at
+from estimator.reading import read_instances, read_instances_and_warnings
 from estimator.scene import BadScene, Camera, Instance, Scene, View
 
 HERE = Path("instances.json")
@@ -106,7 +106,7 @@ def test_a_dataset_with_masks_boxes_scores_and_tracks(tmp_path: Path) -> None:
         {"segmentation": [], "bbox": [1, 2, 3, 4]},
     ]
     written(tmp_path, dataset(annotations, "a.png", "b.png"))
-    first, second, third = instances_at(scene)
+    first, second, third = read_instances(scene)
     np.testing.assert_array_equal(pasted(first, scene.views[0].camera), mask)
     assert (first.id, first.view, first.category, first.score, first.track) == ("5", 0, "mug", 0.5, "8")
     assert not first.from_box
@@ -119,7 +119,7 @@ def test_joined_by_name_then_base_name_never_by_id(tmp_path: Path) -> None:
     boxes = [{"bbox": [1, 1, 5, 5], "image_id": number} for number in (10, 20, 30, 40, 50)]
     names = ("right/a.png", "deep/b.png", "./c.png", "a.png", "nowhere.png")
     written(tmp_path, dataset(boxes, *names))
-    instances, warnings = instances_and_warnings(scene)
+    instances, warnings = read_instances_and_warnings(scene)
     assert [instance.view for instance in instances] == [1, 2, 3], (
         "two views are called a.png, so the bare name is none"
     )
@@ -132,7 +132,7 @@ def test_crowds_and_empty_masks_are_left_out_and_told(tmp_path: Path) -> None:
     crowd = {"size": [30, 40], "counts": [0, 1200]}
     annotations = [{"segmentation": empty}, {"segmentation": crowd, "iscrowd": 1}, {"bbox": [1, 1, 2, 2]}]
     written(tmp_path, dataset(annotations, "a.png"))
-    instances, warnings = instances_and_warnings(scene)
+    instances, warnings = read_instances_and_warnings(scene)
     assert len(instances) == 1
     assert any("1 crowd" in warning for warning in warnings)
     assert any("1 masks without a pixel" in warning for warning in warnings)
@@ -146,7 +146,7 @@ def test_another_size_is_resampled_at_pixel_centres(mask: np.ndarray, width: int
     for y in range(height):
         for x in range(width):
             expected[y, x] = mask[int((y + 0.5) * 30 / height), int((x + 0.5) * 40 / width)]
-    crop = crop_at(mask, camera)
+    crop = mask_crop(mask, camera)
     if crop is None:
         assert not expected.any()
     else:
@@ -156,7 +156,7 @@ def test_another_size_is_resampled_at_pixel_centres(mask: np.ndarray, width: int
 def test_a_turned_picture_is_told(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "a.png")
     written(tmp_path, dataset([{"bbox": [1, 1, 9, 9]}], "a.png", size=(30, 40)))
-    assert any("another shape" in warning for warning in instances_and_warnings(scene)[1])
+    assert any("another shape" in warning for warning in read_instances_and_warnings(scene)[1])
 
 
 def test_results_take_names_from_beside_or_from_categories(tmp_path: Path) -> None:
@@ -164,21 +164,21 @@ def test_results_take_names_from_beside_or_from_categories(tmp_path: Path) -> No
     frame = dataset([], "a.png")
     results = written(tmp_path, [{"image_id": 10, "category_id": 3, "bbox": [1, 2, 3, 4], "score": 0.25}], "found.json")
     with pytest.raises(BadScene, match=r"--categories.*no file found_categories\.json"):
-        instances_at(scene, results)
+        read_instances(scene, results)
     other = written(tmp_path, frame, "other.json")
-    (instance,) = instances_at(scene, results, other)
+    (instance,) = read_instances(scene, results, other)
     assert (instance.category, instance.score, instance.from_box) == ("mug", 0.25, True)
-    assert instances_and_warnings(scene, results, other)[1] == ()
+    assert read_instances_and_warnings(scene, results, other)[1] == ()
     written(tmp_path, frame, "found_categories.json")
-    assert len(instances_at(scene, results)) == 1
+    assert len(read_instances(scene, results)) == 1
 
 
 def test_categories_beside_a_dataset_are_told_not_read(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "a.png")
     annotation = {"id": 1, "image_id": 10, "category_id": 3, "bbox": [1, 2, 3, 4]}
     whole = written(tmp_path, dataset([annotation], "a.png"), "whole.json")
-    assert instances_and_warnings(scene, whole)[1] == ()
-    (line,) = instances_and_warnings(scene, whole, "other.json")[1]
+    assert read_instances_and_warnings(scene, whole)[1] == ()
+    (line,) = read_instances_and_warnings(scene, whole, "other.json")[1]
     assert line.startswith("--categories other.json: not read")
 
 
@@ -195,7 +195,7 @@ def test_pictures_whose_values_are_objects(dtype: type, tmp_path: Path) -> None:
     values = np.zeros((30, 40), dtype=dtype)
     values[2:8, 2:8], values[2:8, 30:38], values[20:25, 5:9], values[28:, :] = 1, 1, 2, 200
     pictures(tmp_path, {"1": "chair", "2": "chair"}, a=values)
-    instances, warnings = instances_and_warnings(scene_of(tmp_path, "a.jpg", "b.jpg"))
+    instances, warnings = read_instances_and_warnings(scene_of(tmp_path, "a.jpg", "b.jpg"))
     assert [(instance.view, instance.category, instance.mask.sum()) for instance in instances] == [
         (0, "chair", 36 + 48),
         (0, "chair", 20),
@@ -208,7 +208,7 @@ def test_pictures_whose_values_are_categories(tmp_path: Path) -> None:
     values[2:12, 2:12], values[2:8, 30:38], values[20, 20] = 1, 1, 1  # two chairs and a speck
     values[20:25, 5:9] = 2
     pictures(tmp_path, {"1": "chair", "2": "cup"}, a=values)
-    instances, warnings = instances_and_warnings(scene_of(tmp_path, "a.jpg"))
+    instances, warnings = read_instances_and_warnings(scene_of(tmp_path, "a.jpg"))
     assert [(instance.category, instance.mask.sum()) for instance in instances] == [
         ("chair", 100),
         ("chair", 48),
@@ -220,4 +220,4 @@ def test_pictures_whose_values_are_categories(tmp_path: Path) -> None:
 def test_pictures_of_three_channels_are_refused(tmp_path: Path) -> None:
     pictures(tmp_path, {"1": "chair"}, a=np.ones((30, 40, 3), dtype=np.uint8))
     with pytest.raises(BadScene, match="channels: expected 1"):
-        instances_at(scene_of(tmp_path, "a.jpg"))
+        read_instances(scene_of(tmp_path, "a.jpg"))

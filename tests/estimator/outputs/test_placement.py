@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.outputs.placement import placed_labels
+from estimator.outputs.placement import label_places
 
 CANVAS = (1600, 1200)
 
@@ -21,7 +21,7 @@ def boxes(seed: int, n: int) -> tuple[np.ndarray, np.ndarray]:
 @given(seed=st.integers(0, 9999), n=st.integers(0, 30))
 def test_labels_stay_on_the_canvas(seed: int, n: int) -> None:
     things, sizes = boxes(seed, n)
-    corners = placed_labels(things, sizes, CANVAS)
+    corners = label_places(things, sizes, CANVAS)
     assert corners.shape == (n, 2)
     assert (corners >= 0).all()
     assert (corners + sizes <= CANVAS).all()
@@ -31,7 +31,7 @@ def test_labels_stay_on_the_canvas(seed: int, n: int) -> None:
 @given(seed=st.integers(0, 9999))
 def test_few_labels_do_not_overlap(seed: int) -> None:
     things, sizes = boxes(seed, 6)
-    corners = placed_labels(things, sizes, CANVAS)
+    corners = label_places(things, sizes, CANVAS)
     for a in range(6):
         for b in range(a):
             gap = np.maximum(corners[a] - corners[b] - sizes[b], corners[b] - corners[a] - sizes[a])
@@ -41,7 +41,7 @@ def test_few_labels_do_not_overlap(seed: int) -> None:
 def test_a_lone_label_lies_beside_its_thing() -> None:
     thing = np.array([[700.0, 500.0, 760.0, 540.0]])
     size = np.array([[120.0, 50.0]])
-    (corner,) = placed_labels(thing, size, CANVAS)
+    (corner,) = label_places(thing, size, CANVAS)
     middle = corner + size[0] / 2
     assert np.linalg.norm(middle - (730, 520)) < 120
     covered = np.minimum(corner + size[0], thing[0, 2:]) - np.maximum(corner, thing[0, :2])

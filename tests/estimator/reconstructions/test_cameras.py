@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.reconstructions.cameras import CAMERA_MODELS, camera_at, pixels_in_view, projected
+from estimator.reconstructions.cameras import CAMERA_MODELS, make_camera, pixels_in_view, project
 from estimator.scene import BadScene, Camera, View
 
 MILD = {
@@ -45,19 +45,19 @@ def test_numbers_and_parameters_are_colmaps(model: str) -> None:
 @given(seed=st.integers(0, 2**32 - 1), width=st.integers(64, 4000), height=st.integers(64, 4000))
 def test_projects_as_colmap_does(model: str, seed: int, width: int, height: int) -> None:
     params = mild_params(model, width, height)
-    camera = camera_at(Path("x"), "camera", model, (width, height), params)
+    camera = make_camera(Path("x"), "camera", model, (width, height), params)
     lens = pycolmap.Camera(model=model, width=width, height=height, params=params)
     points = np.random.default_rng(seed).uniform([-0.4, -0.4, 0.9], [0.4, 0.4, 1.1], size=(20, 3)) * 7.0
     expected = np.array([lens.img_from_cam(point) for point in points])
-    np.testing.assert_allclose(projected(camera, points), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(project(camera, points), expected, rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("model", CAMERA_MODELS)
 def test_nothing_is_seen_behind_the_camera(model: str) -> None:
     camera = Camera(model, 640, 480, mild_params(model, 640, 480))
     points = np.array([[0.1, 0.1, -1.0], [0.0, 0.0, 0.0], [np.nan, 0.0, 1.0], [0.1, 0.1, 1.0]])
-    assert np.isnan(projected(camera, points)[:3]).all()
-    assert np.isfinite(projected(camera, points)[3]).all()
+    assert np.isnan(project(camera, points)[:3]).all()
+    assert np.isfinite(project(camera, points)[3]).all()
 
 
 def test_points_far_outside_are_not_folded_into_the_picture() -> None:
@@ -68,9 +68,9 @@ def test_points_far_outside_are_not_folded_into_the_picture() -> None:
     u, v = lens.img_from_cam(far[0])
     assert 0 < u < 640, "COLMAP alone puts it near the middle"
     assert 0 < v < 480
-    assert np.isnan(projected(camera, far)).all()
+    assert np.isnan(project(camera, far)).all()
     edge = np.array([[0.6, 0.3, 1.0], [1.0, 0.0, 1.0]])
-    assert np.isfinite(projected(camera, edge)).all()
+    assert np.isfinite(project(camera, edge)).all()
 
 
 def test_pixels_in_view_are_those_inside() -> None:
@@ -83,7 +83,7 @@ def test_pixels_in_view_are_those_inside() -> None:
 
 
 def test_no_points_give_no_pixels() -> None:
-    assert projected(Camera("PINHOLE", 9, 9, np.array([9.0, 9, 4, 4])), np.empty((0, 3))).shape == (0, 2)
+    assert project(Camera("PINHOLE", 9, 9, np.array([9.0, 9, 4, 4])), np.empty((0, 3))).shape == (0, 2)
 
 
 @pytest.mark.parametrize(
@@ -98,4 +98,4 @@ def test_no_points_give_no_pixels() -> None:
 )
 def test_impossible_cameras_are_refused(model: str, size: tuple[int, int], params: list[float], named: str) -> None:
     with pytest.raises(BadScene, match=named):
-        camera_at(Path("cameras.bin"), "camera 1", model, size, params)
+        make_camera(Path("cameras.bin"), "camera 1", model, size, params)

@@ -9,9 +9,9 @@ import numpy as np
 import pycolmap
 import pytest
 
-from estimator.reading import scene_at
-from estimator.reconstructions.cameras import CAMERA_MODELS, projected
-from estimator.reconstructions.colmap import colmap_folder, colmap_scene, rotation_of
+from estimator.reading import read_scene
+from estimator.reconstructions.cameras import CAMERA_MODELS, project
+from estimator.reconstructions.colmap import colmap_folder, read_colmap, rotation_of
 from estimator.scene import BadScene, Scene
 from tests.estimator.reconstructions.test_cameras import mild_params
 from tests.made.small_scene import small_model
@@ -44,10 +44,10 @@ def test_every_camera_model(model: str, tmp_path: Path) -> None:
     reconstruction.write_binary(str(tmp_path / "bin"))
     reconstruction.write_text(str(tmp_path / "txt"))
     for form in ("bin", "txt"):
-        scene = scene_at(tmp_path / form)
+        scene = read_scene(tmp_path / form)
         check_equal(scene, reconstruction)
         for view in scene.views:
-            pixels = projected(view.camera, scene.points[view.point_index] @ view.rotation.T + view.translation)
+            pixels = project(view.camera, scene.points[view.point_index] @ view.rotation.T + view.translation)
             np.testing.assert_allclose(pixels, view.keypoints, atol=1e-6)
 
 
@@ -57,7 +57,7 @@ def test_random_models_with_gaps_in_the_ids(seed: int, tmp_path: Path) -> None:
     for point in sorted(reconstruction.points3D)[::3]:
         reconstruction.delete_point3D(point)
     reconstruction.write_binary(str(tmp_path))
-    check_equal(colmap_scene(tmp_path), reconstruction)
+    check_equal(read_colmap(tmp_path), reconstruction)
 
 
 def test_far_apart_ids_are_found_by_search(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_far_apart_ids_are_found_by_search(tmp_path: Path) -> None:
     point = reconstruction.points3D[min(reconstruction.points3D)]
     reconstruction.add_point3D_with_id(2**40, pycolmap.Point3D(xyz=point.xyz, track=pycolmap.Track()))
     reconstruction.write_binary(str(tmp_path))
-    check_equal(colmap_scene(tmp_path), reconstruction)
+    check_equal(read_colmap(tmp_path), reconstruction)
 
 
 @pytest.mark.parametrize("place", ["", "sparse", "sparse/0", "0"])
@@ -77,7 +77,7 @@ def test_found_in_the_usual_places(place: str, files: int, tmp_path: Path) -> No
     if files == 3:
         (folder / "rigs.bin").unlink()
         (folder / "frames.bin").unlink()
-    scene = scene_at(tmp_path)
+    scene = read_scene(tmp_path)
     assert scene.path == tmp_path
     assert scene.model_path == folder == colmap_folder(tmp_path)
     assert len(scene.views) == 8
@@ -86,7 +86,7 @@ def test_found_in_the_usual_places(place: str, files: int, tmp_path: Path) -> No
 def test_binary_is_taken_before_text(tmp_path: Path) -> None:
     small_model().write_binary(str(tmp_path))
     small_model(seed=1).write_text(str(tmp_path))
-    assert scene_at(tmp_path).format == "colmap-binary"
+    assert read_scene(tmp_path).format == "colmap-binary"
 
 
 def test_an_image_without_keypoints_in_text(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_an_image_without_keypoints_in_text(tmp_path: Path) -> None:
     images = "7 1 0 0 0 0 0 0 1 a b.png\n\n8 1 0 0 0 0 0 1 1 c.png\n1.5 2.5 3 4 4 -1\n"
     (tmp_path / "images.txt").write_text(f"# header\n{images}", encoding="utf-8")
     (tmp_path / "points3D.txt").write_text("3 0.5 0.25 2 1 2 3 0.1 8 0\n", encoding="utf-8")
-    first, second = scene_at(tmp_path).views
+    first, second = read_scene(tmp_path).views
     assert (first.name, len(first.keypoints)) == ("a b.png", 0)
     assert second.keypoints.tolist() == [[1.5, 2.5]]
     assert second.point_index.tolist() == [0]
@@ -105,20 +105,20 @@ def test_no_sparse_points_is_bad_without_a_dense_cloud(tmp_path: Path) -> None:
     (tmp_path / "images.txt").write_text("7 1 0 0 0 0 0 0 1 a.png\n\n", encoding="utf-8")
     (tmp_path / "points3D.txt").write_text("# none\n", encoding="utf-8")
     with pytest.raises(BadScene, match="at least one sparse or dense point"):
-        scene_at(tmp_path)
+        read_scene(tmp_path)
     (tmp_path / "dense.ply").write_text(
         "ply\nformat ascii 1.0\nelement vertex 1\n"
         "property float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n",
         encoding="ascii",
     )
-    assert scene_at(tmp_path).dense is not None
+    assert read_scene(tmp_path).dense is not None
 
 
 def test_a_point_count_is_not_believed_before_the_bytes_are_there(tmp_path: Path) -> None:
     small_model().write_binary(str(tmp_path))
     (tmp_path / "points3D.bin").write_bytes(struct.pack("<Q", 2**61))
     with pytest.raises(BadScene, match=r"points3D\.bin: number of points: expected at most 0"):
-        scene_at(tmp_path)
+        read_scene(tmp_path)
 
 
 def test_rotation_of_a_quaternion_is_colmaps() -> None:

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from estimator.command import main
-from estimator.reading import instances_and_warnings, scene_at
+from estimator.reading import read_instances_and_warnings, read_scene
 from estimator.scene import BadScene, Instance, Scene
 from tests.made import minitree
 from tests.made.damaged import CASES, Case, outcome
@@ -31,7 +31,7 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def warm(small: Path) -> Path:
     """Every form read once, so that no case is charged with an import."""
     for form in FORMS:
-        instances_and_warnings(scene_at(small / form))
+        read_instances_and_warnings(read_scene(small / form))
     return small
 
 
@@ -97,8 +97,8 @@ def check_whole(scene: Scene, instances: tuple[Instance, ...]) -> None:
 def message_of(folder: Path) -> str:
     """The fault of a scene, or nothing where it was read and is whole; every other exception goes through."""
     try:
-        scene = scene_at(folder)
-        check_whole(scene, instances_and_warnings(scene)[0])
+        scene = read_scene(folder)
+        check_whole(scene, read_instances_and_warnings(scene)[0])
     except BadScene as bad:
         return str(bad)
     return ""

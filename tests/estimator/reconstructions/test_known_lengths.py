@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.reconstructions.known_lengths import DEFAULT_SIGMA, known_lengths
+from estimator.reconstructions.known_lengths import DEFAULT_SIGMA, parse_known_lengths
 from estimator.scene import BadScene
 
 
 def test_two_points_and_metres() -> None:
-    (length,) = known_lengths(["1,2,3", "(1, 2, -1)", "0.5"])
+    (length,) = parse_known_lengths(["1,2,3", "(1, 2, -1)", "0.5"])
     assert length.distance == 4
     assert length.metres == 0.5
     assert length.sigma == DEFAULT_SIGMA
@@ -22,7 +22,7 @@ def test_two_points_and_metres() -> None:
 def test_a_file_of_lengths(tmp_path: Path) -> None:
     file = tmp_path / "lengths.txt"
     file.write_text("# door\n0 0 0 0 0 2 1.0\n\n0,0,0, 3,0,0, 1.5, 0.03  # table\n", encoding="utf-8")
-    door, table = known_lengths([str(file)])
+    door, table = parse_known_lengths([str(file)])
     assert (door.metres, door.distance, door.sigma) == (1.0, 2.0, DEFAULT_SIGMA)
     assert (table.metres, table.distance) == (1.5, 3.0)
     assert table.sigma == pytest.approx(0.02)
@@ -43,7 +43,7 @@ def test_a_file_of_lengths(tmp_path: Path) -> None:
 )
 def test_faults_are_one_line(words: list[str], named: str) -> None:
     with pytest.raises(BadScene, match=named) as fault:
-        known_lengths(words)
+        parse_known_lengths(words)
     assert "\n" not in str(fault.value)
 
 
@@ -54,4 +54,4 @@ def test_faults_of_a_file_name_it(text: str, tmp_path: Path) -> None:
     file = tmp_path / "lengths.txt"
     file.write_bytes(text.encode("latin-1"))
     with pytest.raises(BadScene, match=r"lengths\.txt"):
-        known_lengths([str(file)])
+        parse_known_lengths([str(file)])

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.reconstructions.objects_file import SCHEMA, STATED_SIGMA, objects_of, objects_of_record
+from estimator.reconstructions.objects_file import SCHEMA, STATED_SIGMA, parse_objects, read_objects
 from estimator.scene import BadScene
 
 CAR: dict[str, Any] = {
@@ -31,7 +31,7 @@ def _document(*objects: object) -> dict[str, Any]:
 def _read(tmp_path: Path, document: object) -> Any:
     path = tmp_path / "objects.json"
     path.write_text(json.dumps(document), encoding="utf-8")
-    return objects_of(path)
+    return read_objects(path)
 
 
 def test_the_contract_example(tmp_path: Path) -> None:
@@ -128,7 +128,7 @@ def test_damaged_text(tmp_path: Path, text: str) -> None:
     path = tmp_path / "objects.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(BadScene):
-        objects_of(path)
+        read_objects(path)
 
 
 _JSON = st.recursive(
@@ -156,7 +156,7 @@ _ENTRY = st.fixed_dictionaries(
 def test_any_json_is_read_or_refused(entries: list[Any]) -> None:
     """Whatever stands there: objects with positive finite extents, or `BadScene`; never another exception."""
     try:
-        objects = objects_of_record(Path("x.json"), _document(*entries))
+        objects = parse_objects(Path("x.json"), _document(*entries))
     except BadScene:
         return
     for item in objects:

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.reading import scene_at
-from estimator.reconstructions.cameras import projected
+from estimator.reading import read_scene
+from estimator.reconstructions.cameras import project
 from estimator.scene import BadScene
 from tests.made.small_scene import write_small_scene
 
@@ -88,8 +88,8 @@ LENSES: dict[str, dict[str, float]] = {
 def test_lenses_project_as_opensfms(kind: str, size: tuple[int, int], tmp_path: Path) -> None:
     camera = LENSES[kind] | {"projection_type": kind, "width": size[0], "height": size[1]}
     points = np.random.default_rng(0).uniform([-0.2, -0.2, 0.9], [0.2, 0.2, 1.3], size=(30, 3))
-    scene = scene_at(dataset(tmp_path, camera, points.tolist()))
-    np.testing.assert_allclose(projected(scene.views[0].camera, points), expected_pixels(camera, points), atol=1e-8)
+    scene = read_scene(dataset(tmp_path, camera, points.tolist()))
+    np.testing.assert_allclose(project(scene.views[0].camera, points), expected_pixels(camera, points), atol=1e-8)
 
 
 @settings(max_examples=50, deadline=None)
@@ -97,12 +97,12 @@ def test_lenses_project_as_opensfms(kind: str, size: tuple[int, int], tmp_path: 
 def test_rotations_are_angle_axis(vector: list[float], tmp_path_factory: pytest.TempPathFactory) -> None:
     camera = {"projection_type": "perspective", "width": 64, "height": 48, "focal": 0.9}
     folder = dataset(tmp_path_factory.mktemp("shot"), camera, [[0.0, 0.0, 1.0]], rotation=vector)
-    view = scene_at(folder).views[0]
+    view = read_scene(folder).views[0]
     np.testing.assert_allclose(view.rotation, cv2.Rodrigues(np.array(vector))[0], atol=1e-9)
 
 
 def test_equals_the_colmap_model_it_was_made_from(small: Path) -> None:
-    colmap, opensfm = scene_at(small / "colmap"), scene_at(small / "opensfm")
+    colmap, opensfm = read_scene(small / "colmap"), read_scene(small / "opensfm")
     by_name = {view.name: view for view in opensfm.views}
     for view in colmap.views:
         other = by_name[view.name]
@@ -116,7 +116,7 @@ def test_equals_the_colmap_model_it_was_made_from(small: Path) -> None:
 
 def test_without_tracks_points_are_projected(small: Path, tmp_path: Path) -> None:
     (tmp_path / "reconstruction.json").write_bytes((small / "opensfm" / "reconstruction.json").read_bytes())
-    whole, bare = scene_at(small / "opensfm"), scene_at(tmp_path)
+    whole, bare = read_scene(small / "opensfm"), read_scene(tmp_path)
     assert any("tracks.csv" in warning for warning in bare.warnings)
     for view, other in zip(whole.views, bare.views, strict=True):
         assert set(view.point_index) <= set(other.point_index)
@@ -129,7 +129,7 @@ def test_the_largest_of_several_is_taken_with_a_warning(small: Path, tmp_path: P
     document = json.loads((small / "opensfm" / "reconstruction.json").read_text(encoding="utf-8"))
     name, shot = next(iter(document[0]["shots"].items()))
     (tmp_path / "reconstruction.json").write_text(json.dumps([document[0] | {"shots": {name: shot}}, *document]))
-    scene = scene_at(tmp_path)
+    scene = read_scene(tmp_path)
     assert len(scene.views) == 8
     assert any("2 reconstructions of 1, 8 shots" in warning for warning in scene.warnings)
 
@@ -142,7 +142,7 @@ def test_tracks_of_every_version(version: int, tmp_path: Path) -> None:
     lines = [] if version == 0 else [f"OPENSFM_TRACKS_VERSION_v{version}"]
     lines += [f"a.jpg\t1\t5\t0.25\t-0.125\t{tail}", f"a.jpg\t77\t6\t0\t0\t{tail}", f"b.jpg\t0\t6\t0\t0\t{tail}"]
     (folder / "tracks.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    view = scene_at(folder).views[0]
+    view = read_scene(folder).views[0]
     assert view.point_index.tolist() == [1], "tracks without a point and other images are left out"
     np.testing.assert_allclose(view.keypoints, [[320 + 0.25 * 640, 240 - 0.125 * 640]])
 
@@ -151,4 +151,4 @@ def test_tracks_of_every_version(version: int, tmp_path: Path) -> None:
 def test_projections_that_are_not_read(kind: object, tmp_path: Path) -> None:
     camera = {"projection_type": kind, "width": 640, "height": 480, "focal": 0.9}
     with pytest.raises(BadScene, match="projection_type"):
-        scene_at(dataset(tmp_path, camera, [[0.0, 0.0, 1.0]]))
+        read_scene(dataset(tmp_path, camera, [[0.0, 0.0, 1.0]]))

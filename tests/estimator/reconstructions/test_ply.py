@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.reading import scene_at
-from estimator.reconstructions.ply import dense_cloud, visibility, visibility_bytes
+from estimator.reading import read_scene
+from estimator.reconstructions.ply import read_dense_cloud, read_visibility, visibility_bytes
 from estimator.scene import BadScene
 from tests.made.small_scene import write_small_scene
 
@@ -60,7 +60,7 @@ def test_any_properties_in_any_order(
         rows[name] = rng.normal(size=n) if name in "xyz" else rng.integers(0, 100, n)
     file = tmp_path_factory.mktemp("ply") / "dense.ply"
     file.write_bytes(ply(form, kinds, rows))
-    cloud, warnings = dense_cloud(file, 1)
+    cloud, warnings = read_dense_cloud(file, 1)
     np.testing.assert_array_equal(cloud.points, np.column_stack([rows[axis].astype(float) for axis in "xyz"]))
     assert not warnings
     assert cloud.visible_offsets is None
@@ -75,7 +75,7 @@ def test_elements_before_the_vertices_are_skipped(form: str, tmp_path: Path) -> 
     before = b"5 6\n7 8\n" if form == "ascii" else bytes(2 * 3)
     elements = "element camera 2\nproperty short a\nproperty uchar b"
     (tmp_path / "a.ply").write_bytes(ply(form, XYZ, rows, before, elements))
-    assert dense_cloud(tmp_path / "a.ply", 1)[0].points.tolist() == [[1, 2, 3]]
+    assert read_dense_cloud(tmp_path / "a.ply", 1)[0].points.tolist() == [[1, 2, 3]]
 
 
 def test_windows_line_ends_in_the_header(tmp_path: Path) -> None:
@@ -83,7 +83,7 @@ def test_windows_line_ends_in_the_header(tmp_path: Path) -> None:
     data = ply("binary_little_endian", XYZ, rows)
     body = rows.tobytes()
     (tmp_path / "a.ply").write_bytes(data[: -len(body)].replace(b"\n", b"\r\n") + body)
-    assert dense_cloud(tmp_path / "a.ply", 1)[0].points.tolist() == [[1, 2, 3]]
+    assert read_dense_cloud(tmp_path / "a.ply", 1)[0].points.tolist() == [[1, 2, 3]]
 
 
 def vis(lists: list[list[int]]) -> bytes:
@@ -95,7 +95,7 @@ def vis(lists: list[list[int]]) -> bytes:
 def test_visibility_is_read_back(lists: list[list[int]], tmp_path_factory: pytest.TempPathFactory) -> None:
     file = tmp_path_factory.mktemp("vis") / "dense.ply.vis"
     file.write_bytes(vis(lists))
-    offsets, views = visibility(file, len(lists), 10)
+    offsets, views = read_visibility(file, len(lists), 10)
     assert [views[start:end].tolist() for start, end in pairwise(offsets)] == lists
     assert visibility_bytes(offsets, views) == vis(lists)
 
@@ -104,7 +104,7 @@ def test_points_without_a_position_are_dropped_with_their_visibility(tmp_path: P
     rows = np.array([(1, 2, 3), (np.nan, 0, 0), (4, 5, 6)], dtype=[(axis, "<f4") for axis in "xyz"])
     (tmp_path / "a.ply").write_bytes(ply("binary_little_endian", XYZ, rows))
     (tmp_path / "a.ply.vis").write_bytes(vis([[0, 1], [2], [1]]))
-    cloud, warnings = dense_cloud(tmp_path / "a.ply", 3)
+    cloud, warnings = read_dense_cloud(tmp_path / "a.ply", 3)
     assert cloud.points.tolist() == [[1, 2, 3], [4, 5, 6]]
     assert cloud.visible_offsets is not None
     assert cloud.visible_offsets.tolist() == [0, 2, 3]
@@ -121,12 +121,12 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_cloud_beside_the_model_is_taken_unless_told_otherwise(small: Path) -> None:
-    assert scene_at(small / "colmap").dense is not None
-    assert scene_at(small / "colmap", "none").dense is None
-    assert scene_at(small / "text").dense is None
-    assert scene_at(small / "text", small / "colmap" / "dense.ply").dense is not None
+    assert read_scene(small / "colmap").dense is not None
+    assert read_scene(small / "colmap", "none").dense is None
+    assert read_scene(small / "text").dense is None
+    assert read_scene(small / "text", small / "colmap" / "dense.ply").dense is not None
     with pytest.raises(BadScene, match=r"missing\.ply"):
-        scene_at(small / "text", small / "missing.ply")
+        read_scene(small / "text", small / "missing.ply")
 
 
 def test_colmaps_visibility_is_renumbered_for_opensfm(small: Path, tmp_path: Path) -> None:
@@ -134,8 +134,8 @@ def test_colmaps_visibility_is_renumbered_for_opensfm(small: Path, tmp_path: Pat
     document = json.loads((small / "opensfm" / "reconstruction.json").read_text(encoding="utf-8"))
     document[0]["shots"] = dict(reversed(document[0]["shots"].items()))
     (tmp_path / "reconstruction.json").write_text(json.dumps(document), encoding="utf-8")
-    expected = scene_at(small / "colmap")
-    scene = scene_at(tmp_path, small / "colmap" / "dense.ply")
+    expected = read_scene(small / "colmap")
+    scene = read_scene(tmp_path, small / "colmap" / "dense.ply")
     assert scene.dense is not None
     assert expected.dense is not None
     ours, theirs = scene.dense.visible_views, expected.dense.visible_views
@@ -154,7 +154,7 @@ def test_visibility_of_another_model_is_refused(small: Path, tmp_path: Path) -> 
     rows = np.frombuffer(data[body:], dtype=[("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1")]).copy()
     rows["x"] += 100
     file.write_bytes(data[:body] + rows.tobytes())
-    scene = scene_at(tmp_path / "copy")
+    scene = read_scene(tmp_path / "copy")
     assert scene.dense is not None
     assert scene.dense.visible_offsets is None
     assert any("do not project" in warning for warning in scene.warnings)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.reconstructions.truth import SceneTruth, scene_truth
+from estimator.reconstructions.truth import SceneTruth, read_truth
 
 
 def told(**sizes: float) -> dict[str, object]:
@@ -35,7 +35,7 @@ def test_words_of_people_become_dimensions(
 ) -> None:
     document = {"metres_per_unit": 0.4, "objects": [{"track_id": 7, "truth_m": told(**sizes) | {"note": "seen"}}]}
     (tmp_path / "truth.json").write_text(json.dumps(document), encoding="utf-8")
-    truth = scene_truth(tmp_path)
+    truth = read_truth(tmp_path)
     assert truth.scale == 0.4
     assert tuple(truth.sizes["7"].get(name) for name in ("length", "width", "height")) == expected
 
@@ -44,4 +44,4 @@ def test_words_of_people_become_dimensions(
 def test_no_truth_is_no_fault(text: str | None, tmp_path: Path) -> None:
     if text is not None:
         (tmp_path / "truth.json").write_text(text, encoding="utf-8")
-    assert scene_truth(tmp_path) == SceneTruth()
+    assert read_truth(tmp_path) == SceneTruth()

@@ -7,28 +7,34 @@ BIN := .venv/bin
 # Versions are pinned in requirements.lock; nothing is fetched that it does not name.
 INSTALL = $(UV) pip install --quiet --python $(BIN)/python
 
-.PHONY: demo test check lock clean
+.PHONY: help demo test check coverage lock clean
 .DEFAULT_GOAL := demo
 
-demo: .venv/.core
+help: ## list what make can do
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /  make \1\t/' | expand -t 18
+
+demo: .venv/.core ## the scale of a shipped scene: a table, and out/demo.png
 	@mkdir -p out
 	$(BIN)/estimate-scale data/scenes/demo_room --figure out/demo.png
 	@echo "figure: out/demo.png; true scale: $$($(PYTHON) -c 'import json; print(json.load(open("data/scenes/demo_room/truth.json"))["metres_per_unit"])') metres per unit"
 
-test: check
+test: check ## lint, types and all tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile
 
-check: .venv/.dev
+check: .venv/.dev ## lint and types
 	@.ci/system-packages
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-lock:
+coverage: .venv/.dev ## the tests with the share of lines they run
+	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report=term:skip-covered --cov-report=xml:out/coverage.xml
+
+lock: ## pin all dependencies again
 	$(UV) pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --all-extras --group dev --no-emit-package metric-tree pyproject.toml -o requirements.lock
 
 .venv/.core: pyproject.toml requirements.lock | $(BIN)/python
-	$(INSTALL) --constraint requirements.lock --editable .
+	$(INSTALL) --constraint requirements.lock --editable '.[scene]'
 	@touch $@
 
 .venv/.dev: pyproject.toml requirements.lock | $(BIN)/python
@@ -43,5 +49,5 @@ $(CURDIR)/.tools/bin/uv:
 	$(PYTHON) -m venv .tools
 	.tools/bin/pip install --quiet --disable-pip-version-check "uv>=0.9,<1"
 
-clean:
+clean: ## remove what make made
 	rm -rf .venv .tools out .pytest_cache .mypy_cache .ruff_cache

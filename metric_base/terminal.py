@@ -13,6 +13,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from metric_base.extras import missing_extra
 from metric_base.faults import InputFault
 
 __all__ = ["DEBUG_VARIABLE", "exit_status", "output_file", "print_json", "print_table", "version", "warn"]
@@ -45,14 +46,8 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
         return DONE
     except KeyboardInterrupt:
         return _said(program, "interrupted", INTERRUPTED)
-    except InputFault as error:
-        return _said(program, str(error), INPUT_FAULT)
-    except tuple(_PATH_FAULTS) as error:
-        return _said(program, _path_fault(error), INPUT_FAULT)
-    except Exception as error:  # noqa: BLE001 - the last door: anything else is a fault of the program
-        if os.environ.get(DEBUG_VARIABLE):
-            traceback.print_exc()
-        return _said(program, f"fault of the program: {type(error).__name__}: {error}", PROGRAM_FAULT)
+    except Exception as error:  # noqa: BLE001 - the last door: what is not the input's fault is the program's
+        return _fault_status(program, error)
     return status
 
 
@@ -119,6 +114,26 @@ def version() -> str:
 def _path_fault(error: OSError) -> str:
     expected = next(text for kind, text in _PATH_FAULTS.items() if isinstance(error, kind))
     return f"{error.filename}: expected {expected}" if error.filename is not None else str(error)
+
+
+def _fault_status(program: str, error: Exception) -> int:
+    message = _input_fault(error)
+    if message is not None:
+        return _said(program, message, INPUT_FAULT)
+    if os.environ.get(DEBUG_VARIABLE):
+        traceback.print_exc()
+    return _said(program, f"fault of the program: {type(error).__name__}: {error}", PROGRAM_FAULT)
+
+
+def _input_fault(error: Exception) -> str | None:
+    """The line about a fault that the user can mend; None for a fault of the program."""
+    if isinstance(error, InputFault):
+        return str(error)
+    if isinstance(error, OSError) and isinstance(error, tuple(_PATH_FAULTS)):
+        return _path_fault(error)
+    if isinstance(error, ModuleNotFoundError) and (extra := missing_extra(error.name)) is not None:
+        return f"needs metric-tree[{extra}]: pip install 'metric-tree[{extra}]'"
+    return None
 
 
 def _said(program: str, message: str, status: int) -> int:

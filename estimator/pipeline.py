@@ -80,9 +80,9 @@ def scene_estimate(
         from estimator.baselines.sucar import sucar_result
 
         return SceneEstimate(sucar_result(scene, found, tree, options, heard, seconds), scene, found, None)
-    from estimator.geometry.measurement import PAPER, MeasurementOptions, measured
+    from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 
-    measurements = measured(scene, found, PAPER if options.method == "paper" else MeasurementOptions())
+    measurements = measure_objects(scene, found, PAPER if options.method == "paper" else MeasurementOptions())
     seconds |= measurements.timings
     heard = (*heard, *measurements.warnings)
     up = _up_report(measurements.up)

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from estimator.geometry.eta import ETA_THRESHOLD, eta
 from estimator.geometry.extents import edges
 from estimator.geometry.footprint import smallest_rectangle_axes
-from estimator.geometry.measurement import PAPER, MeasurementOptions, measured
+from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 from estimator.geometry.noise import depth_noise
 from estimator.geometry.point_labels import dense_labels, sparse_labels, view_labels, visible_rows
 from estimator.geometry.upright_box import dimensions, inliers
@@ -89,16 +89,16 @@ def times() -> None:
     basis = np.eye(3)
 
     def sizes() -> object:
-        found = [inliers(cloud, basis, "neighbours") for cloud in clouds]
-        return [dimensions(one, basis, 0.003**2 * np.eye(3)) for one in found]
+        kept = [inliers(cloud, basis, "neighbours") for cloud in clouds]
+        return [dimensions(one, basis, 0.003**2 * np.eye(3)) for one in kept]
 
     print(f"dimensions: {len(clouds)} objects of 1000 points, a scene: {milliseconds(sizes)}")
     start = perf_counter()
     for points in clouds:
         inliers(points, basis, "forest")
     print(f"isolation forest of the paper's arm: {(perf_counter() - start) * 1e3:.0f} ms a scene more")
-    found = measured(made.scene, made.instances)
-    stages = ", ".join(f"{stage} {seconds * 1e3:.0f}" for stage, seconds in found.timings.items())
+    measurements = measure_objects(made.scene, made.instances)
+    stages = ", ".join(f"{stage} {seconds * 1e3:.0f}" for stage, seconds in measurements.timings.items())
     print(f"the whole of it, {len(made.scene.views)} views of 100,000 points, in ms: {stages}")
 
 
@@ -135,13 +135,13 @@ def overshoot() -> None:
     for noise in (0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0):
         cells = []
         for face in (0.0, 0.17, 0.33):
-            found = [_observed(face, noise, random) for _ in range(60)]
-            cells.append(f"{face:.2f}: {(np.mean(found) - 1) / 2 / noise:.2f}")
+            observed = [_observed_extent(face, noise, random) for _ in range(60)]
+            cells.append(f"{face:.2f}: {(np.mean(observed) - 1) / 2 / noise:.2f}")
         print(f"  noise {noise:.2f}: {', '.join(cells)}")
 
 
-def _observed(face: float, noise: float, random: np.random.Generator) -> float:
-    """Extent found of one coordinate of a surface of extent 1, `face` of its points on either end."""
+def _observed_extent(face: float, noise: float, random: np.random.Generator) -> float:
+    """Extent that the rule gives to one coordinate of a surface of extent 1, `face` of its points on either end."""
     which, inner = random.random(1000), random.random(1000)
     clean = np.where(which < face, 0.0, np.where(which < 2 * face, 1.0, inner))
     low, high = edges((clean + random.normal(0, noise, 1000))[:, None])
@@ -193,15 +193,15 @@ def _report(name: str, scenes: list, options: MeasurementOptions, dense: bool) -
     errors, index, splits, merges = [], [], 0, 0
     for made in scenes:
         scene = made.scene if dense else replace(made.scene, dense=None)
-        found = measured(scene, made.instances, options)
+        measurements = measure_objects(scene, made.instances, options)
         true = [instance.track for instance in made.instances]
         given = np.zeros(len(true), dtype=int)
-        for number, track in enumerate(found.tracks):
+        for number, track in enumerate(measurements.tracks):
             given[list(track.members)] = number
         index.append(adjusted_rand_score(true, given))
         splits += sum(len(set(given[[t == one for t in true]])) - 1 for one in set(true))
-        merges += sum(len({true[row] for row in track.members}) - 1 for track in found.tracks)
-        for thing in found.objects:
+        merges += sum(len({true[row] for row in track.members}) - 1 for track in measurements.tracks)
+        for thing in measurements.objects:
             if thing.skipped is None:
                 owner = Counter(true[row] for row in thing.members).most_common(1)[0][0]
                 error = np.log(thing.extents * made.truth.metres_per_unit / made.truth.objects[owner].size)

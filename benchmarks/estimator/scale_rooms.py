@@ -28,7 +28,7 @@ from tests.made.rooms.held_out import held_out_pool, pool_at
 from tests.made.rooms.kinds import KINDS
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.quick import quick_scene
-from tests.made.rooms.reconstruct import NotReconstructed, reconstructed
+from tests.made.rooms.reconstruct import NotReconstructed, reconstruct
 from tests.made.rooms.scores import Score, association_score, summary
 from tests.made.rooms.sizes import Sizes, drawn_sizes
 from tests.made.rooms.street import street
@@ -111,7 +111,7 @@ def _whole_cases(cache: Path, sizes: Sizes, seeds: Sequence[int]) -> Iterator[Ca
             folder = cache / "scenes" / f"{kind.replace(' ', '_')}-{seed}"
             if not (folder / "truth.json").exists():
                 try:
-                    reconstructed(world, folder, seed)
+                    reconstruct(world, folder, seed)
                 except NotReconstructed as failure:
                     print(f"left out: {failure}", file=sys.stderr)
                     continue
@@ -137,9 +137,9 @@ def _report(title: str, cases: Iterable[Case], tree: Tree, arguments: argparse.N
     """Judge every case by every arm and print one table."""
     rows: list[Score] = []
     for case in cases:
-        found = scores(case, tree, arguments.arms, arguments.lists)
-        rows += [score for score, _, _ in found.values()]
-        print(case.name, {arm: _shown(score.signed) for arm, (score, _, _) in found.items()}, file=sys.stderr)
+        by_arm = scores(case, tree, arguments.arms, arguments.lists)
+        rows += [score for score, _, _ in by_arm.values()]
+        print(case.name, {arm: _percent(score.signed) for arm, (score, _, _) in by_arm.items()}, file=sys.stderr)
     print(f"\n### {title}\n")
     columns = (
         "method", "scenes", "refused", "scale error median", "mean", "90th pct", "bias",
@@ -159,7 +159,7 @@ def _print_row(cells: Sequence[str]) -> None:
     print(f"| {' | '.join(cells)} |")
 
 
-def _shown(value: float | None) -> str:
+def _percent(value: float | None) -> str:
     return "refused" if value is None else f"{value:+.3f}"
 
 
@@ -171,7 +171,7 @@ def _report_association(cases: Sequence[Case]) -> None:
     print("\n### Association\n")
     _print_row(["association", "masks", "adjusted Rand index mean", "least", "splits", "merges", "objects"])
     _print_row(["---"] * 7)
-    found: dict[tuple[str, str], list[tuple[float, int, int, int]]] = {}
+    by_arm: dict[tuple[str, str], list[tuple[float, int, int, int]]] = {}
     for case in cases:
         labels = sparse_labels(case.scene, case.instances)
         pointed = [bool(n >= MASK_POINTS) for n in labels.membership.sum(axis=1)]
@@ -181,8 +181,8 @@ def _report_association(cases: Sequence[Case]) -> None:
         ):
             for masks, among in (("all", None), (f"with {MASK_POINTS} points or more", pointed)):
                 s = association_score(case.instances, tracks, among)
-                found.setdefault((name, masks), []).append((s.ari, s.splits, s.merges, s.objects))
-    for (name, masks), rows in found.items():
+                by_arm.setdefault((name, masks), []).append((s.ari, s.splits, s.merges, s.objects))
+    for (name, masks), rows in by_arm.items():
         ari, splits, merges, objects = zip(*rows, strict=True)
         counts = [str(sum(values)) for values in (splits, merges, objects)]
         _print_row([name, masks, f"{sum(ari) / len(ari):.4f}", f"{min(ari):.4f}", *counts])

@@ -22,7 +22,7 @@ from statistics import median
 
 import metric_tree
 from estimator.estimate import estimated
-from estimator.geometry.measurement import measured
+from estimator.geometry.measurement import measure_objects
 from estimator.geometry.point_labels import dense_labels, sparse_labels
 from estimator.measured_object import MeasuredObject
 from estimator.scene import Instance
@@ -52,12 +52,12 @@ def main() -> None:
     dense = made.scene.dense
     assert dense is not None  # asked for
     blind = replace(made.scene, dense=replace(dense, visible_offsets=None, visible_views=None))
-    found = measured(made.scene, made.instances)
+    measurements = measure_objects(made.scene, made.instances)
     objects = _objects(OBJECTS)
-    dimensions = [measured(made.scene, made.instances).timings["dimensions"] for _ in range(RUNS)]
+    dimensions = [measure_objects(made.scene, made.instances).timings["dimensions"] for _ in range(RUNS)]
     estimated(objects, tree)  # the first call loads what every later one shares
     posterior = [estimated(objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
-    scene_posterior = [estimated(found.objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
+    scene_posterior = [estimated(measurements.objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
     rows = [
         (f"labels, a frame ({len(dense.points):,} dense points, {MASKS} masks, depth test)", "200 ms",
          _a_frame(lambda: dense_labels(blind, few), views)),
@@ -65,8 +65,8 @@ def main() -> None:
          _a_frame(lambda: dense_labels(made.scene, few), views)),
         (f"labels, a frame ({len(made.scene.points):,} sparse points)", "200 ms",
          _a_frame(lambda: sparse_labels(made.scene, few), views)),
-        (f"dimensions, a scene ({len(found.objects)} objects)", "20 ms", dimensions),
-        (f"posterior, a scene ({len(found.objects)} objects)", "4 ms", scene_posterior),
+        (f"dimensions, a scene ({len(measurements.objects)} objects)", "20 ms", dimensions),
+        (f"posterior, a scene ({len(measurements.objects)} objects)", "4 ms", scene_posterior),
         (f"posterior, {OBJECTS} objects", "4 ms", posterior),
         ("start to answer, demo scene (new process)", "-", _processes(ESTIMATE)),
         ("import metric_tree and one query (new process)", "-", _processes(QUERY)),
@@ -121,7 +121,7 @@ def _objects(count: int) -> list[MeasuredObject]:
             if len(gathered) >= count:
                 return gathered[:count]
             made = quick_scene(furnished_room(kind, seed), seed=seed)
-            for thing in measured(made.scene, made.instances).objects:
+            for thing in measure_objects(made.scene, made.instances).objects:
                 if thing.skipped is None:
                     unit = replace(thing, id=str(len(gathered)), extents=thing.extents * made.truth.metres_per_unit)
                     gathered.append(unit)

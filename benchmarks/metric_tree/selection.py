@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.estimator.scale_rooms import _tree_and_sizes
 from estimator.estimate import Options, estimated
-from estimator.geometry.measurement import measured
+from estimator.geometry.measurement import measure_objects
 from estimator.posterior.categories import meanings
 from metric_tree.prior import FloatArray
 from metric_tree.training.selection import candidates, chosen, paper_selection
@@ -57,7 +57,7 @@ def _rooms(tree: Tree, sizes: Sizes, arms: dict[str, set[str] | None], seeds: Se
     for kind in KINDS:
         for seed in seeds:
             made = quick_scene(furnished_room(kind, seed, sizes=sizes), None, seed)
-            objects = measured(made.scene, made.instances).objects
+            objects = measure_objects(made.scene, made.instances).objects
             nodes = {name: meaning.node for name, meaning in meanings(tree, {one.category for one in objects}).items()}
             for name, wanted in arms.items():
                 kept = [one for one in objects if wanted is None or _within(nodes[one.category], wanted)]

@@ -11,18 +11,18 @@ from typing import Literal
 import numpy as np
 
 from estimator.geometry.noise import depth_noise, sight_moment
-from estimator.geometry.planes import SupportPlane, level_basis, refined_up, support_planes
+from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
 from estimator.geometry.point_labels import PointLabels, PointVotes, dense_labels, point_votes, sparse_labels
 from estimator.geometry.standing import stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.geometry.tracks import Track, incremental_tracks, shared_tracks
-from estimator.geometry.truncation import Outline, Sides, Surroundings, outline, seen_sides
+from estimator.geometry.truncation import Outline, Sides, Surroundings, outline, side_evidence
 from estimator.geometry.up import Up, camera_up
 from estimator.geometry.upright_box import Dimensions, dimensions, inliers
 from estimator.measured_object import Box, MeasuredObject
 from estimator.scene import FloatArray, Instance, IntArray, Scene
 
-__all__ = ["PAPER", "MeasurementOptions", "Measurements", "measured"]
+__all__ = ["PAPER", "MeasurementOptions", "Measurements", "measure_objects"]
 
 # An object with fewer points has no shape: eight corners and as many again for outliers.
 MIN_OBJECT_POINTS = 16
@@ -56,7 +56,7 @@ PAPER = MeasurementOptions("incremental", "forest", robust_footprint=False, supp
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurements:
-    """Everything the geometry found. `objects[i]` belongs to `tracks[i]`; `timings` in seconds by stage."""
+    """The result of the geometry. `objects[i]` belongs to `tracks[i]`; `timings` in seconds by stage."""
 
     objects: tuple[MeasuredObject, ...]
     up: Up
@@ -66,42 +66,44 @@ class Measurements:
     warnings: tuple[str, ...] = ()
 
 
-def measured(scene: Scene, instances: Sequence[Instance], options: MeasurementOptions | None = None) -> Measurements:
+def measure_objects(
+    scene: Scene, instances: Sequence[Instance], options: MeasurementOptions | None = None
+) -> Measurements:
     """The objects of a scene in scene units, one for every track, by labels, tracks, up, planes and dimensions."""
     options = options or MeasurementOptions()
     timings: dict[str, float] = {}
-    with _timed(timings, "labels"):
+    with _stopwatch(timings, "labels"):
         clouds = [sparse_labels(scene, instances)]
         if options.dense and scene.dense is not None:
             clouds.append(dense_labels(scene, instances))
-    with _timed(timings, "association"):
+    with _stopwatch(timings, "association"):
         if options.association == "shared":
             tracks = shared_tracks(instances, clouds)
         else:
             tracks = incremental_tracks(instances, clouds[-1])
-    with _timed(timings, "up"):
+    with _stopwatch(timings, "up"):
         up = camera_up(scene.views)
         surface = clouds[-1].points
         if options.planes_for_up:
-            up = refined_up(up, surface)
+            up = refine_up(up, surface)
         planes = support_planes(up.vector, surface) if options.supports else ()
         basis = level_basis(up.vector)
         ground = ground_of(surface, basis, planes) if options.supports else None
-    with _timed(timings, "votes"):
+    with _stopwatch(timings, "votes"):
         members = [track.members for track in tracks]
         votes = [point_votes(cloud, instances, members) for cloud in clouds]
-    with _timed(timings, "noise"):
+    with _stopwatch(timings, "noise"):
         noise = [depth_noise(scene.views, cloud) for cloud in clouds]
-    with _timed(timings, "dimensions"):
+    with _stopwatch(timings, "dimensions"):
         eyes = np.array([-view.rotation.T @ view.translation for view in scene.views])
         seen_from = [eyes[_views_of(track, instances)] for track in tracks]
         shapes = _shapes(clouds, votes, noise, seen_from, basis, options)
-    with _timed(timings, "truncation"):
+    with _stopwatch(timings, "truncation"):
         views = scene.views
         outlines = [outline(i, views[i.view].camera.width, views[i.view].camera.height) for i in instances]
         around = Surroundings(scene, clouds[-1], up.vector)
         sides = [_sides(track, shape, instances, outlines, around) for track, shape in zip(tracks, shapes, strict=True)]
-    with _timed(timings, "supports"):
+    with _stopwatch(timings, "supports"):
         objects = tuple(
             _object(str(number + 1), track, shape, seen, instances, ground, basis, up, options)
             for number, (track, shape, seen) in enumerate(zip(tracks, shapes, sides, strict=True))
@@ -120,7 +122,7 @@ class _Shape:
 
 
 @contextmanager
-def _timed(timings: dict[str, float], stage: str) -> Iterator[None]:
+def _stopwatch(timings: dict[str, float], stage: str) -> Iterator[None]:
     start = perf_counter()
     yield
     timings[stage] = perf_counter() - start
@@ -135,7 +137,7 @@ def _shapes(
     options: MeasurementOptions,
 ) -> list[_Shape]:
     """The points and box of each track; `noise` of each cloud; `seen_from`: camera centres (v, 3) of each track."""
-    found = []
+    shapes = []
     for number, eyes in enumerate(seen_from):
         cloud, rows = _cloud_of([vote.rows[number] for vote in votes])
         own = clouds[cloud].points.take(rows, axis=0)
@@ -144,8 +146,8 @@ def _shapes(
             left = inliers(own, basis, options.outliers)
             blur = _blur(eyes, left.level.mean(axis=0) @ basis, noise[cloud])
             box = dimensions(left, basis, blur, options.robust_footprint)
-        found.append(_Shape("dense" if cloud else "sparse", own, rows, box))
-    return found
+        shapes.append(_Shape("dense" if cloud else "sparse", own, rows, box))
+    return shapes
 
 
 def _blur(eyes: FloatArray, middle: FloatArray, share: float) -> FloatArray:
@@ -175,7 +177,7 @@ def _sides(
     box = shape.box
     masks = [instances[row] for row in track.members]
     borders = [outlines[row] for row in track.members]
-    return seen_sides(masks, borders, around, (box.axes, box.low, box.high), shape.points[box.rows])
+    return side_evidence(masks, borders, around, (box.axes, box.low, box.high), shape.points[box.rows])
 
 
 def _object(
@@ -248,11 +250,11 @@ def _foot(box: Dimensions, sides: Sides, ground: Ground | None, basis: FloatArra
 
 
 def _warnings(up: Up, planes: Sequence[SupportPlane], options: MeasurementOptions) -> tuple[str, ...]:
-    found = []
+    warnings = []
     if up.method == "none":
-        found.append("up is unknown: the cameras neither turn nor agree on it")
+        warnings.append("up is unknown: the cameras neither turn nor agree on it")
     elif up.method == "mean-camera-up":
-        found.append("up is the mean camera up: the cameras hardly turn and no level surface was found")
+        warnings.append("up is the mean camera up: the cameras hardly turn and no level surface is visible")
     if options.supports and not planes:
-        found.append("no support plane was found: heights are those of the points alone")
-    return tuple(found)
+        warnings.append("no support plane was found: heights are those of the points alone")
+    return tuple(warnings)

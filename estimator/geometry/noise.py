@@ -38,8 +38,10 @@ def depth_noise(views: Sequence[View], labels: PointLabels) -> float:
     residual's standard deviation over the mean of 1 / z, over 0.86.
     """
     step = max(1, -(-len(views) // MAX_VIEWS))
-    found = [_residuals(labels.points, _seen(labels, index), views[index]) for index in range(0, len(views), step)]
-    shares = np.concatenate([*found, np.empty(0)])
+    residuals = [
+        _residuals(labels.points, _visible_rows(labels, index), views[index]) for index in range(0, len(views), step)
+    ]
+    shares = np.concatenate([*residuals, np.empty(0)])
     return float(quantiles(shares, np.array([FLAT_CELLS]))[0]) / FLAT_SHARE if shares.size >= MIN_CELLS else 0.0
 
 
@@ -51,7 +53,7 @@ def sight_moment(eyes: FloatArray, place: FloatArray) -> tuple[float, FloatArray
     return float(np.median(distances)), np.asarray(units.T @ units / len(units))
 
 
-def _seen(labels: PointLabels, view: int) -> IntArray:
+def _visible_rows(labels: PointLabels, view: int) -> IntArray:
     matrix = labels.visibility
     return np.asarray(matrix.indices[matrix.indptr[view] : matrix.indptr[view + 1]])
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter1d, median_filter
 
-from estimator.geometry.up import Up, joined_up, tilted
+from estimator.geometry.up import Up, combine_up, tilts
 from estimator.scene import BoolArray, FloatArray, IntArray
 
-__all__ = ["SupportPlane", "floor_of", "height_bin", "level_basis", "refined_up", "support_planes", "thinned"]
+__all__ = ["SupportPlane", "floor_of", "height_bin", "level_basis", "one_per_cell", "refine_up", "support_planes"]
 
 # Height bins over the middle 96 % of heights: 2 cm in a room, twice the noise of an ordinary dense cloud.
 HEIGHT_BINS = 150
@@ -80,9 +80,9 @@ def level_basis(up: FloatArray) -> FloatArray:
     return np.stack([one, np.cross(up, one), up])
 
 
-def refined_up(up: Up, points: FloatArray) -> Up:
+def refine_up(up: Up, points: FloatArray) -> Up:
     """Up after the level surfaces of the cloud (n, 3) have been heard; the same where there is none to believe."""
-    thin = thinned(points)
+    thin = one_per_cell(points)
     if len(thin) < MIN_POINTS or up.method == "none":
         return up
     bin_width = height_bin(thin @ up.vector)
@@ -93,12 +93,12 @@ def refined_up(up: Up, points: FloatArray) -> Up:
     off = np.degrees(np.arccos(np.clip(normal @ up.vector, -1, 1)))
     if off > BELIEVED_SIGMAS * np.hypot(up.sigma_deg, sigma):
         return up
-    return joined_up(up, normal, sigma)
+    return combine_up(up, normal, sigma)
 
 
 def support_planes(up: FloatArray, points: FloatArray) -> tuple[SupportPlane, ...]:
     """Level surfaces of the cloud (n, 3), lowest first."""
-    thin = thinned(points)
+    thin = one_per_cell(points)
     if len(thin) < MIN_POINTS:
         return ()
     basis = level_basis(up)
@@ -132,7 +132,7 @@ def _plane(basis: FloatArray, inliers: FloatArray, bin_width: float) -> SupportP
     return SupportPlane(basis, middle, spread, len(inliers), origin, cell, binary_dilation(cells))
 
 
-def thinned(points: FloatArray) -> FloatArray:
+def one_per_cell(points: FloatArray) -> FloatArray:
     """One point per cell of space, at most `MAX_POINTS`."""
     points = points[:: max(1, -(-len(points) // (4 * MAX_POINTS)))]
     if len(points) < MIN_POINTS:
@@ -187,9 +187,9 @@ def _most_peaked(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
     other = 3.0 if up.known is not None else reach
     about_other = np.arange(-other, other + 1e-9, max(other / 6, 0.5))
     best, best_score = up.vector, -np.inf
-    for vector, pitch in zip(tilted(up.vector, known, about_known), about_known, strict=True):
+    for vector, pitch in zip(tilts(up.vector, known, about_known), about_known, strict=True):
         axis = np.cross(known, vector)
-        for candidate, roll in zip(tilted(vector, axis, about_other), about_other, strict=True):
+        for candidate, roll in zip(tilts(vector, axis, about_other), about_other, strict=True):
             counts, _ = _histogram(points @ candidate, bin_width)
             belief = -0.5 * ((pitch / up.sigma_deg) ** 2 + (roll / (other / BELIEVED_SIGMAS)) ** 2)
             score = np.log((gaussian_filter1d(counts, SMOOTHING_BINS) ** 2).sum()) + BELIEF_WEIGHT * belief

@@ -79,9 +79,9 @@ def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     if scene.dense is None:
         raise ValueError("the scene has no dense cloud")
     points = scene.dense.points
-    found = [visible_rows(view, points) for view in scene.views]
-    looked = _Sight(scene.views, points, [rows for rows, _ in found], [pixels for _, pixels in found])
-    listed = _listed_rows(scene.dense.visible_offsets, scene.dense.visible_views, len(scene.views))
+    visible = [visible_rows(view, points) for view in scene.views]
+    looked = _Sight(scene.views, points, [rows for rows, _ in visible], [pixels for _, pixels in visible])
+    listed = _rows_by_view(scene.dense.visible_offsets, scene.dense.visible_views, len(scene.views))
     if listed is None:
         return _labels(looked, looked, instances)
     inside = [_inside_rows(view, points[rows]) for view, rows in zip(scene.views, listed, strict=True)]
@@ -166,7 +166,7 @@ def _inside_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, 
     return rows, pixels[rows], camera_points[rows, 2]
 
 
-def _listed_rows(offsets: IntArray | None, views: IntArray | None, count: int) -> list[IntArray] | None:
+def _rows_by_view(offsets: IntArray | None, views: IntArray | None, count: int) -> list[IntArray] | None:
     """Rows of the cloud that each view sees, from the compressed rows of a visibility file."""
     if offsets is None or views is None:
         return None
@@ -205,8 +205,8 @@ def _members(sight: _Sight, instances: Sequence[Instance]) -> list[IntArray]:
     for index, here in by_view.items():
         view, rows = sight.views[index], sight.rows[index]
         depth = sight.points[rows] @ view.rotation[2] + view.translation[2]
-        found = view_labels(sight.pixels[index], [instances[number] for number in here])
-        for number, positions in zip(here, found, strict=True):
+        inside = view_labels(sight.pixels[index], [instances[number] for number in here])
+        for number, positions in zip(here, inside, strict=True):
             members[number] = rows[positions[_at_depth(depth[positions], instances[number], view.camera)]]
     return members
 

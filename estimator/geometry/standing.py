@@ -1,7 +1,7 @@
 """Which categories stand on the floor, and which hang: only where the name alone settles it.
 
 The answer decides how far an object whose foot is not reconstructed may reach down. A caller that knows more, such as
-the tree's hypernyms, passes its own function to `measured`.
+the tree's hypernyms, passes its own function to `measure_objects`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What an object stands on: where its foot is not reconstructed it reaches down to the surface below it (methods.md).
+"""What an object stands on: where its foot is not reconstructed it reaches down to the surface below it.
 
 Legs are thin, castors dark and sills low, so clouds end above the foot and heights come out short. The surface is
 looked for in the cloud around the object's footprint; under it lies what the object hides. How far a gap is filled is
@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.geometry.planes import SupportPlane, floor_of, height_bin, thinned
+from estimator.geometry.planes import SupportPlane, floor_of, height_bin, one_per_cell
 from estimator.scene import FloatArray
 
 __all__ = ["REACH_SHARE", "Foot", "Ground", "Level", "foot_on", "ground_of", "level_below"]
@@ -87,7 +87,7 @@ class Foot:
 
 def ground_of(points: FloatArray, basis: FloatArray, planes: Sequence[SupportPlane]) -> Ground | None:
     """The ground of a cloud (n, 3), or None where it has no points."""
-    local = thinned(points) @ basis.T
+    local = one_per_cell(points) @ basis.T
     if not len(local):
         return None
     floor = floor_of(planes, points)
@@ -122,14 +122,14 @@ def level_below(
     around = (beyond > 0) & (beyond < ring)
     heights = ground.local[near[around], 2]
     sectors = np.floor(np.arctan2(along[around, 1], along[around, 0]) / (np.pi / 4)).astype(np.int64) + 4
-    found = _ring_level(heights, sectors, highest, ground.bin)
-    touching = found is not None and bottom - found.height <= _contact(height, ground.bin)
+    level = _ring_level(heights, sectors, highest, ground.bin)
+    touching = level is not None and bottom - level.height <= _contact(height, ground.bin)
     # a thing that stands on floors has no business on whatever else lies below it
-    if found is not None and (touching or stands is not True or ground.floor is None):
-        return found
+    if level is not None and (touching or stands is not True or ground.floor is None):
+        return level
     if ground.floor is not None and ground.floor < highest:
         return Level(ground.floor, ground.floor_sigma)
-    return found
+    return level
 
 
 def foot_on(

@@ -63,9 +63,9 @@ def shared_tracks(instances: Sequence[Instance], labels: Sequence[PointLabels]) 
     for category in sorted({instance.category for instance in instances}):
         rows = [row for row, instance in enumerate(instances) if instance.category == category]
         alone = [[row] for row in rows]
-        found = _joined(alone, views, shared, smaller + doubt, JOIN_SHARE)
-        groups += _joined_in_place(found, instances, clouds, shared + doubt, smaller + doubt)
-    groups = _joined(groups, views, shared, union, JOIN_SHARE_ACROSS_CATEGORIES)
+        joined = _merge_by_points(alone, views, shared, smaller + doubt, JOIN_SHARE)
+        groups += _merge_by_place(joined, instances, clouds, shared + doubt, smaller + doubt)
+    groups = _merge_by_points(groups, views, shared, union, JOIN_SHARE_ACROSS_CATEGORIES)
     return _tracks(groups, instances)
 
 
@@ -84,7 +84,7 @@ def incremental_tracks(instances: Sequence[Instance], labels: PointLabels) -> tu
             if instance.category == category:
                 by_view[instance.view].append(row)
         for view in sorted(by_view):
-            known = _merged(known, by_view[view], places)
+            known = _merge_frame(known, by_view[view], places)
         groups += known
     return _tracks(groups, instances)
 
@@ -123,7 +123,7 @@ def _overlaps(views: IntArray, labels: Sequence[PointLabels]) -> FloatArray:
     return tables
 
 
-def _joined(
+def _merge_by_points(
     groups: Sequence[Sequence[int]], views: IntArray, shared: FloatArray, total: FloatArray, share: float
 ) -> list[list[int]]:
     """Groups after joining the best pair first while it reaches `share`; groups with a view in common never join."""
@@ -153,7 +153,7 @@ def _joined(
     return [group for group in members if group]
 
 
-def _joined_in_place(
+def _merge_by_place(
     groups: list[list[int]],
     instances: Sequence[Instance],
     clouds: Sequence[FloatArray],
@@ -170,7 +170,7 @@ def _joined_in_place(
 
     @cache
     def distance(one: tuple[int, ...], two: tuple[int, ...]) -> float:
-        if not (_may_join(one, two, instances, shared, total) and _placed(one, two, clouds)):
+        if not (_may_join(one, two, instances, shared, total) and _is_place_known(one, two, clouds)):
             return np.inf
         return relative_distance(places.of(one), places.of(two))
 
@@ -194,7 +194,7 @@ def _may_join(
     return bool(shared[pairs].sum() >= NOT_CONTRADICTED_SHARE * total[pairs].sum())
 
 
-def _placed(one: Sequence[int], two: Sequence[int], clouds: Sequence[FloatArray]) -> bool:
+def _is_place_known(one: Sequence[int], two: Sequence[int], clouds: Sequence[FloatArray]) -> bool:
     """Whether one of two groups has points enough to say where it is, and the other enough to lie there."""
     few, many = sorted(sum(len(clouds[row]) for row in group) for group in (one, two))
     return many >= MIN_PLACE_POINTS and few >= MIN_SHARED_POINTS
@@ -205,7 +205,7 @@ def _affinity(shared: FloatArray, total: FloatArray, barred: BoolArray) -> Float
     return np.where(barred | (shared < MIN_SHARED_POINTS), 0.0, shared / np.maximum(total, 1))
 
 
-def _merged(known: list[list[int]], fresh: list[int], places: Places) -> list[list[int]]:
+def _merge_frame(known: list[list[int]], fresh: list[int], places: Places) -> list[list[int]]:
     """Objects after one frame: MergePointCloud of Algorithm 1 with both repairs."""
     new_places = [places.of((row,)) for row in fresh]
     distances = np.array(

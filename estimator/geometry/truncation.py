@@ -1,4 +1,4 @@
-"""Truncation: which sides of an object no view shows to their end, so that a dimension can only be short (methods.md).
+"""Truncation: which sides of an object no view shows to their end, so that a dimension can only be short.
 
 The paper's eta does not see it: an object cut by the image border is dense at the cut. A view shows a side when the
 mask's outline on that side touches neither the image border nor something nearer, or when the view faces the side
@@ -17,7 +17,7 @@ from estimator.geometry.point_labels import PointLabels
 from estimator.reconstructions.cameras import pixels_in_view, project
 from estimator.scene import BoolArray, FloatArray, Instance, Scene, View
 
-__all__ = ["Outline", "Sides", "Surroundings", "outline", "seen_sides"]
+__all__ = ["Outline", "Sides", "Surroundings", "outline", "side_evidence"]
 
 # Points of a mask's outline, and of the object, that are looked at.
 OUTLINE_POINTS, OWN_POINTS = 128, 400
@@ -136,7 +136,7 @@ def outline(instance: Instance, width: int, height: int) -> Outline:
     return Outline(pixels, at_border, tolerance)
 
 
-def seen_sides(
+def side_evidence(
     members: Sequence[Instance],
     outlines: Sequence[Outline],
     surroundings: Surroundings,

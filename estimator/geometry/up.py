@@ -14,9 +14,9 @@ import numpy as np
 
 from estimator.scene import FloatArray, View
 
-__all__ = ["Up", "camera_up", "joined_up", "tilted"]
+__all__ = ["Up", "camera_up", "combine_up", "tilts"]
 
-# People hold a camera level within about two degrees from frame to frame (methods.md); fewer views than would show that
+# People hold a camera level within about two degrees from frame to frame; fewer views than would show that
 # spread cannot prove a better one.
 ROLL_DEG = 2.0
 # Neighbouring frames of a video lean together: about four make one independent reading.
@@ -65,7 +65,7 @@ def camera_up(views: Sequence[View]) -> Up:
     return _mean_up(mean_up, vectors[:, 2])
 
 
-def joined_up(camera: Up, normal: FloatArray, sigma_deg: float) -> Up:
+def combine_up(camera: Up, normal: FloatArray, sigma_deg: float) -> Up:
     """Up from the cameras and a level surface with unit `normal`, weighted by their variances."""
     sigma_deg = max(sigma_deg, PLANE_FLOOR_DEG)
     weights = np.array([camera.sigma_deg, sigma_deg]) ** -2
@@ -73,7 +73,7 @@ def joined_up(camera: Up, normal: FloatArray, sigma_deg: float) -> Up:
     return Up(vector / np.linalg.norm(vector), f"{camera.method}+plane", float(weights.sum() ** -0.5))
 
 
-def tilted(up: FloatArray, axis: FloatArray, degrees: FloatArray) -> FloatArray:
+def tilts(up: FloatArray, axis: FloatArray, degrees: FloatArray) -> FloatArray:
     """(k, 3) `up` turned about the unit `axis` orthogonal to it by each of the (k,) angles."""
     angles = np.radians(degrees)[:, None]
     return np.asarray(np.cos(angles) * up + np.sin(angles) * np.cross(axis, up))

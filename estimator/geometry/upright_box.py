@@ -59,13 +59,13 @@ def inliers(points: FloatArray, basis: FloatArray, outliers: Literal["neighbours
     return Inliers(rows[kept], level.T.take(kept, axis=1).T)
 
 
-def dimensions(found: Inliers, basis: FloatArray, blur: FloatArray, robust: bool = True) -> Dimensions:
+def dimensions(kept: Inliers, basis: FloatArray, blur: FloatArray, robust: bool = True) -> Dimensions:
     """The box of an object's inliers.
 
     blur : (3, 3) covariance of the noise of its points in the scene; robust : the rectangle by `footprint_axes`; else
     the paper's plain minimum rectangle. The extent rule is the same.
     """
-    level = found.level
+    level = kept.level
     turn = footprint_axes(level[:, :2]) if robust else smallest_rectangle_axes(level[:, :2])
     axes = np.vstack([turn @ basis[:2], basis[2]])
     local = np.vstack([turn @ level[:, :2].T, level[:, 2]]).T
@@ -77,4 +77,4 @@ def dimensions(found: Inliers, basis: FloatArray, blur: FloatArray, robust: bool
         axes, local, low, high, noise = axes[order], local[:, order], low[order], high[order], noise[order]
     lowest = local.min(axis=0)
     sigma = extent_sigma(local, high - low, noise)
-    return Dimensions(axes, low, high, sigma, eta(local, lowest, local.max(axis=0)), found.rows, lowest[2])
+    return Dimensions(axes, low, high, sigma, eta(local, lowest, local.max(axis=0)), kept.rows, lowest[2])

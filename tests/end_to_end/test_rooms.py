@@ -13,7 +13,7 @@ from tests.made.rooms.furnish import furnished_room
 from tests.made.rooms.kinds import KINDS
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.quick import quick_scene
-from tests.made.rooms.reconstruct import reconstructed
+from tests.made.rooms.reconstruct import reconstruct
 from tests.made.rooms.render import NoOpenGL
 from tests.made.rooms.scene_files import write_scene
 
@@ -44,9 +44,7 @@ def check(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.slow
 def test_a_room_through_pycolmap(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     try:
-        truth = reconstructed(
-            furnished_room("study", 1004, Knobs(views=12, coverage=0.6)), tmp_path, 1004, features=1500
-        )
+        truth = reconstruct(furnished_room("study", 1004, Knobs(views=12, coverage=0.6)), tmp_path, 1004, features=1500)
     except NoOpenGL as missing:
         pytest.skip(str(missing))
     assert truth.rms_m < 0.05

@@ -62,22 +62,24 @@ def yaw(degrees: float) -> FloatArray:
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
 
-def _standing(kind: str, category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float) -> Thing:
+def _upright_thing(
+    kind: str, category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float
+) -> Thing:
     extents = np.asarray(size, dtype=float)
     centre = np.add(foot, [0, 0, extents[2] / 2])
     return Thing(category, (Solid(kind, extents, centre, yaw(turn)),))
 
 
 def box(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Thing:
-    return _standing("box", category, size, foot, turn)
+    return _upright_thing("box", category, size, foot, turn)
 
 
 def cylinder(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Thing:
-    return _standing("cylinder", category, size, foot, turn)
+    return _upright_thing("cylinder", category, size, foot, turn)
 
 
 def ellipsoid(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Thing:
-    return _standing("ellipsoid", category, size, foot, turn)
+    return _upright_thing("ellipsoid", category, size, foot, turn)
 
 
 def floor(side: float = 20.0) -> Thing:
@@ -146,7 +148,7 @@ def made_scene(
     maps = [_maps(things, view) for view in views]
     points, owner = _cloud(views, maps, dense, noise, random)
     chosen = random.choice(len(points), size=min(sparse, len(points)), replace=False)
-    seen = [_observed(view, depth, points[chosen]) for view, (depth, _) in zip(views, maps, strict=True)]
+    seen = [_observations(view, depth, points[chosen]) for view, (depth, _) in zip(views, maps, strict=True)]
     observed = tuple(
         View(v.name, v.camera, v.rotation, v.translation, pixels + random.normal(0, 0.3, pixels.shape), rows)
         for v, (rows, pixels) in zip(views, seen, strict=True)
@@ -157,15 +159,15 @@ def made_scene(
 
 
 def _instances(things: list[Thing], view: int, identity: IntArray) -> list[Instance]:
-    found = []
+    instances = []
     for number, thing in enumerate(things):
         lines, columns = np.nonzero(identity == number)
         if thing.category is None or lines.size < 20:
             continue
         y, x = lines.min(), columns.min()
         crop = identity[y : lines.max() + 1, x : columns.max() + 1] == number
-        found.append(Instance(f"{view}-{number}", view, thing.category, crop, (int(x), int(y)), track=str(number)))
-    return found
+        instances.append(Instance(f"{view}-{number}", view, thing.category, crop, (int(x), int(y)), track=str(number)))
+    return instances
 
 
 def _rays(view: View, pixels: FloatArray) -> FloatArray:
@@ -231,7 +233,7 @@ def _cloud(
     return np.concatenate(points), np.concatenate(owner)
 
 
-def _observed(view: View, depth: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
+def _observations(view: View, depth: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
     """Rows of points that the view truly sees, within 2 % of its exact depth, and their pixels."""
     local = points @ view.rotation.T + view.translation
     fx, fy, cx, cy = view.camera.params

@@ -12,7 +12,7 @@ from estimator.reading import read_instances, read_scene
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.quick import MadeScene, quick_scene
 from tests.made.rooms.scene_files import write_scene
-from tests.made.rooms.similarity import aligned, random_similarity
+from tests.made.rooms.similarity import random_similarity, similarity_between
 from tests.made.rooms.street import street
 from tests.made.rooms.world import World
 
@@ -21,7 +21,7 @@ from tests.made.rooms.world import World
 def test_alignment_finds_the_similarity(seed: int) -> None:
     generator = np.random.default_rng(seed)
     points, change = generator.normal(size=(8, 3)), random_similarity(generator)
-    found = aligned(points, change(points))
+    found = similarity_between(points, change(points))
     assert found.scale == pytest.approx(change.scale, rel=1e-6)
     assert np.allclose(found.rotation, change.rotation, atol=1e-6)
     assert np.allclose(change.inverse(change(points)), points, atol=1e-6)
@@ -48,7 +48,7 @@ def test_points_of_a_mask_lie_in_their_objects_box(made: MadeScene, room: World)
     """Sparse points, labelled by their own observations and carried back to metres, lie on what the masks name."""
     labels = sparse_labels(made.scene, made.instances)
     true = np.array([pose.centre for pose in room.poses])
-    back = aligned(np.array([view.centre for view in made.scene.views]), true)
+    back = similarity_between(np.array([view.centre for view in made.scene.views]), true)
     things = {thing.track: thing for thing in room.objects}
     inside = []
     for row, instance in enumerate(made.instances):

@@ -7,7 +7,7 @@ import pytest
 
 from tests.made.rooms.masks import coco_dataset, instances_of
 from tests.made.rooms.render import Frame, NoOpenGL, Renderer
-from tests.made.rooms.solids import box, joined
+from tests.made.rooms.solids import box, join
 from tests.made.rooms.world import Placed, World, pose_towards
 
 
@@ -31,7 +31,7 @@ def two_boxes() -> World:
         thing("far", (-0.5, 0.5), (2.5, 3.0), (0.5, 1.5)),
         thing("near", (-0.5, 0.0), (1.5, 2.0), (0.5, 1.5)),
     )
-    wall = joined([box((-9, 9), (4, 4.1), (-9, 9), "wall")])
+    wall = join([box((-9, 9), (4, 4.1), (-9, 9), "wall")])
     pose = pose_towards(np.array([0.0, 0.0, 1.0]), np.array([0.0, 4.0, 1.0]))
     return World("test", 0, (behind, before), wall, (pose, pose))
 

@@ -9,7 +9,7 @@ from sklearn.metrics import adjusted_rand_score
 from estimator.geometry.tracks import Track
 from tests.made.rooms.quick import MadeScene
 from tests.made.rooms.scores import Score, adjusted_rand_index, association_score, height_error, summary
-from tests.made.rooms.sizes import TYPICAL_MM, drawn_sizes, plausible
+from tests.made.rooms.sizes import TYPICAL_MM, drawn_sizes, plausible_sizes
 
 labels = st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from("abc")), min_size=2, max_size=30)
 
@@ -56,7 +56,7 @@ def test_summary_leaves_the_refused_out_of_the_error_and_counts_them() -> None:
 def test_implausible_rows_are_no_furniture() -> None:
     typical = np.array(TYPICAL_MM["chair"], dtype=float)
     rows = np.array([typical, typical * 3, [np.nan, 400, 900], typical[[1, 0, 2]]])
-    kept = plausible("chair", rows)
+    kept = plausible_sizes("chair", rows)
     assert np.allclose(kept, [typical, typical])
     draw = drawn_sizes({"chair": kept})
     assert np.allclose(draw("chair", np.random.default_rng(0)), typical)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from sklearn.metrics import adjusted_rand_score
 
-from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measured
+from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measure_objects
 from estimator.reading import read_instances, read_scene
 from estimator.scene import Instance
 
@@ -31,7 +31,7 @@ def office(shared: Path):
 @pytest.fixture(scope="module")
 def found(office) -> Measurements:
     scene, instances, _ = office
-    return measured(scene, instances)
+    return measure_objects(scene, instances)
 
 
 def owner(instances: list[Instance], members: tuple[int, ...]) -> str:
@@ -90,7 +90,7 @@ def test_sizes_of_plain_things(found, office, name, dimension, truth, within):
 
 def test_desks_of_which_only_the_slab_is_masked_reach_the_floor(office, found):
     scene, instances, _ = office
-    bare = measured(scene, instances, MeasurementOptions(supports=False))
+    bare = measure_objects(scene, instances, MeasurementOptions(supports=False))
     assert metres(bare, office, "desk_left")[2] < 0.3 * metres(found, office, "desk_left")[2]
 
 
@@ -100,9 +100,9 @@ def test_the_poster_stays_on_its_wall(found, office):
 
 def test_sparse_points_and_the_papers_arm_run(office):
     scene, instances, _ = office
-    without = measured(scene, instances, MeasurementOptions(dense=False))
+    without = measure_objects(scene, instances, MeasurementOptions(dense=False))
     assert sum(one.skipped is None for one in without.objects) >= 20
-    paper = measured(scene, [one for one in instances if one.category in {"bottle", "dice"}], PAPER)
+    paper = measure_objects(scene, [one for one in instances if one.category in {"bottle", "dice"}], PAPER)
     assert sum(one.skipped is None for one in paper.objects) >= 5
 
 
@@ -111,7 +111,7 @@ def test_raw_boxes_run(office, shared):
     folder = shared / "data/scenes/tum_office"
     boxes = read_instances(scene, folder / "detections_yolo.json", folder / "detections_yolo_categories.json")
     assert all(one.from_box for one in boxes)
-    found = measured(scene, boxes)
+    found = measure_objects(scene, boxes)
     heights = [
         one.extents[2] * truth["metres_per_unit"]
         for one in found.objects

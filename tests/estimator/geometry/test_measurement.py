@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.geometry.measurement import PAPER, MeasurementOptions, measured
+from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 from estimator.scene import DenseCloud, Scene, View
 from tests.made.shapes import Made, Solid, Thing, box, cylinder, floor, made_scene, orbit
 
@@ -48,7 +48,7 @@ def test_sizes_of_a_room_under_any_similarity(room):
     turn = Rotation.from_euler("zyx", [40, 70, -20], degrees=True).as_matrix()
     for scale, rotation in ((1.0, np.eye(3)), (0.31, turn), (57.0, turn.T)):
         made = moved(room, scale, rotation, np.array([3.0, -1.0, 2.0]))
-        found = measured(made.scene, made.instances)
+        found = measure_objects(made.scene, made.instances)
         assert len(found.objects) == 3
         assert np.degrees(np.arccos(np.clip(found.up.vector @ rotation[:, 2], -1, 1))) < 1.0
         assert len(found.planes) >= 1
@@ -66,7 +66,7 @@ def test_sizes_of_a_room_under_any_similarity(room):
 
 
 def test_box_points_and_members_belong_together(room):
-    found = measured(room.scene, room.instances)
+    found = measure_objects(room.scene, room.instances)
     for thing, track in zip(found.objects, found.tracks, strict=True):
         assert thing.members == track.members
         assert thing.points == len(thing.point_rows)
@@ -79,14 +79,14 @@ def test_box_points_and_members_belong_together(room):
 
 
 def test_sparse_points_alone_do(room):
-    found = measured(replace(room.scene, dense=None), room.instances)
+    found = measure_objects(replace(room.scene, dense=None), room.instances)
     cabinet = by_category(found)["cabinet"]
     assert cabinet.cloud == "sparse"
     assert np.abs(np.log(cabinet.extents / SIZES["cabinet"])[~cabinet.truncated]).max() < 0.15
 
 
 def test_the_papers_arm_runs_and_never_reaches_down(room):
-    found = measured(room.scene, room.instances, PAPER)
+    found = measure_objects(room.scene, room.instances, PAPER)
     assert found.planes == ()
     assert found.up.method == "camera-x-axes"
     for thing in found.objects:
@@ -110,13 +110,13 @@ def without_feet(made, category, share):
 @pytest.mark.parametrize(("category", "share"), [("chair", 0.4), ("cabinet", 0.25)])
 def test_an_unseen_foot_reaches_down_to_what_it_stands_on(room, category, share):
     made = without_feet(room, category, share)
-    bare = by_category(measured(made.scene, made.instances, MeasurementOptions(supports=False)))[category]
-    found = by_category(measured(made.scene, made.instances))[category]
+    bare = by_category(measure_objects(made.scene, made.instances, MeasurementOptions(supports=False)))[category]
+    found = by_category(measure_objects(made.scene, made.instances))[category]
     assert np.log(bare.extents[2] / SIZES[category][2]) < np.log(1 - share) + 0.06
     assert abs(np.log(found.extents[2] / SIZES[category][2])) < 0.05
     assert found.unsupported_height == pytest.approx(bare.extents[2], rel=0.02)
     assert found.notes
-    assert found.sigma[2] > by_category(measured(room.scene, room.instances))[category].sigma[2]
+    assert found.sigma[2] > by_category(measure_objects(room.scene, room.instances))[category].sigma[2]
     # the bare one's masks go further down than its points
     assert bare.truncated[2]
 
@@ -128,7 +128,7 @@ def test_a_clock_on_the_wall_stays_there():
     made = made_scene([floor(5), wall, clock], views, dense=24_000, noise=0.001)
     for category in ("clock", "thing of no known name"):
         named = tuple(replace(instance, category=category) for instance in made.instances)
-        thing = measured(made.scene, named).objects[0]
+        thing = measure_objects(made.scene, named).objects[0]
         assert thing.unsupported_height is None
         assert abs(np.log(thing.extents[2] / 0.3)) < 0.08
 
@@ -139,7 +139,7 @@ def test_too_few_points_are_skipped_with_a_reason(room):
         kept = view.point_index < 40
         views.append(replace(view, keypoints=view.keypoints[kept], point_index=view.point_index[kept]))
     starved = replace(room.scene, dense=None, points=room.scene.points[:40], views=tuple(views))
-    found = measured(starved, room.instances)
+    found = measure_objects(starved, room.instances)
     assert found.objects
     for thing in found.objects:
         assert "needed" in (thing.skipped or "needed")
@@ -149,7 +149,7 @@ def test_too_few_points_are_skipped_with_a_reason(room):
 
 
 def test_nothing_to_measure(room):
-    found = measured(room.scene, ())
+    found = measure_objects(room.scene, ())
     assert found.objects == ()
     assert found.tracks == ()
     assert set(found.timings) >= {"labels", "association", "up", "dimensions"}
@@ -166,6 +166,6 @@ def test_a_scene_without_points():
             for view in empty.scene.views
         ),
     )
-    found = measured(scene, ())
+    found = measure_objects(scene, ())
     assert found.planes == ()
     assert any("support plane" in warning for warning in found.warnings)

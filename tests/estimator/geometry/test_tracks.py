@@ -1,4 +1,4 @@
-"""Objects across frames: the toy of methods.md, cannot-link, repaired Algorithm 1 against shared points."""
+"""Objects across frames: three objects seen two at a time, cannot-link, Algorithm 1 against shared points."""
 
 from dataclasses import replace
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.geometry.point_labels import dense_labels
-from estimator.geometry.truncation import Surroundings, outline, seen_sides
+from estimator.geometry.truncation import Surroundings, outline, side_evidence
 from estimator.scene import Instance
 from tests.made.shapes import box, cylinder, floor, made_scene, orbit, view_at
 
@@ -20,7 +20,7 @@ def sides_of(made, thing, axes, low, high, instances=None):
     borders = [outline(mask, 200, 150) for mask in masks]
     points = made.scene.dense.points[made.owner == thing]
     around = Surroundings(made.scene, labels, UP)
-    return seen_sides(masks, borders, around, (axes, np.asarray(low, float), np.asarray(high, float)), points)
+    return side_evidence(masks, borders, around, (axes, np.asarray(low, float), np.asarray(high, float)), points)
 
 
 def views_around(radius=2.5, height=1.4, count=8, arc=360.0):

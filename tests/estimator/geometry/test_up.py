@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimator.geometry.planes import refined_up, support_planes
-from estimator.geometry.up import camera_up, joined_up
+from estimator.geometry.planes import refine_up, support_planes
+from estimator.geometry.up import camera_up, combine_up
 from estimator.scene import View
 from tests.made.shapes import box, floor, made_scene, view_at
 
@@ -37,7 +37,7 @@ def test_level_cameras_that_turn_give_up_exactly():
 
 @pytest.mark.parametrize(("yaw", "observable"), [(180, True), (40, True), (5, False), (2, False)])
 def test_the_eigen_gap_decides(yaw, observable):
-    """methods.md: 0.3 degrees at yaw +-180, 9 at +-5, 75 at +-2 with two degrees of roll noise."""
+    """0.3 degrees at yaw +-180, 9 at +-5, 75 at +-2 with two degrees of roll noise."""
     random = np.random.default_rng(3)
     up = camera_up(panned(np.linspace(-yaw, yaw, 30), random.normal(0, 2, 30)))
     assert (up.method == "camera-x-axes") is observable
@@ -111,7 +111,7 @@ def test_a_level_surface_settles_what_the_cameras_leave_open(driven):
     camera = camera_up(driven.scene.views)
     assert camera.method == "mean-camera-up"
     assert off_deg(camera.vector) > 10
-    refined = refined_up(camera, driven.scene.dense.points)
+    refined = refine_up(camera, driven.scene.dense.points)
     assert refined.method == "mean-camera-up+plane"
     assert off_deg(refined.vector) < 1.0
     assert refined.sigma_deg < camera.sigma_deg
@@ -123,7 +123,7 @@ def test_walls_alone_do_not_pass_for_level_surfaces():
     other = wall[:, [1, 0, 2]]
     points = np.concatenate([wall, other])
     up = camera_up(panned(np.linspace(-60, 60, 12), np.zeros(12)))
-    refined = refined_up(up, points)
+    refined = refine_up(up, points)
     assert off_deg(refined.vector) < 0.5
     assert support_planes(refined.vector, points) == ()
 
@@ -131,5 +131,5 @@ def test_walls_alone_do_not_pass_for_level_surfaces():
 def test_joining_weighs_by_variance():
     camera = camera_up(panned(np.linspace(-90, 90, 20), np.zeros(20)))
     leaning = np.array([np.sin(0.1), 0, np.cos(0.1)])
-    assert off_deg(joined_up(camera, leaning, 10.0).vector) < off_deg(joined_up(camera, leaning, 1.0).vector)
-    assert joined_up(camera, leaning, 0.0).sigma_deg < camera.sigma_deg
+    assert off_deg(combine_up(camera, leaning, 10.0).vector) < off_deg(combine_up(camera, leaning, 1.0).vector)
+    assert combine_up(camera, leaning, 0.0).sigma_deg < camera.sigma_deg

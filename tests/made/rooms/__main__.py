@@ -9,7 +9,7 @@ from tests.made.rooms.furnish import furnished_room
 from tests.made.rooms.kinds import KINDS
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.quick import quick_scene
-from tests.made.rooms.reconstruct import FEATURES, QUALITY, reconstructed
+from tests.made.rooms.reconstruct import FEATURES, QUALITY, reconstruct
 from tests.made.rooms.scene_files import write_scene
 from tests.made.rooms.street import street
 
@@ -27,5 +27,5 @@ if arguments.quick:
     write_scene(made, world, arguments.out)
     truth = made.truth
 else:
-    truth = reconstructed(world, arguments.out, arguments.seed, features=arguments.features, quality=arguments.quality)
+    truth = reconstruct(world, arguments.out, arguments.seed, features=arguments.features, quality=arguments.quality)
 print(f"{arguments.out}: {len(world.objects)} objects, {truth.metres_per_unit:.6g} metres per unit")

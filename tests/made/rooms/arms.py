@@ -13,7 +13,7 @@ import numpy as np
 from estimator.baselines.paper import paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
 from estimator.estimate import Options, estimated
-from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measured
+from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measure_objects
 from estimator.geometry.tracks import Track
 from estimator.result import ScaleResult
 from estimator.scene import Instance, Scene
@@ -55,7 +55,7 @@ def scores(
 
     lists : the authors' lists, for the arm AUTHORS.
     """
-    found: dict[str, tuple[Score, ScaleResult, Measurements | None]] = {}
+    by_arm: dict[str, tuple[Score, ScaleResult, Measurements | None]] = {}
     measurements: dict[MeasurementOptions, Measurements] = {}
     for arm in arms:
         method, how = ARMS[arm]
@@ -67,7 +67,7 @@ def scores(
             taken = None
         else:
             if how not in measurements:
-                measurements[how] = measured(case.scene, case.instances, how)
+                measurements[how] = measure_objects(case.scene, case.instances, how)
             taken = measurements[how]
             options = Options(method=method)
             if method == "paper":
@@ -79,12 +79,12 @@ def scores(
         score = _score(case, arm, result, time.perf_counter() - started)
         if result.scale is not None:
             score = replace(score, heights=height_error(result.scale, list(heights), true, case.truth))
-        found[arm] = (score, result, taken)
-    return found
+        by_arm[arm] = (score, result, taken)
+    return by_arm
 
 
 def _majority(instances: Sequence[Instance], track: Track) -> str | None:
-    """The true object that most masks of a found track show."""
+    """The true object that most masks of a track shows."""
     names = Counter(instances[row].track for row in track.members)
     return names.most_common(1)[0][0]
 

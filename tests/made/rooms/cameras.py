@@ -11,7 +11,7 @@ __all__ = ["drive", "walk"]
 
 #: The ordinary walk covers this much of a circle about the furniture.
 WALK_DEG = 150.0
-#: One sigma of a hand's roll; methods.md's simulation uses the same.
+#: One sigma of a hand's roll.
 ROLL_DEG = 2.0
 
 

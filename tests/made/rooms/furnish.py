@@ -12,7 +12,7 @@ from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.layout import Footprint, apart, distance_to, inside
 from tests.made.rooms.shapes import CATEGORIES, FACES_X, solid
 from tests.made.rooms.sizes import Sizes, typical_sizes
-from tests.made.rooms.solids import FloatArray, Mesh, box, joined, rotated
+from tests.made.rooms.solids import FloatArray, Mesh, box, join, rotate
 from tests.made.rooms.world import Placed, World
 
 __all__ = ["furnished_room", "tilted_solid", "turn_about_z"]
@@ -47,9 +47,9 @@ def tilted_solid(category: str, size: FloatArray, tilt_rad: float, axis_yaw: flo
         return mesh
     c, s = np.cos(tilt_rad), np.sin(tilt_rad)
     tip = turn_about_z(axis_yaw) @ np.array([[1, 0, 0], [0, c, -s], [0, s, c]]) @ turn_about_z(-axis_yaw)
-    tipped = rotated(mesh, tip, np.zeros(3))
+    tipped = rotate(mesh, tip, np.zeros(3))
     low, high = tipped.vertices.min(axis=0), tipped.vertices.max(axis=0)
-    return rotated(tipped, np.eye(3), -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))
+    return rotate(tipped, np.eye(3), -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]]))
 
 
 def furnished_room(kind: str, seed: int, knobs: Knobs | None = None, sizes: Sizes = typical_sizes) -> World:
@@ -62,8 +62,8 @@ def furnished_room(kind: str, seed: int, knobs: Knobs | None = None, sizes: Size
     for category, least, most, place in rules.furniture:
         for _ in range(int(generator.integers(least, most + 1))):
             _place(layout, category, place, knobs, sizes, generator)
-    kept = _thinned(layout.placed, knobs.objects, generator)
-    objects = tuple(_labelled(thing, knobs, generator) for thing in kept)
+    kept = _keep_some(layout.placed, knobs.objects, generator)
+    objects = tuple(_mislabel(thing, knobs, generator) for thing in kept)
     return World(kind, seed, objects, _shell(rules.floor, generator), poses)
 
 
@@ -75,10 +75,10 @@ def _place(
     mesh = tilted_solid(category, size, tilt, generator.uniform(0, 2 * np.pi))
     half = (mesh.vertices[:, :2].max(axis=0) - mesh.vertices[:, :2].min(axis=0)) / 2
     for _ in range(TRIES):
-        found = _candidate(layout, category, place, half, generator)
-        if found is None:
+        candidate = _candidate(layout, category, place, half, generator)
+        if candidate is None:
             return
-        print_, support = found
+        print_, support = candidate
         if _fits(layout, print_, support, float(mesh.vertices[:, 2].max())):
             track = f"{category.replace(' ', '_')}-{1 + sum(thing.category == category for thing in layout.placed)}"
             base = (
@@ -86,7 +86,7 @@ def _place(
                 if support is None
                 else next(t for t in layout.placed if t.track == support).mesh.vertices[:, 2].max()
             )
-            world = rotated(mesh, turn_about_z(print_.yaw), np.array([*print_.centre, base]))
+            world = rotate(mesh, turn_about_z(print_.yaw), np.array([*print_.centre, base]))
             layout.placed.append(
                 Placed(track, category, category, size, world, tilt_deg=float(np.degrees(tilt)), support=support)
             )
@@ -161,7 +161,7 @@ def _fits(layout: _Layout, print_: Footprint, support: str | None, height: float
     return bool(distance_to(print_, layout.eyes).min() > CLEAR_OF_CAMERA)
 
 
-def _thinned(placed: list[Placed], keep: int | None, generator: np.random.Generator) -> list[Placed]:
+def _keep_some(placed: list[Placed], keep: int | None, generator: np.random.Generator) -> list[Placed]:
     """Random things taken away, those with nothing on them first, until `keep` are left."""
     rest = list(placed)
     while keep is not None and len(rest) > max(keep, 1):
@@ -171,7 +171,7 @@ def _thinned(placed: list[Placed], keep: int | None, generator: np.random.Genera
     return rest
 
 
-def _labelled(thing: Placed, knobs: Knobs, generator: np.random.Generator) -> Placed:
+def _mislabel(thing: Placed, knobs: Knobs, generator: np.random.Generator) -> Placed:
     """The thing with a wrong name, or without its foot, as often as the knobs say."""
     wrong, footless = generator.random(2) < (knobs.mislabelled, knobs.missing_feet)
     others = sorted(set(CATEGORIES) - {thing.category})
@@ -199,4 +199,4 @@ def _shell(floor: tuple[float, float], generator: np.random.Generator) -> Mesh:
         else:
             side = (-x, -x + 0.012) if k == 3 else (x - 0.012, x)
             pictures.append(box(side, span, tall, "picture"))
-    return joined([*walls, *pictures, box((-x, -x + 0.015), (-0.8 * y, -0.8 * y + 0.9), (0, 2.05), "wood")])
+    return join([*walls, *pictures, box((-x, -x + 0.015), (-0.8 * y, -0.8 * y + 0.9), (0, 2.05), "wood")])

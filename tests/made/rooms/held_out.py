@@ -14,7 +14,7 @@ from metric_tree.build.ingest import blocks, ingested, is_held_out, raw_files
 from metric_tree.tree import Node, Tree
 from taxonomy.categories import Taxonomy
 from tests.made.rooms.shapes import CATEGORIES
-from tests.made.rooms.sizes import plausible
+from tests.made.rooms.sizes import plausible_sizes
 from tests.made.rooms.solids import FloatArray
 
 __all__ = ["LEAST_ITEMS", "held_out_pool", "pool_at"]
@@ -50,9 +50,9 @@ def held_out_pool(
             continue
         below = _below(meaning.node)
         mine = np.array([ok and node in below for ok, node in zip(free, nodes, strict=True)], dtype=bool)
-        real = plausible(category, sizes[mine & np.array([kind in REAL for kind in kinds])])
-        pool[category] = real if len(real) >= LEAST_ITEMS else plausible(category, sizes[mine])
-    return {category: np.unique(found.round(1), axis=0) for category, found in pool.items() if len(found)}
+        real = plausible_sizes(category, sizes[mine & np.array([kind in REAL for kind in kinds])])
+        pool[category] = real if len(real) >= LEAST_ITEMS else plausible_sizes(category, sizes[mine])
+    return {category: np.unique(own.round(1), axis=0) for category, own in pool.items() if len(own)}
 
 
 def pool_at(path: Path, made: Callable[[], dict[str, FloatArray]]) -> dict[str, FloatArray]:

@@ -19,7 +19,7 @@ MIN_PIXELS = 64
 
 def instances_of(world: World, ids: Sequence[IntArray]) -> tuple[Instance, ...]:
     """The visible part of every object in every frame; ids : one (h, w) image of object numbers per view."""
-    found = []
+    instances = []
     for view, image in enumerate(ids):
         counts = np.bincount(image.ravel(), minlength=len(world.objects) + 1)
         for number in np.flatnonzero(counts[1:] >= MIN_PIXELS) + 1:
@@ -28,8 +28,10 @@ def instances_of(world: World, ids: Sequence[IntArray]) -> tuple[Instance, ...]:
             crop = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
             thing = world.objects[number - 1]
             origin = (int(columns[0]), int(rows[0]))
-            found.append(Instance(f"{view}-{thing.track}", view, thing.label, crop, origin, 0.99, track=thing.track))
-    return tuple(found)
+            instances.append(
+                Instance(f"{view}-{thing.track}", view, thing.label, crop, origin, 0.99, track=thing.track)
+            )
+    return tuple(instances)
 
 
 def coco_dataset(world: World, ids: Sequence[IntArray], names: Sequence[str]) -> dict[str, Any]:

@@ -73,13 +73,13 @@ def quick_scene(
 def _sparse(
     world: World, frames: list[Frame], knobs: Knobs, to_scene: Similarity, generator: np.random.Generator
 ) -> tuple[FloatArray, tuple[View, ...]]:
-    samples = _sampled(world, frames, SPARSE_A_FRAME, generator)
-    pixels, seen = _projected(world, frames, samples)  # (n, v, 2), (n, v)
+    samples = _surface_samples(world, frames, SPARSE_A_FRAME, generator)
+    pixels, seen = _project(world, frames, samples)  # (n, v, 2), (n, v)
     seen &= generator.random(seen.shape) < OBSERVED
     pixels = pixels + generator.normal(0, knobs.keypoint_noise, pixels.shape)
-    places, static = _believed(world, samples, pixels, seen)
+    places, static = _triangulated_places(world, samples, pixels, seen)
     kept = static & (seen.sum(axis=1) >= LEAST_VIEWS)
-    noisy = _noisy(world, places, samples.frame, knobs, generator)[kept]
+    noisy = _add_depth_noise(world, places, samples.frame, knobs, generator)[kept]
     pixels, seen = pixels[kept], seen[kept]
     views = []
     for index, pose in enumerate(world.poses):
@@ -92,17 +92,17 @@ def _dense(
     world: World, frames: list[Frame], count: int, knobs: Knobs, to_scene: Similarity, generator: np.random.Generator
 ) -> DenseCloud:
     """Moving things leave no dense points: no second view agrees with them."""
-    samples = _sampled(world, frames, count, generator)
-    still = ~_moving(world)[samples.number]
+    samples = _surface_samples(world, frames, count, generator)
+    still = ~_is_moving(world)[samples.number]
     samples = _Samples(samples.points[still], samples.frame[still], samples.number[still])
-    _, seen = _projected(world, frames, samples)
+    _, seen = _project(world, frames, samples)
     seen[np.arange(len(seen)), samples.frame] = True
     offsets = np.concatenate([[0], np.cumsum(seen.sum(axis=1))])
-    noisy = _noisy(world, samples.points, samples.frame, knobs, generator)
+    noisy = _add_depth_noise(world, samples.points, samples.frame, knobs, generator)
     return DenseCloud(to_scene(noisy), offsets.astype(np.int64), np.nonzero(seen)[1].astype(np.int64))
 
 
-def _sampled(world: World, frames: list[Frame], count: int, generator: np.random.Generator) -> _Samples:
+def _surface_samples(world: World, frames: list[Frame], count: int, generator: np.random.Generator) -> _Samples:
     """`count` random pixels of every frame, lifted onto the surface they show, but for feet that leave no points."""
     points, numbers, at = [], [], []
     for index, (frame, pose) in enumerate(zip(frames, world.poses, strict=True)):
@@ -111,15 +111,15 @@ def _sampled(world: World, frames: list[Frame], count: int, generator: np.random
         depth = frame.depth[rows, columns].astype(float)
         hit = np.isfinite(depth)
         pixels = np.column_stack([columns + 0.5, rows + 0.5])[hit]
-        points.append(_lifted(world.camera, pose, pixels, depth[hit]))
+        points.append(_lift(world.camera, pose, pixels, depth[hit]))
         numbers.append(frame.ids[rows, columns][hit])
         at.append(np.full(int(hit.sum()), index))
-    found = _Samples(np.concatenate(points), np.concatenate(at), np.concatenate(numbers))
-    bare = _footless(world, found)
-    return _Samples(found.points[~bare], found.frame[~bare], found.number[~bare])
+    samples = _Samples(np.concatenate(points), np.concatenate(at), np.concatenate(numbers))
+    bare = _is_bare_foot(world, samples)
+    return _Samples(samples.points[~bare], samples.frame[~bare], samples.number[~bare])
 
 
-def _footless(world: World, samples: _Samples) -> BoolArray:
+def _is_bare_foot(world: World, samples: _Samples) -> BoolArray:
     """Which samples lie on the foot of an object that shows none."""
     limit = np.full(len(world.objects) + 1, -np.inf)
     for k, thing in enumerate(world.objects):
@@ -129,13 +129,13 @@ def _footless(world: World, samples: _Samples) -> BoolArray:
     return np.asarray(samples.points[:, 2] < limit[samples.number])
 
 
-def _lifted(camera: Pinhole, pose: Pose, pixels: FloatArray, depth: FloatArray) -> FloatArray:
+def _lift(camera: Pinhole, pose: Pose, pixels: FloatArray, depth: FloatArray) -> FloatArray:
     """World points (n, 3) of pixels (n, 2) at a depth (n,) along the optical axis."""
     rays = np.column_stack([(pixels - [camera.width / 2, camera.height / 2]) / camera.focal, np.ones(len(pixels))])
     return np.asarray((rays * depth[:, None] - pose.translation) @ pose.rotation)
 
 
-def _projected(world: World, frames: list[Frame], samples: _Samples) -> tuple[FloatArray, BoolArray]:
+def _project(world: World, frames: list[Frame], samples: _Samples) -> tuple[FloatArray, BoolArray]:
     """Pixels (n, v, 2) of every sample in every view, moved with its object, and whether it is seen there (n, v)."""
     camera = world.camera
     velocity = np.array([np.zeros(3), *(thing.velocity for thing in world.objects)])[samples.number]
@@ -156,12 +156,14 @@ def _projected(world: World, frames: list[Frame], samples: _Samples) -> tuple[Fl
     return pixels, seen
 
 
-def _moving(world: World) -> BoolArray:
+def _is_moving(world: World) -> BoolArray:
     """(1 + objects,) whether each number moves; number 0 is the bare world."""
     return np.array([False, *(bool(np.any(thing.velocity)) for thing in world.objects)])
 
 
-def _believed(world: World, samples: _Samples, pixels: FloatArray, seen: BoolArray) -> tuple[FloatArray, BoolArray]:
+def _triangulated_places(
+    world: World, samples: _Samples, pixels: FloatArray, seen: BoolArray
+) -> tuple[FloatArray, BoolArray]:
     """Where a static world's triangulation puts the points, (n, 3), and whether it would keep them, (n,).
 
     A still point is where it is. A moving one is triangulated from its own frame and its last one, as if it stood
@@ -169,16 +171,16 @@ def _believed(world: World, samples: _Samples, pixels: FloatArray, seen: BoolArr
     own pace does.
     """
     places, kept = samples.points.copy(), np.ones(len(samples.points), dtype=bool)
-    for row in np.flatnonzero(_moving(world)[samples.number]):
+    for row in np.flatnonzero(_is_moving(world)[samples.number]):
         views = np.flatnonzero(seen[row])
         kept[row] = len(views) >= LEAST_VIEWS
         if kept[row]:
-            places[row], misfit = _triangulated(world, views, pixels[row, views])
+            places[row], misfit = _triangulate(world, views, pixels[row, views])
             kept[row] = misfit < STATIC_PIXELS
     return places, kept
 
 
-def _triangulated(world: World, views: IntArray, pixels: FloatArray) -> tuple[FloatArray, float]:
+def _triangulate(world: World, views: IntArray, pixels: FloatArray) -> tuple[FloatArray, float]:
     """The point nearest to all rays in least squares, and its largest misfit in pixels; inf behind a camera."""
     camera = world.camera
     poses = [world.poses[view] for view in views]
@@ -195,7 +197,7 @@ def _triangulated(world: World, views: IntArray, pixels: FloatArray) -> tuple[Fl
     return point, float(np.linalg.norm(again - pixels, axis=1).max())
 
 
-def _noisy(
+def _add_depth_noise(
     world: World, points: FloatArray, frame: IntArray, knobs: Knobs, generator: np.random.Generator
 ) -> FloatArray:
     """Points moved along their own rays by the depth noise; a share of strays lies anywhere along the ray."""

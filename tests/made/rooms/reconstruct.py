@@ -10,11 +10,11 @@ import numpy as np
 
 from tests.made.rooms.masks import coco_dataset
 from tests.made.rooms.render import Renderer
-from tests.made.rooms.similarity import aligned, random_similarity
+from tests.made.rooms.similarity import random_similarity, similarity_between
 from tests.made.rooms.truth import Truth, truth_of
 from tests.made.rooms.world import World
 
-__all__ = ["NotReconstructed", "reconstructed"]
+__all__ = ["NotReconstructed", "reconstruct"]
 
 #: Features a frame of about 6,000 that there are. COLMAP keeps the coarsest, so that small things lose points first;
 #: all of them would cost three times the time.
@@ -33,7 +33,7 @@ class NotReconstructed(RuntimeError):
     """The structure from motion failed, as it does in life; the message says how many frames it placed."""
 
 
-def reconstructed(
+def reconstruct(
     world: World, folder: Path, seed: int = 0, texture: float = 1.0, features: int = FEATURES, quality: int = QUALITY
 ) -> Truth:
     """Frames, `sparse/0`, `instances.json` and `truth.json` in `folder`, and the truth.
@@ -117,6 +117,6 @@ def _truth(world: World, model, names: list[str], seed: int) -> Truth:  # type: 
     views = [image for image in model.images.values() if image.has_pose]
     centres = np.array([image.projection_center() for image in views])
     true = np.array([world.poses[names.index(image.name)].centre for image in views])
-    to_scene = aligned(true, centres)
+    to_scene = similarity_between(true, centres)
     rms = float(np.sqrt(((to_scene.inverse(centres) - true) ** 2).sum(axis=1).mean()))
     return truth_of(world, to_scene, rms)

@@ -73,22 +73,22 @@ class AssociationScore:
 
 def summary(scores: Sequence[Score]) -> Summary:
     """The figures of one method."""
-    errors = _known([s.error for s in scores])
-    heights = _known([s.heights for s in scores])
-    covered = _known([None if s.covered is None else float(s.covered) for s in scores])
+    errors = _known_values([s.error for s in scores])
+    heights = _known_values([s.heights for s in scores])
+    covered = _known_values([None if s.covered is None else float(s.covered) for s in scores])
     return Summary(
         len(scores),
         1 - len(errors) / max(len(scores), 1),
         _quantile(errors, 0.5),
         _mean(errors),
         _quantile(errors, 0.9),
-        _quantile(_known([s.signed for s in scores]), 0.5),
+        _quantile(_known_values([s.signed for s in scores]), 0.5),
         _quantile(heights, 0.5),
         _mean(heights),
         float(np.std(heights)) if len(heights) else float("nan"),
         _quantile(heights, 0.9),
         _mean(covered),
-        _quantile(_known([s.ratio for s in scores]), 0.5),
+        _quantile(_known_values([s.ratio for s in scores]), 0.5),
     )
 
 
@@ -111,12 +111,12 @@ def association_score(
     instances: Sequence[Instance], tracks: Sequence[Track], among: Sequence[bool] | None = None
 ) -> AssociationScore:
     """Found tracks against the true ones, over the masks that any track holds; with `among`, over these only."""
-    found = {row: number for number, track in enumerate(tracks) for row in track.members}
-    rows = sorted(row for row in found if among is None or among[row])
+    track_of = {row: number for number, track in enumerate(tracks) for row in track.members}
+    rows = sorted(row for row in track_of if among is None or among[row])
     true = [str(instances[row].track) for row in rows]
-    pairs = {(name, found[row]) for name, row in zip(true, rows, strict=True)}
+    pairs = {(name, track_of[row]) for name, row in zip(true, rows, strict=True)}
     per_object, per_track = Counter(name for name, _ in pairs), Counter(number for _, number in pairs)
-    ari = adjusted_rand_index(true, [str(found[row]) for row in rows])
+    ari = adjusted_rand_index(true, [str(track_of[row]) for row in rows])
     return AssociationScore(
         ari, sum(n - 1 for n in per_object.values()), sum(n - 1 for n in per_track.values()), len(per_object)
     )
@@ -137,7 +137,7 @@ def adjusted_rand_index(first: Sequence[str], second: Sequence[str]) -> float:
     return 1.0 if most == chance else (both - chance) / (most - chance)
 
 
-def _known(values: Sequence[float | None]) -> FloatArray:
+def _known_values(values: Sequence[float | None]) -> FloatArray:
     return np.array([value for value in values if value is not None], dtype=float)
 
 

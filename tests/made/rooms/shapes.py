@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tests.made.rooms.solids import FloatArray, Mesh, ball, box, fitted, joined, revolution
+from tests.made.rooms.solids import FloatArray, Mesh, ball, box, join, revolution, stretch_to
 
 __all__ = ["CATEGORIES", "FACES_X", "solid"]
 
@@ -368,4 +368,4 @@ FACES_X = frozenset({"bed", "chair", "office chair", "toilet", "person", "car", 
 
 def solid(category: str, size: FloatArray) -> Mesh:
     """The category's solid with a bounding box of exactly `size` (length, width, height) in metres, on z = 0."""
-    return fitted(joined(CATEGORIES[category]()), size)
+    return stretch_to(join(CATEGORIES[category]()), size)

@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.made.rooms.solids import FloatArray
 
-__all__ = ["Similarity", "aligned", "random_similarity"]
+__all__ = ["Similarity", "random_similarity", "similarity_between"]
 
 #: A reconstruction's unit may be anything: twenty scene units to the metre, or twenty metres to the unit.
 SCALES = (0.05, 20.0)
@@ -46,7 +46,7 @@ def random_similarity(generator: np.random.Generator) -> Similarity:
     return Similarity(scale, rotation, generator.normal(0, 3 * scale, 3))
 
 
-def aligned(source: FloatArray, target: FloatArray) -> Similarity:
+def similarity_between(source: FloatArray, target: FloatArray) -> Similarity:
     """The least-squares similarity from (n, 3) source to target (Umeyama 1991, equations 40 to 43)."""
     mean_s, mean_t = source.mean(axis=0), target.mean(axis=0)
     centred_s, centred_t = source - mean_s, target - mean_t

@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.made.rooms.solids import FloatArray
 
-__all__ = ["TYPICAL_MM", "Sizes", "drawn_sizes", "plausible", "typical_sizes"]
+__all__ = ["TYPICAL_MM", "Sizes", "drawn_sizes", "plausible_sizes", "typical_sizes"]
 
 #: A source of true sizes: (category, generator) -> (3,) length >= width, and height, in millimetres.
 Sizes = Callable[[str, np.random.Generator], FloatArray]
@@ -83,7 +83,7 @@ def typical_sizes(category: str, generator: np.random.Generator) -> FloatArray:
     return _in_order(np.array(TYPICAL_MM[category]) * np.exp(shift))
 
 
-def plausible(category: str, sizes_mm: FloatArray) -> FloatArray:
+def plausible_sizes(category: str, sizes_mm: FloatArray) -> FloatArray:
     """The rows of (n, 3) that a room can hold: complete, and within a factor of the typical size on every axis."""
     whole = sizes_mm[np.all(np.isfinite(sizes_mm) & (sizes_mm > 0), axis=1)]
     ordered = np.array([_in_order(row) for row in whole]).reshape(-1, 3)

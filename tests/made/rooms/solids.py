@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FloatArray", "IntArray", "Mesh", "ball", "box", "fitted", "joined", "revolution", "rotated"]
+__all__ = ["FloatArray", "IntArray", "Mesh", "ball", "box", "join", "revolution", "rotate", "stretch_to"]
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -65,7 +65,7 @@ def ball(centre: Sequence[float], radii: Sequence[float], material: str) -> Mesh
     return Mesh(np.asarray(centre) + unit.vertices * np.asarray(radii), unit.faces, unit.material)
 
 
-def joined(parts: Iterable[Mesh]) -> Mesh:
+def join(parts: Iterable[Mesh]) -> Mesh:
     """One mesh of several."""
     kept = list(parts)
     start = np.cumsum([0] + [len(part.vertices) for part in kept])
@@ -77,13 +77,13 @@ def joined(parts: Iterable[Mesh]) -> Mesh:
     )
 
 
-def fitted(mesh: Mesh, size: FloatArray) -> Mesh:
+def stretch_to(mesh: Mesh, size: FloatArray) -> Mesh:
     """The mesh stretched so that its bounding box is exactly `size` (3,), centred in x and y, standing on z = 0."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     unit = (mesh.vertices - low) / (high - low)  # (n, 3) within 0 .. 1
     return Mesh((unit - [0.5, 0.5, 0.0]) * size, mesh.faces, mesh.material)
 
 
-def rotated(mesh: Mesh, rotation: FloatArray, offset: FloatArray) -> Mesh:
+def rotate(mesh: Mesh, rotation: FloatArray, offset: FloatArray) -> Mesh:
     """The mesh under x -> rotation @ x + offset."""
     return Mesh(mesh.vertices @ rotation.T + offset, mesh.faces, mesh.material)

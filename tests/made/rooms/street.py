@@ -11,7 +11,7 @@ from tests.made.rooms.furnish import tilted_solid, turn_about_z
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.layout import Footprint, apart
 from tests.made.rooms.sizes import Sizes, typical_sizes
-from tests.made.rooms.solids import FloatArray, Mesh, box, joined, rotated
+from tests.made.rooms.solids import FloatArray, Mesh, box, join, rotate
 from tests.made.rooms.world import Placed, World
 
 __all__ = ["street"]
@@ -41,7 +41,7 @@ def street(seed: int, knobs: Knobs | None = None, sizes: Sizes = typical_sizes) 
     for category, least, most, where in _TRAFFIC:
         for _ in range(int(generator.integers(least, most + 1))):
             _add(placed, prints, category, where, sizes(category, generator) / 1000.0, generator)
-    objects = [_labelled(thing, knobs, generator) for thing in _kept(placed, knobs.objects, generator)]
+    objects = [_mislabel(thing, knobs, generator) for thing in _keep_some(placed, knobs.objects, generator)]
     return World("street", seed, tuple(objects), _surroundings(generator), poses)
 
 
@@ -65,7 +65,7 @@ def _add(
         )
         if all(apart(travelled, other, 0.3) for other in prints):
             track = f"{category.replace(' ', '_')}-{1 + sum(thing.category == category for thing in placed)}"
-            world = rotated(mesh, turn_about_z(print_.yaw), np.array([*print_.centre, 0.0]))
+            world = rotate(mesh, turn_about_z(print_.yaw), np.array([*print_.centre, 0.0]))
             placed.append(Placed(track, category, category, size, world, velocity))
             prints.append(travelled)
             return
@@ -93,14 +93,14 @@ def _spot(
     ), still
 
 
-def _kept(placed: list[Placed], keep: int | None, generator: np.random.Generator) -> list[Placed]:
+def _keep_some(placed: list[Placed], keep: int | None, generator: np.random.Generator) -> list[Placed]:
     if keep is None or keep >= len(placed):
         return placed
     chosen = sorted(generator.choice(len(placed), max(keep, 1), replace=False))
     return [placed[int(k)] for k in chosen]
 
 
-def _labelled(thing: Placed, knobs: Knobs, generator: np.random.Generator) -> Placed:
+def _mislabel(thing: Placed, knobs: Knobs, generator: np.random.Generator) -> Placed:
     """The wrong names that street scenes get: other traffic, or furniture on the pavement."""
     wrong, footless = generator.random(2) < (knobs.mislabelled, knobs.missing_feet)
     others = sorted({category for category, *_ in _TRAFFIC} - {thing.category})
@@ -123,4 +123,4 @@ def _surroundings(generator: np.random.Generator) -> Mesh:
             parts.append(box(x, (start, start + width), (-0.1, tall), "facade"))
             start += width + generator.choice([0.0, 0.0, 2.0])
     parts.append(box((-20, 20), (end, end + 1), (0, 9), "facade"))
-    return joined(parts)
+    return join(parts)

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 from metric_base.faults import InputFault
 
 if TYPE_CHECKING:
-    from estimator.estimate import Options
-    from estimator.pipeline import SceneEstimate
-    from estimator.result import ScaleResult
+    from estimator.records.result import ScaleResult
+    from estimator.results.estimate import Options
+    from estimator.results.scene_estimate import SceneEstimate
     from metric_tree.tree import Tree
 
 __all__ = ["main", "parser"]
@@ -218,8 +218,8 @@ def _tree(options: argparse.Namespace) -> Tree:
 
 
 def _asked(options: argparse.Namespace) -> Options:
-    from estimator.estimate import Options
     from estimator.reconstructions.known_lengths import parse_known_lengths
+    from estimator.results.estimate import Options
 
     lengths = [length for words in options.known_length for length in parse_known_lengths(words)]
     return Options(

@@ -4,32 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from estimator.estimate import Options, estimated
-from estimator.measured_object import MeasuredObject
-from estimator.result import ScaleResult, UpReport
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.result import ScaleResult, UpReport
+from estimator.results.estimate import Options, estimated
+from estimator.results.scene_estimate import SceneEstimate
 from metric_tree.tree import Tree
 
 if TYPE_CHECKING:
-    from estimator.geometry.measurement import Measurements
     from estimator.geometry.up import Up
     from estimator.instances.detector import Detector
-    from estimator.scene import Instance, Scene
 
-__all__ = ["SceneEstimate", "objects_result", "scene_estimate"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SceneEstimate:
-    """The result of a scene and what it came from; `measurements` is None for `sucar`, which measures no object."""
-
-    result: ScaleResult
-    scene: Scene
-    instances: tuple[Instance, ...]
-    measurements: Measurements | None
+__all__ = ["objects_result", "scene_estimate"]
 
 
 def objects_result(

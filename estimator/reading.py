@@ -12,7 +12,9 @@ from estimator.instances.label_images import read_label_images
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.reconstructions.colmap import colmap_folder, read_colmap
 from estimator.reconstructions.ply import dense_file, read_dense_cloud
-from estimator.scene import BadScene, DenseCloud, Instance, IntArray, Scene, told
+from estimator.records.scene import DenseCloud, Instance, Scene
+from metric_base.arrays import IntArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["read_instances", "read_instances_and_warnings", "read_scene"]
 
@@ -30,14 +32,14 @@ def read_scene(path: Path | str, dense: Path | str | None = None) -> Scene:
     """The scene of a COLMAP model folder or an OpenSfM dataset folder, with its dense cloud.
 
     dense : a PLY file, "none" to do without, or None to take the one beside the model if there is one.
-    Warnings are in `Scene.warnings`. BadScene for everything that cannot be read.
+    Warnings are in `Scene.warnings`. InputFault for everything that cannot be read.
     """
     path = Path(path)
     scene = _sparse_scene(path)
     if dense != "none":
         scene = _with_dense(scene, None if dense is None else Path(dense))
     if not len(scene.points) and scene.dense is None:
-        raise BadScene.at(path, "points", "at least one sparse or dense point", 0)
+        raise InputFault.at(path, "points", "at least one sparse or dense point", 0)
     return scene
 
 
@@ -70,7 +72,9 @@ def _sparse_scene(path: Path) -> Scene:
     if path.name == RECONSTRUCTION and path.is_file():
         path = path.parent
     if not path.is_dir():
-        raise BadScene.at(path, "scene", "a COLMAP model folder or an OpenSfM dataset folder", told("no such folder"))
+        raise InputFault.at(
+            path, "scene", "a COLMAP model folder or an OpenSfM dataset folder", Words("no such folder")
+        )
     folder = colmap_folder(path)
     if folder is not None:
         return read_colmap(folder, path)
@@ -80,7 +84,7 @@ def _sparse_scene(path: Path) -> Scene:
         return read_opensfm(path)
     names = sorted(entry.name for entry in path.iterdir())
     expected = f"images.bin or images.txt (also under sparse/0), or {RECONSTRUCTION}"
-    raise BadScene.at(path, "scene", expected, told(", ".join(names[:5]) or "an empty folder"))
+    raise InputFault.at(path, "scene", expected, Words(", ".join(names[:5]) or "an empty folder"))
 
 
 def _default_instances(scene: Scene) -> Path:
@@ -88,7 +92,7 @@ def _default_instances(scene: Scene) -> Path:
         if place.exists():
             return place
     ways = "--instances FILE, or --images DIR --detector MODEL (docs/how-to/training-sets.md lists detectors)"
-    raise BadScene.at(scene.path, "instances", f"{INSTANCES} or {PICTURES}/ in it, or {ways}", told("none"))
+    raise InputFault.at(scene.path, "instances", f"{INSTANCES} or {PICTURES}/ in it, or {ways}", Words("none"))
 
 
 def _with_dense(scene: Scene, file: Path | None) -> Scene:
@@ -100,7 +104,7 @@ def _with_dense(scene: Scene, file: Path | None) -> Scene:
     if cloud.visible_views is not None and order is not None:
         if len(cloud.visible_views) and cloud.visible_views.max() >= len(order):
             expected = f"positions below {len(order)}, the images of the model beside the cloud"
-            raise BadScene.at(f"{place}.vis", "image", expected, int(cloud.visible_views.max()))
+            raise InputFault.at(f"{place}.vis", "image", expected, int(cloud.visible_views.max()))
         cloud = replace(cloud, visible_views=order[cloud.visible_views], file_views=order)
     if not _visibility_fits(scene, cloud):
         cloud = replace(cloud, visible_offsets=None, visible_views=None)

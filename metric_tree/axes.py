@@ -15,7 +15,7 @@ from itertools import pairwise, permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_tree.prior import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["AXES", "EXTENTS", "Sizes", "axes_of_pose", "candidates", "own_sizes", "sizes"]
 

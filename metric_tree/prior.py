@@ -16,13 +16,11 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault
 
-__all__ = ["FAMILY", "FloatArray", "Prior", "UnknownDimension"]
-
-FloatArray = NDArray[np.float64]
+__all__ = ["FAMILY", "Prior", "UnknownDimension"]
 
 FAMILY = "lognormal-mixture"
 

@@ -25,7 +25,7 @@ from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_ob
 from estimator.geometry.noise import depth_noise
 from estimator.geometry.point_labels import dense_labels, sparse_labels, view_labels, visible_rows
 from estimator.geometry.upright_box import dimensions, inliers
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 from tests.made.shapes import Solid, Thing, box, floor, made_scene, orbit, sampled_box, sampled_cylinder
 
 __all__ = ["bottle_confidences", "main"]

@@ -29,11 +29,12 @@ import numpy as np
 import metric_tree
 from estimator.baselines.candidates import candidate_scales, estimate_on
 from estimator.baselines.paper import ETA, Mixture, fitted
-from estimator.measured_object import AXES, MeasuredObject
 from estimator.posterior.class_error import shared_error
 from estimator.posterior.likelihood import Evidence
 from estimator.posterior.posterior import Estimate, posterior
-from estimator.scene import FloatArray
+from estimator.records.measured_object import MeasuredObject
+from metric_base.arrays import FloatArray
+from metric_tree.axes import AXES
 from metric_tree.prior import Prior
 from metric_tree.tree import Node, Tree
 

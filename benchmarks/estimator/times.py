@@ -21,11 +21,11 @@ from pathlib import Path
 from statistics import median
 
 import metric_tree
-from estimator.estimate import estimated
 from estimator.geometry.measurement import measure_objects
 from estimator.geometry.point_labels import dense_labels, sparse_labels
-from estimator.measured_object import MeasuredObject
-from estimator.scene import Instance
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.scene import Instance
+from estimator.results.estimate import estimated
 from tests.made.rooms.furnish import furnished_room
 from tests.made.rooms.kinds import KINDS
 from tests.made.rooms.quick import MadeScene, quick_scene

@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 import pyarrow as pa
 
-from estimator.posterior.categories import meanings
+from estimator.results.categories import meanings
 from metric_tree.release import MANIFEST, published
 from metric_tree.schema import IMAGES
 from metric_tree.tree import Tree, open_tree

@@ -31,13 +31,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from crawler.imports.sources import sources
+from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
 from metric_tree.build.ingest import blocks, raw_files
 from metric_tree.build.steps import Options, Steps, shipped_taxonomy
 from metric_tree.build.work_folder import WorkFolder
 from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior, moments
 from metric_tree.fit.disagreement import SharedModel, shared_model
-from metric_tree.prior import FloatArray
 
 WAYS = ("ours", "within", "authors", "bic-mm", "bic-log")
 

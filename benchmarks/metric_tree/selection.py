@@ -18,10 +18,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.estimator.scale_rooms import _tree_and_sizes
-from estimator.estimate import Options, estimated
 from estimator.geometry.measurement import measure_objects
-from estimator.posterior.categories import meanings
-from metric_tree.prior import FloatArray
+from estimator.results.categories import meanings
+from estimator.results.estimate import Options, estimated
+from metric_base.arrays import FloatArray
 from metric_tree.training.selection import candidates, chosen, paper_selection
 from metric_tree.tree import Node, Tree
 from tests.made.rooms.furnish import furnished_room

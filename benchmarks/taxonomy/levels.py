@@ -22,8 +22,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.taxonomy.propose_levels import FloatArray, explained, nested_cuts
+from benchmarks.taxonomy.propose_levels import explained, nested_cuts
 from crawler.items import raw_items
+from metric_base.arrays import FloatArray
 from metric_tree.names import folded, singular
 from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import Category

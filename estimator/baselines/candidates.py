@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.posterior.grid import Curve, interval, modes
+from estimator.posterior.grid import interval, modes
 from estimator.posterior.posterior import Estimate, status_of
-from estimator.scene import FloatArray
+from estimator.records.curve import Curve
+from metric_base.arrays import FloatArray
 
 __all__ = ["CANDIDATES", "candidate_scales", "estimate_on"]
 

@@ -18,14 +18,15 @@ from pathlib import Path
 import numpy as np
 
 from estimator.baselines.candidates import candidate_scales, estimate_on
-from estimator.estimate import Answer, Options, result_of
-from estimator.measured_object import AXES, MeasuredObject
-from estimator.posterior.axes import SORTED_AXES
-from estimator.posterior.categories import Meaning, meanings
 from estimator.reconstructions.checked_files import read_text
-from estimator.result import ScaleResult, UpReport
-from estimator.scene import BadScene, FloatArray, told
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.result import ScaleResult, UpReport
+from estimator.results.categories import Meaning, meanings
+from estimator.results.estimate import Answer, Options, result_of
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault, Words
 from metric_base.folders import data_folder
+from metric_tree.axes import AXES, EXTENTS
 from metric_tree.tree import Node, Tree, UnknownName
 
 __all__ = ["ETA", "Mixture", "authors_lists", "fitted", "paper_result"]
@@ -114,7 +115,7 @@ def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], 
     of the same source among our data says.
     """
     if not folder.is_dir():
-        raise BadScene.at(folder, "--paper-lists", "the authors' folder scale_metrics", told("no such folder"))
+        raise InputFault.at(folder, "--paper-lists", "the authors' folder scale_metrics", Words("no such folder"))
     lists = {}
     for stem, name in _list_names().items():
         path = folder / f"{stem}.csv"
@@ -125,7 +126,7 @@ def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], 
         if path.is_file():
             lists[node.node_id] = _list(path)
     if not lists:
-        raise BadScene.at(folder, "--paper-lists", "files such as car.csv", told("none that the tree knows"))
+        raise InputFault.at(folder, "--paper-lists", "files such as car.csv", Words("none that the tree knows"))
     return lists
 
 
@@ -146,7 +147,7 @@ def _list(path: Path) -> tuple[tuple[str, ...], FloatArray]:
             [[float(cell) for cell in line.split(",")] for line in read_text(path).split("\n") if line.strip()]
         )
     except ValueError:
-        raise BadScene.at(path, "rows", "numbers apart by commas, as many in each line", told("others")) from None
+        raise InputFault.at(path, "rows", "numbers apart by commas, as many in each line", Words("others")) from None
     sizes = rows * (25.4 if path.stem == "diningchair" else 1.0)
     if sizes.shape[1] == 1:
         return ("height",), sizes
@@ -187,9 +188,9 @@ def _node_mixture(node: Node, dims: tuple[str, ...]) -> tuple[Mixture, bool]:
 def _item_sizes(node: Node, dims: tuple[str, ...]) -> FloatArray:
     """(n, d) sizes in mm of the shipped items that have every dimension."""
     table = node.items()
-    if dims[0] in SORTED_AXES:
+    if dims[0] in EXTENTS:
         rows = [row for row in table.column("extents_mm").to_pylist() if row and len(row) == 3]
-        sizes = np.array(rows, dtype=float).reshape(-1, 3)[:, [SORTED_AXES.index(name) for name in dims]]
+        sizes = np.array(rows, dtype=float).reshape(-1, 3)[:, [EXTENTS.index(name) for name in dims]]
     else:
         sizes = np.column_stack([np.array(table.column(f"{name}_mm").to_pylist(), dtype=float) for name in dims])
     return np.asarray(sizes[np.isfinite(sizes).all(axis=1)])
@@ -230,9 +231,9 @@ def _plausible(item: MeasuredObject, mixture: Mixture) -> tuple[tuple[str, ...],
     """
     extents, eta = np.asarray(item.extents), np.asarray(item.confidence)
     names: tuple[str, ...] = AXES
-    if mixture.dims[0] in SORTED_AXES:
+    if mixture.dims[0] in EXTENTS:
         order = np.argsort(-np.nan_to_num(extents))
-        extents, eta, names = extents[order], eta[order], SORTED_AXES
+        extents, eta, names = extents[order], eta[order], EXTENTS
     elif not item.vertical_known:
         return (), np.zeros(0)
     with np.errstate(invalid="ignore"):

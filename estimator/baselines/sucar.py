@@ -14,12 +14,13 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from estimator.baselines.candidates import candidate_scales, estimate_on
-from estimator.estimate import HEIGHT, Answer, Options, result_of
-from estimator.measured_object import MeasuredObject
-from estimator.posterior.categories import Meaning, meanings
 from estimator.reconstructions.cameras import pixels_in_view
-from estimator.result import ScaleResult, UpReport
-from estimator.scene import Camera, FloatArray, Instance, Scene, View
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.result import ScaleResult, UpReport
+from estimator.records.scene import Camera, Instance, Scene, View
+from estimator.results.categories import Meaning, meanings
+from estimator.results.estimate import HEIGHT, Answer, Options, result_of
+from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
 

@@ -1,7 +1,7 @@
 """The pose of every frame of a capture, kept in `frame_poses.json` of the work folder.
 
-Frames and units are those of `estimator.scene`: x_camera = rotation @ x_world + translation in scene units, +z ahead,
-+y down, and COLMAP's pixels, in which (0.5, 0.5) is the centre of the upper left pixel. The world is that of
+Frames and units are those of `estimator.records.scene`: x_camera = rotation @ x_world + translation in scene units, +z
+ahead, +y down, and COLMAP's pixels, in which (0.5, 0.5) is the centre of the upper left pixel. The world is that of
 `sparse/0` in the same folder.
 """
 
@@ -16,7 +16,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from estimator.reconstructions.checked_files import json_array, json_object, read_json
-from estimator.scene import BadScene, Camera, FloatArray
+from estimator.records.scene import Camera
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault
 
 __all__ = ["FILE_NAME", "FramePose", "FramePoses", "PoseOrigin", "read_frame_poses", "write_frame_poses"]
 
@@ -111,13 +113,13 @@ def read_frame_poses(file: Path) -> FramePoses:
 
     Raises
     ------
-    BadScene
+    InputFault
         The file is missing, is of another kind or version, or a value in it is wrong.
     """
     file = file / FILE_NAME if file.is_dir() else file
     document = json_object(file, "document", read_json(file))
     if document.get("schema") != SCHEMA:
-        raise BadScene.at(file, "schema", SCHEMA, document.get("schema"))
+        raise InputFault.at(file, "schema", SCHEMA, document.get("schema"))
     try:
         camera = _camera(document["camera"])
         frames = tuple(
@@ -125,9 +127,9 @@ def read_frame_poses(file: Path) -> FramePoses:
         )
         return FramePoses(Path(document["source"]), camera, int(document["turned_deg"]), frames)
     except (KeyError, TypeError, ValueError) as fault:
-        if isinstance(fault, BadScene):
+        if isinstance(fault, InputFault):
             raise
-        raise BadScene.at(
+        raise InputFault.at(
             file, "frames", "the fields of docs/reference/formats.md", f"{type(fault).__name__}: {fault}"
         ) from None
 

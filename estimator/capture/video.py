@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.hdr import CURVES, standard_range
-from estimator.scene import BadScene, told
+from metric_base.faults import InputFault, Words
 
 __all__ = ["VIDEO_SUFFIXES", "Video", "VideoFrame"]
 
@@ -41,7 +41,7 @@ class Video:
 
     Raises
     ------
-    BadScene
+    InputFault
         The file is missing, is no video, or PyAV is not installed.
     """
 
@@ -51,7 +51,7 @@ class Video:
             stream = _stream(path, container)
             first = next(_decoded(path, container, stream), None)
             if first is None:
-                raise BadScene.at(path, "video", "at least one frame that can be decoded", told("none"))
+                raise InputFault.at(path, "video", "at least one frame that can be decoded", Words("none"))
             rate = stream.average_rate or stream.guessed_rate
             self.n_frames = int(stream.frames) or _stated_frames(container, stream, rate)
             self.rate = float(rate) if rate else 0.0
@@ -86,12 +86,12 @@ def _opened(path: Path) -> Any:
         import av
     except ImportError:
         expected = "PyAV (pip install 'metric-tree[video]')"
-        raise BadScene.at(path, "video", expected, told("not installed")) from None
+        raise InputFault.at(path, "video", expected, Words("not installed")) from None
     try:
         return av.open(str(path))
     except (av.error.FFmpegError, OSError) as fault:
         words = "no such file" if not path.exists() else getattr(fault, "strerror", None) or str(fault)
-        raise BadScene.at(path, "video", "a video that FFmpeg reads", told(words)) from None
+        raise InputFault.at(path, "video", "a video that FFmpeg reads", Words(words)) from None
 
 
 def _stream(path: Path, container: Any) -> Any:
@@ -102,7 +102,7 @@ def _stream(path: Path, container: Any) -> Any:
         if not stream.disposition & av.stream.Disposition.attached_pic:
             stream.thread_type, stream.thread_count = "AUTO", THREADS
             return stream
-    raise BadScene.at(path, "video", "a video stream", told("none"))
+    raise InputFault.at(path, "video", "a video stream", Words("none"))
 
 
 def _decoded(path: Path, container: Any, stream: Any) -> Iterator[Any]:
@@ -120,7 +120,7 @@ def _decoded(path: Path, container: Any, stream: Any) -> Iterator[Any]:
             return
         size = size or (frame.width, frame.height)
         if (frame.width, frame.height) != size:
-            raise BadScene.at(path, "video", f"frames of one size, {size}", (frame.width, frame.height))
+            raise InputFault.at(path, "video", f"frames of one size, {size}", (frame.width, frame.height))
         yield frame
 
 

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.measured_object import Box
 from estimator.reconstructions.cameras import project
-from estimator.scene import FloatArray, IntArray, View
+from estimator.records.measured_object import Box
+from estimator.records.scene import View
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["EDGES", "corners", "edge_axis", "projected_edges"]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.scene import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["ETA_THRESHOLD", "eta"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.scene import BoolArray, FloatArray, IntArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["edges", "extent_sigma", "quantiles", "surface_cells"]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["footprint_axes", "smallest_rectangle_axes"]
 

@@ -19,8 +19,9 @@ from estimator.geometry.tracks import Track, incremental_tracks, shared_tracks
 from estimator.geometry.truncation import Outline, Sides, Surroundings, outline, side_evidence
 from estimator.geometry.up import Up, camera_up
 from estimator.geometry.upright_box import Dimensions, dimensions, inliers
-from estimator.measured_object import Box, MeasuredObject
-from estimator.scene import FloatArray, Instance, IntArray, Scene
+from estimator.records.measured_object import Box, MeasuredObject
+from estimator.records.scene import Instance, Scene
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["PAPER", "MeasurementOptions", "Measurements", "measure_objects"]
 

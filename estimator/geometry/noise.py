@@ -13,7 +13,8 @@ import numpy as np
 
 from estimator.geometry.extents import quantiles
 from estimator.geometry.point_labels import PointLabels
-from estimator.scene import FloatArray, IntArray, View
+from estimator.records.scene import View
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["depth_noise", "sight_moment"]
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import label, uniform_filter
 
 from estimator.geometry.extents import quantiles, surface_cells
-from estimator.scene import BoolArray, FloatArray, IntArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["forest_inliers", "neighbour_inliers"]
 

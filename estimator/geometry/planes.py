@@ -14,7 +14,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter1d, median_filter
 
 from estimator.geometry.up import Up, combine_up, tilts
-from estimator.scene import BoolArray, FloatArray, IntArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["SupportPlane", "floor_of", "height_bin", "level_basis", "one_per_cell", "refine_up", "support_planes"]
 

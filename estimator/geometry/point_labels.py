@@ -16,7 +16,8 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from estimator.reconstructions.cameras import project
-from estimator.scene import BoolArray, Camera, FloatArray, Instance, IntArray, Scene, View
+from estimator.records.scene import Camera, Instance, Scene, View
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["PointLabels", "PointVotes", "dense_labels", "point_votes", "sparse_labels", "view_labels", "visible_rows"]
 

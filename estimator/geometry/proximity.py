@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["Places", "relative_distance"]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.geometry.planes import SupportPlane, floor_of, height_bin, one_per_cell
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["REACH_SHARE", "Foot", "Ground", "Level", "foot_on", "ground_of", "level_below"]
 

@@ -18,7 +18,8 @@ import numpy as np
 
 from estimator.geometry.point_labels import PointLabels
 from estimator.geometry.proximity import Places, relative_distance
-from estimator.scene import BoolArray, FloatArray, Instance, IntArray
+from estimator.records.scene import Instance
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Track", "incremental_tracks", "shared_tracks", "voted_category"]
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from estimator.geometry.point_labels import PointLabels
 from estimator.reconstructions.cameras import pixels_in_view, project
-from estimator.scene import BoolArray, FloatArray, Instance, Scene, View
+from estimator.records.scene import Instance, Scene, View
+from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["Outline", "Sides", "Surroundings", "outline", "side_evidence"]
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.scene import FloatArray, View
+from estimator.records.scene import View
+from metric_base.arrays import FloatArray
 
 __all__ = ["Up", "camera_up", "combine_up", "tilts"]
 

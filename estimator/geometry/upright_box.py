@@ -11,7 +11,7 @@ from estimator.geometry.eta import eta
 from estimator.geometry.extents import edges, extent_sigma
 from estimator.geometry.footprint import footprint_axes, smallest_rectangle_axes
 from estimator.geometry.outliers import forest_inliers, neighbour_inliers
-from estimator.scene import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["Dimensions", "Inliers", "dimensions", "inliers"]
 

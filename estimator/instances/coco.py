@@ -10,7 +10,8 @@ from typing import Any
 from estimator.instances.crops import ViewNames, differs_in_aspect, joined_instances, mask_crop
 from estimator.instances.masks import box_mask, coco_mask, picture_size
 from estimator.reconstructions.checked_files import json_array, json_object, read_json
-from estimator.scene import BadScene, Instance, Scene, told
+from estimator.records.scene import Instance, Scene
+from metric_base.faults import InputFault, Words
 
 __all__ = ["ignored_categories", "read_coco"]
 
@@ -42,7 +43,7 @@ def read_coco(scene: Scene, file: Path, categories: Path | None = None) -> tuple
     """
     frame, annotations = _document(scene, file, categories)
     if not annotations:
-        raise BadScene.at(file, "annotations", "at least one", 0)
+        raise InputFault.at(file, "annotations", "at least one", 0)
     found = [_instance(file, row, annotation, frame, scene) for row, annotation in enumerate(annotations)]
     names = [image.file_name for image in frame.images.values()]
     warnings = _warnings(file, annotations, frame, scene, found)
@@ -64,7 +65,7 @@ def _document(scene: Scene, file: Path, categories: Path | None) -> tuple[CocoFr
     named = categories or file.with_name(f"{file.stem}_categories.json")
     if not named.is_file():
         expected = "a dataset that names categories and images (--categories)"
-        raise BadScene.at(file, "categories", expected, told(f"no file {named.name} beside it"))
+        raise InputFault.at(file, "categories", expected, Words(f"no file {named.name} beside it"))
     return _frame(named, json_object(named, "document", read_json(named)), scene), annotations
 
 
@@ -118,7 +119,7 @@ def _entries(file: Path, part: str, document: dict[str, Any]) -> list[tuple[str,
         entry = json_object(file, field, value)
         key = _key(file, f"{field} id", entry.get("id"))
         if key in seen:
-            raise BadScene.at(file, f"{field} id", "each id once", told(f"{key!r} twice"))
+            raise InputFault.at(file, f"{field} id", "each id once", Words(f"{key!r} twice"))
         seen.add(key)
         entries.append((field, key, entry))
     return entries
@@ -126,13 +127,13 @@ def _entries(file: Path, part: str, document: dict[str, Any]) -> list[tuple[str,
 
 def _key(file: Path, field: str, value: object) -> Hashable:
     if isinstance(value, bool) or not isinstance(value, int | str):
-        raise BadScene.at(file, field, "a number", value)
+        raise InputFault.at(file, field, "a number", value)
     return value
 
 
 def _text(file: Path, field: str, value: object) -> str:
     if not isinstance(value, str) or not value.strip():
-        raise BadScene.at(file, field, "a name", value)
+        raise InputFault.at(file, field, "a name", value)
     return value
 
 
@@ -143,12 +144,12 @@ def _instance(file: Path, row: int, entry: object, frame: CocoFrame, scene: Scen
     image_id = _key(file, f"{field} image_id", annotation.get("image_id"))
     category_id = _key(file, f"{field} category_id", annotation.get("category_id"))
     if image_id not in frame.images:
-        raise BadScene.at(file, f"{field} image_id", f"an image of {frame.file.name}", image_id)
+        raise InputFault.at(file, f"{field} image_id", f"an image of {frame.file.name}", image_id)
     if category_id not in frame.categories:
-        raise BadScene.at(file, f"{field} category_id", f"a category of {frame.file.name}", category_id)
+        raise InputFault.at(file, f"{field} category_id", f"a category of {frame.file.name}", category_id)
     score = 1.0 if annotation.get("score") is None else annotation["score"]
     if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
-        raise BadScene.at(file, f"{field} score", "a number from 0 to 1", score)
+        raise InputFault.at(file, f"{field} score", "a number from 0 to 1", score)
     image = frame.images[image_id]
     if image.view is None or annotation.get("iscrowd"):
         return None

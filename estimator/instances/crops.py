@@ -8,7 +8,9 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from estimator.scene import BadScene, BoolArray, Camera, Instance, IntArray, Scene, told
+from estimator.records.scene import Camera, Instance, Scene
+from metric_base.arrays import BoolArray, IntArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["ViewNames", "differs_in_aspect", "joined_instances", "mask_crop"]
 
@@ -38,13 +40,15 @@ def joined_instances(
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances that are there, and warnings with one more for images that match no view.
 
-    names : the image files that the masks speak of. BadScene where none of them is a view.
+    names : the image files that the masks speak of. InputFault where none of them is a view.
     """
     rows = ViewNames(scene)
     lost = [name for name in names if rows.row(name) is None]
     if names and len(lost) == len(names):
         expected = f"names of the model's views, such as {scene.views[0].name!r}"
-        raise BadScene.at(file, "image names", expected, told(f"{lost[0]!r} and {len(lost) - 1} others, none of them"))
+        raise InputFault.at(
+            file, "image names", expected, Words(f"{lost[0]!r} and {len(lost) - 1} others, none of them")
+        )
     instances = tuple(instance for instance in found if instance is not None)
     told_lost = (f"{file}: {len(lost)} of {len(names)} images match no view, such as {lost[0]!r}",) if lost else ()
     return instances, (*warnings, *told_lost)

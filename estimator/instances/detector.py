@@ -21,7 +21,9 @@ from numpy.typing import NDArray
 from estimator.instances.crops import mask_crop
 from estimator.instances.image_files import image_file
 from estimator.instances.registry import RegisteredDetector, download, registry_entry, registry_entry_of
-from estimator.scene import BadScene, BoolArray, FloatArray, Instance, IntArray, Scene, View, told
+from estimator.records.scene import Instance, Scene, View
+from metric_base.arrays import BoolArray, FloatArray, IntArray
+from metric_base.faults import InputFault, Words
 from taxonomy.label_lists import vocabulary
 
 __all__ = ["Detections", "Detector", "InputForm", "detect_instances", "label_names", "load_detector"]
@@ -73,7 +75,7 @@ class Detector:
 
     Raises
     ------
-    BadScene
+    InputFault
         It is no ONNX graph, or not of the signature.
     """
 
@@ -84,7 +86,7 @@ class Detector:
         rank = len(self._input.shape)
         if len(self._session.get_inputs()) != 1 or rank not in (3, 4):
             found = ", ".join(f"{node.name} {node.shape}" for node in self._session.get_inputs())
-            raise BadScene.at(path, "input", "one picture (3, H, W), as torchvision exports it", told(found))
+            raise InputFault.at(path, "input", "one picture (3, H, W), as torchvision exports it", Words(found))
         self._batched = rank == 4
         self._outputs = _output_names(path, self._session.get_outputs())
 
@@ -93,7 +95,7 @@ class Detector:
 
         Raises
         ------
-        BadScene
+        InputFault
             The graph fails on it, or answers in other shapes than the signature's.
         """
         fed, factor = self._prepared(picture)
@@ -115,13 +117,13 @@ class Detector:
             found = self._session.run(self._outputs, {self._input.name: fed})
         except Exception as fault:  # noqa: BLE001 - onnxruntime's errors have no common base that it exports
             line = (str(fault).splitlines() or ["an error"])[0]
-            raise BadScene.at(self.path, "run", f"an answer to a picture of shape {fed.shape}", told(line)) from None
+            raise InputFault.at(self.path, "run", f"an answer to a picture of shape {fed.shape}", Words(line)) from None
         boxes, labels, scores, masks = found
         n = len(boxes)
         shapes = (boxes.shape, labels.shape, scores.shape, masks.shape)
         if boxes.shape != (n, 4) or labels.shape != (n,) or scores.shape != (n,) or masks.shape[:2] != (n, 1):
             expected = "boxes (n, 4), labels (n,), scores (n,), masks (n, 1, H, W)"
-            raise BadScene.at(self.path, "outputs", expected, told(str(shapes)))
+            raise InputFault.at(self.path, "outputs", expected, Words(str(shapes)))
         return boxes, labels, scores, masks
 
     def _prepared(self, picture: Picture) -> tuple[FloatPicture, FloatArray]:
@@ -158,7 +160,7 @@ def load_detector(ref: str | Path, labels: Path | None = None) -> Detector:
 
     Raises
     ------
-    BadScene
+    InputFault
         There is no such file or name, or the download is not to be had; the message says how to get a detector.
     """
     is_file = Path(ref).is_file()
@@ -186,22 +188,22 @@ def detect_instances(scene: Scene, images: Path, detector: Detector) -> tuple[tu
 
     Raises
     ------
-    BadScene
+    InputFault
         The folder is not there, holds none of the views' pictures, or nothing is detected in any.
     """
     if not images.is_dir():
-        raise BadScene.at(images, "--images", "a folder with the scene's pictures", told("no such folder"))
+        raise InputFault.at(images, "--images", "a folder with the scene's pictures", Words("no such folder"))
     files = [(row, view, _picture_file(images, view)) for row, view in enumerate(scene.views)]
     there = [(row, view, file) for row, view, file in files if file is not None]
     if not there:
         expected = f"pictures by the names of the model's views, such as {scene.views[0].name!r}"
-        raise BadScene.at(images, "--images", expected, told("none of them"))
+        raise InputFault.at(images, "--images", expected, Words("none of them"))
     found: list[Instance] = []
     for row, view, file in _with_progress(there):
         found += _instances(row, view, detector(_picture(file)), detector)
     if not found:
         expected = f"a detection of score {MIN_SCORE} or more in one of {len(there)} pictures"
-        raise BadScene.at(detector.path, "detections", expected, told("none"))
+        raise InputFault.at(detector.path, "detections", expected, Words("none"))
     lost = len(files) - len(there)
     return tuple(found), ((f"{images}: {lost} of {len(files)} views have no picture",) if lost else ())
 
@@ -211,7 +213,7 @@ def _instances(row: int, view: View, seen: Detections, detector: Detector) -> It
         name = detector.labels[label] if 0 <= label < len(detector.labels) else ""
         if not name:
             expected = f"a number with a name (1 to {len(detector.labels) - 1}; name them with --detector-labels)"
-            raise BadScene.at(detector.path, "label", expected, int(label))
+            raise InputFault.at(detector.path, "label", expected, int(label))
         crop = mask_crop(mask, view.camera)
         if crop is not None:
             yield Instance(f"{row}-{number}", row, name, crop[0], crop[1], score=float(min(score, 1.0)))
@@ -258,7 +260,7 @@ def _picture(file: Path) -> Picture:
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     found = cv2.imdecode(np.fromfile(file, dtype=np.uint8), flags) if file.stat().st_size else None
     if found is None:
-        raise BadScene.at(file, "picture", "a picture that OpenCV reads", told("something else"))
+        raise InputFault.at(file, "picture", "a picture that OpenCV reads", Words("something else"))
     return np.ascontiguousarray(found[:, :, ::-1])
 
 
@@ -268,12 +270,12 @@ def _session(path: Path) -> Any:
         import onnxruntime
     except ImportError:
         expected = "onnxruntime (pip install 'metric-tree[images]')"
-        raise BadScene.at(path, "detector", expected, told("not installed")) from None
+        raise InputFault.at(path, "detector", expected, Words("not installed")) from None
     try:
         return onnxruntime.InferenceSession(str(path), providers=onnxruntime.get_available_providers())
     except Exception as fault:  # noqa: BLE001 - its errors have no common base that it exports
         line = (str(fault).splitlines() or ["an error"])[0]
-        raise BadScene.at(path, "detector", "an ONNX graph that onnxruntime loads", told(line)) from None
+        raise InputFault.at(path, "detector", "an ONNX graph that onnxruntime loads", Words(line)) from None
 
 
 def _output_names(path: Path, outputs: Sequence[Any]) -> list[str]:
@@ -287,7 +289,7 @@ def _output_names(path: Path, outputs: Sequence[Any]) -> list[str]:
     if len(outputs) < len(wanted) or set(by_kind) != set(wanted):
         found = ", ".join(f"{node.name} {node.shape} {node.type}" for node in outputs)
         expected = "boxes (n, 4), labels (n,), scores (n,), masks (n, 1, H, W), as torchvision exports them"
-        raise BadScene.at(path, "outputs", expected, told(found))
+        raise InputFault.at(path, "outputs", expected, Words(found))
     return [by_kind[kind] for kind in wanted]
 
 

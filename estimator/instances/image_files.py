@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from estimator.scene import Scene, View
+from estimator.records.scene import Scene, View
 
 __all__ = ["image_file", "image_folders"]
 

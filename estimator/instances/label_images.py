@@ -23,7 +23,9 @@ from numpy.typing import NDArray
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.masks import picture_size
 from estimator.reconstructions.checked_files import json_object, read_bytes, read_json
-from estimator.scene import BadScene, BoolArray, Instance, Scene, told
+from estimator.records.scene import Instance, Scene
+from metric_base.arrays import BoolArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["read_label_images"]
 
@@ -40,7 +42,7 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
     objects = len(set(names.values())) < len(names)
     files = sorted(folder.glob("*.png"))
     if not files:
-        raise BadScene.at(folder, "pictures", "at least one <image>.png", 0)
+        raise InputFault.at(folder, "pictures", "at least one <image>.png", 0)
     rows = ViewNames(scene)
     found: list[Instance | None] = []
     for file in files:
@@ -56,12 +58,12 @@ def _names(file: Path) -> dict[int, str]:
     names = {}
     for key, name in json_object(file, "document", read_json(file)).items():
         if not (key.isascii() and key.isdecimal() and int(key) < 1 << 16):
-            raise BadScene.at(file, "value", "a pixel value from 0 to 65535", key)
+            raise InputFault.at(file, "value", "a pixel value from 0 to 65535", key)
         if not isinstance(name, str) or not name.strip():
-            raise BadScene.at(file, f"value {key}", "a name", name)
+            raise InputFault.at(file, f"value {key}", "a name", name)
         names[int(key)] = name
     if not names:
-        raise BadScene.at(file, "document", "at least one value", 0)
+        raise InputFault.at(file, "document", "at least one value", 0)
     return names
 
 
@@ -108,9 +110,9 @@ def _pixel_values(file: Path) -> NDArray[np.uint16]:
     _check_png(file, data)
     picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None:
-        raise BadScene.at(file, "pixels", "a PNG that can be decoded", told("damaged data"))
+        raise InputFault.at(file, "pixels", "a PNG that can be decoded", Words("damaged data"))
     if picture.ndim != 2:
-        raise BadScene.at(file, "channels", "1, the value of the instance", picture.shape[2])
+        raise InputFault.at(file, "channels", "1, the value of the instance", picture.shape[2])
     values: NDArray[np.uint16] = picture.astype(np.uint16)
     return values
 
@@ -119,14 +121,16 @@ def _check_png(file: Path, data: bytes) -> None:
     """Header, size and checksums, so that the decoder neither prints complaints nor allocates what a lie asks for."""
     place, kind = len(_SIGNATURE), b""
     if not data.startswith(_SIGNATURE):
-        raise BadScene.at(file, "signature", "a PNG", data[:8])
+        raise InputFault.at(file, "signature", "a PNG", data[:8])
     while kind != b"IEND":
         if place + _CHUNK.size > len(data):
-            raise BadScene.at(file, "end", "an IEND chunk", told("the end of the file"))
+            raise InputFault.at(file, "end", "an IEND chunk", Words("the end of the file"))
         size, kind = _CHUNK.unpack_from(data, place)
         end = place + _CHUNK.size + size
         if data[end : end + 4] != zlib.crc32(data[place + 4 : end]).to_bytes(4, "big"):
-            raise BadScene.at(file, f"chunk {kind!r}", "a matching checksum", told("another, or the end of the file"))
+            raise InputFault.at(
+                file, f"chunk {kind!r}", "a matching checksum", Words("another, or the end of the file")
+            )
         if kind == b"IHDR":
             picture_size(file, "size", struct.unpack_from(">II", data, place + _CHUNK.size))
         place = end + 4

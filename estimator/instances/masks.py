@@ -11,7 +11,8 @@ import numpy as np
 
 from estimator.reconstructions.cameras import MAX_PIXELS, MAX_SIDE_PX
 from estimator.reconstructions.checked_files import json_object
-from estimator.scene import BadScene, BoolArray, FloatArray, IntArray, told
+from metric_base.arrays import BoolArray, FloatArray, IntArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["box_mask", "coco_mask", "picture_size"]
 
@@ -29,7 +30,7 @@ def picture_size(file: Path, field: str, size: object) -> tuple[int, int]:
         whole = all(isinstance(side, int) and not isinstance(side, bool) for side in size)
         if whole and 0 < first <= MAX_SIDE_PX and 0 < second <= MAX_SIDE_PX and first * second <= MAX_PIXELS:
             return first, second
-    raise BadScene.at(file, field, f"two whole numbers from 1 to {MAX_SIDE_PX}", size)
+    raise InputFault.at(file, field, f"two whole numbers from 1 to {MAX_SIDE_PX}", size)
 
 
 def coco_mask(file: Path, field: str, segmentation: object, size: tuple[int, int]) -> BoolArray:
@@ -41,7 +42,7 @@ def coco_mask(file: Path, field: str, segmentation: object, size: tuple[int, int
     lengths = _run_lengths(file, f"{field} segmentation counts", runs.get("counts"))
     if (lengths < 0).any() or lengths.sum() != width * height:
         expected = f"runs that add up to {height} x {width} pixels"
-        raise BadScene.at(file, f"{field} segmentation counts", expected, told(str(lengths.sum())))
+        raise InputFault.at(file, f"{field} segmentation counts", expected, Words(str(lengths.sum())))
     return _drawn(lengths, width, height)
 
 
@@ -50,7 +51,7 @@ def box_mask(file: Path, field: str, box: object, size: tuple[int, int]) -> Bool
     numbers = _numbers(box)
     if numbers is None or numbers.shape != (4,) or (numbers[2:] <= 0).any():
         expected = "a bbox of x, y and a positive width and height, or a segmentation"
-        raise BadScene.at(file, f"{field} bbox", expected, box)
+        raise InputFault.at(file, f"{field} bbox", expected, box)
     width, height = size
     corner = numbers[:2] + numbers[2:]
     left, top, right, bottom = np.clip(np.rint([*numbers[:2], *corner]), 0, [width, height, width, height]).astype(int)
@@ -67,13 +68,13 @@ def _polygon_mask(file: Path, field: str, polygons: list[object], size: tuple[in
     for number, polygon in enumerate(polygons):
         corners = _numbers(polygon)
         if corners is None or len(corners) < 6 or len(corners) % 2:
-            found = told(f"{len(polygon)} values" if isinstance(polygon, list) else type(polygon).__name__)
-            raise BadScene.at(file, f"{field} polygon {number}", "at least three pairs of finite numbers", found)
+            found = Words(f"{len(polygon)} values" if isinstance(polygon, list) else type(polygon).__name__)
+            raise InputFault.at(file, f"{field} polygon {number}", "at least three pairs of finite numbers", found)
         # corners beyond the picture are moved to its border, so that no outline is endless
         outlines.append(np.clip(corners.reshape(-1, 2), -1.0, [width + 1.0, height + 1.0]))
     length = sum(_perimeter(outline) for outline in outlines)
     if length > MAX_OUTLINE_PX:
-        raise BadScene.at(file, f"{field} polygons", f"outlines of at most {MAX_OUTLINE_PX} pixels", int(length))
+        raise InputFault.at(file, f"{field} polygons", f"outlines of at most {MAX_OUTLINE_PX} pixels", int(length))
     runs = coco.frPyObjects([outline.ravel().tolist() for outline in outlines], height, width)
     spelled = coco.merge(runs)["counts"].decode("ascii")
     return _drawn(_spelled_lengths(file, field, spelled), width, height)
@@ -106,7 +107,7 @@ def _run_lengths(file: Path, field: str, counts: object) -> IntArray:
         return _spelled_lengths(file, field, counts)
     numbers = _numbers(counts)
     if numbers is None or (numbers != np.floor(numbers)).any() or (np.abs(numbers) > MAX_PIXELS).any():
-        raise BadScene.at(file, field, "whole numbers or COCO's compressed text", counts)
+        raise InputFault.at(file, field, "whole numbers or COCO's compressed text", counts)
     return numbers.astype(np.int64)
 
 
@@ -117,12 +118,12 @@ def _spelled_lengths(file: Path, field: str, text: str) -> IntArray:
     """
     letters = np.array([ord(letter) for letter in text], dtype=np.int64) - 48
     if not len(letters) or (letters < 0).any() or (letters > 63).any() or letters[-1] & 0x20:
-        raise BadScene.at(file, field, "COCO's compressed run lengths", text)
+        raise InputFault.at(file, field, "COCO's compressed run lengths", text)
     ends = np.flatnonzero((letters & 0x20) == 0)
     starts = np.concatenate([[0], ends[:-1] + 1])
     sizes = ends - starts + 1
     if sizes.max() > _MAX_LETTERS:
-        raise BadScene.at(file, field, f"numbers of at most {_MAX_LETTERS} letters", text)
+        raise InputFault.at(file, field, f"numbers of at most {_MAX_LETTERS} letters", text)
     places = np.arange(len(letters)) - np.repeat(starts, sizes)
     values = np.add.reduceat((letters & 0x1F) << (5 * places), starts)
     values -= np.where(letters[ends] & 0x10, 1 << (5 * sizes), 0)

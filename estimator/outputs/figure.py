@@ -17,14 +17,15 @@ import numpy as np
 from estimator.outputs.plan import COLOURS, bare_axes, draw_scene
 from estimator.outputs.whole import written_file
 from estimator.reconstructions.truth import read_truth
-from estimator.result import ObjectReport, ScaleResult
-from estimator.scene import BadScene, FloatArray
+from estimator.records.result import ObjectReport, ScaleResult
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from estimator.pipeline import SceneEstimate
+    from estimator.results.scene_estimate import SceneEstimate
 
 __all__ = ["figure", "write_figure"]
 
@@ -54,7 +55,7 @@ MAX_TICKS = 10
 def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
     """Draw the figure into a file whose ending names the format (`.png`, `.pdf`, `.svg`), whole or not at all."""
     if file.suffix.lower() not in FORMATS:
-        raise BadScene.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
+        raise InputFault.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
     drawn = figure(estimate)
     with written_file(file, "--figure") as temporary:
         drawn.savefig(temporary, format=file.suffix[1:].lower(), dpi=130)

@@ -17,18 +17,20 @@ import numpy as np
 
 from estimator.geometry.box_edges import edge_axis, projected_edges
 from estimator.instances.image_files import image_file, image_folders
-from estimator.measured_object import MeasuredObject
 from estimator.outputs.placement import label_places
 from estimator.outputs.size_labels import DimensionLabel, dimension_labels
 from estimator.outputs.whole import written_folder
 from estimator.reconstructions.truth import read_truth
-from estimator.result import ObjectReport
-from estimator.scene import BadScene, FloatArray, Instance, told
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.result import ObjectReport
+from estimator.records.scene import Instance
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault, Words
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
 
-    from estimator.pipeline import SceneEstimate
+    from estimator.results.scene_estimate import SceneEstimate
 
 __all__ = ["overlay", "write_overlays"]
 
@@ -48,7 +50,7 @@ _FONTS = ("DejaVuSans-Bold.ttf", "DejaVuSans.ttf")
 def write_overlays(estimate: SceneEstimate, folder: Path) -> int:
     """Draw every frame whose picture is found into a new folder, under its own name; how many there are.
 
-    BadScene where the folder exists, or no picture of the scene is found in `images` beside or above the model.
+    InputFault where the folder exists, or no picture of the scene is found in `images` beside or above the model.
     """
     import cv2
 
@@ -56,7 +58,7 @@ def write_overlays(estimate: SceneEstimate, folder: Path) -> int:
     files = [image_file(folders, view) for view in estimate.scene.views]
     if not any(files):
         places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"
-        raise BadScene.at(estimate.scene.path, "--overlay", "the pictures of the views", told(places))
+        raise InputFault.at(estimate.scene.path, "--overlay", "the pictures of the views", Words(places))
     with written_folder(folder, "--overlay") as temporary:
         for row, file in enumerate(files):
             picture = None if file is None else cv2.imread(str(file), cv2.IMREAD_COLOR)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["label_places"]
 

@@ -9,13 +9,14 @@ import numpy as np
 
 from estimator.geometry.box_edges import corners
 from estimator.geometry.planes import level_basis
-from estimator.measured_object import MeasuredObject
-from estimator.scene import FloatArray, Scene
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.scene import Scene
+from metric_base.arrays import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from estimator.pipeline import SceneEstimate
+    from estimator.results.scene_estimate import SceneEstimate
 
 __all__ = ["COLOURS", "bare_axes", "draw_scene"]
 

@@ -18,7 +18,9 @@ from estimator.outputs.whole import written_folder
 from estimator.reconstructions.checked_files import read_bytes
 from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction
 from estimator.reconstructions.ply import ply_layout, read_visibility, visibility_bytes
-from estimator.scene import BadScene, IntArray, Scene
+from estimator.records.scene import Scene
+from metric_base.arrays import IntArray
+from metric_base.faults import InputFault
 
 __all__ = ["TRANSFORM", "write_scaled"]
 
@@ -29,12 +31,12 @@ TRANSFORM = "metric_transform.txt"
 def write_scaled(scene: Scene, scale: float, folder: Path) -> None:
     """The files of `scene` in a new `folder`, laid out as in the original, at `scale` metres per scene unit.
 
-    BadScene where the folder exists, the scene has no files, or the scale is not a positive number.
+    InputFault where the folder exists, the scene has no files, or the scale is not a positive number.
     """
     if not (np.isfinite(scale) and scale > 0):
-        raise BadScene.at(folder, "scale", "a positive number", scale)
+        raise InputFault.at(folder, "scale", "a positive number", scale)
     if scene.model_path is None:
-        raise BadScene.at(scene.path, "model", "a scene that was read from files", None)
+        raise InputFault.at(scene.path, "model", "a scene that was read from files", None)
     with written_folder(folder, "--write-scaled") as temporary:
         _write_all(scene, scene.model_path, scale, temporary)
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from estimator.reconstructions.checked_files import ByteReader, read_text
 from estimator.reconstructions.colmap_binary import image_places, point_places
-from estimator.scene import BadScene, IntArray, told
+from metric_base.arrays import IntArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["write_scaled_colmap"]
 
@@ -128,6 +129,6 @@ def _scaled_line(file: Path, number: int, line: str, part: str, scale: float) ->
         for column in columns(words):
             words[column] = repr(float(words[column]) * scale)
     except (ValueError, IndexError):
-        found = told(" ".join(words))
-        raise BadScene.at(file, f"line {number}", "a record of COLMAP's text form", found) from None
+        found = Words(" ".join(words))
+        raise InputFault.at(file, f"line {number}", "a record of COLMAP's text form", found) from None
     return " ".join(words)

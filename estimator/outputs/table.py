@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from estimator.result import Alternative, ObjectReport, ScaleResult
+from estimator.records.result import Alternative, ObjectReport, ScaleResult
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from estimator.scene import BadScene, told
+from metric_base.faults import InputFault, Words
 from metric_base.files import whole_file
 
 __all__ = ["written_file", "written_folder"]
@@ -18,7 +18,7 @@ __all__ = ["written_file", "written_folder"]
 def written_file(file: Path, option: str) -> Iterator[Path]:
     """A temporary path beside `file` that takes its name when the block ends without a fault.
 
-    BadScene, which names the command's `option`, where the system refuses.
+    InputFault, which names the command's `option`, where the system refuses.
     """
     try:
         with whole_file(file) as temporary:
@@ -31,10 +31,10 @@ def written_file(file: Path, option: str) -> Iterator[Path]:
 def written_folder(folder: Path, option: str) -> Iterator[Path]:
     """A temporary folder beside `folder` that takes its name when the block ends without a fault.
 
-    BadScene, which names the command's `option`, where the folder is there already or the system refuses.
+    InputFault, which names the command's `option`, where the folder is there already or the system refuses.
     """
     if folder.exists():
-        raise BadScene.at(folder, option, "a folder that is not there yet", told("an existing one"))
+        raise InputFault.at(folder, option, "a folder that is not there yet", Words("an existing one"))
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
@@ -50,5 +50,5 @@ def written_folder(folder: Path, option: str) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)  # gone already when all went well
 
 
-def _refused(path: Path, option: str, fault: OSError) -> BadScene:
-    return BadScene.at(path, option, "a place that can be written", told(fault.strerror or "an error"))
+def _refused(path: Path, option: str, fault: OSError) -> InputFault:
+    return InputFault.at(path, option, "a place that can be written", Words(fault.strerror or "an error"))

@@ -15,7 +15,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from estimator.scene import BoolArray, FloatArray, IntArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["LOG_BOX", "SHIFTS", "Layout", "Variants", "variants"]
 

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from estimator.posterior.axes import prior_axes
 from estimator.posterior.components import Rows
 from estimator.posterior.symmetric import dot, product, total
-from estimator.scene import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray
 from metric_tree.prior import Prior
 
 __all__ = ["NODES", "NODE_WEIGHTS", "Lines", "SharedError", "convolved", "lines", "shared_error"]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimator.posterior.class_error import Lines, SharedError, convolved, lines
 from estimator.posterior.components import Rows
 from estimator.posterior.symmetric import dot, product
-from estimator.scene import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["ClassTerms", "joint_classes", "line_density", "single_classes"]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.scene import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["Rows"]
 

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from estimator.scene import FloatArray, IntArray
+from estimator.records.curve import Curve, Mode
+from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["BOX", "Curve", "Mode", "curve", "evidence_grid", "interval", "modes"]
+__all__ = ["BOX", "curve", "evidence_grid", "interval", "modes"]
 
 #: The prior on u: flat from 0.1 mm to 10 km per scene unit, eight decades. Proper, as the outliers ask for.
 BOX = (math.log(1e-4), math.log(1e4))
@@ -36,24 +36,6 @@ DIP = 0.9
 
 #: Modes of less mass are left out of the list.
 LEAST_MASS = 0.005
-
-
-@dataclass(frozen=True, slots=True)
-class Mode:
-    """A local maximum of the posterior: `scale` in metres per unit, the `mass` of its basin."""
-
-    scale: float
-    mass: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Curve:
-    """A density over log scale: log_scale (g,), density (g,), and the mass beyond each end of the grid."""
-
-    log_scale: FloatArray
-    density: FloatArray
-    below: float
-    above: float
 
 
 def evidence_grid(centre: FloatArray, sd: FloatArray, reach: FloatArray) -> FloatArray:

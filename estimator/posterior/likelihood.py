@@ -19,13 +19,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator.measured_object import AXES, MeasuredObject
 from estimator.posterior.assignments import Layout, Variants, variants
-from estimator.posterior.axes import SORTED_AXES, is_sorted, prior_axes
+from estimator.posterior.axes import is_sorted, prior_axes
 from estimator.posterior.class_error import shared_error
 from estimator.posterior.components import Rows
 from estimator.posterior.symmetric import DIAGONAL, dot, inverse, packed, product, row_sums, total
-from estimator.scene import BoolArray, FloatArray, IntArray
+from estimator.records.measured_object import MeasuredObject
+from metric_base.arrays import BoolArray, FloatArray, IntArray
+from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 
 __all__ = ["OUTLIER", "Evidence", "rows", "usable"]
@@ -123,7 +124,7 @@ def _layout(prior: Prior, pose: str, code: int) -> Layout:
     """The layout of eight packed flags: three missing, three cut, sides close, vertical unknown."""
     flags = [bool(code >> bit & 1) for bit in range(8)]
     by_extent = is_sorted(prior)
-    names = SORTED_AXES if by_extent else AXES
+    names = EXTENTS if by_extent else AXES
     return Layout(
         pose=pose,
         vertical_known=not flags[7],

@@ -19,9 +19,9 @@ from estimator.posterior import grid
 from estimator.posterior.class_error import shared_error
 from estimator.posterior.class_likelihood import ClassTerms, joint_classes, line_density, single_classes
 from estimator.posterior.components import Rows
-from estimator.posterior.grid import Curve, Mode
 from estimator.posterior.likelihood import Evidence, rows
-from estimator.scene import FloatArray, IntArray
+from estimator.records.curve import Curve, Mode
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = [
     "FAR_MASS",

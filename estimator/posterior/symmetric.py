@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["DIAGONAL", "dot", "inverse", "packed", "product", "row_sums", "total"]
 

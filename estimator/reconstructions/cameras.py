@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator.scene import BadScene, Camera, FloatArray, View, told
+from estimator.records.scene import Camera, View
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["CAMERA_MODELS", "make_camera", "pixels_in_view", "project"]
 
@@ -49,23 +51,25 @@ _DIRECTIONS = 16
 def make_camera(file: Path, field: str, model: str, size: tuple[int, int], params: Any) -> Camera:
     """A camera whose every number was checked; `file` and `field` name it in a fault.
 
-    size : (width, height) in pixels. BadScene for an unknown model, a wrong number of parameters, sizes outside
+    size : (width, height) in pixels. InputFault for an unknown model, a wrong number of parameters, sizes outside
     1 ... MAX_SIDE_PX, numbers that are not finite, or a focal length that is not positive.
     """
     if model not in CAMERA_MODELS:
-        raise BadScene.at(file, f"{field} model", "one of COLMAP's, such as PINHOLE or OPENCV, and no panorama", model)
+        raise InputFault.at(
+            file, f"{field} model", "one of COLMAP's, such as PINHOLE or OPENCV, and no panorama", model
+        )
     width, height = size
     if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX and width * height <= MAX_PIXELS):
-        raise BadScene.at(file, f"{field} size", f"sides of 1 to {MAX_SIDE_PX} pixels", told(f"{width} x {height}"))
+        raise InputFault.at(file, f"{field} size", f"sides of 1 to {MAX_SIDE_PX} pixels", Words(f"{width} x {height}"))
     names = CAMERA_MODELS[model][1]
     values = np.asarray(params, dtype=np.float64)
     if values.shape != (len(names),):
-        raise BadScene.at(file, f"{field} parameters", f"{len(names)} numbers of {model}", told(f"{values.size}"))
+        raise InputFault.at(file, f"{field} parameters", f"{len(names)} numbers of {model}", Words(f"{values.size}"))
     if not np.isfinite(values).all():
-        raise BadScene.at(file, f"{field} parameters", "finite numbers", values.tolist())
+        raise InputFault.at(file, f"{field} parameters", "finite numbers", values.tolist())
     focal = values[: 1 if names[0] == "f" else 2]
     if (focal <= 0).any():
-        raise BadScene.at(file, f"{field} focal length", "more than 0", focal.tolist())
+        raise InputFault.at(file, f"{field} focal length", "more than 0", focal.tolist())
     return Camera(model, width, height, values)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from estimator.scene import BadScene, told
+from metric_base.faults import InputFault, Words
 
 __all__ = ["ByteReader", "json_array", "json_object", "read_bytes", "read_json", "read_text"]
 
@@ -23,14 +23,14 @@ _COUNT = struct.Struct("<Q")
 
 
 def read_bytes(path: Path, most: int = -1) -> bytes:
-    """The whole file, or its first bytes; BadScene where it is missing, a folder, unreadable, or empty."""
+    """The whole file, or its first bytes; InputFault where it is missing, a folder, unreadable, or empty."""
     try:
         with path.open("rb") as file:
             data = file.read(most)
     except OSError as fault:
-        raise BadScene.at(path, "file", "a readable file", told(fault.strerror or "an error")) from None
+        raise InputFault.at(path, "file", "a readable file", Words(fault.strerror or "an error")) from None
     if not data:
-        raise BadScene.at(path, "file", "some content", told("zero bytes"))
+        raise InputFault.at(path, "file", "some content", Words("zero bytes"))
     return data
 
 
@@ -39,8 +39,8 @@ def read_text(path: Path) -> str:
     try:
         return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as fault:
-        found = told(f"byte {fault.object[fault.start]:#04x} at {fault.start}")
-        raise BadScene.at(path, "encoding", "UTF-8", found) from None
+        found = Words(f"byte {fault.object[fault.start]:#04x} at {fault.start}")
+        raise InputFault.at(path, "encoding", "UTF-8", found) from None
 
 
 def read_json(path: Path) -> Any:
@@ -51,12 +51,12 @@ def read_json(path: Path) -> Any:
     try:
         return json.loads(text)
     except RecursionError:
-        raise BadScene.at(path, "JSON", "a document of ordinary depth", told("endless nesting")) from None
+        raise InputFault.at(path, "JSON", "a document of ordinary depth", Words("endless nesting")) from None
     except json.JSONDecodeError as fault:
-        found = told(f"{fault.msg} at line {fault.lineno}, column {fault.colno}")
-        raise BadScene.at(path, "JSON", "a valid document", found) from None
+        found = Words(f"{fault.msg} at line {fault.lineno}, column {fault.colno}")
+        raise InputFault.at(path, "JSON", "a valid document", found) from None
     except ValueError as fault:  # an integer of thousands of digits
-        raise BadScene.at(path, "JSON", "a valid document", told(str(fault))) from None
+        raise InputFault.at(path, "JSON", "a valid document", Words(str(fault))) from None
     finally:
         if collecting:
             gc.enable()
@@ -65,14 +65,14 @@ def read_json(path: Path) -> Any:
 def json_object(path: Path, field: str, value: object) -> dict[str, Any]:
     """`value` if it is a JSON object."""
     if not isinstance(value, dict):
-        raise BadScene.at(path, field, "an object", told(_JSON_KINDS.get(type(value), "something else")))
+        raise InputFault.at(path, field, "an object", Words(_JSON_KINDS.get(type(value), "something else")))
     return value
 
 
 def json_array(path: Path, field: str, value: object) -> list[Any]:
     """`value` if it is a JSON array."""
     if not isinstance(value, list):
-        raise BadScene.at(path, field, "an array", told(_JSON_KINDS.get(type(value), "something else")))
+        raise InputFault.at(path, field, "an array", Words(_JSON_KINDS.get(type(value), "something else")))
     return value
 
 
@@ -101,7 +101,7 @@ class ByteReader:
         (found,) = self.take(layout, field)
         if found * smallest > self.remaining:
             expected = f"at most {self.remaining // smallest} (the rest of the file holds no more)"
-            raise BadScene.at(self.path, field, expected, found)
+            raise InputFault.at(self.path, field, expected, found)
         return int(found)
 
     def rows(self, dtype: DTypeLike, n: int, field: str) -> NDArray[Any]:
@@ -116,19 +116,19 @@ class ByteReader:
         """The next zero-terminated UTF-8 string."""
         end = self.data.find(b"\0", self.place)
         if end < 0:
-            raise BadScene.at(self.path, field, "a name that ends in a zero byte", told("the end of the file"))
+            raise InputFault.at(self.path, field, "a name that ends in a zero byte", Words("the end of the file"))
         raw = self.data[self.place : end]
         self.place = end + 1
         try:
             return raw.decode("utf-8")
         except UnicodeDecodeError:
-            raise BadScene.at(self.path, field, "UTF-8", raw) from None
+            raise InputFault.at(self.path, field, "UTF-8", raw) from None
 
     def end(self) -> None:
-        """BadScene if bytes are left over: the counts before them cannot be trusted."""
+        """InputFault if bytes are left over: the counts before them cannot be trusted."""
         if self.remaining:
-            raise BadScene.at(self.path, "end", "the end of the file", told(f"{self.remaining} more bytes"))
+            raise InputFault.at(self.path, "end", "the end of the file", Words(f"{self.remaining} more bytes"))
 
     def _need(self, size: int, field: str) -> None:
         if size > self.remaining:
-            raise BadScene.at(self.path, field, f"{size} bytes", told(f"{self.remaining} left in the file"))
+            raise InputFault.at(self.path, field, f"{size} bytes", Words(f"{self.remaining} left in the file"))

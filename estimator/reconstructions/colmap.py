@@ -11,7 +11,9 @@ import numpy as np
 from estimator.reconstructions.colmap_binary import read_binary_model
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.reconstructions.colmap_text import read_text_model
-from estimator.scene import MAX_COORDINATE, BadScene, FloatArray, IntArray, Scene, View, told
+from estimator.records.scene import MAX_COORDINATE, Scene, View
+from metric_base.arrays import FloatArray, IntArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["colmap_folder", "read_colmap", "rotation_of"]
 
@@ -41,14 +43,14 @@ def model_suffix(folder: Path) -> str | None:
 def read_colmap(folder: Path, path: Path | None = None) -> Scene:
     """The model in `folder`; `path` is what the user named.
 
-    Poses are those of `images`, which the new five-file form keeps beside the rigs and frames. BadScene where
+    Poses are those of `images`, which the new five-file form keeps beside the rigs and frames. InputFault where
     anything does not hold together.
     """
     suffix = model_suffix(folder) or ".bin"
     model = read_binary_model(folder) if suffix == ".bin" else read_text_model(folder)
     images_file, points_file = folder / f"images{suffix}", folder / f"points3D{suffix}"
     if not model.images:
-        raise BadScene.at(images_file, "images", "at least one registered image", 0)
+        raise InputFault.at(images_file, "images", "at least one registered image", 0)
     _check_unique(images_file, "image id", [image.id for image in model.images])
     _check_unique(images_file, "image name", [image.name for image in model.images])
     rows_of = _point_rows(points_file, model)
@@ -74,7 +76,7 @@ def _check_unique(file: Path, field: str, values: Iterable[object]) -> None:
     seen: set[object] = set()
     for value in values:
         if value in seen:
-            raise BadScene.at(file, field, "each one once", told(f"{value!r} twice"))
+            raise InputFault.at(file, field, "each one once", Words(f"{value!r} twice"))
         seen.add(value)
 
 
@@ -84,11 +86,11 @@ def _point_rows(file: Path, model: ColmapModel) -> Callable[[IntArray], IntArray
     if faulty.any():
         row = int(faulty.argmax())
         expected = f"finite coordinates below {MAX_COORDINATE:g}"
-        raise BadScene.at(file, f"point {model.point_ids[row]}", expected, model.points[row].tolist())
+        raise InputFault.at(file, f"point {model.point_ids[row]}", expected, model.points[row].tolist())
     order = np.argsort(model.point_ids, kind="stable")
     ids = model.point_ids[order]
     if (ids[1:] == ids[:-1]).any():
-        raise BadScene.at(file, "point id", "each one once", told(f"{ids[1:][ids[1:] == ids[:-1]][0]} twice"))
+        raise InputFault.at(file, "point id", "each one once", Words(f"{ids[1:][ids[1:] == ids[:-1]][0]} twice"))
     if len(ids) and (ids[0] < 0 or ids[-1] > MAX_ID_SPREAD * (len(ids) + 1)):
         return partial(_searched_rows, ids, order)
     table = np.full(int(ids[-1]) + 1 if len(ids) else 0, -1, dtype=np.int64)
@@ -111,20 +113,20 @@ def _searched_rows(sorted_ids: IntArray, order: IntArray, ids: IntArray) -> IntA
 def _view(file: Path, image: ColmapImage, model: ColmapModel, rows_of: Callable[[IntArray], IntArray]) -> View:
     field = f"image {image.name!r}"
     if image.camera_id not in model.cameras:
-        found = told(f"{image.camera_id}, which cameras{file.suffix} lacks")
-        raise BadScene.at(file, f"{field} camera id", "a camera of the model", found)
+        found = Words(f"{image.camera_id}, which cameras{file.suffix} lacks")
+        raise InputFault.at(file, f"{field} camera id", "a camera of the model", found)
     pose = np.concatenate([image.quaternion, image.translation])
     if not (np.abs(pose) < MAX_COORDINATE).all():
-        raise BadScene.at(file, f"{field} pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
+        raise InputFault.at(file, f"{field} pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
     if abs(np.linalg.norm(image.quaternion) - 1) > QUATERNION_TOLERANCE:
-        raise BadScene.at(file, f"{field} rotation", "a quaternion of length 1", image.quaternion.tolist())
+        raise InputFault.at(file, f"{field} rotation", "a quaternion of length 1", image.quaternion.tolist())
     seen = image.point_ids >= 0
     ids, keypoints = image.point_ids[seen], image.keypoints[seen]
     rows = rows_of(ids)
     if (rows < 0).any():
-        found = told(f"{ids[rows < 0][0]}, which points3D{file.suffix} lacks")
-        raise BadScene.at(file, f"{field} point id", "a point of the model", found)
+        found = Words(f"{ids[rows < 0][0]}, which points3D{file.suffix} lacks")
+        raise InputFault.at(file, f"{field} point id", "a point of the model", found)
     if not np.isfinite(keypoints).all():
-        raise BadScene.at(file, f"{field} keypoints", "finite pixels", told("NaN or infinity"))
+        raise InputFault.at(file, f"{field} keypoints", "finite pixels", Words("NaN or infinity"))
     rotation = rotation_of(image.quaternion)
     return View(image.name, model.cameras[image.camera_id], rotation, image.translation, keypoints, rows)

@@ -14,7 +14,9 @@ import numpy as np
 from estimator.reconstructions.cameras import CAMERA_MODELS, make_camera
 from estimator.reconstructions.checked_files import ByteReader
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
-from estimator.scene import BadScene, Camera, FloatArray, IntArray, told
+from estimator.records.scene import Camera
+from metric_base.arrays import FloatArray, IntArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["image_places", "point_places", "read_binary_model"]
 
@@ -57,14 +59,14 @@ def point_places(reader: ByteReader) -> IntArray:
     length_at, record, length_of = _POINT.size - 8, _POINT.size, _TRACK_LENGTH.unpack_from
     for number in range(n):
         if place > last:
-            raise BadScene.at(
-                reader.path, f"point {number}", f"{record} bytes", told(f"{max(len(data) - place, 0)} left")
+            raise InputFault.at(
+                reader.path, f"point {number}", f"{record} bytes", Words(f"{max(len(data) - place, 0)} left")
             )
         places[number] = place
         place += record + _TRACK_ELEMENT_BYTES * length_of(data, place + length_at)[0]
     if place > len(data):
-        found = told(f"a track that ends {place - len(data)} bytes beyond it")
-        raise BadScene.at(reader.path, f"point {n - 1} track", "an end within the file", found)
+        found = Words(f"a track that ends {place - len(data)} bytes beyond it")
+        raise InputFault.at(reader.path, f"point {n - 1} track", "an end within the file", found)
     reader.place = place
     reader.end()
     return places
@@ -76,9 +78,9 @@ def _cameras(reader: ByteReader) -> dict[int, Camera]:
         camera_id, model_number, width, height = reader.take(_CAMERA, f"camera {number}")
         field = f"camera {camera_id}"
         if model_number not in _MODEL_NAMES:
-            raise BadScene.at(reader.path, f"{field} model", f"0 to {max(_MODEL_NAMES)}", model_number)
+            raise InputFault.at(reader.path, f"{field} model", f"0 to {max(_MODEL_NAMES)}", model_number)
         if camera_id in cameras:
-            raise BadScene.at(reader.path, "camera id", "each one once", told(f"{camera_id} twice"))
+            raise InputFault.at(reader.path, "camera id", "each one once", Words(f"{camera_id} twice"))
         model, n_params = _MODEL_NAMES[model_number]
         params = reader.rows("<f8", n_params, f"{field} parameters")
         cameras[camera_id] = make_camera(reader.path, field, model, (width, height), params)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from estimator.scene import Camera, FloatArray, IntArray
+from estimator.records.scene import Camera
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["ColmapImage", "ColmapModel"]
 

@@ -10,7 +10,9 @@ import numpy as np
 from estimator.reconstructions.cameras import make_camera
 from estimator.reconstructions.checked_files import read_text
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
-from estimator.scene import BadScene, Camera, FloatArray, IntArray, told
+from estimator.records.scene import Camera
+from metric_base.arrays import FloatArray, IntArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["read_text_model"]
 
@@ -42,10 +44,10 @@ def _cameras(path: Path) -> dict[int, Camera]:
             continue
         field, words = f"line {number}", line.split()
         if len(words) < 4:
-            raise BadScene.at(path, field, "camera id, model, width, height and parameters", line)
+            raise InputFault.at(path, field, "camera id, model, width, height and parameters", line)
         camera_id, width, height = (_integer(path, field, word) for word in (words[0], words[2], words[3]))
         if camera_id in cameras:
-            raise BadScene.at(path, field, "each camera id once", told(f"{camera_id} twice"))
+            raise InputFault.at(path, field, "each camera id once", Words(f"{camera_id} twice"))
         params = _numbers(path, field, words[4:])
         cameras[camera_id] = make_camera(path, f"{field} camera {camera_id}", words[1], (width, height), params)
     return cameras
@@ -59,7 +61,7 @@ def _images(path: Path) -> tuple[ColmapImage, ...]:
             continue
         field, words = f"line {number}", line.split(maxsplit=_IMAGE_FIELDS - 1)
         if len(words) != _IMAGE_FIELDS:
-            raise BadScene.at(path, field, "id, quaternion, translation, camera id and name", line)
+            raise InputFault.at(path, field, "id, quaternion, translation, camera id and name", line)
         image_id, camera_id = _integer(path, field, words[0]), _integer(path, field, words[8])
         pose = _numbers(path, field, words[1:8])
         number, row = next(lines, (number + 1, ""))  # noqa: PLW2901 (the pair of lines is one record)
@@ -71,7 +73,7 @@ def _images(path: Path) -> tuple[ColmapImage, ...]:
 def _keypoints(path: Path, field: str, row: str) -> tuple[FloatArray, IntArray]:
     values = _table(path, field, [row])[0] if row else np.empty(0)
     if len(values) % 3:
-        raise BadScene.at(path, field, "keypoints as x, y, point id", told(f"{len(values)} numbers"))
+        raise InputFault.at(path, field, "keypoints as x, y, point id", Words(f"{len(values)} numbers"))
     triples = values.reshape(-1, 3)
     return triples[:, :2], _whole(path, field, triples[:, 2])
 
@@ -89,13 +91,13 @@ def _table(path: Path, field: str, lines: Sequence[str], columns: Sequence[int] 
     try:
         return np.loadtxt(lines, dtype=np.float64, comments=None, usecols=columns, ndmin=2)
     except ValueError as fault:
-        raise BadScene.at(path, field, "numbers", told(str(fault))) from None
+        raise InputFault.at(path, field, "numbers", Words(str(fault))) from None
 
 
 def _whole(path: Path, field: str, values: FloatArray) -> IntArray:
     faulty = ~(np.abs(values) <= MAX_EXACT) | (values != np.floor(values))
     if faulty.any():
-        raise BadScene.at(path, field, "whole numbers", float(values[faulty.argmax()]))
+        raise InputFault.at(path, field, "whole numbers", float(values[faulty.argmax()]))
     return values.astype(np.int64)
 
 

@@ -9,7 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from estimator.reconstructions.checked_files import read_text
-from estimator.scene import MAX_COORDINATE, BadScene, FloatArray, told
+from estimator.records.scene import MAX_COORDINATE
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["KnownLength", "parse_known_lengths"]
 
@@ -51,7 +53,7 @@ def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
     if len(words) == 1:
         return _lengths_of(Path(words[0]))
     if len(words) != 3:
-        raise BadScene.at("--known-length", "arguments", "A B metres, or a file", told(" ".join(words)))
+        raise InputFault.at("--known-length", "arguments", "A B metres, or a file", Words(" ".join(words)))
     a, b = (_numbers("--known-length", "point", word, 3) for word in words[:2])
     (metres,) = _numbers("--known-length", "metres", words[2], 1)
     return (_length("--known-length", "length", np.array([*a, *b, metres])),)
@@ -61,7 +63,7 @@ def _lengths_of(file: Path) -> tuple[KnownLength, ...]:
     lines = [(number, line.partition("#")[0].strip()) for number, line in enumerate(read_text(file).split("\n"), 1)]
     lengths = tuple(_line_length(file, f"line {number}", line) for number, line in lines if line)
     if not lengths:
-        raise BadScene.at(file, "lengths", "at least one line", 0)
+        raise InputFault.at(file, "lengths", "at least one line", 0)
     return lengths
 
 
@@ -72,12 +74,12 @@ def _line_length(file: Path, field: str, line: str) -> KnownLength:
 def _length(file: Path | str, field: str, numbers: FloatArray) -> KnownLength:
     a, b, metres = numbers[:3], numbers[3:6], float(numbers[6])
     if not MIN_METRES <= metres <= MAX_METRES:
-        raise BadScene.at(file, f"{field} metres", f"{MIN_METRES:g} to {MAX_METRES:g}", metres)
+        raise InputFault.at(file, f"{field} metres", f"{MIN_METRES:g} to {MAX_METRES:g}", metres)
     if not np.linalg.norm(b - a) > 0:
-        raise BadScene.at(file, f"{field} points", "two points apart", a.tolist())
+        raise InputFault.at(file, f"{field} points", "two points apart", a.tolist())
     sigma = float(numbers[7]) / metres if len(numbers) > 7 else DEFAULT_SIGMA
     if not 0 < sigma < 1:
-        raise BadScene.at(file, f"{field} sigma", "more than 0 and less than the length itself", sigma * metres)
+        raise InputFault.at(file, f"{field} sigma", "more than 0 and less than the length itself", sigma * metres)
     return KnownLength(a, b, metres, sigma)
 
 
@@ -87,8 +89,8 @@ def _numbers(file: Path | str, field: str, text: str, least: int, most: int | No
     try:
         numbers = np.array([float(part) for part in parts])
     except ValueError:
-        raise BadScene.at(file, field, "numbers", text) from None
+        raise InputFault.at(file, field, "numbers", text) from None
     if not least <= len(numbers) <= (most or least) or not (np.abs(numbers) < MAX_COORDINATE).all():
         many = f"{least}" if most is None else f"{least} or {most}"
-        raise BadScene.at(file, field, f"{many} finite numbers", text)
+        raise InputFault.at(file, field, f"{many} finite numbers", text)
     return numbers

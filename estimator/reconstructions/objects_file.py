@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from estimator.measured_object import AXES, MeasuredObject
 from estimator.reconstructions.checked_files import json_array, json_object, read_json
-from estimator.scene import BadScene, BoolArray, FloatArray, told
+from estimator.records.measured_object import MeasuredObject
+from metric_base.arrays import BoolArray, FloatArray
+from metric_base.faults import InputFault, Words
+from metric_tree.axes import AXES
 
 __all__ = ["SCHEMA", "STATED_SIGMA", "parse_objects", "read_objects"]
 
@@ -33,7 +35,7 @@ def read_objects(path: Path) -> tuple[MeasuredObject, ...]:
 
     Raises
     ------
-    BadScene
+    InputFault
         The file cannot be read, or is of another schema, or a field is not what it must be.
     """
     return parse_objects(path, read_json(path))
@@ -43,7 +45,7 @@ def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
     """The objects of a parsed document; `path` is for messages."""
     record = json_object(path, "document", document)
     if record.get("schema") != SCHEMA:
-        raise BadScene.at(path, "schema", SCHEMA, record.get("schema"))
+        raise InputFault.at(path, "schema", SCHEMA, record.get("schema"))
     objects = tuple(
         _object(path, f"objects[{place}]", json_object(path, f"objects[{place}]", entry))
         for place, entry in enumerate(json_array(path, "objects", record.get("objects")))
@@ -51,7 +53,7 @@ def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
     seen: set[str] = set()
     for place, item in enumerate(objects):
         if item.id in seen:
-            raise BadScene.at(path, f"objects[{place}].id", "an id of its own", item.id)
+            raise InputFault.at(path, f"objects[{place}].id", "an id of its own", item.id)
         seen.add(item.id)
     return objects
 
@@ -59,10 +61,10 @@ def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
 def _object(path: Path, field: str, entry: dict[str, Any]) -> MeasuredObject:
     category = entry.get("category")
     if not isinstance(category, str) or not category.strip():
-        raise BadScene.at(path, f"{field}.category", "a name", category)
+        raise InputFault.at(path, f"{field}.category", "a name", category)
     identity = entry.get("id", field.removeprefix("objects[").removesuffix("]"))
     if isinstance(identity, bool) or not isinstance(identity, str | int):
-        raise BadScene.at(path, f"{field}.id", "text or a number", identity)
+        raise InputFault.at(path, f"{field}.id", "text or a number", identity)
     free = "dimensions" not in entry
     names = EXTENTS if free else AXES
     extents = _extents(path, field, entry) if free else _by_name(path, f"{field}.dimensions", entry["dimensions"], AXES)
@@ -92,13 +94,13 @@ def _object(path: Path, field: str, entry: dict[str, Any]) -> MeasuredObject:
 
 def _extents(path: Path, field: str, entry: dict[str, Any]) -> FloatArray:
     if "extents" not in entry:
-        raise BadScene.at(path, f"{field}.dimensions", "dimensions or extents", None)
+        raise InputFault.at(path, f"{field}.dimensions", "dimensions or extents", None)
     values = json_array(path, f"{field}.extents", entry["extents"])
     if not 1 <= len(values) <= 3:
-        raise BadScene.at(path, f"{field}.extents", "one to three lengths", told(f"{len(values)}"))
+        raise InputFault.at(path, f"{field}.extents", "one to three lengths", Words(f"{len(values)}"))
     lengths = [_length(path, f"{field}.extents[{place}]", value) for place, value in enumerate(values)]
     if lengths != sorted(lengths, reverse=True):
-        raise BadScene.at(path, f"{field}.extents", "the longest first", values)
+        raise InputFault.at(path, f"{field}.extents", "the longest first", values)
     return np.array(lengths + [math.nan] * (3 - len(lengths)))
 
 
@@ -108,7 +110,7 @@ def _by_name(path: Path, field: str, value: object, names: Iterable[str], zero: 
     names = tuple(names)
     for name in given:
         if name not in names:
-            raise BadScene.at(path, field, f"some of {', '.join(names)}", name)
+            raise InputFault.at(path, field, f"some of {', '.join(names)}", name)
     return np.array(
         [_length(path, f"{field}.{n}", given[n], zero) if given.get(n) is not None else math.nan for n in names]
     )
@@ -121,7 +123,7 @@ def _length(path: Path, field: str, value: object, zero: bool = False) -> float:
     except OverflowError:
         number = math.inf
     if not math.isfinite(number) or number < 0 or (number == 0 and not zero):
-        raise BadScene.at(path, field, "a number of zero or more" if zero else "a positive number", value)
+        raise InputFault.at(path, field, "a number of zero or more" if zero else "a positive number", value)
     return number
 
 
@@ -129,12 +131,12 @@ def _cut(path: Path, field: str, value: object, names: tuple[str, ...]) -> BoolA
     given = json_array(path, field, value)
     for name in given:
         if name not in names:
-            raise BadScene.at(path, field, f"some of {', '.join(names)}", name)
+            raise InputFault.at(path, field, f"some of {', '.join(names)}", name)
     return np.array([name in given for name in names])
 
 
 def _score(path: Path, field: str, value: object) -> float:
     score = 1.0 if value is None else _length(path, field, value, zero=True)
     if score > 1:
-        raise BadScene.at(path, field, "a number from 0 to 1", value)
+        raise InputFault.at(path, field, "a number from 0 to 1", value)
     return score

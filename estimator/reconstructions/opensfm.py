@@ -16,7 +16,9 @@ import numpy as np
 from estimator.reconstructions.cameras import make_camera, pixels_in_view
 from estimator.reconstructions.checked_files import json_array, json_object, read_json
 from estimator.reconstructions.opensfm_tracks import read_observations
-from estimator.scene import MAX_COORDINATE, BadScene, Camera, FloatArray, IntArray, Scene, View, told
+from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
+from metric_base.arrays import FloatArray, IntArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["largest_reconstruction", "read_opensfm"]
 
@@ -46,7 +48,7 @@ def read_opensfm(folder: Path) -> Scene:
     names, points = _points(file, json_object(file, "points", document.get("points")))
     shots = json_object(file, "shots", document.get("shots"))
     if not shots:
-        raise BadScene.at(file, "shots", "at least one", 0)
+        raise InputFault.at(file, "shots", "at least one", 0)
     views = tuple(_view(file, name, json_object(file, f"shot {name!r}", shot), cameras) for name, shot in shots.items())
     tracks = folder / TRACKS
     if tracks.is_file():
@@ -61,7 +63,7 @@ def largest_reconstruction(file: Path) -> tuple[dict[str, Any], tuple[str, ...]]
     """The reconstruction with the most shots, then points, and a warning where there are several."""
     found = json_array(file, "document", read_json(file))
     if not found:
-        raise BadScene.at(file, "document", "at least one reconstruction", 0)
+        raise InputFault.at(file, "document", "at least one reconstruction", 0)
     documents = [json_object(file, f"reconstruction {row}", document) for row, document in enumerate(found)]
     sizes = [(_length(document.get("shots")), _length(document.get("points"))) for document in documents]
     row = max(range(len(documents)), key=sizes.__getitem__)
@@ -86,7 +88,7 @@ def _camera(file: Path, field: str, document: dict[str, Any]) -> Camera:
     projection = document.get("projection_type", "perspective")
     if not isinstance(projection, str) or projection not in PROJECTIONS:
         expected = f"one of {', '.join(PROJECTIONS)} (cut a panorama into perspective views first)"
-        raise BadScene.at(file, f"{field} projection_type", expected, projection)
+        raise InputFault.at(file, f"{field} projection_type", expected, projection)
     width, height = (_whole(file, f"{field} {side}", document.get(side)) for side in ("width", "height"))
     model, sources = PROJECTIONS[projection]
     side, half = max(width, height), {"x": width / 2, "y": height / 2}
@@ -107,7 +109,7 @@ def _points(file: Path, documents: dict[str, Any]) -> tuple[list[str], FloatArra
     if (documents and points.shape != (len(documents), 3)) or not (np.abs(points) < MAX_COORDINATE).all():
         name, found = _faulty_point(documents)
         expected = f"coordinates of three finite numbers below {MAX_COORDINATE:g}"
-        raise BadScene.at(file, f"point {name!r}", expected, found)
+        raise InputFault.at(file, f"point {name!r}", expected, found)
     return list(documents), points.reshape(-1, 3)
 
 
@@ -128,7 +130,7 @@ def _view(file: Path, name: str, shot: dict[str, Any], cameras: dict[str, Camera
     field = f"shot {name!r}"
     camera = shot.get("camera")
     if not isinstance(camera, str) or camera not in cameras:
-        raise BadScene.at(file, f"{field} camera", "a camera of the reconstruction", camera)
+        raise InputFault.at(file, f"{field} camera", "a camera of the reconstruction", camera)
     rotation, translation = (_triple(file, f"{field} {part}", shot.get(part)) for part in ("rotation", "translation"))
     return View(name, cameras[camera], _rotation(rotation), translation, np.empty((0, 2)), np.empty(0, np.int64))
 
@@ -168,7 +170,7 @@ def _whole(file: Path, field: str, value: object) -> int:
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     if not isinstance(value, int) or isinstance(value, bool):
-        raise BadScene.at(file, field, "a whole number of pixels", value)
+        raise InputFault.at(file, field, "a whole number of pixels", value)
     return value
 
 
@@ -176,11 +178,11 @@ def _number(file: Path, field: str, value: object, default: float | None) -> flo
     if value is None and default is not None:
         return default
     if not isinstance(value, int | float) or isinstance(value, bool) or not _believable(value):
-        raise BadScene.at(file, field, "a number", value)
+        raise InputFault.at(file, field, "a number", value)
     return float(value)
 
 
 def _triple(file: Path, field: str, value: object) -> FloatArray:
     if not (isinstance(value, list) and len(value) == 3 and all(map(_believable, value))):
-        raise BadScene.at(file, field, "three finite numbers", told(str(value)))
+        raise InputFault.at(file, field, "three finite numbers", Words(str(value)))
     return np.array(value, dtype=np.float64)

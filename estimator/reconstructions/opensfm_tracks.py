@@ -11,7 +11,8 @@ import pyarrow.compute as pc
 from pyarrow import csv
 
 from estimator.reconstructions.checked_files import read_bytes
-from estimator.scene import BadScene, FloatArray, IntArray, told
+from metric_base.arrays import FloatArray, IntArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["read_observations"]
 
@@ -26,7 +27,7 @@ def read_observations(
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Rows of `images` (m,), rows of `tracks` (m,) and normalised positions (m, 2) of the observations of both.
 
-    Observations of other images or of tracks without a point are left out. BadScene for a file that is no table
+    Observations of other images or of tracks without a point are left out. InputFault for a file that is no table
     of that kind.
     """
     table = _table(file)
@@ -36,7 +37,7 @@ def read_observations(
     positions = np.column_stack([table[column].to_numpy()[known] for column in ("f3", "f4")])
     if not np.isfinite(positions).all():
         row = int((~np.isfinite(positions)).any(axis=1).argmax())
-        raise BadScene.at(file, "position", "finite numbers", positions[row].tolist())
+        raise InputFault.at(file, "position", "finite numbers", positions[row].tolist())
     return image_rows[known], track_rows[known], positions
 
 
@@ -44,7 +45,7 @@ def _table(file: Path) -> pa.Table:
     head = read_bytes(file, most=_FIRST_BYTES)
     has_version = head.startswith(_VERSION)
     if has_version and not head.partition(b"\n")[2].strip():
-        raise BadScene.at(file, "observations", "at least one line", 0)
+        raise InputFault.at(file, "observations", "at least one line", 0)
     try:
         return _observations_of(file, has_version, in_threads=True)
     except (pa.ArrowInvalid, KeyError):
@@ -53,7 +54,7 @@ def _table(file: Path) -> pa.Table:
         return _observations_of(file, has_version, in_threads=False)
     except (pa.ArrowInvalid, KeyError) as fault:
         expected = "tab-separated image, track, feature, x, y, ..."
-        raise BadScene.at(file, "observations", expected, told(str(fault))) from None
+        raise InputFault.at(file, "observations", expected, Words(str(fault))) from None
 
 
 def _observations_of(file: Path, has_version: bool, in_threads: bool) -> pa.Table:

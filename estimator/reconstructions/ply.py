@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from estimator.reconstructions.checked_files import ByteReader
-from estimator.scene import MAX_COORDINATE, BadScene, DenseCloud, FloatArray, IntArray, told
+from estimator.records.scene import MAX_COORDINATE, DenseCloud
+from metric_base.arrays import FloatArray, IntArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["dense_file", "ply_layout", "read_dense_cloud", "read_visibility", "visibility_bytes"]
 
@@ -58,7 +60,7 @@ def read_dense_cloud(path: Path, n_views: int) -> tuple[DenseCloud, tuple[str, .
     offsets, views = read_visibility(beside, len(points), n_views) if beside.is_file() else (None, None)
     good = (np.abs(points) < MAX_COORDINATE).all(axis=1)
     if not good.any():
-        raise BadScene.at(path, "vertices", "at least one finite point", told(f"{len(points)} without a position"))
+        raise InputFault.at(path, "vertices", "at least one finite point", Words(f"{len(points)} without a position"))
     if good.all():
         return DenseCloud(points, offsets, views, path), ()
     if offsets is not None and views is not None:
@@ -72,22 +74,24 @@ def read_dense_cloud(path: Path, n_views: int) -> tuple[DenseCloud, tuple[str, .
 def read_visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, IntArray]:
     """Offsets (n + 1,) and views (m,) of COLMAP's `fused.ply.vis`: uint64 n; for each point uint32 k, k uint32.
 
-    The numbers are positions of the images in the model's file. BadScene where it does not fit the cloud or the
+    The numbers are positions of the images in the model's file. InputFault where it does not fit the cloud or the
     model.
     """
     reader = ByteReader(path)
     n = reader.count("number of points", 4)
     if n != n_points:
-        raise BadScene.at(path, "number of points", f"{n_points} as in the cloud", n)
+        raise InputFault.at(path, "number of points", f"{n_points} as in the cloud", n)
     if reader.remaining % 4:
-        raise BadScene.at(path, "size", "whole numbers of 4 bytes", told(f"{reader.remaining} bytes after the count"))
+        raise InputFault.at(
+            path, "size", "whole numbers of 4 bytes", Words(f"{reader.remaining} bytes after the count")
+        )
     words = reader.rows("<u4", reader.remaining // 4, "visibility")
     places = _list_places(path, words, n)
     listed = np.ones(len(words), dtype=bool)
     listed[places] = False
     views = words[listed].astype(np.int64)
     if len(views) and views.max() >= n_views:
-        raise BadScene.at(path, "image", f"positions below {n_views}, the number of images", int(views.max()))
+        raise InputFault.at(path, "image", f"positions below {n_views}, the number of images", int(views.max()))
     return np.concatenate([[0], np.cumsum(words[places], dtype=np.int64)]), views
 
 
@@ -103,11 +107,11 @@ def _list_places(path: Path, words: np.ndarray[tuple[int], np.dtype[np.uint32]],
     lengths, end, place = memoryview(words.tobytes()).cast("I"), len(words), 0
     for row in range(n):
         if place >= end:
-            raise BadScene.at(path, f"point {row}", "a list of images", told("the end of the file"))
+            raise InputFault.at(path, f"point {row}", "a list of images", Words("the end of the file"))
         places[row] = place
         place += 1 + lengths[place]
     if place != end:
-        raise BadScene.at(path, "size", f"{4 * place} bytes of lists", told(f"{4 * end}"))
+        raise InputFault.at(path, "size", f"{4 * place} bytes of lists", Words(f"{4 * end}"))
     return places
 
 
@@ -116,21 +120,21 @@ def ply_layout(path: Path, data: bytes) -> PlyLayout:
     end = data.find(b"end_header", 0, MAX_HEADER_BYTES)
     line_end = data.find(b"\n", end)
     if not data.startswith(b"ply") or end < 0 or line_end < 0:
-        raise BadScene.at(path, "header", "ply ... end_header", data[:20])
+        raise InputFault.at(path, "header", "ply ... end_header", data[:20])
     lines = [line.split() for line in data[:end].decode("ascii", "replace").splitlines()[1:]]
     form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
     if form not in _BYTE_ORDERS:
-        raise BadScene.at(path, "format", f"one of {', '.join(_BYTE_ORDERS)}", form)
+        raise InputFault.at(path, "format", f"one of {', '.join(_BYTE_ORDERS)}", form)
     elements = _elements(path, [line for line in lines if line[:1] in (["element"], ["property"])])
     names = [name for name, _, _ in elements]
     if "vertex" not in names:
-        raise BadScene.at(path, "elements", "a vertex element", names)
+        raise InputFault.at(path, "elements", "a vertex element", names)
     before, (_, count, properties) = elements[: names.index("vertex")], elements[names.index("vertex")]
     if any(kind is None for _, _, kinds in [*before, elements[len(before)]] for kind, _ in kinds):
-        raise BadScene.at(path, "vertex", "scalar properties", told("a list property"))
+        raise InputFault.at(path, "vertex", "scalar properties", Words("a list property"))
     vertex = _record(path, form, properties)
     if not {"x", "y", "z"} <= set(vertex.names or ()):
-        raise BadScene.at(path, "vertex", "properties x, y and z", [name for _, name in properties])
+        raise InputFault.at(path, "vertex", "properties x, y and z", [name for _, name in properties])
     if form == "ascii":
         skipped, smallest = sum(n for _, n, _ in before), 2 * len(properties)
     else:
@@ -138,7 +142,7 @@ def ply_layout(path: Path, data: bytes) -> PlyLayout:
     body = line_end + 1
     left = len(data) - body - (0 if form == "ascii" else skipped) + (form == "ascii")
     if count * smallest > left:
-        raise BadScene.at(path, "number of vertices", f"at most {max(left, 0) // smallest} (the file's rest)", count)
+        raise InputFault.at(path, "number of vertices", f"at most {max(left, 0) // smallest} (the file's rest)", count)
     return PlyLayout(form, vertex, count, body, skipped)
 
 
@@ -148,14 +152,14 @@ def _elements(path: Path, lines: list[list[str]]) -> list[tuple[str, int, list[t
     for words in lines:
         if words[0] == "element":
             if len(words) != 3 or not words[2].isdecimal() or len(words[2]) > 18:
-                raise BadScene.at(path, "element", "a name and a count", " ".join(words))
+                raise InputFault.at(path, "element", "a name and a count", " ".join(words))
             elements.append((words[1], int(words[2]), []))
         elif not elements or len(words) < 3:
-            raise BadScene.at(path, "property", "a type and a name within an element", " ".join(words))
+            raise InputFault.at(path, "property", "a type and a name within an element", " ".join(words))
         elif words[1] == "list":
             elements[-1][2].append((None, words[-1]))
         elif words[1] not in _TYPES:
-            raise BadScene.at(path, f"property {words[2]!r}", "a PLY type", words[1])
+            raise InputFault.at(path, f"property {words[2]!r}", "a PLY type", words[1])
         else:
             elements[-1][2].append((_TYPES[words[1]], words[2]))
     return elements
@@ -164,7 +168,7 @@ def _elements(path: Path, lines: list[list[str]]) -> list[tuple[str, int, list[t
 def _record(path: Path, form: str, properties: list[tuple[str | None, str]]) -> np.dtype[np.void]:
     names = [name for _, name in properties]
     if len(set(names)) != len(names):
-        raise BadScene.at(path, "properties", "each name once", names)
+        raise InputFault.at(path, "properties", "each name once", names)
     return np.dtype([(name, _BYTE_ORDERS[form] + str(kind)) for kind, name in properties])
 
 
@@ -173,7 +177,7 @@ def _points(path: Path) -> FloatArray:
     reader = ByteReader(path)
     layout = ply_layout(path, reader.data)
     if not layout.count:
-        raise BadScene.at(path, "number of vertices", "at least one", 0)
+        raise InputFault.at(path, "number of vertices", "at least one", 0)
     if layout.format == "ascii":
         return _ascii_points(path, reader.data, layout)
     reader.place = layout.body + layout.skipped
@@ -188,7 +192,7 @@ def _ascii_points(path: Path, data: bytes, layout: PlyLayout) -> FloatArray:
     try:
         points = np.loadtxt(lines, dtype=np.float64, usecols=[names.index(axis) for axis in "xyz"], ndmin=2)
     except ValueError as fault:
-        raise BadScene.at(path, "vertices", f"{len(names)} numbers a line", told(str(fault))) from None
+        raise InputFault.at(path, "vertices", f"{len(names)} numbers a line", Words(str(fault))) from None
     if len(points) != layout.count:
-        raise BadScene.at(path, "vertices", f"{layout.count} lines", told(f"{len(points)}"))
+        raise InputFault.at(path, "vertices", f"{layout.count} lines", Words(f"{len(points)}"))
     return points

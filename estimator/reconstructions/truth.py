@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.reconstructions.checked_files import read_json
-from estimator.scene import BadScene
+from metric_base.faults import InputFault
 
 __all__ = ["SceneTruth", "read_truth"]
 
@@ -27,7 +27,7 @@ def read_truth(folder: Path) -> SceneTruth:
     """The truth beside a scene, empty where there is none or it is of another form: it only decorates."""
     try:
         document = read_json(folder / TRUTH)
-    except BadScene:
+    except InputFault:
         return SceneTruth()
     if not isinstance(document, dict):
         return SceneTruth()

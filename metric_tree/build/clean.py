@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES, EXTENTS, candidates
 from metric_tree.build.duplicates import duplicates
 from metric_tree.build.ingest import refusal
@@ -19,7 +20,7 @@ from metric_tree.build.unit_slips import Reference, reference, slipped
 from metric_tree.fit.class_prior import ClassRows, Moments, class_prior, extent_moments, moments
 from metric_tree.fit.disagreement import SharedModel
 from metric_tree.fit.em import Belief
-from metric_tree.prior import FloatArray, Prior
+from metric_tree.prior import Prior
 from metric_tree.schema import ITEMS
 
 __all__ = ["REFUSALS", "Cleaned", "NodeClass", "class_priors", "cleaned", "extents_of"]

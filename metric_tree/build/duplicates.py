@@ -8,8 +8,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_base.arrays import FloatArray
 from metric_tree.fit.evidence import KIND_WEIGHT
-from metric_tree.prior import FloatArray
 
 __all__ = ["duplicates"]
 

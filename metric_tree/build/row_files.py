@@ -10,10 +10,10 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from metric_base.arrays import FloatArray
 from metric_tree.build.clean import extents_of
 from metric_tree.build.ingest import ROWS, SHARDS
 from metric_tree.build.unit_slips import ENOUGH, Reference, sibling_reference
-from metric_tree.prior import FloatArray
 from taxonomy.categories import Category
 
 __all__ = ["Repeated", "RowFiles", "sibling_references"]

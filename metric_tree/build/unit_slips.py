@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_base.arrays import FloatArray
 from metric_tree.axes import candidates
-from metric_tree.prior import FloatArray
 
 __all__ = ["FACTORS", "Reference", "reference", "sibling_reference", "slipped"]
 

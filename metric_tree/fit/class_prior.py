@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_base.arrays import FloatArray
 from metric_tree.fit.disagreement import Disagreement, SharedModel, disagreement, shared_covariance, source_effects
 from metric_tree.fit.em import Belief, Fitted, Mixture, Rows, completed, fitted_mixture, floored
 from metric_tree.fit.evidence import row_weights, shares
-from metric_tree.prior import FloatArray, Prior
+from metric_tree.prior import Prior
 
 __all__ = ["VAGUE", "ClassRows", "Moments", "class_prior", "extent_moments", "heldout_log_density", "moments"]
 

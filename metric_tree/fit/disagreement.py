@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from metric_base.arrays import FloatArray
 from metric_tree.fit.evidence import KIND_WEIGHT
-from metric_tree.prior import FloatArray
 
 __all__ = ["Disagreement", "SharedModel", "disagreement", "shared_covariance", "shared_model", "source_effects"]
 

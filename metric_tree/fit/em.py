@@ -19,7 +19,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_tree.prior import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["SPREAD_FLOOR", "Belief", "Fitted", "Mixture", "Rows", "completed", "fitted_mixture", "row_log_densities"]
 

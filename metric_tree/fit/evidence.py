@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from metric_tree.prior import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["EVIDENCE", "KIND_WEIGHT", "SOURCE_HALF", "row_weights", "shares"]
 

@@ -10,9 +10,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from metric_base.arrays import FloatArray
 from metric_tree.fit.class_prior import VAGUE, Moments
 from metric_tree.fit.em import Belief, Mixture, floored
-from metric_tree.prior import FloatArray, Prior
+from metric_tree.prior import Prior
 
 __all__ = ["belief_of", "commonness", "inner_priors", "reduced"]
 

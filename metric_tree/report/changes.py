@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from metric_tree.prior import FloatArray, Prior
+from metric_base.arrays import FloatArray
+from metric_tree.prior import Prior
 from metric_tree.tree import Node, Tree
 
 __all__ = [

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_base.arrays import BoolArray
 from metric_tree.training.records import (
     AnnotatedObject,
     AnnotatedPicture,
     BadAnnotations,
-    BoolArray,
     coded_picture,
     run_lengths,
 )

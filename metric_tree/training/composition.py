@@ -17,8 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_base.arrays import BoolArray
 from metric_tree.training.pasted import Cutout
-from metric_tree.training.records import BadAnnotations, BoolArray
+from metric_tree.training.records import BadAnnotations
 
 __all__ = ["Composition", "Pasted", "composed", "made_background"]
 

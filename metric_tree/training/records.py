@@ -8,20 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from metric_base.arrays import BoolArray, IntArray
 from metric_base.faults import InputFault
 
-__all__ = ["AnnotatedObject", "AnnotatedPicture", "BadAnnotations", "BoolArray", "coded_picture", "run_lengths"]
-
-BoolArray = NDArray[np.bool_]
+__all__ = ["AnnotatedObject", "AnnotatedPicture", "BadAnnotations", "coded_picture", "run_lengths"]
 
 
 class BadAnnotations(InputFault):
     """Annotations that cannot be read: file, field, expected, found."""
 
     @classmethod
-    def at(cls, file: Path, field: str, expected: str, found: object) -> BadAnnotations:
+    def at(cls, file: Path | str, field: str, expected: str, found: object) -> BadAnnotations:
         """The fault in one line."""
         return cls(f"{file}: {field}: expected {expected}; found {str(found)[:120]}")
 
@@ -50,7 +48,7 @@ class AnnotatedPicture:
         return iter(self.objects)
 
 
-def coded_picture(path: Path, size: tuple[int, int] | None = None) -> NDArray[np.int64]:
+def coded_picture(path: Path, size: tuple[int, int] | None = None) -> IntArray:
     """(h, w, 3) red, green, blue of a picture whose colours are numbers.
 
     Raises

@@ -20,8 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
+from metric_base.arrays import FloatArray
 from metric_base.folders import taxonomy_directory
-from metric_tree.prior import FloatArray, Prior
+from metric_tree.prior import Prior
 from metric_tree.tree import Node, NoPrior, Tree
 from taxonomy.label_lists import vocabulary
 from taxonomy.levels import table_rows

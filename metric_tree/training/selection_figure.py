@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault
 from metric_base.files import whole_file
-from metric_tree.prior import FloatArray
 from metric_tree.training.selection import TRAINING_LISTS, Candidate, Rules
 
 __all__ = ["SUFFIXES", "write_figure"]

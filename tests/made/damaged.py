@@ -2,7 +2,7 @@
 
     python -m tests.made.damaged            the table: kind, time, memory, message
 
-Each case is a copy of the small scene with one thing wrong. A reader must answer with one line (`BadScene`, exit
+Each case is a copy of the small scene with one thing wrong. A reader must answer with one line (`InputFault`, exit
 2 of the command); an exception of any other kind is printed as a fault of the program.
 """
 
@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.reading import read_instances_and_warnings, read_scene
-from estimator.scene import BadScene
+from metric_base.faults import InputFault
 from tests.made.small_scene import write_small_scene
 
 __all__ = ["CASES", "Case", "Outcome", "outcome", "outcomes"]
@@ -67,7 +67,7 @@ def outcome(case: Case, folder: Path) -> Outcome:
 def _answer(case: Case, folder: Path) -> tuple[str | None, Exception | None]:
     try:
         read_instances_and_warnings(read_scene(folder), None if case.instances is None else folder / case.instances)
-    except BadScene as bad:
+    except InputFault as bad:
         return str(bad), None
     except Exception as other:  # noqa: BLE001 (the point of the table is to show it)
         return None, other

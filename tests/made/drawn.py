@@ -8,11 +8,11 @@ import numpy as np
 
 from estimator.geometry.measurement import Measurements
 from estimator.geometry.up import Up
-from estimator.measured_object import Box, MeasuredObject
-from estimator.pipeline import SceneEstimate
-from estimator.posterior.grid import Curve, Mode
 from estimator.reading import read_instances, read_scene
-from estimator.result import Interval, ObjectReport, ScaleResult, UpReport
+from estimator.records.curve import Curve, Mode
+from estimator.records.measured_object import Box, MeasuredObject
+from estimator.records.result import Interval, ObjectReport, ScaleResult, UpReport
+from estimator.results.scene_estimate import SceneEstimate
 
 __all__ = ["SCALE", "drawn_estimate"]
 

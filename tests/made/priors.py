@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.measured_object import AXES, MeasuredObject
 from estimator.posterior.likelihood import Evidence
-from estimator.scene import FloatArray
+from estimator.records.measured_object import MeasuredObject
+from metric_base.arrays import FloatArray
+from metric_tree.axes import AXES
 from metric_tree.prior import Prior
 
 __all__ = ["evidence", "prior"]

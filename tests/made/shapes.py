@@ -11,7 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.scene import Camera, DenseCloud, FloatArray, Instance, IntArray, Scene, View
+from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = [
     "Made",

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_base.arrays import FloatArray, IntArray
 from tests.made.rooms.furnish import furnished_room
 from tests.made.rooms.kinds import KINDS
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.render import Renderer
-from tests.made.rooms.solids import FloatArray, IntArray
 from tests.made.rooms.world import Pinhole, Pose, World, pose_towards
 
 __all__ = ["Lens", "MadeFrame", "filmed", "orbit", "panning", "room", "still", "times_of", "write_video"]

@@ -12,7 +12,7 @@ from sklearn.metrics import adjusted_rand_score
 
 from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measure_objects
 from estimator.reading import read_instances, read_scene
-from estimator.scene import Instance
+from estimator.records.scene import Instance
 
 pytestmark = pytest.mark.shared
 

@@ -15,9 +15,10 @@ from estimator.baselines.candidates import CANDIDATES, candidate_scales, estimat
 from estimator.baselines.paper import Mixture, authors_lists, fitted, paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
 from estimator.command import main
-from estimator.estimate import Options
-from estimator.measured_object import MeasuredObject
-from estimator.scene import BadScene, Camera, Instance, Scene, View
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.scene import Camera, Instance, Scene, View
+from estimator.results.estimate import Options
+from metric_base.faults import InputFault
 from metric_tree.tree import Tree
 
 
@@ -110,7 +111,7 @@ def test_authors_lists(tmp_path: Path, mini: Tree) -> None:
 
 
 def test_authors_lists_missing(tmp_path: Path, mini: Tree) -> None:
-    with pytest.raises(BadScene, match="--paper-lists"):
+    with pytest.raises(InputFault, match="--paper-lists"):
         authors_lists(tmp_path / "nowhere", mini)
 
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, write_frame_poses
-from estimator.scene import BadScene, Camera
+from estimator.records.scene import Camera
+from metric_base.faults import InputFault
 
 CAMERA = Camera("SIMPLE_RADIAL", 640, 480, np.array([500.0, 320.0, 240.0, 0.01]))
 
@@ -70,7 +71,7 @@ def test_what_is_wrong_is_named(tmp_path: Path, change: dict[str, object], word:
     file = tmp_path / FILE_NAME
     write_frame_poses(_poses(2, 3), file)
     file.write_text(json.dumps(json.loads(file.read_text()) | change))
-    with pytest.raises(BadScene, match=word) as fault:
+    with pytest.raises(InputFault, match=word) as fault:
         read_frame_poses(file)
     assert str(file) in str(fault.value)
 
@@ -81,5 +82,5 @@ def test_a_pose_agrees_with_its_origin(tmp_path: Path) -> None:
     document = json.loads(file.read_text())
     document["frames"][1]["origin"] = "none"
     file.write_text(json.dumps(document))
-    with pytest.raises(BadScene, match="origin 'none'"):
+    with pytest.raises(InputFault, match="origin 'none'"):
         read_frame_poses(file)

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.capture.video import Video
-from estimator.scene import BadScene
+from metric_base.faults import InputFault
 from tests.made.videos import times_of, write_video
 
 HEIGHT, WIDTH = 96, 160
@@ -88,9 +88,9 @@ def test_a_truncated_video_gives_its_readable_frames(tmp_path: Path) -> None:
 def test_what_is_no_video_is_named(tmp_path: Path, content: bytes) -> None:
     file = tmp_path / "video.mp4"
     file.write_bytes(content)
-    with pytest.raises(BadScene, match=r"video\.mp4: video: expected a video that FFmpeg reads"):
+    with pytest.raises(InputFault, match=r"video\.mp4: video: expected a video that FFmpeg reads"):
         Video(file)
-    with pytest.raises(BadScene, match="no such file"):
+    with pytest.raises(InputFault, match="no such file"):
         Video(tmp_path / "none.mp4")
 
 
@@ -104,5 +104,5 @@ def test_sound_alone_is_no_video(tmp_path: Path) -> None:
         frame.rate = 44100
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    with pytest.raises(BadScene, match="a video stream"):
+    with pytest.raises(InputFault, match="a video stream"):
         Video(file)

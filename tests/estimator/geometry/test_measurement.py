@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
-from estimator.scene import DenseCloud, Scene, View
+from estimator.records.scene import DenseCloud, Scene, View
 from tests.made.shapes import Made, Solid, Thing, box, cylinder, floor, made_scene, orbit
 
 SIZES = {"cabinet": (0.8, 0.4, 0.9), "chair": (0.45, 0.4, 0.8), "bottle": (0.1, 0.1, 0.32)}

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 
 from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.geometry.point_labels import dense_labels
-from estimator.scene import Scene
+from estimator.records.scene import Scene
 from tests.made.shapes import box, floor, made_scene, orbit
 
 

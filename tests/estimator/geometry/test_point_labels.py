@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.geometry.point_labels import dense_labels, point_votes, sparse_labels, view_labels, visible_rows
-from estimator.scene import DenseCloud, Instance
+from estimator.records.scene import DenseCloud, Instance
 from tests.made.shapes import box, floor, made_scene, orbit
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from estimator.geometry.point_labels import PointLabels, _indicator, dense_labels, sparse_labels
 from estimator.geometry.tracks import incremental_tracks, shared_tracks, voted_category
-from estimator.scene import Instance
+from estimator.records.scene import Instance
 from tests.made.shapes import box, cylinder, floor, made_scene, orbit
 
 PIXEL = np.ones((1, 1), dtype=bool)

@@ -5,7 +5,7 @@ import pytest
 
 from estimator.geometry.point_labels import dense_labels
 from estimator.geometry.truncation import Surroundings, outline, side_evidence
-from estimator.scene import Instance
+from estimator.records.scene import Instance
 from tests.made.shapes import box, cylinder, floor, made_scene, orbit, view_at
 
 UP = np.array([0, 0, 1.0])

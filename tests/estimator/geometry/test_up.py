@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.geometry.planes import refine_up, support_planes
 from estimator.geometry.up import camera_up, combine_up
-from estimator.scene import View
+from estimator.records.scene import View
 from tests.made.shapes import box, floor, made_scene, view_at
 
 UP = np.array([0, 0, 1.0])

@@ -20,7 +20,7 @@ from estimator.command import main
 from estimator.instances.detector import Detector, detect_instances, label_names, load_detector
 from estimator.instances.registry import RegisteredDetector, download, registry
 from estimator.reading import read_instances, read_scene
-from estimator.scene import BadScene
+from metric_base.faults import InputFault
 from metric_tree.tree import Tree
 from tests.made.detectors import COLOURS, box_mask_graph, paint_graph, save
 from tests.made.small_scene import write_small_scene
@@ -176,23 +176,23 @@ def test_faults_of_graphs_and_pictures_name_the_file(folder: Path, tmp_path: Pat
     scene = read_scene(folder / "colmap")
     junk = tmp_path / "junk.onnx"
     junk.write_bytes(b"no graph")
-    with pytest.raises(BadScene, match=r"junk\.onnx.*ONNX graph"):
+    with pytest.raises(InputFault, match=r"junk\.onnx.*ONNX graph"):
         Detector(junk, LABELS)
     picture = helper.make_tensor_value_info("picture", TensorProto.FLOAT, [3, "h", "w"])
     same = helper.make_tensor_value_info("same", TensorProto.FLOAT, [3, "h", "w"])
     copy = save(tmp_path / "copy.onnx", [helper.make_node("Identity", ["picture"], ["same"])], {}, picture, [same])
-    with pytest.raises(BadScene, match=r"copy\.onnx.*boxes"):
+    with pytest.raises(InputFault, match=r"copy\.onnx.*boxes"):
         Detector(copy, LABELS)
     detector = Detector(paint_graph(tmp_path / "paint.onnx"), LABELS)
-    with pytest.raises(BadScene, match="no such folder"):
+    with pytest.raises(InputFault, match="no such folder"):
         detect_instances(scene, tmp_path / "nowhere", detector)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(BadScene, match="none of them"):
+    with pytest.raises(InputFault, match="none of them"):
         detect_instances(scene, tmp_path / "empty", detector)
     (tmp_path / "empty" / Path(scene.views[0].name).name).write_bytes(b"no picture")
-    with pytest.raises(BadScene, match="OpenCV"):
+    with pytest.raises(InputFault, match="OpenCV"):
         detect_instances(scene, tmp_path / "empty", detector)
-    with pytest.raises(BadScene, match="label"):
+    with pytest.raises(InputFault, match="label"):
         detect_instances(scene, folder / "images", Detector(tmp_path / "paint.onnx", ("", "chair")))
 
 
@@ -220,7 +220,7 @@ def test_an_entry_that_nobody_can_check_is_refused(tmp_path: Path, line: str) ->
     file = tmp_path / "detectors.toml"
     urls = "" if "urls" in line else 'urls = ["https://example.org/a.onnx"]\n'
     file.write_text(f'[made]\ntitle = ""\nlicence = "MIT"\ninput = "caffe"\nlabels = "coco_80"\n{urls}{line}\n')
-    with pytest.raises(BadScene, match=r"detectors\.toml: made: expected an address and a sha256"):
+    with pytest.raises(InputFault, match=r"detectors\.toml: made: expected an address and a sha256"):
         registry(file)
 
 
@@ -240,12 +240,12 @@ def test_a_download_is_checked_and_kept(server: str, tmp_path: Path, monkeypatch
     monkeypatch.setenv("METRIC_TREE_CACHE", str(tmp_path / "cache"))
     right = hashlib.sha256((tmp_path / "served" / "model.onnx").read_bytes()).hexdigest()
     entry = RegisteredDetector("made", "", (server,), right, "CC0-1.0", "torchvision", "coco_80")
-    with pytest.raises(BadScene, match="sha256"):
+    with pytest.raises(InputFault, match="sha256"):
         download(replace(entry, sha256="0" * 64))
     kept = download(entry)
     assert kept.is_relative_to(tmp_path / "cache")
     assert load_detector(kept).labels[62] == "chair"
     gone = "http://127.0.0.1:9/x"
-    with pytest.raises(BadScene, match="download"):
+    with pytest.raises(InputFault, match="download"):
         download(replace(entry, name="gone", urls=(gone,)))
     assert download(replace(entry, name="moved", urls=(gone, server))).is_file()  # the second address has it

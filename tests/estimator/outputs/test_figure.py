@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 
 from estimator.outputs.figure import figure, write_figure
 from estimator.outputs.plan import COLOURS
-from estimator.pipeline import SceneEstimate
-from estimator.posterior.grid import Curve
-from estimator.scene import BadScene
+from estimator.records.curve import Curve
+from estimator.results.scene_estimate import SceneEstimate
+from metric_base.faults import InputFault
 from tests.made.drawn import SCALE, drawn_estimate
 from tests.made.small_scene import write_small_scene
 
@@ -112,9 +112,9 @@ def test_written_in_the_format_of_its_name(suffix: str, estimate: SceneEstimate,
 
 
 def test_nothing_is_left_of_a_figure_that_fails(estimate: SceneEstimate, tmp_path: Path) -> None:
-    with pytest.raises(BadScene, match=r"ends in \.png"):
+    with pytest.raises(InputFault, match=r"ends in \.png"):
         write_figure(estimate, tmp_path / "scale.jpq")
-    with pytest.raises(BadScene, match="a place that can be written"):
+    with pytest.raises(InputFault, match="a place that can be written"):
         write_figure(estimate, tmp_path / "nowhere" / "scale.png")
     assert not list(tmp_path.iterdir())
 

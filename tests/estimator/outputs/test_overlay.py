@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from estimator.geometry.box_edges import EDGES, corners, edge_axis, projected_edges
-from estimator.measured_object import Box
 from estimator.outputs.overlay import UNTRUSTED, overlay, write_overlays
 from estimator.outputs.size_labels import dimension_labels, size_interval
-from estimator.pipeline import SceneEstimate
-from estimator.scene import BadScene
+from estimator.records.measured_object import Box
+from estimator.results.scene_estimate import SceneEstimate
+from metric_base.faults import InputFault
 from tests.made.drawn import SCALE, drawn_estimate
 from tests.made.small_scene import write_small_scene
 
@@ -112,7 +112,7 @@ def test_every_frame_with_a_picture_is_written(estimate: SceneEstimate, tmp_path
     assert write_overlays(estimate, target) == 7
     assert sorted(file.name for file in target.iterdir()) == sorted(view.name for view in estimate.scene.views[1:])
     assert [path.name for path in target.parent.iterdir()] == ["overlay"]
-    with pytest.raises(BadScene, match="a folder that is not there yet"):
+    with pytest.raises(InputFault, match="a folder that is not there yet"):
         write_overlays(estimate, target)
 
 
@@ -120,6 +120,6 @@ def test_a_scene_without_pictures_is_one_line(folder: Path, tmp_path: Path) -> N
     for file in folder.glob("*"):
         if file.is_file():
             (tmp_path / file.name).write_bytes(file.read_bytes())
-    with pytest.raises(BadScene, match="no folder `images`"):
+    with pytest.raises(InputFault, match="no folder `images`"):
         write_overlays(drawn_estimate(tmp_path), tmp_path / "overlay")
     assert not (tmp_path / "overlay").exists()

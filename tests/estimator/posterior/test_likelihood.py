@@ -16,7 +16,7 @@ from estimator.posterior import assignments, likelihood
 from estimator.posterior.assignments import LOG_BOX, SHIFTS, VERTICAL, Layout, variants
 from estimator.posterior.likelihood import OUTLIER, rows, usable
 from estimator.posterior.posterior import object_curves
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 from tests.made.priors import evidence, prior
 

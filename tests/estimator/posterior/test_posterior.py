@@ -12,10 +12,10 @@ from scipy.stats import norm
 
 from estimator.posterior import grid
 from estimator.posterior.class_error import convolved, shared_error
-from estimator.posterior.grid import Curve, Mode
 from estimator.posterior.likelihood import Evidence, rows
 from estimator.posterior.posterior import posterior, status_of
-from estimator.scene import FloatArray
+from estimator.records.curve import Curve, Mode
+from metric_base.arrays import FloatArray
 from tests.estimator.posterior.test_symmetric import unpacked
 from tests.made.priors import evidence, prior
 

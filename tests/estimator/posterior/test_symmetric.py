@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.posterior.symmetric import dot, inverse, packed, product, row_sums, total
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 
 def unpacked(six: FloatArray) -> FloatArray:

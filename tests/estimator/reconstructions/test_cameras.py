@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.reconstructions.cameras import CAMERA_MODELS, make_camera, pixels_in_view, project
-from estimator.scene import BadScene, Camera, View
+from estimator.records.scene import Camera, View
+from metric_base.faults import InputFault
 
 MILD = {
     "k": 0.01,
@@ -97,5 +98,5 @@ def test_no_points_give_no_pixels() -> None:
     ],
 )
 def test_impossible_cameras_are_refused(model: str, size: tuple[int, int], params: list[float], named: str) -> None:
-    with pytest.raises(BadScene, match=named):
+    with pytest.raises(InputFault, match=named):
         make_camera(Path("cameras.bin"), "camera 1", model, size, params)

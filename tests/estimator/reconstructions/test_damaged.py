@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from estimator.command import main
 from estimator.reading import read_instances_and_warnings, read_scene
-from estimator.scene import BadScene, Instance, Scene
+from estimator.records.scene import Instance, Scene
+from metric_base.faults import InputFault
 from tests.made import minitree
 from tests.made.damaged import CASES, Case, outcome
 from tests.made.small_scene import write_small_scene
@@ -99,7 +100,7 @@ def message_of(folder: Path) -> str:
     try:
         scene = read_scene(folder)
         check_whole(scene, read_instances_and_warnings(scene)[0])
-    except BadScene as bad:
+    except InputFault as bad:
         return str(bad)
     return ""
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.reconstructions.known_lengths import DEFAULT_SIGMA, parse_known_lengths
-from estimator.scene import BadScene
+from metric_base.faults import InputFault
 
 
 def test_two_points_and_metres() -> None:
@@ -42,7 +42,7 @@ def test_a_file_of_lengths(tmp_path: Path) -> None:
     ],
 )
 def test_faults_are_one_line(words: list[str], named: str) -> None:
-    with pytest.raises(BadScene, match=named) as fault:
+    with pytest.raises(InputFault, match=named) as fault:
         parse_known_lengths(words)
     assert "\n" not in str(fault.value)
 
@@ -53,5 +53,5 @@ def test_faults_are_one_line(words: list[str], named: str) -> None:
 def test_faults_of_a_file_name_it(text: str, tmp_path: Path) -> None:
     file = tmp_path / "lengths.txt"
     file.write_bytes(text.encode("latin-1"))
-    with pytest.raises(BadScene, match=r"lengths\.txt"):
+    with pytest.raises(InputFault, match=r"lengths\.txt"):
         parse_known_lengths([str(file)])

@@ -12,11 +12,11 @@ import numpy as np
 
 from estimator.baselines.paper import paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
-from estimator.estimate import Options, estimated
 from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measure_objects
 from estimator.geometry.tracks import Track
-from estimator.result import ScaleResult
-from estimator.scene import Instance, Scene
+from estimator.records.result import ScaleResult
+from estimator.records.scene import Instance, Scene
+from estimator.results.estimate import Options, estimated
 from metric_tree.tree import Tree
 from tests.made.rooms.scores import Score, height_error
 from tests.made.rooms.truth import Truth

@@ -6,13 +6,14 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from metric_base.arrays import FloatArray
 from tests.made.rooms.cameras import walk
 from tests.made.rooms.kinds import KINDS, RoomKind
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.layout import Footprint, apart, distance_to, inside
 from tests.made.rooms.shapes import CATEGORIES, FACES_X, solid
 from tests.made.rooms.sizes import Sizes, typical_sizes
-from tests.made.rooms.solids import FloatArray, Mesh, box, join, rotate
+from tests.made.rooms.solids import Mesh, box, join, rotate
 from tests.made.rooms.world import Placed, World
 
 __all__ = ["furnished_room", "tilted_solid", "turn_about_z"]

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 
-from estimator.posterior.categories import meanings
+from estimator.results.categories import meanings
+from metric_base.arrays import FloatArray
 from metric_tree.build.ingest import blocks, ingested, is_held_out, raw_files
 from metric_tree.tree import Node, Tree
 from taxonomy.categories import Taxonomy
 from tests.made.rooms.shapes import CATEGORIES
 from tests.made.rooms.sizes import plausible_sizes
-from tests.made.rooms.solids import FloatArray
 
 __all__ = ["LEAST_ITEMS", "held_out_pool", "pool_at"]
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from estimator.scene import Instance
-from tests.made.rooms.solids import IntArray
+from estimator.records.scene import Instance
+from metric_base.arrays import IntArray
 from tests.made.rooms.world import World
 
 __all__ = ["MIN_PIXELS", "coco_dataset", "instances_of"]

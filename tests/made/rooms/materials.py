@@ -6,7 +6,7 @@ import zlib
 
 import numpy as np
 
-from tests.made.rooms.solids import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["look_of"]
 

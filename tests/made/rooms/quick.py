@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.scene import BoolArray, Camera, DenseCloud, Instance, Scene, View
+from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.masks import instances_of
 from tests.made.rooms.render import Frame, Renderer
 from tests.made.rooms.similarity import Similarity, random_similarity
-from tests.made.rooms.solids import FloatArray, IntArray
 from tests.made.rooms.truth import Truth, truth_of
 from tests.made.rooms.world import Pinhole, Pose, World
 

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_base.arrays import FloatArray, IntArray
 from tests.made.rooms.materials import look_of
-from tests.made.rooms.solids import FloatArray, IntArray, Mesh
+from tests.made.rooms.solids import Mesh
 from tests.made.rooms.world import Pinhole, Pose, World
 
 __all__ = ["Frame", "NoOpenGL", "Renderer"]

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.scene import DenseCloud, Scene
+from estimator.records.scene import DenseCloud, Scene
+from metric_base.arrays import FloatArray
 from tests.made.rooms.masks import coco_dataset
 from tests.made.rooms.quick import MadeScene
-from tests.made.rooms.solids import FloatArray
 from tests.made.rooms.world import World
 
 __all__ = ["write_scene"]

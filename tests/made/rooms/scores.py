@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.geometry.tracks import Track
-from estimator.scene import Instance
-from tests.made.rooms.solids import FloatArray
+from estimator.records.scene import Instance
+from metric_base.arrays import FloatArray
 from tests.made.rooms.truth import Truth
 
 __all__ = [

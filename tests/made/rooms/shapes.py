@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tests.made.rooms.solids import FloatArray, Mesh, ball, box, join, revolution, stretch_to
+from metric_base.arrays import FloatArray
+from tests.made.rooms.solids import Mesh, ball, box, join, revolution, stretch_to
 
 __all__ = ["CATEGORIES", "FACES_X", "solid"]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tests.made.rooms.solids import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["Similarity", "random_similarity", "similarity_between"]
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from tests.made.rooms.solids import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["TYPICAL_MM", "Sizes", "drawn_sizes", "plausible_sizes", "typical_sizes"]
 

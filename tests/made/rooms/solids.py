@@ -6,12 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["FloatArray", "IntArray", "Mesh", "ball", "box", "join", "revolution", "rotate", "stretch_to"]
+from metric_base.arrays import FloatArray, IntArray
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
+__all__ = ["Mesh", "ball", "box", "join", "revolution", "rotate", "stretch_to"]
 
 #: Sides of a body of revolution; a multiple of four, so that its polygon reaches the stated diameter in x and in y.
 SIDES = 32

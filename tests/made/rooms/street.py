@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from metric_base.arrays import FloatArray
 from tests.made.rooms.cameras import drive
 from tests.made.rooms.furnish import tilted_solid, turn_about_z
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.layout import Footprint, apart
 from tests.made.rooms.sizes import Sizes, typical_sizes
-from tests.made.rooms.solids import FloatArray, Mesh, box, join, rotate
+from tests.made.rooms.solids import Mesh, box, join, rotate
 from tests.made.rooms.world import Placed, World
 
 __all__ = ["street"]

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from metric_base.arrays import FloatArray
 from tests.made.rooms.similarity import Similarity
-from tests.made.rooms.solids import FloatArray
 from tests.made.rooms.world import Placed, World
 
 __all__ = ["Truth", "truth_at", "truth_of"]

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tests.made.rooms.solids import FloatArray, Mesh
+from metric_base.arrays import FloatArray
+from tests.made.rooms.solids import Mesh
 
 __all__ = ["Pinhole", "Placed", "Pose", "World", "pose_towards"]
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.scene import BoolArray, FloatArray, IntArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["AXES", "Box", "MeasuredObject"]
-
-AXES = ("length", "width", "height")
+__all__ = ["Box", "MeasuredObject"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

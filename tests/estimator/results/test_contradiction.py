@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from estimator.estimate import Options, estimated
-from estimator.measured_object import MeasuredObject
-from estimator.posterior.contradiction import contradiction_of
 from estimator.posterior.posterior import posterior
-from estimator.result import ScaleResult
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.result import ScaleResult
+from estimator.results.contradiction import contradiction_of
+from estimator.results.estimate import Options, estimated
 from metric_tree.tree import Tree
 from tests.made.priors import evidence, prior
 

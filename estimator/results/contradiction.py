@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from estimator.posterior.likelihood import Evidence
 from estimator.posterior.posterior import Posterior, posterior
-from estimator.posterior.verdicts import verdict
+from estimator.results.verdicts import verdict
 
 __all__ = ["KEPT", "Contradiction", "contradiction_of"]
 

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.estimate import Options, estimated
-from estimator.measured_object import MeasuredObject
 from estimator.outputs.table import result_text
-from estimator.posterior.verdicts import outlier_reason
-from estimator.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
+from estimator.results.estimate import Options, estimated
+from estimator.results.verdicts import outlier_reason
 from metric_tree.tree import Tree
 from tests.made.priors import evidence, prior
 

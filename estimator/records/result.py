@@ -11,8 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from estimator.posterior.grid import Curve, Mode
-from estimator.scene import FloatArray
+from estimator.records.curve import Curve, Mode
+from metric_base.arrays import FloatArray
 from metric_base.files import whole_file
 
 __all__ = ["SCHEMA", "Alternative", "Interval", "ObjectReport", "ScaleResult", "UpReport", "Verdict"]

@@ -12,53 +12,15 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from metric_base.faults import InputFault
+from metric_base.arrays import BoolArray, FloatArray, IntArray
+from metric_base.faults import InputFault, Words
 
-__all__ = [
-    "BadScene",
-    "BoolArray",
-    "Camera",
-    "DenseCloud",
-    "FloatArray",
-    "Instance",
-    "IntArray",
-    "Scene",
-    "View",
-    "told",
-]
+__all__ = ["MAX_COORDINATE", "Camera", "DenseCloud", "Instance", "Scene", "View"]
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
-
-#: How much of a strange value a fault shows: a line of a terminal, not a page.
-MAX_SHOWN = 120
 #: Beyond this a coordinate has no digits left for an object beside the origin (and its square none to spare);
 #: geocentric metres are 6e6, so no real model comes near.
 MAX_COORDINATE = 1e12
-
-
-class BadScene(InputFault):
-    """An input that cannot be read: one line with file, field, what was expected and what was found."""
-
-    @classmethod
-    def at(cls, file: Path | str, field: str, expected: str, found: object) -> BadScene:
-        """The fault in one line; `found` is shown as Python would write it, cut to a readable length."""
-        shown = found if isinstance(found, _Told) else repr(found)
-        return cls(f"{file}: {field}: expected {expected}, found {shown[:MAX_SHOWN]}")
-
-
-class _Told(str):
-    """Words about what was found, as against a value that was found."""
-
-    __slots__ = ()
-
-
-def told(words: str) -> str:
-    """`words` as they are to stand in a fault, without quotes; control characters are escaped."""
-    return _Told(words.encode("unicode_escape").decode("ascii"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,9 +34,9 @@ class Camera:
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
-            raise BadScene.at("camera", "size", "a positive width and height", (self.width, self.height))
+            raise InputFault.at("camera", "size", "a positive width and height", (self.width, self.height))
         if self.params.ndim != 1 or not np.isfinite(self.params).all():
-            raise BadScene.at("camera", "params", "a row of finite numbers", self.params.tolist())
+            raise InputFault.at("camera", "params", "a row of finite numbers", self.params.tolist())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,10 +57,10 @@ class View:
     def __post_init__(self) -> None:
         if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
             shapes = (self.rotation.shape, self.translation.shape)
-            raise BadScene.at(f"view {self.name!r}", "pose", "shapes (3, 3) and (3,)", shapes)
+            raise InputFault.at(f"view {self.name!r}", "pose", "shapes (3, 3) and (3,)", shapes)
         if self.keypoints.shape != (len(self.point_index), 2):
             found = (self.keypoints.shape, self.point_index.shape)
-            raise BadScene.at(f"view {self.name!r}", "keypoints", "shapes (m, 2) and (m,)", found)
+            raise InputFault.at(f"view {self.name!r}", "keypoints", "shapes (m, 2) and (m,)", found)
 
     @property
     def centre(self) -> FloatArray:
@@ -124,10 +86,10 @@ class DenseCloud:
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
-            raise BadScene.at("dense cloud", "points", "shape (n, 3)", self.points.shape)
+            raise InputFault.at("dense cloud", "points", "shape (n, 3)", self.points.shape)
         if self.visible_offsets is not None and len(self.visible_offsets) != len(self.points) + 1:
             found = len(self.visible_offsets)
-            raise BadScene.at("dense cloud", "visible_offsets", f"{len(self.points) + 1} rows", found)
+            raise InputFault.at("dense cloud", "visible_offsets", f"{len(self.points) + 1} rows", found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -167,9 +129,9 @@ class Scene:
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
-            raise BadScene.at(self.path, "points", "shape (n, 3)", self.points.shape)
+            raise InputFault.at(self.path, "points", "shape (n, 3)", self.points.shape)
         for view in self.views:
             rows = view.point_index
             if len(rows) and (rows.min() < 0 or rows.max() >= len(self.points)):
-                found = told(f"rows {rows.min()} to {rows.max()}")
-                raise BadScene.at(self.path, f"view {view.name!r}", f"rows of {len(self.points)} points", found)
+                found = Words(f"rows {rows.min()} to {rows.max()}")
+                raise InputFault.at(self.path, f"view {view.name!r}", f"rows of {len(self.points)} points", found)

@@ -9,9 +9,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.measured_object import MeasuredObject
-from estimator.posterior.categories import Meaning, meanings
-from estimator.posterior.contradiction import contradiction_of
 from estimator.posterior.likelihood import Evidence, usable
 from estimator.posterior.posterior import (
     FAR_MASS,
@@ -23,9 +20,12 @@ from estimator.posterior.posterior import (
     posterior,
     status_of,
 )
-from estimator.posterior.verdicts import dimension_names, outlier_reason, verdict
-from estimator.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
-from estimator.scene import BoolArray, FloatArray
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
+from estimator.results.categories import Meaning, meanings
+from estimator.results.contradiction import contradiction_of
+from estimator.results.verdicts import dimension_names, outlier_reason, verdict
+from metric_base.arrays import BoolArray, FloatArray
 from metric_tree.tree import Tree
 
 __all__ = ["HEIGHT", "Answer", "Options", "estimated", "evidence_of", "result_of"]

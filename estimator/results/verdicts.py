@@ -6,11 +6,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from estimator.measured_object import AXES, MeasuredObject
-from estimator.posterior.axes import SORTED_AXES, is_sorted
+from estimator.posterior.axes import is_sorted
 from estimator.posterior.likelihood import Evidence
-from estimator.result import Verdict
-from estimator.scene import FloatArray
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.result import Verdict
+from metric_base.arrays import FloatArray
+from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 
 __all__ = ["USUAL", "dimension_names", "outlier_reason", "verdict"]
@@ -31,7 +32,7 @@ def verdict(weight: float | None) -> Verdict:
 
 def dimension_names(item: MeasuredObject) -> tuple[str, str, str]:
     """What the object's three extents are called: a free box has sorted extents."""
-    return (AXES[0], AXES[1], AXES[2]) if item.vertical_known else SORTED_AXES
+    return (AXES[0], AXES[1], AXES[2]) if item.vertical_known else EXTENTS
 
 
 def outlier_reason(item: Evidence, scale: float, own_scale: float) -> str:
@@ -53,7 +54,7 @@ def _judged(item: Evidence, scale: float) -> tuple[tuple[str, ...], list[float]]
     extents = np.asarray(item.object.extents) * scale * 1000
     if is_sorted(item.prior):
         extents = np.sort(extents)[::-1]
-        return item.prior.dims, [float(extents[SORTED_AXES.index(name)]) for name in item.prior.dims]
+        return item.prior.dims, [float(extents[EXTENTS.index(name)]) for name in item.prior.dims]
     return item.prior.dims, [float(extents[AXES.index(name)]) for name in item.prior.dims]
 
 

@@ -1,0 +1,1 @@
+"""The records that all rooms of the estimator share: scene, instances, measured objects, results."""

@@ -78,7 +78,7 @@ class RawItem:
         return json.dumps(record, ensure_ascii=False)
 
     @classmethod
-    def parsed(cls, line: str) -> RawItem:
+    def from_line(cls, line: str) -> RawItem:
         """The item of one JSON line; fields it does not know are ignored.
 
         Raises
@@ -103,14 +103,14 @@ class RawItem:
 def raw_items(path: Path) -> Iterator[RawItem]:
     """The items of a JSON Lines file, in its order; the message of a `BadRawItem` names file and line."""
     with path.open(encoding="utf-8") as lines:
-        yield from _numbered(path, lines)
+        yield from _items_of_lines(path, lines)
 
 
-def _numbered(path: Path, lines: Iterable[str]) -> Iterator[RawItem]:
+def _items_of_lines(path: Path, lines: Iterable[str]) -> Iterator[RawItem]:
     for number, line in enumerate(lines, start=1):
         if line.strip():
             try:
-                yield RawItem.parsed(line)
+                yield RawItem.from_line(line)
             except BadRawItem as error:
                 raise BadRawItem(f"{path}:{number}: {error}") from None
 

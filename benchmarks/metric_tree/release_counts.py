@@ -185,7 +185,7 @@ def _source_counts(tree: Tree) -> list[tuple[str, int]]:
 
 def _items(raw: Sequence[Path]) -> Iterator[RawItem]:
     for block in blocks(raw_files(raw)):
-        yield from (RawItem.parsed(line) for line in block.lines if line.strip())
+        yield from (RawItem.from_line(line) for line in block.lines if line.strip())
 
 
 def _item_paths(raw: Sequence[Path]) -> Iterator[tuple[str, Path_]]:

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier, came_to_nothing
+from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier, has_no_result
 from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
 from crawler.fetch.segments import write_segments
 from crawler.page.page import web_address
 from metric_base.faults import InputFault
 
-__all__ = ["Crawl", "Summary", "crawled"]
+__all__ = ["Crawl", "Summary", "run_crawl"]
 
 #: Seconds between two writes of segments: what a reader of a running crawl waits for at most.
 SEGMENT_SECONDS = 60.0
@@ -84,7 +84,7 @@ class Summary:
         return {"schema": "metric-tree/crawl/1", **values, "pages_per_second": round(rate, 2)}
 
 
-def crawled(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None = None) -> Summary:
+def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None = None) -> Summary:
     """Run a crawl to its end.
 
     Raises
@@ -131,11 +131,11 @@ def crawled(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None =
 def _frontier(crawl: Crawl, spider: Any) -> Any:
     """The crawl's frontier, which knows where to begin; what was refused and may be allowed now waits again."""
     path = crawl.folder / "frontier.sqlite"
-    if path.exists() and not crawl.resume and not came_to_nothing(stored_counts(path)):
+    if path.exists() and not crawl.resume and not has_no_result(stored_counts(path)):
         raise InputFault(f"{crawl.folder}: expected a free folder, or --resume; found a crawl")
     if not path.exists() and not crawl.redis:
-        _begun(crawl, spider, {})  # a fault is found before a file is made
-    frontier = _opened(crawl, path)
+        _origin_of(crawl, spider, {})  # a fault is found before a file is made
+    frontier = _open_frontier(crawl, path)
     try:
         _begin(frontier, crawl, spider)
     except InputFault:
@@ -146,29 +146,29 @@ def _frontier(crawl: Crawl, spider: Any) -> Any:
 
 def _begin(frontier: Any, crawl: Crawl, spider: Any) -> None:
     before, counts = frontier.origin(), frontier.counts()
-    if counts["failed"] and came_to_nothing(counts):
+    if counts["failed"] and has_no_result(counts):
         before = before if crawl.resume else {}
         frontier.start_over()
-    frontier.remember(_begun(crawl, spider, before))
+    frontier.remember(_origin_of(crawl, spider, before))
     if crawl.resume:
         frontier.reopen(OFF_SITE)
     if crawl.resume and crawl.private:
         frontier.reopen(PRIVATE)
 
 
-def _begun(crawl: Crawl, spider: Any, before: Mapping[str, Any]) -> dict[str, Any]:
+def _origin_of(crawl: Crawl, spider: Any, before: Mapping[str, Any]) -> dict[str, Any]:
     """What the crawl begins with: what is given and, of a crawl that is gone on with, what was given before."""
     begun = {
         "start": list(dict.fromkeys([*crawl.start, *before.get("start", ())])),
         "query": crawl.query or before.get("query", ""),
         "category": crawl.category or before.get("category", ""),
     }
-    if not spider.beginnings(**begun):
-        raise InputFault(f"{crawl.spider}: expected {spider.wanted()}, to begin with; found none")
+    if not spider.origins(**begun):
+        raise InputFault(f"{crawl.spider}: expected {spider.required_options()}, to begin with; found none")
     return begun
 
 
-def _opened(crawl: Crawl, path: Path) -> Any:
+def _open_frontier(crawl: Crawl, path: Path) -> Any:
     if crawl.redis:
         from crawler.fetch.frontier_redis import LEASE_SECONDS, RedisFrontier
 
@@ -224,11 +224,11 @@ def _sites(stats: Mapping[str, Any], seconds: float) -> dict[str, dict[str, floa
     """What was counted by host: pages, items, drops and failures by reason, bytes as unpacked, and the rate."""
     from crawler.fetch.scheduler import SITES
 
-    found: dict[str, dict[str, float]] = {}
+    sites: dict[str, dict[str, float]] = {}
     for name, value in stats.items():
         if name.startswith(SITES):
             host, _, what = name.removeprefix(SITES).partition("/")
-            found.setdefault(host, {})[what] = value
-    for counts in found.values():
+            sites.setdefault(host, {})[what] = value
+    for counts in sites.values():
         counts["pages_per_second"] = round(counts.get("pages", 0) / seconds, 2) if seconds else 0.0
-    return found
+    return sites

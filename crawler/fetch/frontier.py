@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 from crawler.page.page import canonical_url
 
-__all__ = ["OFF_SITE", "PRIVATE", "REFUSALS", "Frontier", "Outcome", "Task", "came_to_nothing", "task_key"]
+__all__ = ["OFF_SITE", "PRIVATE", "REFUSALS", "Frontier", "Outcome", "Task", "has_no_result", "task_key"]
 
 #: Refusals that come of a crawl's options and not of the page: a resume with other options offers these tasks again.
 OFF_SITE, PRIVATE = "off the site", "private address"
@@ -37,7 +37,7 @@ class Task:
         return json.dumps([self.url, self.callback, dict(self.meta), self.priority, self.key], ensure_ascii=False)
 
     @classmethod
-    def of_text(cls, text: str) -> Task:
+    def from_text(cls, text: str) -> Task:
         """The task of its JSON."""
         url, callback, meta, priority, key = json.loads(text)
         return cls(url, callback, meta, priority, key)
@@ -109,6 +109,6 @@ class Frontier(Protocol):
         """Release files and connections."""
 
 
-def came_to_nothing(counts: Mapping[str, int]) -> bool:
+def has_no_result(counts: Mapping[str, int]) -> bool:
     """Whether a crawl ended and no page came home; its folder may be used as if it were free."""
     return not any(counts[state] for state in ("waiting", "leased", "done", "items"))

@@ -107,7 +107,7 @@ class RedisFrontier:
         now = time.time()
         keys = [self._keys[part] for part in ("tasks", "queue", "leases")]
         text = self._lease(keys=keys, args=[now, now + self._lease_seconds])
-        return Task.of_text(text) if text else None
+        return Task.from_text(text) if text else None
 
     def put_back(self, task: Task) -> None:
         """Return a leased task, perhaps changed."""
@@ -158,8 +158,8 @@ class RedisFrontier:
 
     def failures(self) -> dict[str, int]:
         """Failed tasks by their reason, over all workers."""
-        found = self._redis.hgetall(self._keys["failed"])
-        return {reason: int(count) for reason, count in found.items() if int(count)}
+        counts = self._redis.hgetall(self._keys["failed"])
+        return {reason: int(count) for reason, count in counts.items() if int(count)}
 
     def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
         """Numbers and JSON lines of this worker's items or pictures."""

@@ -47,8 +47,8 @@ class SqliteFrontier:
         # A killed process loses no committed transaction in this mode; only a power cut could lose the last ones.
         self._connection.executescript("PRAGMA journal_mode=WAL; PRAGMA synchronous=NORMAL;" + _SCHEMA)
         self._connection.execute("UPDATE tasks SET state=? WHERE state=?", (WAITING, LEASED))
-        found = self._connection.execute("SELECT coalesce(max(number), 0) FROM tasks").fetchone()
-        self._number = int(found[0])
+        row = self._connection.execute("SELECT coalesce(max(number), 0) FROM tasks").fetchone()
+        self._number = int(row[0])
 
     def add(self, tasks: Iterable[Task]) -> int:
         """Add the tasks whose keys are new; the number of them."""
@@ -62,7 +62,7 @@ class SqliteFrontier:
             " LIMIT 1) RETURNING text",
             (LEASED, WAITING),
         ).fetchone()
-        return Task.of_text(row[0]) if row else None
+        return Task.from_text(row[0]) if row else None
 
     def put_back(self, task: Task) -> None:
         """Return a leased task, perhaps changed."""

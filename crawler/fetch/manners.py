@@ -194,7 +194,7 @@ def _retry_after(response: Response) -> float | None:
 def _resolves_to_private(host: str) -> bool:
     """Whether any address of a host is this machine's or its network's; a name that does not resolve fails later."""
     try:
-        found = {info[4][0] for info in socket.getaddrinfo(host, None)}
+        addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
     except OSError:
         return False
-    return any(not ipaddress.ip_address(str(address).split("%")[0]).is_global for address in found)
+    return any(not ipaddress.ip_address(str(address).split("%")[0]).is_global for address in addresses)

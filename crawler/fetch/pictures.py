@@ -11,7 +11,7 @@ from typing import Any, Literal, cast
 
 from metric_base.files import whole_file
 
-__all__ = ["SCHEMA", "Picture", "Refusal", "decoded", "picture"]
+__all__ = ["SCHEMA", "Picture", "Refusal", "decode_picture", "picture"]
 
 SCHEMA = "metric-tree/picture/1"
 
@@ -56,7 +56,7 @@ def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refu
 
     Only JPEG, PNG and WebP stills pass; the header's size is checked before a pixel is unpacked.
     """
-    image: Any | Refusal = decoded(body)
+    image: Any | Refusal = decode_picture(body)
     if isinstance(image, str):
         return cast(Refusal, image)
     ending, (width, height) = _ENDINGS[image.format], image.size
@@ -66,7 +66,7 @@ def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refu
     return Picture(name, item_id, url, path.as_posix(), width, height)
 
 
-def decoded(body: bytes) -> Any | Refusal:
+def decode_picture(body: bytes) -> Any | Refusal:
     """The Pillow image of a body, its pixels unpacked, or why it was refused."""
     if not body:
         return "empty"

@@ -121,15 +121,15 @@ class CommitMiddleware:
         failure = None
         self._count("bytes", len(response.body), response.url)
         try:
-            async for found in result:
-                if isinstance(found, Request):
-                    tasks.append(_task(found, depth=response.meta.get("depth", 0) + 1))
-                elif isinstance(found, RawItem):
-                    items.append((found.identity, found.line()))
-                elif isinstance(found, Picture):
-                    pictures.append((found.identity, found.line()))
+            async for part in result:
+                if isinstance(part, Request):
+                    tasks.append(_task(part, depth=response.meta.get("depth", 0) + 1))
+                elif isinstance(part, RawItem):
+                    items.append((part.identity, part.line()))
+                elif isinstance(part, Picture):
+                    pictures.append((part.identity, part.line()))
                 else:
-                    self._count(f"dropped/{found}", 1, response.url)
+                    self._count(f"dropped/{part}", 1, response.url)
         except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl
             failure = f"unreadable: {type(error).__name__}"
             items, pictures, tasks = [], [], []
@@ -137,9 +137,8 @@ class CommitMiddleware:
             most = max(self._limit - self._accepted, 0) if self._limit else None
             outcome = Outcome(response.meta[KEY], items, tasks, failure, pictures, most)
             self._settle(outcome, _is_picture(response), response.url)
-        nothing: tuple[Any, ...] = ()
-        for part in nothing:
-            yield part
+        if False:  # Scrapy asks for an asynchronous generator; this one yields nothing
+            yield
 
     def _settle(self, outcome: Outcome, is_picture: bool, url: str) -> None:
         """Commit, count, and end the crawl with the last item that was asked for."""

@@ -14,7 +14,7 @@ from typing import Literal, Protocol, TypeAlias
 
 from metric_base.files import whole_file
 
-__all__ = ["SEGMENT_ITEMS", "write_segments", "written"]
+__all__ = ["SEGMENT_ITEMS", "last_written", "write_segments"]
 
 #: Items of one segment: some megabytes, so that a build streams them and a copy of a crawl is a matter of files.
 SEGMENT_ITEMS = 5_000
@@ -28,7 +28,7 @@ class _Lines(Protocol):
     def lines(self, after: int = 0, kind: Kind = "items") -> Iterable[tuple[int, str]]: ...
 
 
-def written(folder: Path, kind: Kind = "items") -> int:
+def last_written(folder: Path, kind: Kind = "items") -> int:
     """The number of the last item, or picture, that a whole segment holds."""
     matches = (_NAME.fullmatch(path.name) for path in folder.glob(f"{kind}-*.jsonl"))
     return max((int(match["last"]) for match in matches if match), default=0)
@@ -42,7 +42,7 @@ def write_segments(frontier: _Lines, folder: Path) -> int:
 
 def _write_kind(frontier: _Lines, folder: Path, kind: Kind) -> int:
     count = 0
-    lines = iter(frontier.lines(written(folder, kind), kind))
+    lines = iter(frontier.lines(last_written(folder, kind), kind))
     while batch := list(islice(lines, SEGMENT_ITEMS)):
         span = f"{batch[0][0]:09d}-{batch[-1][0]:09d}"
         _replace(folder / f"{kind}-{span}.jsonl", [line for _, line in batch])

@@ -49,19 +49,19 @@ class SiteSpider(scrapy.Spider):
         **named: Any,
     ) -> None:
         super().__init__(**named)
-        self._start = self.beginnings(start, query, category)
+        self._start = self.origins(start, query, category)
         self._hosts = {urlsplit(url).hostname for url in self._start}
         self._pictures = pictures
         #: Addresses that the frontier holds already; whoever commits pages fills it.
         self.known: set[str] = set()
 
     @classmethod
-    def beginnings(cls, start: Iterable[str] = (), query: str = "", category: str = "") -> list[str]:
+    def origins(cls, start: Iterable[str] = (), query: str = "", category: str = "") -> list[str]:
         """The addresses to begin with: those given, and the site's own that what is given fills."""
         return [*start, *cls.site.addresses(query=query, category=category)]
 
     @classmethod
-    def wanted(cls) -> str:
+    def required_options(cls) -> str:
         """The options of which one must be given."""
         fields = [name for name in ("query", "category") if any(f"{{{name}}}" in url for url in cls.site.templates)]
         return " or ".join(f"--{name}" for name in ("start-url", *fields))
@@ -90,8 +90,8 @@ class SiteSpider(scrapy.Spider):
 
     def picture(self, response: Response, **_: Any) -> Iterator[Any]:
         """The picture of an item: verified, stored once under the hash of its bytes."""
-        found = picture(response.body, response.url, response.meta["item"], self._pictures)
-        yield found if isinstance(found, Picture) else f"picture_{found}"
+        outcome = picture(response.body, response.url, response.meta["item"], self._pictures)
+        yield outcome if isinstance(outcome, Picture) else f"picture_{outcome}"
 
     def _item(self, read: Page) -> Iterator[Any]:
         if not self.site.is_product(read.url):
@@ -121,7 +121,7 @@ class SiteSpider(scrapy.Spider):
     def _links(self, read: Page) -> Iterator[scrapy.Request]:
         seen: set[str] = set()
         for address in dict.fromkeys(read.links):
-            url = _joined(read.url, address.strip()).split("#")[0]
+            url = _join(read.url, address.strip()).split("#")[0]
             if url in seen or url in self.known:
                 continue
             seen.add(url)
@@ -132,7 +132,7 @@ class SiteSpider(scrapy.Spider):
                     yield scrapy.Request(url, callback=self.parse, priority=LISTING)
 
 
-def _joined(base: str, address: str) -> str:
+def _join(base: str, address: str) -> str:
     """The whole address of a link; most name a path from the root, for which `urljoin` is slow."""
     if address.startswith("/") and not address.startswith("//") and "/." not in address:
         scheme, _, rest = base.partition("//")

@@ -90,12 +90,12 @@ class WikidataSpider(scrapy.Spider):
         self._class = category or query
 
     @classmethod
-    def beginnings(cls, query: str = "", category: str = "", **_: object) -> list[str]:
+    def origins(cls, query: str = "", category: str = "", **_: object) -> list[str]:
         """The class to begin with, as a list of one or none."""
         return [name for name in (category or query,) if name]
 
     @classmethod
-    def wanted(cls) -> str:
+    def required_options(cls) -> str:
         """The options of which one must be given."""
         return "--category"
 
@@ -110,11 +110,11 @@ class WikidataSpider(scrapy.Spider):
     def parse(self, response: Response, **_: Any) -> Iterator[Any]:
         """The items of a page, and the next page where this one was full."""
         answer = json.loads(response.body)
-        found = list(items(answer))
+        outcomes = list(items(answer))
         offset = int(response.url.rpartition("&offset=")[2] or 0)
-        yield from found
+        yield from outcomes
         last = offset + PAGE_ROWS
-        if len(found) == PAGE_ROWS:
+        if len(outcomes) == PAGE_ROWS:
             yield self._page(last)
 
     def _page(self, offset: int) -> scrapy.Request:

@@ -33,8 +33,8 @@ def expect_columns(table: Table, path: Path, header: Sequence[str]) -> None:
     known = _GIVEN.union(table.read, header)
     missing = sorted({column for column in _read(table) if column not in known})
     if missing:
-        found = ", ".join(map(repr, header))[:200]
-        raise MissingColumn(f"{path}: columns: expected {', '.join(map(repr, missing))}; found {found}")
+        present = ", ".join(map(repr, header))[:200]
+        raise MissingColumn(f"{path}: columns: expected {', '.join(map(repr, missing))}; found {present}")
 
 
 def _read(table: Table) -> Iterator[str]:

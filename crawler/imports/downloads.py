@@ -13,7 +13,7 @@ from crawler.imports.sources import Source, SourceFile
 from metric_base.faults import InputFault
 from metric_base.files import whole_file
 
-__all__ = ["CACHE_VARIABLE", "NoInput", "downloaded"]
+__all__ = ["CACHE_VARIABLE", "NoInput", "download"]
 
 #: Moves the cache of downloaded sources.
 CACHE_VARIABLE = "METRIC_TREE_CACHE"
@@ -29,7 +29,7 @@ class NoInput(InputFault):
     """The files of a source are neither at hand nor to be had."""
 
 
-def downloaded(source: Source) -> Path:
+def download(source: Source) -> Path:
     """The source's files from their public addresses, checked against their sha256, in the user's cache.
 
     Raises
@@ -87,14 +87,14 @@ def _public(file: SourceFile, store: Any) -> Path:
     folder = Path(store.abspath) / _PUBLIC
     downloader = pooch.HTTPDownloader()
     name = _sha256(file.url.encode())
-    found: str = pooch.retrieve(file.url, known_hash=None, fname=name, path=folder, downloader=downloader)
-    return Path(found)
+    path: str = pooch.retrieve(file.url, known_hash=None, fname=name, path=folder, downloader=downloader)
+    return Path(path)
 
 
 def _make(file: SourceFile, path: Path, public: Path) -> None:
     """Write the file that has the sha256; what it cannot be made of is thrown away, to be downloaded anew."""
     try:
-        made = next((data for data in _made(file, public) if _sha256(data) == file.sha256), None)
+        made = next((data for data in _candidates(file, public) if _sha256(data) == file.sha256), None)
     except (ValueError, zipfile.BadZipFile) as error:
         public.unlink()
         raise ValueError(f"no {file.form.partition('-')[0]}: {error}") from None
@@ -106,7 +106,7 @@ def _make(file: SourceFile, path: Path, public: Path) -> None:
         work.write_bytes(made)
 
 
-def _made(file: SourceFile, public: Path) -> Iterator[bytes]:
+def _candidates(file: SourceFile, public: Path) -> Iterator[bytes]:
     """What can be the file: every member of an archive, the JSON document written anew."""
     if file.form == "zip":
         with zipfile.ZipFile(public) as archive:

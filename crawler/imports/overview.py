@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from crawler.imports import Import
 from crawler.imports.declaration import REASONS
+from crawler.imports.source_items import Import
 from crawler.imports.sources import Source
 
 __all__ = ["overview", "summary", "terms"]

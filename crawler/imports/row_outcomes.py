@@ -94,5 +94,5 @@ def _defaults(source: Source) -> dict[str, Any]:
 
 def year(text: str) -> int | None:
     """The first year from 1000 to 2099 in a text."""
-    found = re.search(r"(?<!\d)(?:1\d|20)\d{2}(?!\d)", text)
-    return int(found[0]) if found else None
+    match = re.search(r"(?<!\d)(?:1\d|20)\d{2}(?!\d)", text)
+    return int(match[0]) if match else None

@@ -153,13 +153,13 @@ def _excel_text(cell: object) -> str:
 
 def _records(tree: Any, each: str) -> Iterator[Row]:
     """The records that the path `each` reaches (`records/*`); the keys passed stand in `key`, `key2`, ..."""
-    found: list[tuple[tuple[str, ...], Any]] = [((), tree)]
+    reached: list[tuple[tuple[str, ...], Any]] = [((), tree)]
     for step in each.split("/") if each else []:
         if step == "*":
-            found = [((*keys, str(key)), value) for keys, node in found for key, value in _entries(node)]
+            reached = [((*keys, str(key)), value) for keys, node in reached for key, value in _entries(node)]
         else:
-            found = [(keys, node[step]) for keys, node in found]
-    for keys, record in found:
+            reached = [(keys, node[step]) for keys, node in reached]
+    for keys, record in reached:
         names = ("key", *(f"key{n}" for n in range(2, len(keys) + 1)))
         yield dict(zip(names, keys, strict=False)) | flat(record)
 

@@ -7,8 +7,8 @@ import hashlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from crawler.imports import Import
-from crawler.imports.downloads import NoInput, downloaded
+from crawler.imports.downloads import NoInput, download
+from crawler.imports.source_items import Import
 from crawler.imports.sources import Source
 from metric_base.files import whole_file
 
@@ -24,7 +24,7 @@ def source_folder(source: Source, given: Path | None) -> Path:
         There is no such folder or the files cannot be downloaded.
     """
     if given is None:
-        return downloaded(source)
+        return download(source)
     below = given / source.id
     if below.is_dir() and not _is_repository(source, given):
         return below

@@ -15,7 +15,7 @@ from crawler.imports.sources import Source
 from crawler.text.catalogue_lengths import Measure, UnreadableLength, extents_mm, length_mm, measures, words_mm
 from crawler.text.units import millimetres
 
-__all__ = ["filled", "table_categories", "table_readings"]
+__all__ = ["fill_template", "table_categories", "table_readings"]
 
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|[_|\s]+")
 
@@ -46,9 +46,9 @@ class _Size:
 def table_readings(source: Source, folder: Path) -> Iterator[Reading]:
     """The readings of all tables of a source, in the order of the declaration, the files and the rows."""
     for table in source.tables:
-        for stem, found in _row_files(source, table, folder):
-            for number, row in enumerate(found, start=1):
-                named = _named(table, row | {"file": stem, "row": str(number)})
+        for stem, lines in _row_files(source, table, folder):
+            for number, row in enumerate(lines, start=1):
+                named = _rename_values(table, row | {"file": stem, "row": str(number)})
                 if all(_holds(rule, named) for rule in table.only):
                     yield _reading(source, table, named)
 
@@ -56,9 +56,9 @@ def table_readings(source: Source, folder: Path) -> Iterator[Reading]:
 def table_categories(source: Source, folder: Path) -> Iterator[tuple[str, ...]]:
     """The category path of every row of the source's tables, whether the row has a size or not."""
     for table in source.tables:
-        for stem, found in _row_files(source, table, folder):
-            for number, row in enumerate(found, start=1):
-                named = _named(table, row | {"file": stem, "row": str(number)})
+        for stem, lines in _row_files(source, table, folder):
+            for number, row in enumerate(lines, start=1):
+                named = _rename_values(table, row | {"file": stem, "row": str(number)})
                 if all(_holds(rule, named) for rule in table.only):
                     yield tuple(word for part in _category(table, named) if (word := " ".join(part.split())))
 
@@ -72,7 +72,7 @@ def _row_files(source: Source, table: Table, folder: Path) -> Iterator[tuple[str
         yield Path(table.files[0]).stem, record_rows(table, folder)
 
 
-def filled(template: str, row: Row) -> str:
+def fill_template(template: str, row: Row) -> str:
     """The template with the row's columns in place: `{brand} {model}`; an absent column is empty."""
 
     def cell(match: re.Match[str]) -> str:
@@ -82,13 +82,15 @@ def filled(template: str, row: Row) -> str:
     return " ".join(FIELD.sub(cell, template).split()) if "{" in template else template
 
 
-def _named(table: Table, row: Row) -> Row:
+def _rename_values(table: Table, row: Row) -> Row:
     """The row with its values renamed and the columns that are read out of others."""
     for column, others in table.names.items():
         row[column] = others.get(row.get(column, ""), row.get(column, ""))
     for name, cases in table.read.items():
-        text = filled(cases.column, row)
-        row[name] = next((value for pattern, value in cases.cases if pattern.search(text)), filled(cases.default, row))
+        text = fill_template(cases.column, row)
+        row[name] = next(
+            (value for pattern, value in cases.cases if pattern.search(text)), fill_template(cases.default, row)
+        )
     return row
 
 
@@ -124,26 +126,26 @@ def _item(source: Source, table: Table, row: Row, size: _Size) -> Reading:
     flags = dict.fromkeys([*table.flags, *marks, *(["range"] if size.is_range else [])])
     return item(
         source,
-        filled(table.id, row) or row["row"],
+        fill_template(table.id, row) or row["row"],
         size.words if table.labelled else {},
         extents=size.extents,
         bounds_mm=table.bounds_mm,
         category=_category(table, row),
-        title=filled(table.title, row),
-        brand=filled(table.brand, row),
-        url=filled(table.url, row),
+        title=fill_template(table.title, row),
+        brand=fill_template(table.brand, row),
+        url=fill_template(table.url, row),
         dimensions_text=size.text,
-        year=year(filled(table.year, row)),
-        region=filled(table.region, row),
+        year=year(fill_template(table.year, row)),
+        region=fill_template(table.region, row),
         kind=table.kind,
-        synset=filled(table.synset, row),
+        synset=fill_template(table.synset, row),
         licence=table.licence,
         flags=tuple(flags),
     )
 
 
 def _category(table: Table, row: Row) -> list[str]:
-    parts = [filled(part, row) for part in table.category]
+    parts = [fill_template(part, row) for part in table.category]
     separator = table.category_separator.strip()
     return [word for part in parts for word in part.split(separator)] if separator else parts
 
@@ -156,14 +158,14 @@ def _size(table: Table, row: Row) -> _Size:
 
 
 def _text_size(table: Table, row: Row) -> _Size:
-    text = _first_group(table.text_pattern, filled(table.text, row))
-    found = tuple(measure for measure in measures(text, table.unit, table.decimal) if measure.mm)
-    if len(found) > 3 and not all(measure.axis for measure in found):
+    text = _first_group(table.text_pattern, fill_template(table.text, row))
+    lengths = tuple(measure for measure in measures(text, table.unit, table.decimal) if measure.mm)
+    if len(lengths) > 3 and not all(measure.axis for measure in lengths):
         raise Refused("several_states", "text", text)
-    if not found:
+    if not lengths:
         raise Refused("no_size", "text", text)
-    words = words_mm(found, table.order)
-    return _Size(words, _extents(words, found), text, any(measure.is_range for measure in found))
+    words = words_mm(lengths, table.order)
+    return _Size(words, _extents(words, lengths), text, any(measure.is_range for measure in lengths))
 
 
 def _first_group(pattern: str, text: str) -> str:
@@ -173,11 +175,11 @@ def _first_group(pattern: str, text: str) -> str:
     return inside[1] if inside else ""
 
 
-def _extents(words: dict[str, float], found: tuple[Measure, ...]) -> tuple[float, ...]:
+def _extents(words: dict[str, float], lengths: tuple[Measure, ...]) -> tuple[float, ...]:
     """The outer size: by the words where every length has one, else the bare lengths."""
-    if len(words) == len(found) or all(measure.axis for measure in found):
+    if len(words) == len(lengths) or all(measure.axis for measure in lengths):
         return extents_mm(words) or ()
-    return tuple(sorted((measure.mm for measure in found), reverse=True))
+    return tuple(sorted((measure.mm for measure in lengths), reverse=True))
 
 
 def _length(table: Table, row: Row, axis: str) -> float | None:
@@ -207,7 +209,7 @@ def _difference(table: Table, row: Row, axis: str) -> float:
 
 
 def _tested(rule: Rule, row: Row) -> str:
-    return filled(rule.column, row) if "{" in rule.column else row.get(rule.column, "")
+    return fill_template(rule.column, row) if "{" in rule.column else row.get(rule.column, "")
 
 
 def _holds(rule: Rule, row: Row) -> bool:

@@ -90,25 +90,25 @@ def _size(text: str) -> tuple[dict[str, float], tuple[float, ...] | None]:
         if whole := _whole(statement):
             if len(whole) > 3:
                 raise Refused("several_states", "Dimensions", text)
-            return _worded(whole, statement)
+            return _by_words(whole, statement)
     raise Refused("part_not_whole" if any(map(measures, statements)) else "unreadable", "Dimensions", text)
 
 
 def _whole(statement: str) -> tuple[Measure, ...]:
     """The lengths of a statement that are the whole thing's; a part named at its head makes all of it a part's."""
     plain = _QUALIFIED.sub(r"\1", statement)
-    found = measures(plain)
-    starts = (0, *(measure.end for measure in found))
-    of_part = [bool(_PART.search(plain[start : m.start])) for start, m in zip(starts, found, strict=False)]
-    if not found or of_part[0]:
+    lengths = measures(plain)
+    starts = (0, *(measure.end for measure in lengths))
+    of_part = [bool(_PART.search(plain[start : m.start])) for start, m in zip(starts, lengths, strict=False)]
+    if not lengths or of_part[0]:
         return ()
-    return tuple(measure for measure, part in zip(found, of_part, strict=True) if measure.mm and not part)
+    return tuple(measure for measure, part in zip(lengths, of_part, strict=True) if measure.mm and not part)
 
 
-def _worded(found: tuple[Measure, ...], statement: str) -> tuple[dict[str, float], tuple[float, ...] | None]:
+def _by_words(lengths: tuple[Measure, ...], statement: str) -> tuple[dict[str, float], tuple[float, ...] | None]:
     behind = _ORDER.search(statement)
     letters = re.findall(r"diam|[hwdl]", behind[1].lower()) if behind else []
     order = [_LETTERS[letter] for letter in letters]
-    words = words_mm(found, order) if len(order) in {0, len(found)} else {}
-    complete = len(words) == len(found)
-    return words, None if complete else tuple(measure.mm for measure in found)
+    words = words_mm(lengths, order) if len(order) in {0, len(lengths)} else {}
+    complete = len(words) == len(lengths)
+    return words, None if complete else tuple(measure.mm for measure in lengths)

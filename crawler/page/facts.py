@@ -15,9 +15,9 @@ from typing import Literal
 
 from lxml.etree import XPath
 
-from crawler.page.page import Element, Page, squeezed
+from crawler.page.page import Element, Page, squeeze
 from crawler.page.regions import LABEL_LENGTH, SKIPPED, VALUE_LENGTH, Regions
-from crawler.text.sizes import agreed, names_unit, sizes
+from crawler.text.sizes import consensus, names_unit, sizes
 from crawler.text.vocabulary import is_dimension_label, is_of_others, is_package, is_whole, names_an_axis, plain
 
 __all__ = ["HAS_DIGIT", "Fact", "facts", "names_a_size"]
@@ -69,7 +69,7 @@ def facts(page: Page) -> Iterator[Fact]:
         element = text.getparent() if text.is_text else text.getparent().getparent()
         if element is None or reader.regions.is_elsewhere(element):
             continue
-        for fact in reader.facts_of(element, squeezed(text)):
+        for fact in reader.facts_of(element, squeeze(text)):
             key = (fact.label, fact.value, fact.section)
             if key not in seen and not is_of_others(plain(fact.section)):
                 seen.add(key)
@@ -102,15 +102,15 @@ class _Reader:
                 break
             if here not in self._pairs:
                 self._pairs[here] = self._row(here) or self._definition(here) or self._pair(here, parent)
-            found = self._pairs[here]
-            if found is not None:
-                if found.place == "table" and not found.label:
+            pair = self._pairs[here]
+            if pair is not None:
+                if pair.place == "table" and not pair.label:
                     return  # a table of several products, or of sizes to choose from
-                heading = self.regions.heading(found.container)
+                heading = self.regions.heading(pair.container)
                 if line := self._labelled_line(element, text):
-                    yield from _split("", line, found.label or heading, "line", self._number(element))
+                    yield from _split("", line, pair.label or heading, "line", self._number(element))
                     return
-                yield from _split(found.label, found.value, heading, found.place, self._number(found.container))
+                yield from _split(pair.label, pair.value, heading, pair.place, self._number(pair.container))
                 return
             here = parent
         whole = self._text(element) if len(text) < VALUE_LENGTH else text
@@ -129,7 +129,7 @@ class _Reader:
     def _lines(self, element: Element) -> list[tuple[str, str]]:
         """The lines of a box that breaks part, each with the line that heads it: `Overall:`, then `Width: 3 cm`."""
         if element not in self._parted:
-            lines = list(_parted(element)) if element.find("br") is not None else []
+            lines = list(_parts(element)) if element.find("br") is not None else []
             listed = all(len(line) <= LINE_LENGTH for line, _ in lines)  # else it is an opinion, or a story
             self._parted[element] = lines if listed else []
         return self._parted[element]
@@ -209,7 +209,7 @@ class _Reader:
         label = self._text(before)
         if len(label) > LABEL_LENGTH or HAS_DIGIT.search(label):
             return None
-        tail = squeezed(before.tail or "")
+        tail = squeeze(before.tail or "")
         if len(tail) > LABEL_LENGTH or not names_a_size(plain(f"{label} {tail}").strip(" :")):
             return None
         value = self._text(here)
@@ -219,7 +219,7 @@ class _Reader:
         return _Pair("row", f"{label} {tail}".strip(), value, parent if above is None else above)
 
 
-def _parted(element: Element) -> Iterator[tuple[str, str]]:
+def _parts(element: Element) -> Iterator[tuple[str, str]]:
     lines = [[element.text or ""]]
     for child in islice(element, MOST_LINES):
         if child.tag == "br":
@@ -228,7 +228,7 @@ def _parted(element: Element) -> Iterator[tuple[str, str]]:
             lines[-1].extend(child.itertext())
         lines[-1].append(child.tail or "")
     head = ""
-    for line in (squeezed(" ".join(parts)) for parts in lines):
+    for line in (squeeze(" ".join(parts)) for parts in lines):
         if line.endswith(":") and not HAS_DIGIT.search(line):
             head = line
         yield line, head
@@ -251,10 +251,10 @@ def _filled_rows(table: Element, text: Callable[[Element], str]) -> Iterator[lis
 def _is_one_length(texts: list[str], label: str) -> bool:
     """Whether cells state one length in several systems."""
     read = [sizes(text, label) for text in texts]
-    if not all(len(found) == 1 and len(found[0].lengths) == 1 for found in read):
+    if not all(len(stated) == 1 and len(stated[0].lengths) == 1 for stated in read):
         return False
-    size = agreed([found[0] for found in read])
-    units = {found[0].lengths[0].unit for found in read}
+    size = consensus([stated[0] for stated in read])
+    units = {stated[0].lengths[0].unit for stated in read}
     return len(units) > 1 and size is not None and "contradicts_itself" not in size.flags
 
 
@@ -281,7 +281,7 @@ def _size_first(value: str) -> re.Match[str] | None:
 
 def _inner_label(value: str) -> re.Match[str] | None:
     """A label for the size in the middle of a text: `Material: MDF. Medidas: alto: 83 cm, ancho: 120 cm`."""
-    return next((found for found in _INNER_LABEL.finditer(value) if is_dimension_label(plain(found[1]))), None)
+    return next((match for match in _INNER_LABEL.finditer(value) if is_dimension_label(plain(match[1]))), None)
 
 
 _INNER_LABEL = re.compile(r"(?<=[.;,!)•·|-])\s*([^\W\d_][^\d:.;,]{2,40}?)\s*:\s*(?=\S*\d|[^:]*:?[^:]*\d)(.+)")

@@ -27,7 +27,7 @@ __all__ = [
     "page",
     "saved_page",
     "source_id",
-    "squeezed",
+    "squeeze",
     "web_address",
 ]
 
@@ -84,7 +84,7 @@ def page(body: bytes, url: str, content_type: str | None = None) -> Page:
         raise BadPage(f"{url}: expected a page; found nothing")
     if len(body) > MAXIMUM_BYTES:
         raise BadPage(f"{url}: expected at most {MAXIMUM_BYTES} bytes; found {len(body)}")
-    text, data = _decoded(body, content_type)
+    text, data = _decode(body, content_type)
     # The parser is told the encoding, so that no declaration inside the page can mislead it.
     parser = etree.HTMLParser(encoding="utf-8", remove_comments=True, remove_pis=True)
     try:
@@ -111,7 +111,7 @@ def saved_page(path: Path, url: str) -> Page:
         raise BadPage(f"{path}: expected an HTML page; found {'a folder' if path.is_dir() else 'no file'}")
     body = path.read_bytes()
     if body[:2] == b"\x1f\x8b":
-        body = _unpacked(path, body)
+        body = _unpack(path, body)
     if other := other_content(body):
         raise BadPage(f"{path}: expected an HTML page; found {other}")
     return page(body, url)
@@ -152,14 +152,14 @@ def source_id(url: str) -> str:
     return hashlib.sha256(canonical_url(url).encode()).hexdigest()
 
 
-def squeezed(text: str) -> str:
+def squeeze(text: str) -> str:
     """The text without invisible signs, with single spaces."""
     if text.isascii():
         return " ".join(text.split())
     return " ".join(_INVISIBLE.sub("", text).split())
 
 
-def _decoded(body: bytes, content_type: str | None) -> tuple[str, bytes]:
+def _decode(body: bytes, content_type: str | None) -> tuple[str, bytes]:
     """A body's text, by the encoding that its header, its mark or itself names, else UTF-8; the same as clean UTF-8."""
     encoding, text = html_to_unicode(content_type, body, default_encoding="utf-8")
     if encoding == "utf-8" and "\ufffd" not in text and "\x00" not in text:
@@ -168,7 +168,7 @@ def _decoded(body: bytes, content_type: str | None) -> tuple[str, bytes]:
     return text, text.encode(errors="replace")
 
 
-def _unpacked(path: Path, body: bytes) -> bytes:
+def _unpack(path: Path, body: bytes) -> bytes:
     # One call with a bound: a small file may unpack to gigabytes.
     unpacker = zlib.decompressobj(wbits=31)
     try:

@@ -14,7 +14,7 @@ from urllib.parse import urljoin
 
 from lxml.etree import XPath
 
-from crawler.page.page import Element, Page, squeezed
+from crawler.page.page import Element, Page, squeeze
 
 __all__ = ["Product", "product"]
 
@@ -75,7 +75,7 @@ def product(page: Page, own: Product | None = None) -> Product:
 
 def _nodes(page: Page, has_category: bool) -> list[Mapping[str, Any]]:
     """The page's objects: JSON-LD, and microdata where JSON-LD does not name the thing or its place."""
-    nodes = [node for text in page.linked_data for node in _objects(_parsed(text))]
+    nodes = [node for text in page.linked_data for node in _objects(_parse_json(text))]
     named = any(_is(node, *_THINGS) for node in nodes)
     placed = has_category or any(_is(node, "BreadcrumbList") for node in nodes)
     return nodes if named and placed else nodes + list(_microdata(page))
@@ -85,10 +85,10 @@ def _microdata(page: Page) -> Iterator[Mapping[str, Any]]:
     if "itemtype" not in page.text or not _USEFUL_TYPE.search(page.text):
         return
     try:
-        found = _microdata_reader().extract_items(page.root, page.url)
+        things = _microdata_reader().extract_items(page.root, page.url)
     except (ValueError, TypeError, RecursionError):  # broken markup costs its microdata, not the page
         return
-    for item in found:
+    for item in things:
         properties = item.get("properties")
         if isinstance(properties, dict):
             yield {"@type": str(item.get("type", "")).rpartition("/")[2], **properties}
@@ -120,7 +120,7 @@ def _microdata_reader() -> Any:
     return Reader(strict=False)
 
 
-def _parsed(text: str) -> Any:
+def _parse_json(text: str) -> Any:
     text = text.strip().removeprefix("<!--").removesuffix("-->").strip().rstrip(";")
     for attempt in (text, html.unescape(text)):
         try:
@@ -156,7 +156,7 @@ def _sizes(thing: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         known = _flat(extra)
         label = known.get("name") if isinstance(known, dict) else None
         if isinstance(label, str) and (text := _quantity(known)):
-            yield squeezed(label), text
+            yield squeeze(label), text
     variants = [
         tuple(_sizes(part)) for part in _list(thing.get("hasVariant"))[:MAXIMUM_VARIANTS] if isinstance(part, dict)
     ]
@@ -216,7 +216,7 @@ def _step_name(step: Mapping[str, Any]) -> str | None:
 
 
 def _path(steps: list[str | None]) -> tuple[str, ...]:
-    kept = [squeezed(step) for step in steps if step and squeezed(step)]
+    kept = [squeeze(step) for step in steps if step and squeeze(step)]
     return tuple(step for step in kept if step.lower() not in {"home", "startseite", "accueil", "inicio", "início"})[:8]
 
 
@@ -239,14 +239,14 @@ def _name(value: Any, key: str = "name") -> str | None:
         value = value[0] if value else None
     if isinstance(value, dict):
         value = value.get(key) or value.get("properties", {}).get(key)
-    return html.unescape(squeezed(value)) if isinstance(value, str) and value.strip() else None
+    return html.unescape(squeeze(value)) if isinstance(value, str) and value.strip() else None
 
 
 def _first(*values: Any) -> str | None:
     for value in values:
         text = str(value[0] if isinstance(value, list) and value else value or "")
-        if squeezed(text):
-            return html.unescape(squeezed(text))
+        if squeeze(text):
+            return html.unescape(squeeze(text))
     return None
 
 
@@ -257,13 +257,13 @@ def _title(page: Page, thing: Mapping[str, Any]) -> str:
 
 
 def _text(element: Element | None) -> str:
-    return "" if element is None else squeezed(" ".join(element.itertext()))
+    return "" if element is None else squeeze(" ".join(element.itertext()))
 
 
 def _meta(page: Page, name: str) -> str | None:
     named = (meta for meta in page.root.iter("meta") if name in {meta.get("property"), meta.get("name")})
     content = next((meta.get("content") for meta in named if meta.get("content") is not None), None)
-    return None if content is None else squeezed(content)
+    return None if content is None else squeeze(content)
 
 
 def _list(value: Any) -> list[Any]:

@@ -9,11 +9,11 @@ from datetime import UTC, datetime
 
 from crawler.items import RawItem
 from crawler.page.facts import Fact, facts
-from crawler.page.page import Page, squeezed
+from crawler.page.page import Page, squeeze
 from crawler.page.page import source_id as hashed_url
 from crawler.page.product import Product, product
 from crawler.page.script_facts import embedded_facts
-from crawler.text.sizes import Length, Size, agreed, flags_of, orders_axes, sizes, unit_in_brackets
+from crawler.text.sizes import Length, Size, consensus, flags_of, orders_axes, sizes, unit_in_brackets
 from crawler.text.vocabulary import (
     Language,
     is_component,
@@ -28,7 +28,7 @@ from crawler.text.vocabulary import (
     plain,
 )
 
-__all__ = ["Statement", "chosen", "raw_item", "statements"]
+__all__ = ["Statement", "best_statement", "raw_item", "statements"]
 
 #: How a statement is to be trusted: a labelled size of the whole, a labelled size, single axes in a table of
 #: sizes, single axes elsewhere, what scripts carry, prose.
@@ -47,7 +47,7 @@ class Statement:
     text: str
 
 
-def raw_item(page: Page, source: str, found: Product | None = None, now: datetime | None = None) -> RawItem:
+def raw_item(page: Page, source: str, own: Product | None = None, now: datetime | None = None) -> RawItem:
     """The raw item of a page; `extents_mm` is None where the page states no product size.
 
     Parameters
@@ -55,8 +55,8 @@ def raw_item(page: Page, source: str, found: Product | None = None, now: datetim
     source : the name of the spider that owns the page's site.
     found : what the site's own rules say of the product; what they leave out is read from the page's structured data.
     """
-    known = product(page) if found is None else found
-    best = chosen(statements(page, known.sizes, known.title))
+    known = product(page) if own is None else own
+    best = best_statement(statements(page, known.sizes, known.title))
     flags = _flags(best)
     return RawItem(
         source=source,
@@ -83,32 +83,34 @@ def statements(page: Page, structured: Sequence[tuple[str, str]] = (), title: st
     title : the product's; a label may repeat its words (`table height`).
     """
     own = plain(title)
-    found = _read(list(facts(page)), page.language, own)
+    listed = _read(list(facts(page)), page.language, own)
     declared = [Fact(label, text, "", "list", 0) for label, text in structured]
-    found += [replace(statement, trust=min(statement.trust, AXES)) for statement in _read(declared, page.language, own)]
-    if not any(statement.trust >= TRUSTED for statement in found):
+    listed += [
+        replace(statement, trust=min(statement.trust, AXES)) for statement in _read(declared, page.language, own)
+    ]
+    if not any(statement.trust >= TRUSTED for statement in listed):
         scripts = _read(list(embedded_facts(page)), page.language, own)
-        found += [replace(statement, trust=SCRIPT) for statement in scripts]
-    return found
+        listed += [replace(statement, trust=SCRIPT) for statement in scripts]
+    return listed
 
 
-def _read(found: Sequence[Fact], language: Language | None, title: str) -> list[Statement]:
-    return _labelled(found, language, title) + _by_axis(found, language, title)
+def _read(pairs: Sequence[Fact], language: Language | None, title: str) -> list[Statement]:
+    return _labelled(pairs, language, title) + _by_axis(pairs, language, title)
 
 
-def chosen(found: Iterable[Statement]) -> Statement | None:
+def best_statement(candidates: Iterable[Statement]) -> Statement | None:
     """The statement to believe: trusted before untrusted, then the fullest, then the best labelled.
 
     Statements of equal standing that disagree mark it as contradictory.
     """
-    ranked = sorted(found, key=_rank, reverse=True)
+    ranked = sorted(candidates, key=_rank, reverse=True)
     if not ranked:
         return None
     best = ranked[0]
     peers = [
         s.size for s in ranked if s.trust >= min(best.trust, SIZE) and len(s.size.lengths) == len(best.size.lengths)
     ]
-    size = agreed([best.size, *peers])
+    size = consensus([best.size, *peers])
     return _completed(best if size is None else replace(best, size=size), ranked)
 
 
@@ -129,9 +131,9 @@ def _rank(statement: Statement) -> tuple[bool, bool, int, int]:
     return statement.trust >= TRUSTED, statement.trust > LOOSE and count > 1, count, statement.trust
 
 
-def _labelled(found: Iterable[Fact], language: Language | None, title: str) -> list[Statement]:
+def _labelled(pairs: Iterable[Fact], language: Language | None, title: str) -> list[Statement]:
     statements = []
-    for fact in found:
+    for fact in pairs:
         label = plain(f"{fact.label} {fact.section}")
         own = plain(fact.label)
         announced = is_dimension_label(own) or orders_axes(fact.label, language)
@@ -141,16 +143,16 @@ def _labelled(found: Iterable[Fact], language: Language | None, title: str) -> l
             continue
         read = sizes(fact.value, fact.label, language, unit_in_brackets(fact.section))
         whole = [size for size in read if size.meaning == "whole"]
-        size = agreed(_fullest(whole))
+        size = consensus(_fullest(whole))
         if size is not None and _is_stated(size, fact):
             statements.append(Statement(size, _trust(fact, announced, title), _shown(fact)))
     return statements
 
 
-def _fullest(found: Sequence[Size]) -> list[Size]:
+def _fullest(candidates: Sequence[Size]) -> list[Size]:
     """The sizes of one text that can be statements of one thing: those with the most lengths."""
-    most = max((len(size.lengths) for size in found), default=0)
-    return [size for size in found if len(size.lengths) == most]
+    most = max((len(size.lengths) for size in candidates), default=0)
+    return [size for size in candidates if len(size.lengths) == most]
 
 
 def _trust(fact: Fact, announced: bool, title: str) -> int:
@@ -201,11 +203,11 @@ class _Axes:
         )
 
 
-def _by_axis(found: Iterable[Fact], language: Language | None, title: str) -> list[Statement]:
+def _by_axis(pairs: Iterable[Fact], language: Language | None, title: str) -> list[Statement]:
     """Rows that name one axis each, gathered; those of other names (`heel height`) apart from the thing's."""
     groups: list[_Axes] = []
     current: dict[bool, _Axes] = {}
-    for fact in found:
+    for fact in pairs:
         length = _axis_length(fact, language, title)
         if length is None or not length.axis:
             continue
@@ -230,7 +232,7 @@ def _axis_length(fact: Fact, language: Language | None, title: str) -> Length | 
     alone = [size for size in read if size.meaning == "whole" and len(size.lengths) == 1]
     if not alone or not alone[0].lengths[0].axis:
         return None
-    same = agreed([size for size in alone if size.lengths[0].axis in {None, alone[0].lengths[0].axis}])
+    same = consensus([size for size in alone if size.lengths[0].axis in {None, alone[0].lengths[0].axis}])
     length = alone[0].lengths[0]
     # Of one length in two systems the metric one: the other was rounded.
     return length if same is None or "contradicts_itself" in same.flags else replace(same.lengths[0], axis=length.axis)
@@ -279,4 +281,4 @@ def _flags(best: Statement | None) -> tuple[str, ...]:
 
 
 def _shown(fact: Fact) -> str:
-    return squeezed(f"{fact.label}: {fact.value}" if fact.label else fact.value)
+    return squeeze(f"{fact.label}: {fact.value}" if fact.label else fact.value)

@@ -9,7 +9,7 @@ import re
 from functools import lru_cache
 from itertools import islice
 
-from crawler.page.page import Element, squeezed
+from crawler.page.page import Element, squeeze
 
 __all__ = ["LABEL_LENGTH", "SKIPPED", "VALUE_LENGTH", "Regions"]
 
@@ -55,7 +55,7 @@ class Regions:
         """The visible text of an element, cut where it becomes prose."""
         known = self._texts.get(element)
         if known is None:
-            known = squeezed(" ".join(islice(element.itertext(), TEXTS))[: 4 * VALUE_LENGTH])
+            known = squeeze(" ".join(islice(element.itertext(), TEXTS))[: 4 * VALUE_LENGTH])
             self._texts[element] = known
         return known
 
@@ -121,7 +121,7 @@ class Regions:
             title = self.text(element)
         elif element.tag == "table":
             return ""
-        elif _stands_above(element):
+        elif _is_above(element):
             title = self.text(element)
         else:
             inner = next(element.iter("h2"), None)
@@ -130,7 +130,7 @@ class Regions:
         return title if len(title) <= LABEL_LENGTH else ""
 
 
-def _stands_above(element: Element) -> bool:
+def _is_above(element: Element) -> bool:
     """Whether bold text is a heading: alone on its line, right above a box or a list."""
     if element.tag not in _BOLD or (element.tail or "").strip():
         return False

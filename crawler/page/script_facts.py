@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 
 from crawler.page.facts import HAS_DIGIT, Fact, names_a_size
-from crawler.page.page import Page, squeezed
+from crawler.page.page import Page, squeeze
 from crawler.text.vocabulary import is_component, plain
 
 __all__ = ["embedded_facts"]
@@ -24,14 +24,14 @@ _JSON_PAIR = re.compile(
 def embedded_facts(page: Page) -> Iterator[Fact]:
     """Pairs of the JSON that scripts of the page carry, where their label speaks of a size."""
     for match in _JSON_PAIR.finditer(page.text):
-        label = _unescaped(match["label"])
+        label = _unescape(match["label"])
         letters = plain(label)
         if names_a_size(letters) or is_component(letters):
-            value = match["number"] or _unescaped(match["value"])
+            value = match["number"] or _unescape(match["value"])
             if HAS_DIGIT.search(value):
                 yield Fact(label, value, "", "json", match.start() // 4000)
 
 
-def _unescaped(text: str) -> str:
+def _unescape(text: str) -> str:
     text = re.sub(r"\\+u([0-9a-fA-F]{4})", lambda match: chr(int(match[1], 16)), text)
-    return squeezed(re.sub(r"\\+", "", text))
+    return squeeze(re.sub(r"\\+", "", text))

@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from urllib.parse import urljoin
 
 from crawler.items import RawItem
-from crawler.page.page import Element, Page, source_id, squeezed
+from crawler.page.page import Element, Page, source_id, squeeze
 from crawler.sites.site import Site
-from crawler.text.sizes import Size, agreed, sizes
+from crawler.text.sizes import Size, consensus, sizes
 
 __all__ = ["listed_items"]
 
@@ -54,11 +54,11 @@ def _entry(link: Element, url: str, page: Page, site: Site) -> tuple[Size, str] 
     here = link
     for _ in range(CLIMB):
         here = here.getparent()
-        text = squeezed(" ".join(here.itertext())) if here is not None else ""
+        text = squeeze(" ".join(here.itertext())) if here is not None else ""
         if not text or len(text) > LONGEST_ENTRY or _leads_elsewhere(here, url, page, site):
             return None
         read = [size for size in sizes(text, site.listed_order, page.language) if len(size.lengths) == 3]
-        size = agreed([size for size in read if size.meaning == "whole"])
+        size = consensus([size for size in read if size.meaning == "whole"])
         if size is not None:
             return size, text
     return None
@@ -72,10 +72,10 @@ def _leads_elsewhere(box: Element, url: str, page: Page, site: Site) -> bool:
 def _title(link: Element) -> str:
     """The link's words, else its picture's, else the last part of its address."""
     picture = next(link.iter("img"), None)
-    words = squeezed(" ".join(link.itertext())) or squeezed("" if picture is None else picture.get("alt") or "")
+    words = squeeze(" ".join(link.itertext())) or squeeze("" if picture is None else picture.get("alt") or "")
     return words or re.split(r"[/?]", (link.get("href") or "").rstrip("/"))[-1]
 
 
 def _own_id(site: Site, url: str) -> str:
-    found = re.search(site.id, url) if site.id else None
-    return found[1] if found else source_id(url)
+    match = re.search(site.id, url) if site.id else None
+    return match[1] if match else source_id(url)

@@ -10,7 +10,7 @@ from urllib.parse import quote, quote_plus, urljoin, urlsplit
 
 from lxml.etree import XPath
 
-from crawler.page.page import Page, squeezed
+from crawler.page.page import Page, squeeze
 from crawler.page.product import MAXIMUM_IMAGES, Product, product
 
 __all__ = ["Site"]
@@ -87,7 +87,7 @@ _compiled = cache(XPath)
 
 
 def _texts(page: Page, xpath: str) -> Iterator[str]:
-    for found in _compiled(xpath)(page.root) if xpath else ():
-        text = squeezed(found if isinstance(found, str) else " ".join(found.itertext()))
+    for node in _compiled(xpath)(page.root) if xpath else ():
+        text = squeeze(node if isinstance(node, str) else " ".join(node.itertext()))
         if text and text not in {"›", "/", ">"}:
             yield text

@@ -98,7 +98,7 @@ def measures(text: str, default_unit: str | None = None, decimal: Decimal = None
     The same size again in brackets, in another unit, is passed over. Lengths that have no unit at all are left out.
     """
     plain = _ASIDE.sub(lambda aside: " " * len(aside[0]), text)
-    readings = tuple(_joined_feet(plain, decimal)) or tuple(_joined_feet(text, decimal))
+    readings = tuple(_join_feet(plain, decimal)) or tuple(_join_feet(text, decimal))
     units = _units(readings, default_unit)
     return tuple(_measure(reading, key) for reading, key in zip(readings, units, strict=True) if key)
 
@@ -115,23 +115,23 @@ def length_mm(text: str, default_unit: str, decimal: Decimal = None) -> float | 
         return None
     value = number(text, decimal)
     if value is None:
-        found = measures(text, default_unit, decimal)
-        if len(found) != 1 or "-" in text[: found[0].start]:
+        lengths = measures(text, default_unit, decimal)
+        if len(lengths) != 1 or "-" in text[: lengths[0].start]:
             raise UnreadableLength(f"expected one length; found {text!r}")
-        return found[0].mm or None
+        return lengths[0].mm or None
     return millimetres(value, default_unit) or None
 
 
-def words_mm(found: Sequence[Measure], order: Sequence[str] = ()) -> dict[str, float]:
+def words_mm(lengths: Sequence[Measure], order: Sequence[str] = ()) -> dict[str, float]:
     """The lengths by axis word: by their own words, else by `order` where all are wordless and `order` is long enough.
 
     Of one word stated twice the longer length counts: the outer size.
     """
-    axes = [measure.axis for measure in found]
-    if not any(axes) and len(found) <= len(order):
-        axes = list(order[: len(found)])
+    axes = [measure.axis for measure in lengths]
+    if not any(axes) and len(lengths) <= len(order):
+        axes = list(order[: len(lengths)])
     words: dict[str, float] = {}
-    for axis, measure in zip(axes, found, strict=True):
+    for axis, measure in zip(axes, lengths, strict=True):
         if axis:
             words[axis] = max(measure.mm, words.get(axis, 0.0))
     return words
@@ -170,7 +170,7 @@ def _measure(reading: _Reading, key: str) -> Measure:
     return Measure(low, high, reading.axis, reading.start, reading.end)
 
 
-def _joined_feet(text: str, decimal: Decimal) -> Iterator[_Reading]:
+def _join_feet(text: str, decimal: Decimal) -> Iterator[_Reading]:
     """The lengths of a text, with feet and the inches right behind them made one, in inches."""
     feet: _Reading | None = None
     for here in _readings(text, decimal):

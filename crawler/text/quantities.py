@@ -48,7 +48,7 @@ class Quantity:
 
 def quantities(run: Sequence[Token]) -> list[Quantity]:
     """The numbers of a text with their units, axes and the words that lead to them."""
-    found: list[Quantity] = []
+    lengths: list[Quantity] = []
     words: list[str] = []
     joined = skipped = False
     leading = _axes_lead(run)
@@ -58,7 +58,7 @@ def quantities(run: Sequence[Token]) -> list[Quantity]:
         if token.kind == "number" and token.number is not None:
             number, place, is_length = _number(run, place, leading, tuple(words[-CONTEXT_WORDS:]), joined)
             if is_length:
-                found.append(number)
+                lengths.append(number)
                 words = []
             joined, skipped = False, not is_length
             continue
@@ -70,7 +70,7 @@ def quantities(run: Sequence[Token]) -> list[Quantity]:
         elif token.kind == "break" and token.text in ";|\n•":
             words = []
         place += 1
-    return found
+    return lengths
 
 
 def _axes_lead(run: Sequence[Token]) -> bool:

@@ -18,7 +18,7 @@ from crawler.text.tokens import Token, tokens
 from crawler.text.units import UNIT_WORDS, millimetres
 from crawler.text.vocabulary import Language, is_component, is_package, plain
 
-__all__ = ["Length", "Size", "agreed", "flags_of", "names_unit", "orders_axes", "sizes", "unit_in_brackets"]
+__all__ = ["Length", "Size", "consensus", "flags_of", "names_unit", "orders_axes", "sizes", "unit_in_brackets"]
 
 Meaning = Literal["whole", "component", "package"]
 
@@ -79,14 +79,14 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
         return ()
     label_axes, label_unit = _label_hints(label, language)
     run = tokens(text, language)
-    found = []
+    stated = []
     for group in _as_announced(list(_groups(quantities(run))), label_axes):
         header = _header_in(run, group) or label_axes
         lengths = _lengths(group, header, label_unit or unit)
         if lengths:
             words = plain(f"{label} {' '.join(word for number in group for word in number.words)}")
-            found.append(Size(lengths, _meaning(words), words, flags_of(lengths)))
-    return tuple(found)
+            stated.append(Size(lengths, _meaning(words), words, flags_of(lengths)))
+    return tuple(stated)
 
 
 def names_unit(text: str) -> bool:
@@ -100,22 +100,24 @@ def orders_axes(label: str, language: Language | None = None) -> bool:
     return len(label) > 2 and any(token.kind == "header" for token in tokens(label, language))
 
 
-def agreed(found: Sequence[Size]) -> Size | None:
+def consensus(statements: Sequence[Size]) -> Size | None:
     """One size of several statements of it: the fullest, in metric where both are there; flagged if they contradict."""
-    if not found:
+    if not statements:
         return None
-    best = max(found, key=lambda size: (len(size.lengths), sum(bool(s.axis) for s in size.lengths), _is_metric(size)))
-    best = _with_axes(best, found)
-    if any(not _agrees(best, other) for other in found):
+    best = max(
+        statements, key=lambda size: (len(size.lengths), sum(bool(s.axis) for s in size.lengths), _is_metric(size))
+    )
+    best = _with_axes(best, statements)
+    if any(not _agrees(best, other) for other in statements):
         return replace(best, flags=(*best.flags, "contradicts_itself"))
     return best
 
 
-def _with_axes(best: Size, found: Sequence[Size]) -> Size:
+def _with_axes(best: Size, statements: Sequence[Size]) -> Size:
     """Axis words that another statement of the same lengths carries."""
     if any(length.axis for length in best.lengths):
         return best
-    for other in found:
+    for other in statements:
         if len(other.lengths) == len(best.lengths) and all(length.axis for length in other.lengths):
             pairs = zip(best.lengths, other.lengths, strict=True)
             if all(is_same_length(mine.mm, theirs.mm) for mine, theirs in pairs):
@@ -169,15 +171,15 @@ def _label_hints(label: str, language: Language | None) -> tuple[tuple[str, ...]
     """The axes and the unit that a label names: `Size (LxWxH)`, `Height (in.)`, `Breite`."""
     axes: tuple[str, ...] = ()
     unit = None
-    found = tokens(label, language)
-    for token in found:
+    run = tokens(label, language)
+    for token in run:
         if token.kind == "header":
             axes = token.axes
     if not axes:
-        axes = tuple(token.key or "" for token in found if token.kind == "axis" and len(token.text) > 1)
-    if not axes and len(found) == 1 and found[0].kind == "axis":
-        axes = (found[0].key or "",)
-    for token, after in zip_longest(found, found[1:]):
+        axes = tuple(token.key or "" for token in run if token.kind == "axis" and len(token.text) > 1)
+    if not axes and len(run) == 1 and run[0].kind == "axis":
+        axes = (run[0].key or "",)
+    for token, after in zip_longest(run, run[1:]):
         bracketed = after is None or after.kind in {"close", "other"}
         if token.kind in {"word", "unit", "axis"} and bracketed and (key := unit_word(token.text)):
             unit = key

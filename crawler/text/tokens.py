@@ -63,58 +63,59 @@ class Token:
 
 def tokens(text: str, language: Language | None = None) -> list[Token]:
     """The tokens of a text; invisible signs must be gone already, letters may have any case."""
-    found: list[Token] = []
+    run: list[Token] = []
     for match in _TOKEN.finditer(text):
-        found.append(_token(match, language, found[-1] if found else None))
-    return _with_word_headers(_as_romance(_as_thousands(found)))
+        run.append(_token(match, language, run[-1] if run else None))
+    return _with_word_headers(_as_romance(_as_thousands(run)))
 
 
-def _as_thousands(found: list[Token]) -> list[Token]:
+def _as_thousands(run: list[Token]) -> list[Token]:
     """`1.000 x 1.200 x 300 mm`: beside whole hundreds of millimetres a point before three digits parts thousands."""
-    pointed = [token for token in found if token.kind == "number" and "." in token.text]
-    units = {token.key for token in found if token.kind == "unit"}
-    hundreds = any(token.kind == "number" and _HUNDREDS.fullmatch(token.text) for token in found)
+    pointed = [token for token in run if token.kind == "number" and "." in token.text]
+    units = {token.key for token in run if token.kind == "unit"}
+    hundreds = any(token.kind == "number" and _HUNDREDS.fullmatch(token.text) for token in run)
     if not pointed or units != {"mm"} or not hundreds or not all(_THOUSANDS.fullmatch(t.text) for t in pointed):
-        return found
+        return run
     grouped = {token.start: float(token.text.replace(".", "")) for token in pointed}
-    return [replace(token, number=grouped.get(token.start, token.number)) for token in found]
+    return [replace(token, number=grouped.get(token.start, token.number)) for token in run]
 
 
-def _as_romance(found: list[Token]) -> list[Token]:
+def _as_romance(run: list[Token]) -> list[Token]:
     """Beside a `P` an `L` is a width: largeur, largura, larghezza (`H 75 x L 90 x P 40`), as in a header."""
-    letters = {token.text.upper() for token in found if token.kind == "axis" and len(token.text) <= 2}
+    letters = {token.text.upper() for token in run if token.kind == "axis" and len(token.text) <= 2}
     if "L" not in letters or not {"P", "PR"} & letters or {"W", "B"} & letters:
-        return found
+        return run
     return [
-        replace(token, key="width") if token.kind == "axis" and token.text.upper() == "L" else token for token in found
+        replace(token, key="width") if token.kind == "axis" and token.text.upper() == "L" else token for token in run
     ]
 
 
-def _with_word_headers(found: list[Token]) -> list[Token]:
+def _with_word_headers(run: list[Token]) -> list[Token]:
     """Axis words joined by x or slash (`ancho x fondo x alto`) made one header."""
     merged: list[Token] = []
     place = 0
-    while place < len(found):
+    while place < len(run):
         end = place
         while (
-            _is(found, end, "axis")
-            and (_is(found, end + 1, "times") or _is(found, end + 1, "break"))
-            and _is(found, end + 2, "axis")
+            _is(run, end, "axis")
+            and (_is(run, end + 1, "times") or _is(run, end + 1, "break"))
+            and _is(run, end + 2, "axis")
         ):
             end += 2
         if end > place:
-            run = found[place : end + 1]
-            axes = tuple(token.key or "" for token in run[::2])
-            merged.append(Token("header", " ".join(token.text for token in run), run[0].start, run[-1].end, axes=axes))
+            words = run[place : end + 1]
+            axes = tuple(token.key or "" for token in words[::2])
+            text = " ".join(token.text for token in words)
+            merged.append(Token("header", text, words[0].start, words[-1].end, axes=axes))
             place = end + 1
         else:
-            merged.append(found[place])
+            merged.append(run[place])
             place += 1
     return merged
 
 
-def _is(found: list[Token], place: int, kind: Kind) -> bool:
-    return place < len(found) and found[place].kind == kind
+def _is(run: list[Token], place: int, kind: Kind) -> bool:
+    return place < len(run) and run[place].kind == kind
 
 
 def _token(match: re.Match[str], language: Language | None, before: Token | None) -> Token:

@@ -202,7 +202,7 @@ def items_of(block: Block) -> Iterator[RawItem]:
     for number, line in enumerate(block.lines, start=block.first):
         if line.strip():
             try:
-                yield RawItem.parsed(line.decode("utf-8"))
+                yield RawItem.from_line(line.decode("utf-8"))
             except (BadRawItem, UnicodeDecodeError) as error:
                 raise BadRawItem(f"{block.path}:{number}: {error}") from None
 

@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Crawl, then print the summary."""
-    from crawler.fetch.crawl import Crawl, crawled
+    from crawler.fetch.crawl import Crawl, run_crawl
     from metric_base.faults import InputFault
 
     _check(arguments)
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
         worker=arguments.worker,
     )
     with _progress() as show:
-        summary = crawled(crawl, show)
+        summary = run_crawl(crawl, show)
     record = summary.record()
     if arguments.json:
         print_json(record)
@@ -87,8 +87,8 @@ def _check(arguments: argparse.Namespace) -> None:
 
     contact, limit, delay = arguments.contact, arguments.limit, arguments.delay
     if not contact or not _CONTACT.fullmatch(contact) or not contact.isprintable():
-        found = repr(contact) if contact else "none"
-        raise InputFault(f"--contact: expected a mail address or a page's URL, or {CONTACT_VARIABLE}; found {found}")
+        given = repr(contact) if contact else "none"
+        raise InputFault(f"--contact: expected a mail address or a page's URL, or {CONTACT_VARIABLE}; found {given}")
     if limit is not None and limit < 1:
         raise InputFault(f"--limit: expected 1 or more items; found {limit}")
     if not (math.isfinite(delay) and delay >= 0):

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from crawler.imports import Import, imported, readings
+from crawler.imports import Import, import_items, readings
 from crawler.imports.overview import overview, summary, terms
 from crawler.imports.source_files import changed_files, source_folder, write_import, write_lines
 from crawler.imports.sources import Source, source, sources
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     summaries = []
     for declared in _with_progress(chosen):
         folder = source_folder(declared, arguments.input)
-        result = imported(declared, readings(declared, folder))
+        result = import_items(declared, readings(declared, folder))
         if arguments.input:
             _warn_of_changes(declared, folder)
         _write(result, arguments)
@@ -69,8 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _chosen(arguments: argparse.Namespace) -> Sequence[Source]:
     if arguments.all == bool(arguments.source):
-        found = f"both, {arguments.source} and --all" if arguments.all else "neither"
-        raise InputFault(f"SOURCE: expected one source, or --all; found {found}")
+        given = f"both, {arguments.source} and --all" if arguments.all else "neither"
+        raise InputFault(f"SOURCE: expected one source, or --all; found {given}")
     return sources() if arguments.all else [source(arguments.source)]
 
 
@@ -109,9 +109,9 @@ def _with_progress(chosen: Sequence[Source]) -> Iterator[Source]:
 
 
 def _print_sources(as_json: bool, verbose: bool) -> int:
-    found = [terms(one) for one in sources()]
+    entries = [terms(one) for one in sources()]
     if as_json:
-        print_json(found)
+        print_json(entries)
     else:
         columns = ("source", "kind", "licence", "ship", "downloads", "url", "reason")
         shown = [
@@ -120,7 +120,7 @@ def _print_sources(as_json: bool, verbose: bool) -> int:
                 "ship": "yes" if entry["ship"] else "no",
                 "reason": entry["reason"] if verbose or entry["downloads"] != "yes" else "",
             }
-            for entry in found
+            for entry in entries
         ]
         print_table(columns, [tuple(entry[c] for c in columns) for entry in shown])
     return 0

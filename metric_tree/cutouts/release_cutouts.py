@@ -18,7 +18,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from crawler.fetch.pictures import decoded
+from crawler.fetch.pictures import decode_picture
 from metric_base.faults import InputFault
 from metric_tree.build.work_folder import Here, WorkFolder, fingerprint
 from metric_tree.cutouts.backend import RGB, Settings
@@ -91,7 +91,7 @@ def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
     from metric_tree.cutouts.backend import Foreground, backend
     from metric_tree.cutouts.quality import assessment
 
-    image = decoded(body)
+    image = decode_picture(body)
     if isinstance(image, str):
         return Cut(image_id=image_id, set_aside="unreadable", detail=image)
     try:

@@ -15,7 +15,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from crawler.fetch.pictures import decoded
+from crawler.fetch.pictures import decode_picture
 from metric_base.faults import InputFault
 from metric_base.files import whole_file
 from metric_tree.pictures import image_path
@@ -65,7 +65,7 @@ def drawn(release: Path, rows: Sequence[Mapping[str, Any]]) -> list[Drawn]:
     for row in rows:
         cut = image_path(release, row, "cutout_path")
         path = cut or image_path(release, row)
-        if path is not None and (cut or not isinstance(decoded(path.read_bytes()), str)):
+        if path is not None and (cut or not isinstance(decode_picture(path.read_bytes()), str)):
             sizes = " × ".join(f"{side:.0f}" for side in row["extents_mm"])
             credit = f"{row['source']} ({row['licence'] or 'no licence stated'})"
             found.append(Drawn(path, cut is not None, max(row["extents_mm"]), row["title"], f"{sizes} mm", credit))

@@ -10,7 +10,7 @@ from statistics import median
 
 import pytest
 
-from crawler.imports import Import, imported, readings
+from crawler.imports import Import, import_items, readings
 from crawler.imports.sources import source, sources
 from crawler.items import RawItem
 
@@ -60,7 +60,7 @@ def imports(shared: Path) -> Imports:
     @cache
     def result(name: str) -> Import:
         declared = source(name)
-        return imported(declared, readings(declared, shared / "data" / "sizes" / name))
+        return import_items(declared, readings(declared, shared / "data" / "sizes" / name))
 
     return result
 

@@ -37,7 +37,7 @@ def test_items_carry_their_range_and_survive_a_line():
     item = next(item for item in curated_items() if item.source_id == "tennis_ball.n.01")
     assert item.kind == "curated"
     assert item.ranges_mm["length"] == (65.4, 68.6)
-    assert RawItem.parsed(item.line()).synset == "tennis_ball.n.01"
+    assert RawItem.from_line(item.line()).synset == "tennis_ball.n.01"
 
 
 @given(st.lists(st.floats(0.1, 1e6), min_size=3, max_size=3).map(sorted))

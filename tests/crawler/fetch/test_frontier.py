@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, Outcome, Task, task_key
 from crawler.fetch.frontier_redis import RedisFrontier
 from crawler.fetch.frontier_sqlite import SqliteFrontier
-from crawler.fetch.segments import SEGMENT_ITEMS, write_segments, written
+from crawler.fetch.segments import SEGMENT_ITEMS, last_written, write_segments
 
 
 def _item(number: int) -> tuple[str, str]:
@@ -20,7 +20,7 @@ def _item(number: int) -> tuple[str, str]:
 @given(st.text(max_size=30), st.dictionaries(st.text(max_size=5), st.integers()), st.integers(-9, 9))
 def test_a_task_survives_its_text(url: str, meta: dict[str, int], priority: int) -> None:
     task = Task(url, "parse", meta, priority, "key")
-    assert Task.of_text(task.text()) == task
+    assert Task.from_text(task.text()) == task
 
 
 def test_what_is_known_is_not_added_again(tmp_path: Path) -> None:
@@ -84,7 +84,7 @@ def test_segments_hold_every_item_once_whatever_is_interrupted(tmp_path: Path) -
         assert write_segments(frontier, tmp_path) == SEGMENT_ITEMS + 10
     assert write_segments(frontier, tmp_path) == 0
     (tmp_path / ".items-000099999-000099999.jsonl.123").write_text("half")  # what a kill leaves
-    assert written(tmp_path) == 2 * (SEGMENT_ITEMS + 10)
+    assert last_written(tmp_path) == 2 * (SEGMENT_ITEMS + 10)
     lines = [line for path in sorted(tmp_path.glob("items-*.jsonl")) for line in path.read_text().splitlines()]
     assert len(lines) == len(set(lines)) == 2 * (SEGMENT_ITEMS + 10)
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from crawler.imports import Import, imported, readings
+from crawler.imports import Import, import_items, readings
 from crawler.imports.rows import BadTable
 from crawler.imports.source_files import source_folder
 from crawler.imports.sources import Source, source
@@ -35,7 +35,7 @@ def made_up(folder: Path, declaration: str, **files: str) -> Import:
         folder.joinpath(".".join(name.rsplit("_", 1))).write_text(text, encoding="utf-8")
     (folder / "made_up.toml").write_text(HEAD + declaration, encoding="utf-8")
     declared = source("made_up", folder)
-    return imported(declared, readings(declared, folder))
+    return import_items(declared, readings(declared, folder))
 
 
 def sizes(result: Import) -> list[dict[str, float]]:
@@ -397,7 +397,7 @@ def walters(folder: Path, *objects: dict[str, Any]) -> Import:
     lines = [json.dumps(blank | {"ObjectID": n} | given) for n, given in enumerate(objects)]
     (folder / "walters_dims.jsonl").write_text("\n".join(lines), encoding="utf-8")
     declared: Source = source("walters")
-    return imported(declared, readings(declared, folder))
+    return import_items(declared, readings(declared, folder))
 
 
 def test_museum_sentences(tmp_path: Path) -> None:
@@ -467,7 +467,7 @@ classes:
         encoding="utf-8",
     )
     declared = source("bolts")
-    result = imported(declared, readings(declared, tmp_path))
+    result = import_items(declared, readings(declared, tmp_path))
     assert sizes(result) == [{"width": 19.05, "height": 11.112}]
     assert result.items[0].title == "Made-up nut 1/2 in"
     assert reasons(result) == [("part_not_whole", "class")]
@@ -482,7 +482,7 @@ def test_a_damaged_table_of_standard_parts_is_one_clear_line(tmp_path: Path, dam
 
 def test_every_item_is_a_raw_item_that_survives_its_line(tmp_path: Path) -> None:
     result = made_up(tmp_path, REPEATED, things_csv="no,name,w\n1,Ä Ö “x”,300\n")
-    assert [RawItem.parsed(item.line()) for item in result.items] == list(result.items)
+    assert [RawItem.from_line(item.line()) for item in result.items] == list(result.items)
 
 
 RECORDS = """

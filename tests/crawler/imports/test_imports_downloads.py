@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pytest
 
-from crawler.imports import downloads, imported, readings
-from crawler.imports.downloads import NoInput, downloaded
+from crawler.imports import downloads, import_items, readings
+from crawler.imports.downloads import NoInput, download
 from crawler.imports.sources import Source, source
 
 TABLE = b"no,w\n1,12.5\n2,40\n"
@@ -97,11 +97,11 @@ def zipped(members: dict[str, bytes]) -> bytes:
 def test_a_download_is_verified_kept_and_read(site: Site, tmp_path: Path) -> None:
     site.pages["/things.csv"] = TABLE
     things = declared(tmp_path, site.url("/things.csv"))
-    folder = downloaded(things)
+    folder = download(things)
     assert (folder / "things.csv").read_bytes() == TABLE
     assert folder.is_relative_to(tmp_path / "cache")
-    assert [item.extents_mm for item in imported(things, readings(things, folder)).items] == [(125.0,), (400.0,)]
-    downloaded(things)
+    assert [item.extents_mm for item in import_items(things, readings(things, folder)).items] == [(125.0,), (400.0,)]
+    download(things)
     assert site.asked["/things.csv"] == 1
 
 
@@ -109,18 +109,18 @@ def test_other_bytes_are_refused_and_nothing_is_kept(site: Site, tmp_path: Path)
     site.pages["/things.csv"] = TABLE.replace(b"40", b"41")
     things = declared(tmp_path, site.url("/things.csv"))
     with pytest.raises(NoInput, match=r"things: expected a download of http.*or --input; found .*hash"):
-        downloaded(things)
+        download(things)
     assert not list((tmp_path / "cache").rglob("things.csv"))
     site.pages["/things.csv"] = TABLE
-    assert (downloaded(things) / "things.csv").read_bytes() == TABLE
+    assert (download(things) / "things.csv").read_bytes() == TABLE
 
 
 def test_a_cached_file_that_was_spoilt_is_fetched_again(site: Site, tmp_path: Path) -> None:
     site.pages["/things.csv"] = TABLE
     things = declared(tmp_path, site.url("/things.csv"))
-    cached = downloaded(things) / "things.csv"
+    cached = download(things) / "things.csv"
     cached.write_bytes(b"no,w\n1,99\n")
-    assert (downloaded(things) / "things.csv").read_bytes() == TABLE
+    assert (download(things) / "things.csv").read_bytes() == TABLE
     assert site.asked["/things.csv"] == 2
 
 
@@ -128,7 +128,7 @@ def test_a_stutter_is_tried_once_more(site: Site, tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(downloads, "RETRIES", 1)
     things = declared(tmp_path, site.url("/things.csv"))
     with pytest.raises(NoInput, match="404"):
-        downloaded(things)
+        download(things)
     assert site.asked["/things.csv"] == 2
 
 
@@ -145,10 +145,10 @@ def test_a_file_is_made_of_what_lies_at_the_address(
 ) -> None:
     things = declared(tmp_path, site.url("/public"), made, form)
     site.pages["/public"] = public
-    kept = downloaded(things) / "things.csv"
+    kept = download(things) / "things.csv"
     assert kept.read_bytes() == made
     kept.write_bytes(b"spoilt")
-    assert (downloaded(things) / "things.csv").read_bytes() == made
+    assert (download(things) / "things.csv").read_bytes() == made
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_what_it_cannot_be_made_of_is_refused_and_fetched_again(
     with pytest.raises(
         NoInput, match=r"things: expected a download of http://127.0.0.1:\d+/public or --input; found no"
     ):
-        downloaded(things)
+        download(things)
     assert not list((tmp_path / "cache").rglob("things.csv"))
     site.pages["/public"] = right
-    assert (downloaded(things) / "things.csv").read_bytes() == made
+    assert (download(things) / "things.csv").read_bytes() == made

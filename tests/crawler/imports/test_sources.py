@@ -126,7 +126,7 @@ def test_the_shipped_items_are_those_of_the_sources_that_ship() -> None:
     assert sum(path.stat().st_size for path in shipped.values()) < 8_000_000
     for name, path in shipped.items():
         with gzip.open(path, "rt", encoding="utf-8") as lines:
-            first = RawItem.parsed(next(lines))
+            first = RawItem.from_line(next(lines))
         assert (first.source, first.licence) == (name, source(name).licence)
 
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from crawler.text.sizes import ABSURD_MM, agreed, sizes
+from crawler.text.sizes import ABSURD_MM, consensus, sizes
 from crawler.text.units import MILLIMETRES
 from crawler.text.vocabulary import Language
 
@@ -46,7 +46,7 @@ CASES = [
 
 @pytest.mark.parametrize(("text", "label", "language", "expected"), CASES, ids=[case[0] for case in CASES])
 def test_sizes_as_pages_write_them(text: str, label: str, language: Language, expected: object) -> None:
-    size = agreed([found for found in sizes(text, label, language) if found.meaning == "whole"])
+    size = consensus([found for found in sizes(text, label, language) if found.meaning == "whole"])
     assert size is not None
     assert "contradicts_itself" not in size.flags
     if isinstance(expected, dict):
@@ -93,7 +93,7 @@ def test_parts_in_the_text_of_the_whole() -> None:
 
 
 def test_systems_that_contradict_each_other_are_flagged() -> None:
-    size = agreed(sizes("10 x 20 x 30 in (10 x 20 x 30 cm)", "Dimensions", "en"))
+    size = consensus(sizes("10 x 20 x 30 in (10 x 20 x 30 cm)", "Dimensions", "en"))
     assert size is not None
     assert size.flags == ("contradicts_itself",)
 

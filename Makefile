@@ -5,9 +5,12 @@ PYTHON ?= python3
 UV := $(shell command -v uv 2>/dev/null || echo $(CURDIR)/.tools/bin/uv)
 BIN := .venv/bin
 # Versions are pinned in requirements.lock; nothing is fetched that it does not name.
-INSTALL = $(UV) pip install --quiet --python $(BIN)/python
+INSTALL = $(UV) pip install --quiet --python $(BIN)/python --build-constraints .ci/build.lock.txt
 
-.PHONY: help demo test check coverage lock clean
+# The writer of the SBOM; it is run from an environment of its own.
+CYCLONEDX := 7.5.0
+
+.PHONY: help demo test check coverage lock dist sbom clean
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -47,7 +50,17 @@ $(BIN)/python: | $(UV)
 
 $(CURDIR)/.tools/bin/uv:
 	$(PYTHON) -m venv .tools
-	.tools/bin/pip install --quiet --disable-pip-version-check "uv>=0.9,<1"
+	.tools/bin/pip install --quiet --disable-pip-version-check --require-hashes --requirement .ci/uv.lock.txt
+
+dist: | $(UV) ## build the wheel and the source archive; the same commit gives the same bytes
+	rm -rf dist
+	SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) $(UV) build --quiet --build-constraints .ci/build.lock.txt --require-hashes --out-dir dist
+	@cd dist && sha256sum *.whl *.tar.gz
+
+sbom: | $(UV) ## list all components of the full install (CycloneDX): out/sbom.json
+	@mkdir -p out
+	$(UV) tool run --quiet --from cyclonedx-bom==$(CYCLONEDX) cyclonedx-py requirements requirements.lock --pyproject pyproject.toml --output-reproducible --output-file out/sbom.json
+	@echo out/sbom.json
 
 clean: ## remove what make made
 	rm -rf .venv .tools out .pytest_cache .mypy_cache .ruff_cache

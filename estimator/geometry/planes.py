@@ -15,6 +15,7 @@ from scipy.ndimage import binary_dilation, gaussian_filter1d, median_filter
 
 from estimator.geometry.up import Up, combine_up, tilts
 from metric_base.arrays import BoolArray, FloatArray, IntArray
+from metric_base.statistics import robust_sigma
 
 __all__ = ["SupportPlane", "floor_of", "height_bin", "level_basis", "one_per_cell", "refine_up", "support_planes"]
 
@@ -127,9 +128,8 @@ def _plane(basis: FloatArray, inliers: FloatArray, bin_width: float) -> SupportP
     index = ((inliers[:, :2] - origin) // cell).astype(np.int64)
     cells = np.zeros(index.max(axis=0) + 2, dtype=bool)
     cells[tuple(index.T)] = True
-    middle = float(np.median(inliers[:, 2]))
-    spread = float(1.4826 * np.median(np.abs(inliers[:, 2] - middle)))
-    return SupportPlane(basis, middle, spread, len(inliers), origin, cell, binary_dilation(cells))
+    middle, sigma = float(np.median(inliers[:, 2])), robust_sigma(inliers[:, 2])
+    return SupportPlane(basis, middle, sigma, len(inliers), origin, cell, binary_dilation(cells))
 
 
 def one_per_cell(points: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ import numpy as np
 
 from estimator.geometry.planes import SupportPlane, floor_of, height_bin, one_per_cell
 from metric_base.arrays import FloatArray
+from metric_base.statistics import robust_sigma
 
 __all__ = ["REACH_SHARE", "Foot", "Ground", "Level", "foot_on", "ground_of", "level_below"]
 
@@ -199,5 +200,4 @@ def _ring_level(heights: FloatArray, sectors: FloatArray, highest: float, bin_wi
     while first + 1 < len(level) and level[first + 1] > level[first]:
         first += 1
     inside = heights[(index == first) | (index == first + 1)]
-    middle = float(np.median(inside))
-    return Level(middle, float(1.4826 * np.median(np.abs(inside - middle))))
+    return Level(float(np.median(inside)), robust_sigma(inside))

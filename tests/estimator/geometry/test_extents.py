@@ -42,6 +42,25 @@ def test_noise_is_taken_off_where_it_is_known():
     assert np.abs(np.log(corrected / size)).mean() < np.abs(np.log(plain / size)).mean()
 
 
+def test_a_side_that_fades_out_evenly_keeps_its_whole_length():
+    """A wall without end faces: the share that is cut off at either end is put back."""
+    random = np.random.default_rng(7)
+    ratios = [extents(random.uniform(size=(1000, 1)))[0] for _ in range(40)]
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.006)
+
+
+@pytest.mark.parametrize("sigma", [0.005, 0.01])
+def test_noise_lengthens_a_thing_with_end_faces_and_is_taken_off(sigma):
+    """A sixth of the points on either end face: without the correction the extent is 3.5 standard deviations long."""
+    random = np.random.default_rng(8)
+    ratios = []
+    for _ in range(30):
+        which, inner = random.random(1000), random.random(1000)
+        clean = np.where(which < 1 / 6, 0.0, np.where(which < 1 / 3, 1.0, inner))
+        ratios.append(extents((clean + random.normal(0, sigma, 1000))[:, None], sigma)[0])
+    assert np.mean(ratios) - 1 < 2.6 * sigma
+
+
 def test_one_flying_point_in_two_hundred_moves_nothing_much():
     random = np.random.default_rng(1)
     points = sampled_box(np.ones(3), 400, random)

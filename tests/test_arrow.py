@@ -1,10 +1,12 @@
-"""Data flows one way: a package imports only what lies upstream, and light commands stay light."""
+"""Data flows one way: a room imports only rooms upstream of it, and light commands stay light."""
 
 from __future__ import annotations
 
 import ast
 import subprocess
 import sys
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -12,42 +14,123 @@ import pytest
 from tests.made import minitree
 
 ROOT = Path(__file__).resolve().parents[1]
-FLOW = ["metric_base", "crawler", "taxonomy", "metric_tree", "estimator"]
-#: Commands may import any package, lazily (contracts.md, "Command lines").
-COMMANDS = {"metric_tree/commands", "estimator/command.py"}
+#: The rooms, upstream first. A module of a room imports from its own room and from rooms above it in this list.
+#: A package's own name is the room of the modules directly in it.
+ROOMS = [
+    "metric_base",
+    "crawler",
+    "crawler.text",
+    "crawler.page",
+    "crawler.sites",
+    "crawler.fetch",
+    "crawler.imports",
+    "taxonomy",
+    "taxonomy.matching",
+    "metric_tree",
+    "metric_tree.fit",
+    "metric_tree.build",
+    "metric_tree.checks",
+    "metric_tree.cutouts",
+    "metric_tree.training",
+    "metric_tree.report",
+    "estimator.records",
+    "estimator.reconstructions",
+    "estimator.instances",
+    "estimator.geometry",
+    "estimator.posterior",
+    "estimator.results",
+    "estimator.baselines",
+    "estimator.outputs",
+    "estimator.capture",
+    "estimator",
+]
+#: Commands import any package, each module where it is used, so that a light command stays light.
+COMMANDS = ("metric_tree.commands", "estimator.command")
+#: In the order of the flow.
+PACKAGES = list(dict.fromkeys(room.partition(".")[0] for room in ROOMS))
+#: More than this in one folder is hard to see.
+MOST_MODULES = 16
 #: What a query never loads.
 HEAVY = ["sklearn", "open3d", "nltk", "scrapy", "pandas", "scipy", "matplotlib", "cv2", "pycolmap", "rembg", "dask"]
 
 
-def _imports(path: Path) -> set[str]:
-    found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def _module(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+def _room(module: str) -> str:
+    """The room that a module is in; a package (a folder) is its own room."""
+    return module if (ROOT / module.replace(".", "/")).is_dir() else module.rpartition(".")[0]
+
+
+def _imports(code: str) -> Iterator[str]:
+    """The modules that code imports. `from room import name` is the module `room.name` if there is one."""
+    for node in ast.walk(ast.parse(code)):
         if isinstance(node, ast.Import):
-            found |= {alias.name for alias in node.names}
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: expected absolute imports"
-            found.add(node.module or "")
-    return found
+            assert node.level == 0, "expected absolute imports"
+            home = node.module or ""
+            for alias in node.names:
+                path = ROOT / home.replace(".", "/") / alias.name
+                yield f"{home}.{alias.name}" if path.is_dir() or path.with_suffix(".py").is_file() else home
 
 
-def _backward(package: str, imported: set[str]) -> set[str]:
-    downstream = FLOW[FLOW.index(package) + 1 :]
-    return {name for name in imported if name.split(".")[0] in downstream}
+def _backward(room: str, code: str) -> set[str]:
+    """The imports of a room's code that lead downstream. A package's `__init__` is a door to its rooms, not a room."""
+    package = room.partition(".")[0]
+    doors = set(PACKAGES[: PACKAGES.index(package) + 1])
+    upstream = set(ROOMS[: ROOMS.index(room) + 1])
+    ours = {name for name in _imports(code) if name.partition(".")[0] in PACKAGES}
+    return {name for name in ours if name not in doors and (name in PACKAGES or _room(name) not in upstream)}
 
 
-@pytest.mark.parametrize("package", FLOW)
-def test_no_import_runs_back(package: str) -> None:
-    back = {}
+def _modules(package: str) -> Iterator[Path]:
+    """The modules that the arrow binds: all but commands and the package's own door."""
     for path in sorted((ROOT / package).rglob("*.py")):
-        name = path.relative_to(ROOT).as_posix()
-        if not any(name.startswith(command) for command in COMMANDS) and (found := _backward(package, _imports(path))):
-            back[name] = sorted(found)
+        module = _module(path)
+        if module != package and not module.startswith(COMMANDS):
+            yield path
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_no_import_runs_back(package: str) -> None:
+    back = {
+        _module(path): sorted(names)
+        for path in _modules(package)
+        if (names := _backward(_room(_module(path)), path.read_text(encoding="utf-8")))
+    }
     assert back == {}
 
 
+def test_every_room_has_its_place_in_the_order() -> None:
+    rooms = {_room(_module(path)) for package in PACKAGES for path in _modules(package)}
+    assert rooms - set(ROOMS) == set()
+    assert {room for room in ROOMS if not (ROOT / room.replace(".", "/")).is_dir()} == set()
+
+
 def test_an_arrow_that_runs_back_is_seen() -> None:
-    assert _backward("crawler", {"metric_tree.tree", "json"}) == {"metric_tree.tree"}
-    assert _backward("estimator", {"crawler.items", "metric_tree"}) == set()
+    assert _backward("crawler.page", "import metric_tree.tree, json") == {"metric_tree.tree"}
+    assert _backward("crawler.page", "from crawler.fetch import crawl") == {"crawler.fetch.crawl"}
+    assert _backward("crawler", "import metric_tree") == {"metric_tree"}
+    assert _backward("estimator.records", "from metric_tree import tree\nimport crawler.items") == set()
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_folder_holds_few_modules_and_no_name_twice(package: str) -> None:
+    paths = [path for path in (ROOT / package).rglob("*.py") if path.name != "__init__.py"]
+    assert {str(folder): n for folder, n in Counter(path.parent for path in paths).items() if n > MOST_MODULES} == {}
+    assert [name for name, n in Counter(path.name for path in paths).items() if n > 1] == []
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_room_says_what_it_is_for(package: str) -> None:
+    silent = [
+        path for path in (ROOT / package).rglob("__init__.py") if not ast.get_docstring(ast.parse(path.read_text()))
+    ]
+    assert silent == []
+    assert (ROOT / package / "py.typed").is_file()
 
 
 def test_a_query_loads_nothing_heavy(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ from metric_tree.fit.class_prior import CURATED_WIDENING
 from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import Category
 from taxonomy.curated import BLIND_TABLES, CuratedRange, blind_ranges
-from taxonomy.shipped import default_taxonomy
+from taxonomy.matching.shipped import default_taxonomy
 
 MOST = 200
 #: Values of a dimension from which a share can be told.

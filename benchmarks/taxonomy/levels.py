@@ -29,7 +29,7 @@ from metric_tree.names import folded, singular
 from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import Category
 from taxonomy.matching.matcher import default_matcher
-from taxonomy.shipped import default_taxonomy
+from taxonomy.matching.shipped import default_taxonomy
 
 #: Items after which a leaf weighs no more.
 MOST = 50

@@ -23,7 +23,7 @@ from metric_tree.report.counts import ENOUGH, Coverage, coverage, covered_items
 from metric_tree.tree import open_tree
 from taxonomy.label_lists import Label, vocabularies, vocabulary
 from taxonomy.matching.lexicon import default_lexicon
-from taxonomy.shipped import default_taxonomy
+from taxonomy.matching.shipped import default_taxonomy
 
 #: The list as its authors give it, with the frequency of each label: frequent, common, rare.
 LVIS = Path("../shared/data/vocab/lvis_v1.csv")

@@ -90,18 +90,18 @@ def candidates(axes: FloatArray, extents: FloatArray, pose: str) -> tuple[FloatA
     known = np.full_like(axes, np.nan) if pose == "any" else axes
     left = _left_over(known, extents)  # (n, 3)
     codes = (~np.isnan(known)) @ np.array([1, 2, 4]) * 4 + (~np.isnan(left)).sum(axis=1)
-    found, owners = [], []
+    assigned, owners = [], []
     for code in np.unique(codes):
         rows = np.flatnonzero(codes == code)
         free = [axis for axis in range(3) if not code // 4 >> axis & 1]
         for assignment in _assignments(free, int(code % 4), pose):
             x = known[rows].copy()
             x[:, list(assignment)] = left[rows, : len(assignment)]
-            found.append(x)
+            assigned.append(x)
             owners.append(rows)
     owner = np.concatenate(owners) if owners else np.empty(0, dtype=np.intp)
     order = np.argsort(owner, kind="stable")
-    return (np.concatenate(found)[order] if found else np.empty((0, 3))), owner[order]
+    return (np.concatenate(assigned)[order] if assigned else np.empty((0, 3))), owner[order]
 
 
 def _horizontal(stated: Mapping[str, float]) -> list[float]:

@@ -22,7 +22,7 @@ from metric_base.faults import InputFault
 from metric_tree.release import linked, sha256
 from metric_tree.schema import IMAGES
 
-__all__ = ["FOLDER", "Gathered", "gathered", "image_path", "picture_files"]
+__all__ = ["FOLDER", "Gathered", "collect_pictures", "image_path", "picture_files"]
 
 #: Where pictures lie inside a release, as inside a crawl.
 FOLDER = "pictures"
@@ -47,15 +47,15 @@ class Gathered:
 def picture_files(paths: Iterable[Path]) -> list[Path]:
     """The picture records in the given folders and all below them, and right beside the given files."""
     pattern = "pictures-*.jsonl"
-    found = {
+    files = {
         file: None
         for path in paths
         for file in sorted(path.rglob(pattern) if path.is_dir() else path.parent.glob(pattern))
     }
-    return [file for file in found if _SEGMENT.fullmatch(file.name)]
+    return [file for file in files if _SEGMENT.fullmatch(file.name)]
 
 
-def gathered(files: Sequence[Path], items: pa.Table, folder: Path) -> Gathered:
+def collect_pictures(files: Sequence[Path], items: pa.Table, folder: Path) -> Gathered:
     """The pictures of the items of a release, their files linked into `folder`.
 
     A picture takes the licence of its item: its source's terms, for nothing else is known of it. Left out are pictures
@@ -74,7 +74,7 @@ def gathered(files: Sequence[Path], items: pa.Table, folder: Path) -> Gathered:
     rows: dict[tuple[str, str], dict[str, Any]] = {}
     refused: dict[str, int] = {}
     for home, record in records:
-        reason = _taken(home, record, known, folder)
+        reason = _take(home, record, known, folder)
         if reason is not None:
             refused[reason] = refused.get(reason, 0) + 1
             continue
@@ -92,7 +92,7 @@ def image_path(release: Path, row: Mapping[str, Any], column: str = "path") -> P
     return path if path.is_file() and path.is_relative_to(release.resolve()) else None
 
 
-def _taken(home: Path, record: Mapping[str, Any], known: Mapping[str, Any], folder: Path) -> str | None:
+def _take(home: Path, record: Mapping[str, Any], known: Mapping[str, Any], folder: Path) -> str | None:
     if record["item_id"] not in known:
         return "no_item"
     source, target = home / FOLDER / record["path"], folder / FOLDER / record["path"]

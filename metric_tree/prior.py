@@ -66,8 +66,8 @@ class Prior:
         _expect(self.node_id, "weights", k > 0 and abs(float(np.sum(self.weights)) - 1) < 1e-6, "sum 1", self.weights)
         shapes = {"means": (k, d), "covariances": (k, d, d), "shared_covariance": (d, d)}
         for name, shape in shapes.items():
-            found = np.shape(getattr(self, name))
-            _expect(self.node_id, name, found == shape, f"shape {shape}", found)
+            own = np.shape(getattr(self, name))
+            _expect(self.node_id, name, own == shape, f"shape {shape}", own)
 
     def log_density(self, sizes_mm: FloatArray) -> FloatArray:
         """Natural log of the density over log mm.
@@ -196,6 +196,6 @@ def _normal_cdf(z: FloatArray) -> FloatArray:
     return 0.5 * (1 + np.asarray(_erf(z / math.sqrt(2)), dtype=float))
 
 
-def _expect(node_id: str, name: str, holds: bool, expected: str, found: object) -> None:
+def _expect(node_id: str, name: str, holds: bool, expected: str, value: object) -> None:
     if not holds:
-        raise InputFault(f"prior of {node_id}: {name}: expected {expected}; found {found}")
+        raise InputFault(f"prior of {node_id}: {name}: expected {expected}; found {value}")

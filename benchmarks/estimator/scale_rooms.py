@@ -20,7 +20,7 @@ from estimator.geometry.point_labels import sparse_labels
 from estimator.geometry.tracks import incremental_tracks, shared_tracks
 from estimator.reading import read_instances, read_scene
 from metric_tree.build.steps import Options as BuildOptions
-from metric_tree.build.steps import built, shipped_taxonomy
+from metric_tree.build.steps import build_release, shipped_taxonomy
 from metric_tree.tree import Tree, open_tree
 from tests.made.rooms.arms import ARMS, AUTHORS, Case, scores
 from tests.made.rooms.furnish import furnished_room
@@ -95,7 +95,7 @@ def _tree_and_sizes(raw: Path, cache: Path) -> tuple[Tree, Sizes]:
     out = cache / "tree"
     if not out.exists():
         out.parent.mkdir(parents=True, exist_ok=True)
-        built(
+        build_release(
             files, out, BuildOptions(version="0.0.0", created="2026-11-21", name="rooms", fold_out=FOLD, heldout=False)
         )
     tree = open_tree(out)

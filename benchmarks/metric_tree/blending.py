@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_tree.training.composition import BORDERS_PX, made_background
+from metric_tree.training.composition import BORDERS_PX, random_background
 from tests.made.product_pictures import things
 
 Picture = NDArray[np.uint8]
@@ -63,7 +63,7 @@ def main() -> None:
     figures: dict[str, list[tuple[float, ...]]] = {name: [] for name in WAYS}
     for number, thing in enumerate(things(arguments.count, seed=11)):
         generator = np.random.default_rng(number)
-        background = made_background(SIZE, generator)
+        background = random_background(SIZE, generator)
         picture, coverage = _placed(thing.colour[..., ::-1], thing.coverage, generator)
         for name, way in WAYS.items():
             figures[name].append(_figures(way, picture, background, coverage))

@@ -96,13 +96,13 @@ def _in_a_process_of_its_own(rows: int, folder: Path, arguments: argparse.Namesp
 
 
 def _measured(folder: Path, workers: int, dask: bool) -> dict[str, float]:
-    from metric_tree.build.steps import Options, built
+    from metric_tree.build.steps import Options, build_release
     from metric_tree.commands.build import executor_of
 
     started = time.perf_counter()
     options = Options(version="0.0.0", created="2026-01-01", heldout=False)
     with _scheduler(workers, dask) as scheduler, executor_of(workers, scheduler) as executor:
-        build = built(
+        build = build_release(
             [folder / "raw.jsonl"], folder / "release", options, taxonomy=made_taxonomy, declared={}, executor=executor
         )
     wall = time.perf_counter() - started

@@ -135,7 +135,7 @@ def main() -> None:
         "bare grabCut": bare_grabcut,
     }
     if arguments.model:
-        network = Network.loaded(arguments.model)
+        network = Network.load(arguments.model)
         ways[network.method] = network.foreground
         ways[f"auto with {network.method}"] = Auto(Plain(), network).foreground
         ways["bare rembg"] = partial(bare_rembg, network.session)

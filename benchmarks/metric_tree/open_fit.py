@@ -17,10 +17,10 @@ from metric_tree.report.changes import (
     SIZE_QUANTILES,
     SPREAD_QUANTILES,
     Change,
-    changed,
     changes,
-    gone,
     label,
+    largest_changes,
+    removed_nodes,
     size_and_spread,
     source_changes,
 )
@@ -74,7 +74,7 @@ def page(whole: Tree, opened: Tree, names: Sequence[str] | None = None) -> str:
         head,
         "## What is lost\n",
         _table(("", "whole", "open", "lost"), _counts(whole, opened)),
-        _nodes(gone(opened, whole)),
+        _nodes(removed_nodes(opened, whole)),
         "Items of the fit by source, where they differ:\n",
         _table(("source", "whole", "open"), source_changes(opened, whole)),
         "## Label lists\n",
@@ -87,7 +87,7 @@ def page(whole: Tree, opened: Tree, names: Sequence[str] | None = None) -> str:
         _model_note(whole, opened),
         _distribution(found),
         f"The {SHOWN} nodes with {ENOUGH} or more items in both whose size changes most:\n",
-        _most(changed(found, SHOWN, ENOUGH)),
+        _most(largest_changes(found, SHOWN, ENOUGH)),
     ]
     return "\n".join(section for section in sections if section)
 

@@ -108,7 +108,7 @@ def counted(
     declared: dict[str, Source] = {source.id: source for source in sources()}
     with (
         tempfile.TemporaryDirectory() as folder,
-        WorkFolder.opened(Path(folder) / "work", "counts") as work,
+        WorkFolder.open(Path(folder) / "work", "counts") as work,
         executor_of(workers, None) as executor,
     ):
         steps = Steps(options, taxonomy, declared, None, executor or Here(), None, work)

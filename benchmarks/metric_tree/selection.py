@@ -22,7 +22,7 @@ from estimator.geometry.measurement import measure_objects
 from estimator.results.categories import meanings
 from estimator.results.estimate import Options, estimated
 from metric_base.arrays import FloatArray
-from metric_tree.training.selection import candidates, chosen, paper_selection
+from metric_tree.training.selection import candidates, choose, paper_selection
 from metric_tree.tree import Node, Tree
 from tests.made.rooms.furnish import furnished_room
 from tests.made.rooms.kinds import KINDS
@@ -45,7 +45,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS), help="rooms of each kind")
     arguments = parser.parse_args()
     tree, sizes = _tree_and_sizes(arguments.raw, arguments.cache)
-    ours = {one.node.node_id for one in chosen(candidates(tree))}
+    ours = {one.node.node_id for one in choose(candidates(tree))}
     paper = {node_id for _, node_id in paper_selection()}
     print(f"tree {tree.version}: {len(ours)} ours, {len(paper)} of the paper, {len(ours & paper)} in both")
     arms: dict[str, set[str] | None] = {"all categories": None, "our 43": ours, THEIRS: paper}

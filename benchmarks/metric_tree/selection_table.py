@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from metric_tree.commands.select import figures, selection
-from metric_tree.training.selection import Rules, candidates, chosen
+from metric_tree.training.selection import Rules, candidates, choose
 from metric_tree.tree import open_tree
 
 FIGURES = ("divergence", "samples", "sources", "lists", "sd of log scale", "narrowing")
@@ -41,7 +41,7 @@ def main() -> None:
     arguments = parser.parse_args()
     tree = open_tree(arguments.tree)
     ranked, rules = candidates(tree), Rules()
-    found = selection(tree, ranked, chosen(ranked, rules), rules)
+    found = selection(tree, ranked, choose(ranked, rules), rules)
     both = sum(row["chosen"] for row in found["paper"])
     print(
         f"{tree.name} {tree.version}: {found['candidates']} candidates; {both} of the {rules.count} are the paper's\n"

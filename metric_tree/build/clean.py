@@ -16,14 +16,14 @@ from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES, EXTENTS, candidates
 from metric_tree.build.duplicates import duplicates
 from metric_tree.build.ingest import refusal
-from metric_tree.build.unit_slips import Reference, reference, slipped
+from metric_tree.build.unit_slips import Reference, reference, slip_factors
 from metric_tree.fit.class_prior import ClassRows, Moments, class_prior, extent_moments, moments
 from metric_tree.fit.disagreement import SharedModel
 from metric_tree.fit.em import Belief
 from metric_tree.prior import Prior
 from metric_tree.schema import ITEMS
 
-__all__ = ["REFUSALS", "Cleaned", "NodeClass", "class_priors", "cleaned", "extents_of"]
+__all__ = ["REFUSALS", "Cleaned", "NodeClass", "class_priors", "clean_shard", "extents_of"]
 
 #: Rows of one source in one class that the fit takes, those of the lowest hash: its weight there is bounded anyway
 #: (`evidence.SOURCE_HALF`), and four hundred tell its distribution to a twentieth of its spread.
@@ -64,7 +64,7 @@ class Cleaned:
     counts: Counter[str]
 
 
-def cleaned(
+def clean_shard(
     shard: bytes,
     licences: Mapping[str, str],
     siblings: Mapping[str, Reference],
@@ -83,18 +83,18 @@ def cleaned(
     table = table.take(pc.sort_indices(table, [("node_id", "ascending"), ("item_id", "ascending")]))
     sizes = np.column_stack([_axes(table), extents_of(table)])  # (n, 6)
     if carried is None:
-        reasons = _reasons(table, sizes, shipped, siblings)
+        reasons = _refusal_reasons(table, sizes, shipped, siblings)
     else:
         reasons = ["" if item_id in carried else "not_carried" for item_id in table["item_id"].to_pylist()]
     good = np.array([not reason for reason in reasons], dtype=bool)
-    refused = _refused(table.filter(pa.array(~good)), [reason for reason in reasons if reason])
+    refused = _refusal_lines(table.filter(pa.array(~good)), [reason for reason in reasons if reason])
     table, sizes = table.filter(pa.array(good)), sizes[good]
     ship = np.isin(_strings(table, "source"), sorted(shipped))
-    found = [_class(table.take(pa.array(rows)), sizes[rows]) for rows in _nodes(table)]
+    classes = [_class(table.take(pa.array(rows)), sizes[rows]) for rows in _nodes(table)]
     counts = Counter(reason.partition(":")[0] for reason in reasons if reason)
-    rows = pickle.dumps([own for _, own in found])
+    rows = pickle.dumps([own for _, own in classes])
     return Cleaned(
-        _items(table.filter(pa.array(ship)), licences), tuple(one for one, _ in found), rows, refused, counts
+        _items(table.filter(pa.array(ship)), licences), tuple(one for one, _ in classes), rows, refused, counts
     )
 
 
@@ -108,10 +108,10 @@ def class_priors(
 
 def extents_of(table: pa.Table) -> FloatArray:
     """Column `extents_mm` as (n, 3), NaN beyond the last."""
-    return _padded(table["extents_mm"])
+    return _matrix_of_lists(table["extents_mm"])
 
 
-def _reasons(
+def _refusal_reasons(
     table: pa.Table, sizes: FloatArray, shipped: frozenset[str], siblings: Mapping[str, Reference]
 ) -> list[str]:
     """Why each row is refused, empty where it is not; a slip is looked for first, so that it hides no true row."""
@@ -122,7 +122,9 @@ def _reasons(
     for rows in _nodes(table):
         real = rows[[kinds[row] != "curated" for row in rows]]
         against = reference(extents[real]) or siblings.get(node[rows[0]])
-        for row, factor in zip(real, slipped(extents[real], against) if against and len(real) else (), strict=False):
+        for row, factor in zip(
+            real, slip_factors(extents[real], against) if against and len(real) else (), strict=False
+        ):
             if factor != 1.0:
                 reasons[row] = f"unit_slip: {factor:g}" if np.isfinite(factor) else "far_outlier"
     left = np.array([row for row, reason in enumerate(reasons) if not reason], dtype=np.intp)
@@ -138,7 +140,7 @@ def _reasons(
     return reasons
 
 
-def _refused(table: pa.Table, reasons: Sequence[str]) -> bytes:
+def _refusal_lines(table: pa.Table, reasons: Sequence[str]) -> bytes:
     lines = []
     for row, reason in zip(table.to_pylist(), reasons, strict=True):
         code, _, detail = reason.partition(": ")
@@ -154,7 +156,7 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
     source, kind = _strings(table, "source"), _strings(table, "kind")
     real = kind != "curated"
     by_source = Counter(source[real].tolist())
-    fit = _capped(source, table["hash"].to_numpy())
+    fit = _fit_rows(source, table["hash"].to_numpy())
     spreads = _range_sd(table)
     frames = [
         _class_rows(node_id, name, axes, sizes[fit], source[fit], kind[fit], spreads[fit], int(real.sum()))
@@ -162,14 +164,14 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
     ]
     frames = frames[:1] if pose == "any" else frames
     by_kind = dict(Counter(kind.tolist()))
-    found = NodeClass(
+    node_class = NodeClass(
         node_id,
         (moments(frames[0]), *map(extent_moments, frames[1:])),
         dict(by_source),
         by_kind,
         dict(zip(source.tolist(), kind.tolist(), strict=True)),
     )
-    return found, frames[0]
+    return node_class, frames[0]
 
 
 def _class_rows(
@@ -189,7 +191,7 @@ def _class_rows(
     return ClassRows(node_id, axes, np.log(x), owner, tuple(source.tolist()), tuple(kind.tolist()), range_sd, n)
 
 
-def _capped(source: NDArray[np.str_], hashes: NDArray[np.uint64]) -> NDArray[np.intp]:
+def _fit_rows(source: NDArray[np.str_], hashes: NDArray[np.uint64]) -> NDArray[np.intp]:
     """Rows that the fit takes: of each source at most `FIT_ROWS`, those of the lowest hash."""
     order = np.lexsort((hashes, source))
     _, starts, counts = np.unique(source[order], return_index=True, return_counts=True)
@@ -221,10 +223,10 @@ def _axes(table: pa.Table) -> FloatArray:
 def _range_sd(table: pa.Table) -> FloatArray:
     if table["range_sd"].null_count == table.num_rows:
         return np.full((table.num_rows, 3), np.nan)
-    return _padded(table["range_sd"])
+    return _matrix_of_lists(table["range_sd"])
 
 
-def _padded(column: pa.ChunkedArray) -> FloatArray:
+def _matrix_of_lists(column: pa.ChunkedArray) -> FloatArray:
     """A list column as (n, 3), NaN beyond the last."""
     lengths = pc.fill_null(pc.list_value_length(column), 0).to_numpy(zero_copy_only=False).astype(np.intp)
     rows = np.repeat(np.arange(len(lengths)), lengths)

@@ -34,7 +34,7 @@ __all__ = [
     "Ingested",
     "block_of",
     "blocks",
-    "ingested",
+    "ingest_block",
     "is_held_out",
     "item_hash",
     "items_of",
@@ -106,13 +106,13 @@ def raw_files(paths: Iterable[Path]) -> list[Path]:
     InputFault
         A path does not exist, or a folder holds no `*.jsonl` or `*.jsonl.gz` (what importers refused is passed over).
     """
-    found: list[Path] = []
+    files: list[Path] = []
     for path in paths:
         inside = sorted(file for file in path.rglob("*") if _RAW.search(file.name)) if path.is_dir() else [path]
         if not inside or not all(file.is_file() for file in inside):
             raise InputFault(f"{path}: expected raw items (*.jsonl, *.jsonl.gz); found none")
-        found += inside
-    return found
+        files += inside
+    return files
 
 
 def blocks(files: Iterable[Path]) -> Iterator[Block]:
@@ -144,7 +144,7 @@ def is_held_out(item_id: str, fold: int, folds: int) -> bool:
     return item_hash(item_id) % folds == fold
 
 
-def ingested(
+def ingest_block(
     block: Block,
     taxonomy: Callable[[], Taxonomy],
     fold_out: tuple[int, int] | None = None,
@@ -221,15 +221,15 @@ def _row(
         return None, "fold_left_out"
     if distrusted := next((flag for flag in ("low_trust", "placeholder") if flag in item.flags), None):
         return None, distrusted
-    node_id = _matched(item, taxonomy).node_id
+    node_id = _match(item, taxonomy).node_id
     if node_id is None:
         return None, "no_category"
     pose = _poses(taxonomy)[node_id]
     if item.kind == "curated":
-        found: Sizes | None = own_sizes(item.dimensions_mm, pose)
+        stated: Sizes | None = own_sizes(item.dimensions_mm, pose)
     else:
-        found = sizes(item.dimensions_mm, item.extents_mm, pose)
-    if found is None:
+        stated = sizes(item.dimensions_mm, item.extents_mm, pose)
+    if stated is None:
         return None, "no_size"
     return {
         "item_id": item_id,
@@ -239,11 +239,11 @@ def _row(
         "source": item.source,
         "source_id": item.source_id,
         "title": item.title,
-        "length_mm": found.length,
-        "width_mm": found.width,
-        "height_mm": found.height,
-        "extents_mm": found.extents,
-        "range_sd": _range_sd(item, found),
+        "length_mm": stated.length,
+        "width_mm": stated.width,
+        "height_mm": stated.height,
+        "extents_mm": stated.extents,
+        "range_sd": _range_sd(item, stated),
         "kind": item.kind,
         "year": item.year,
         "region": item.region,
@@ -256,7 +256,7 @@ def _row(
 _remembered: dict[tuple[object, ...], Match] = {}
 
 
-def _matched(item: RawItem, taxonomy: Callable[[], Taxonomy]) -> Match:
+def _match(item: RawItem, taxonomy: Callable[[], Taxonomy]) -> Match:
     key = (taxonomy, item.source, item.category_path, item.title, item.synset)
     if key not in _remembered:
         if len(_remembered) >= REMEMBERED:
@@ -282,7 +282,7 @@ def _shards(factory: Callable[[], Taxonomy]) -> dict[str, int]:
     return {node_id: rank * SHARDS // len(nodes) for rank, node_id in enumerate(nodes)}
 
 
-def _range_sd(item: RawItem, found: Sizes) -> list[float] | None:
+def _range_sd(item: RawItem, stated: Sizes) -> list[float] | None:
     """Spread of ln size of each extent of a curated item, from the range of the word that states it."""
     if not item.ranges_mm:
         return None
@@ -290,7 +290,7 @@ def _range_sd(item: RawItem, found: Sizes) -> list[float] | None:
         item.dimensions_mm.get(word): math.log(high / low) / (2 * RANGE_SD)
         for word, (low, high) in item.ranges_mm.items()
     }
-    return [spreads.get(extent, math.nan) for extent in found.extents]
+    return [spreads.get(extent, math.nan) for extent in stated.extents]
 
 
 def _arrow(shards: Sequence[Sequence[dict[str, Any]]]) -> bytes:

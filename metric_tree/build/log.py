@@ -43,13 +43,13 @@ def disagreements(classes: Sequence[NodeClass], priors: Mapping[str, Prior]) -> 
     `between_sd` is the published standard deviation of ln size between sources along the mean of the axes, the one
     that an estimate of scale suffers from; `means_mm` the geometric mean sizes of each source.
     """
-    found = []
+    records = []
     for one in classes:
         own = one.moments[0].disagreement
         if own is None or own.freedom < 1:
             continue
         shared = priors[one.node_id].shared_covariance
-        found.append(
+        records.append(
             {
                 "node_id": one.node_id,
                 "sources": len(own.sources),
@@ -63,7 +63,7 @@ def disagreements(classes: Sequence[NodeClass], priors: Mapping[str, Prior]) -> 
                 },
             }
         )
-    return sorted(found, key=lambda record: -float(record["observed_sd"]))
+    return sorted(records, key=lambda record: -float(record["observed_sd"]))
 
 
 def is_mixed(prior: Prior) -> bool:

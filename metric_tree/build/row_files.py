@@ -33,7 +33,7 @@ class RowFiles:
 
     paths: tuple[Path, ...]
 
-    def repeated(self) -> Repeated:
+    def repeats(self) -> Repeated:
         """The rows that bear an id for the second time; eight bytes a row in memory."""
         hashes: list[NDArray[np.uint64]] = []
         for path in self.paths:
@@ -74,7 +74,7 @@ def sibling_references(rows: RowFiles, categories: Sequence[Category]) -> dict[s
         for parent, family in families.items()
     }
     thin = (node_id for node_id in medians if counts[node_id] < ENOUGH)
-    return {node_id: found for node_id in thin if (found := known.get(parents[node_id])) is not None}
+    return {node_id: against for node_id in thin if (against := known.get(parents[node_id])) is not None}
 
 
 def _medians(rows: RowFiles) -> tuple[dict[str, FloatArray], Mapping[str, int]]:

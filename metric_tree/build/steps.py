@@ -28,8 +28,8 @@ import pyarrow as pa
 from crawler.imports.sources import Source, sources
 from crawler.items import RawItem
 from metric_base.faults import InputFault
-from metric_tree.build.clean import Cleaned, NodeClass, class_priors, cleaned
-from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingested, items_of, raw_files
+from metric_tree.build.clean import Cleaned, NodeClass, class_priors, clean_shard
+from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
 from metric_tree.build.log import report
 from metric_tree.build.row_files import RowFiles, sibling_references
 from metric_tree.build.tables import (
@@ -44,13 +44,13 @@ from metric_tree.build.tables import (
 )
 from metric_tree.build.work_folder import Here, WorkFolder, fingerprint
 from metric_tree.fit.disagreement import SharedModel, shared_model
-from metric_tree.pictures import gathered, picture_files
+from metric_tree.pictures import collect_pictures, picture_files
 from metric_tree.prior import Prior
 from metric_tree.release import Release, published
 from metric_tree.schema import IMAGES
 from taxonomy.categories import Taxonomy
 
-__all__ = ["Build", "Options", "Steps", "built", "shipped_curated", "shipped_taxonomy"]
+__all__ = ["Build", "Options", "Steps", "build_release", "shipped_curated", "shipped_taxonomy"]
 
 #: Called with the name of a step and the parts of it that are done.
 Progress = Callable[[str, int], None]
@@ -107,7 +107,7 @@ def shipped_curated() -> Iterable[RawItem]:
     return curated_items()
 
 
-def built(
+def build_release(
     raw: Sequence[Path],
     out: Path,
     options: Options,
@@ -144,14 +144,14 @@ def built(
     _expect_private(options.private, files)
     own = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
-    with WorkFolder.opened(
+    with WorkFolder.open(
         log / "work", fingerprint(files, repr((options, sorted(declared.items()), own, carried)))
     ) as work:
         steps = Steps(options, taxonomy, declared, carried, executor or Here(), progress, work)
         counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()
         report, tables, manifest = (steps.carry if carried else steps.fit)(classes, counts + dropped)
-        extras = _with_pictures(raw, tables, report, work.directory / "extras")
+        extras = _add_pictures(raw, tables, report, work.directory / "extras")
         release = published(out, tables, manifest, extras)
         _write_log(log, work.directory, report)
     return Build(release, report, log)
@@ -159,14 +159,14 @@ def built(
 
 def _expect_private(private: Sequence[str], files: Iterable[Path]) -> None:
     """See that every source to be kept private has raw items: one that is misspelt would be withheld without a word."""
-    found: set[str] = set()
+    present: set[str] = set()
     for block in blocks(files) if private else ():
-        if set(private) <= found:  # a large folder need not be read to its end
+        if set(private) <= present:  # a large folder need not be read to its end
             return
-        found |= {item.source for item in items_of(block)}
-    missing = sorted(set(private) - found)
+        present |= {item.source for item in items_of(block)}
+    missing = sorted(set(private) - present)
     if missing:
-        known = ", ".join(sorted(found)) or "none"
+        known = ", ".join(sorted(present)) or "none"
         raise InputFault(f"--private: expected sources of the raw items ({known}); found {', '.join(missing)}")
 
 
@@ -188,45 +188,45 @@ class Steps:
         left_out = frozenset() if self.options.noncommercial else frozenset(noncommercial)
         calls = ((block, self.taxonomy, self.options.fold_out, left_out) for block in lines)
         counts: Counter[str] = Counter()
-        for result in self._mapped("ingest", ingested, calls, _spilled_rows):
+        for result in self._map("ingest", ingest_block, calls, _spill_rows):
             counts += result.counts
         return counts
 
     def clean(self) -> tuple[list[NodeClass], Counter[str]]:
         """Step 2: the classes, without their rows, and the rows dropped by reason."""
         rows = RowFiles(tuple(sorted(self.work.directory.glob("ingest-*.arrow"))))
-        repeated, siblings = rows.repeated(), sibling_references(rows, self.taxonomy().categories())
+        repeated, siblings = rows.repeats(), sibling_references(rows, self.taxonomy().categories())
         licences = {source.id: source.licence for source in (*self.declared.values(), CURATED) if source.ship}
         licences |= dict.fromkeys(self.options.private, PRIVATE_LICENCE)
         ids = frozenset(self.carried.table("items")["item_id"].to_pylist()) if self.carried else None
         calls = ((rows.shard(number, repeated), licences, siblings, ids) for number in range(SHARDS))
         classes: list[NodeClass] = []
         counts = Counter({"repeated_id": len(repeated.extra)})
-        for result in self._mapped("clean", cleaned, calls, _spilled_classes):
+        for result in self._map("clean", clean_shard, calls, _spill_classes):
             classes += result.classes
             counts += result.counts
         return classes, counts
 
     def fit(
-        self, found: Sequence[NodeClass], counts: Counter[str]
+        self, classes: Sequence[NodeClass], counts: Counter[str]
     ) -> tuple[dict[str, Any], dict[str, pa.Table], dict[str, Any]]:
         """Steps 3 and 4: what a maintainer should read, the tables and the manifest."""
-        classes = {one.node_id: one for one in found}
-        hierarchy = Hierarchy.of(kept_categories(self.taxonomy().categories(), classes))
-        model = shared_model(m.disagreement for one in found for m in one.moments[:1] if m.disagreement)
-        leaves = self._leaves(found, hierarchy, model)
-        priors = hierarchy.priors(leaves, classes)
+        by_id = {one.node_id: one for one in classes}
+        hierarchy = Hierarchy.of(kept_categories(self.taxonomy().categories(), by_id))
+        model = shared_model(m.disagreement for one in classes for m in one.moments[:1] if m.disagreement)
+        leaves = self._leaves(classes, hierarchy, model)
+        priors = hierarchy.priors(leaves, by_id)
         tables = {
-            "nodes.parquet": node_table(hierarchy, classes, priors),
+            "nodes.parquet": node_table(hierarchy, by_id, priors),
             "items.parquet": self._items(),
             "priors.parquet": prior_table(hierarchy, priors),
             "images.parquet": IMAGES.empty_table(),
         }
-        manifest = self._manifest(tables, found, counts) | {"source_disagreement": asdict(model)}
-        return report(found, leaves, model, counts), tables, manifest
+        manifest = self._manifest(tables, classes, counts) | {"source_disagreement": asdict(model)}
+        return report(classes, leaves, model, counts), tables, manifest
 
     def carry(
-        self, found: Sequence[NodeClass], counts: Counter[str]
+        self, classes: Sequence[NodeClass], counts: Counter[str]
     ) -> tuple[dict[str, Any], dict[str, pa.Table], dict[str, Any]]:
         """In place of `fit`: the rows of this build under the nodes and priors of the release that is carried over."""
         if self.carried is None:
@@ -238,15 +238,15 @@ class Steps:
         manifest["sources"] = [record | {"n_rows": n_rows[record["id"]]} for record in manifest["sources"]]
         manifest["counts"] = manifest["counts"] | {"n_rows": tables["items.parquet"].num_rows}
         manifest |= {name: getattr(self.options, name) for name in ("name", "version", "created")}
-        return {"raw": dict(sorted(counts.items())), "classes": len(found)}, tables, manifest
+        return {"raw": dict(sorted(counts.items())), "classes": len(classes)}, tables, manifest
 
-    def _leaves(self, found: Sequence[NodeClass], hierarchy: Hierarchy, model: SharedModel) -> dict[str, Prior]:
+    def _leaves(self, classes: Sequence[NodeClass], hierarchy: Hierarchy, model: SharedModel) -> dict[str, Prior]:
         parents = {category.node_id: category.parent_id or "" for category in hierarchy.categories}
-        beliefs = hierarchy.beliefs(m for one in found for m in one.moments)
-        own = {one.node_id: beliefs[parents[one.node_id], one.moments[0].axes] for one in found}
+        beliefs = hierarchy.beliefs(m for one in classes for m in one.moments)
+        own = {one.node_id: beliefs[parents[one.node_id], one.moments[0].axes] for one in classes}
         files = sorted(self.work.directory.glob("clean-*.classes"))
         calls = ((path.read_bytes(), own, model, self.options.seed, self.options.heldout) for path in files)
-        return {prior.node_id: prior for priors in self._mapped("fit", class_priors, calls) for prior in priors}
+        return {prior.node_id: prior for priors in self._map("fit", class_priors, calls) for prior in priors}
 
     def _items(self) -> pa.Table:
         """The shipped items, mapped from the work folder and not read into memory."""
@@ -254,13 +254,13 @@ class Steps:
         return pa.concat_tables([pa.ipc.open_file(pa.memory_map(str(path))).read_all() for path in files])
 
     def _manifest(
-        self, tables: Mapping[str, pa.Table], found: Sequence[NodeClass], counts: Counter[str]
+        self, tables: Mapping[str, pa.Table], classes: Sequence[NodeClass], counts: Counter[str]
     ) -> dict[str, Any]:
         n_fit: Counter[str] = Counter()
-        for one in found:
+        for one in classes:
             n_fit.update(one.n_by_source)
         n_rows = Counter(tables["items.parquet"]["source"].to_pylist())
-        used = frozenset().union(*(one.kinds for one in found))
+        used = frozenset().union(*(one.kinds for one in classes))
         return {
             "name": self.options.name,
             "version": self.options.version,
@@ -268,26 +268,26 @@ class Steps:
             "sources": source_records(self.declared, n_fit, n_rows, used),
             "counts": node_counts(tables["nodes.parquet"])
             | {"n_fit": n_fit.total(), "n_rows": tables["items.parquet"].num_rows, "raw": dict(sorted(counts.items()))},
-            "evidence": evidence_counts(found),
+            "evidence": evidence_counts(classes),
             "noncommercial": self.options.noncommercial,
             "private": sorted(self.options.private),
             "fold_out": list(self.options.fold_out) if self.options.fold_out else None,
         }
 
-    def _mapped(
+    def _map(
         self,
         step: str,
         function: Callable[..., _R],
         calls: Iterable[Any],
         spilled: Callable[[_R, Path], _R] | None = None,
     ) -> Iterator[_R]:
-        for done, result in enumerate(self.work.mapped(step, function, calls, self.executor, spilled), start=1):
+        for done, result in enumerate(self.work.map(step, function, calls, self.executor, spilled), start=1):
             if self.progress is not None:
                 self.progress(step, done)
             yield result
 
 
-def _with_pictures(
+def _add_pictures(
     raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path
 ) -> Path | None:
     """Put the pictures that lie beside the raw items into the tables, the report and a folder; None without any."""
@@ -295,28 +295,28 @@ def _with_pictures(
     if not files:
         return None
     folder.mkdir(exist_ok=True)
-    found = gathered(files, tables["items.parquet"], folder)
-    tables["images.parquet"] = found.rows
-    report["pictures"] = {"taken": found.rows.num_rows, "left_out": dict(found.refused)}
+    pictures = collect_pictures(files, tables["items.parquet"], folder)
+    tables["images.parquet"] = pictures.rows
+    report["pictures"] = {"taken": pictures.rows.num_rows, "left_out": dict(pictures.refused)}
     return folder
 
 
-def _spilled_rows(result: Ingested, stem: Path) -> Ingested:
+def _spill_rows(result: Ingested, stem: Path) -> Ingested:
     stem.with_suffix(".arrow").write_bytes(result.rows)
     stem.with_suffix(".refused").write_bytes(result.refused)
     return replace(result, rows=b"", refused=b"")
 
 
-def _spilled_classes(result: Cleaned, stem: Path) -> Cleaned:
+def _spill_classes(result: Cleaned, stem: Path) -> Cleaned:
     stem.with_suffix(".items").write_bytes(result.items)
     stem.with_suffix(".refused").write_bytes(result.refused)
     stem.with_suffix(".classes").write_bytes(result.rows)
     return replace(result, items=b"", refused=b"", rows=b"")
 
 
-def _write_log(log: Path, work: Path, found: Mapping[str, Any]) -> None:
+def _write_log(log: Path, work: Path, content: Mapping[str, Any]) -> None:
     with (log / "quarantine.jsonl").open("wb") as quarantine:
         for path in sorted(work.glob("*.refused"), reverse=True):  # ingest first, then clean
             with path.open("rb") as part:
                 shutil.copyfileobj(part, quarantine)
-    (log / "report.json").write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    (log / "report.json").write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -79,19 +79,19 @@ class Hierarchy:
 
         Moments of an inner node are its belief's own, so that a node without other children inherits from above.
         """
-        found = {(m.node_id, m.axes): m for m in moments}
+        known = {(m.node_id, m.axes): m for m in moments}
         for category in reversed(self.categories):
             for axes in (AXES, EXTENTS):
                 below = [
-                    found[key] for child in self.children.get(category.node_id, ()) if (key := (child, axes)) in found
+                    known[key] for child in self.children.get(category.node_id, ()) if (key := (child, axes)) in known
                 ]
                 if below:
-                    found[category.node_id, axes] = _summary(category.node_id, axes, below)
+                    known[category.node_id, axes] = _summary(category.node_id, axes, below)
         beliefs: dict[tuple[str, tuple[str, ...]], Belief] = {}
         for category in self.categories:
             for axes in (AXES, EXTENTS):
                 below = [
-                    found[key] for child in self.children.get(category.node_id, ()) if (key := (child, axes)) in found
+                    known[key] for child in self.children.get(category.node_id, ()) if (key := (child, axes)) in known
                 ]
                 above = beliefs.get((category.parent_id or "", axes), VAGUE)
                 beliefs[category.node_id, axes] = belief_of(below, above)
@@ -110,9 +110,9 @@ class Hierarchy:
             weights = commonness([items[child] for child in having], trust)
             below = [priors[child] for child in having]
             upright = sum(float(weight) for weight, own in zip(weights, below, strict=True) if own[0].dims[0] in AXES)
-            found = inner_priors(category.node_id, below, weights, AXES if upright >= 0.5 else EXTENTS)
+            fitted = inner_priors(category.node_id, below, weights, AXES if upright >= 0.5 else EXTENTS)
             sources = len(items[category.node_id])
-            priors[category.node_id] = [replace(one, n_sources=sources or one.n_sources) for one in found]
+            priors[category.node_id] = [replace(one, n_sources=sources or one.n_sources) for one in fitted]
         return priors
 
 
@@ -120,7 +120,7 @@ def node_table(
     hierarchy: Hierarchy, classes: Mapping[str, NodeClass], priors: Mapping[str, Sequence[Prior]]
 ) -> pa.Table:
     """The nodes of the release (`metric_tree.schema.NODES`)."""
-    own = {node_id: sum(found.n_by_source.values()) for node_id, found in classes.items()}
+    own = {node_id: sum(one.n_by_source.values()) for node_id, one in classes.items()}
     total = Counter(own)
     for category in reversed(hierarchy.categories):
         if category.parent_id is not None:
@@ -146,18 +146,18 @@ def node_counts(nodes: pa.Table) -> dict[str, int]:
 def evidence_counts(classes: Iterable[NodeClass]) -> dict[str, dict[str, int]]:
     """Items of each set of kinds (`EVIDENCE`), and leaves with at least 1, 10 and 30 of them, repeats left out."""
     by_kind = [one.n_by_kind for one in classes]
-    found = {}
+    evidence = {}
     for name, kinds in EVIDENCE.items():
         items = [sum(n for kind, n in counts.items() if kind in kinds) for counts in by_kind]
         leaves = {f"leaves_{least}": sum(n >= least for n in items) for least in (1, 10, 30)}
-        found[name] = {"items": sum(items)} | leaves
-    return found
+        evidence[name] = {"items": sum(items)} | leaves
+    return evidence
 
 
 def prior_table(hierarchy: Hierarchy, priors: Mapping[str, Sequence[Prior]]) -> pa.Table:
     """The priors of the release, in the order of its nodes (`metric_tree.schema.PRIORS`)."""
-    found = [prior.row() for category in hierarchy.categories for prior in priors.get(category.node_id, ())]
-    return pa.Table.from_pylist(found, schema=PRIORS)
+    rows = [prior.row() for category in hierarchy.categories for prior in priors.get(category.node_id, ())]
+    return pa.Table.from_pylist(rows, schema=PRIORS)
 
 
 def source_records(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from metric_base.arrays import FloatArray
 from metric_tree.axes import candidates
 
-__all__ = ["FACTORS", "Reference", "reference", "sibling_reference", "slipped"]
+__all__ = ["FACTORS", "Reference", "reference", "sibling_reference", "slip_factors"]
 
 #: Units mistaken for each other, which puts every size of a row off by one factor: mm, cm, dm, m, inch, foot, and inch
 #: for centimetre. An inch for a foot, 12, could not be told from 10.
@@ -77,7 +77,7 @@ def sibling_reference(medians: FloatArray) -> Reference | None:
     return Reference(centre, np.maximum(deviation, np.log(LEAST_FACTOR)))
 
 
-def slipped(extents: FloatArray, against: Reference) -> FloatArray:
+def slip_factors(extents: FloatArray, against: Reference) -> FloatArray:
     """Of each row the factor by which a size is off: a unit's, inf where far out unexplained, 1 where all is well.
 
     Parameters

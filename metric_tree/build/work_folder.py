@@ -45,7 +45,7 @@ class WorkFolder:
 
     @classmethod
     @contextmanager
-    def opened(cls, directory: Path, key: str) -> Iterator[WorkFolder]:
+    def open(cls, directory: Path, key: str) -> Iterator[WorkFolder]:
         """The folder, emptied where it belongs to another build; removed when the block ends well.
 
         Raises
@@ -63,7 +63,7 @@ class WorkFolder:
         yield cls(directory)
         shutil.rmtree(directory)
 
-    def mapped(
+    def map(
         self,
         step: str,
         function: Callable[..., _R],

@@ -99,8 +99,8 @@ def _size_findings(items: pa.Table, sizes: NDArray[np.float64]) -> Iterator[Find
     empty = np.all(np.isnan(sizes), axis=1)
     for number, (item_id, sides) in enumerate(zip(ids, extents, strict=True)):
         if absurd[number] or any(not low <= side <= high for side in sides or []):
-            found = f"{sizes[number].tolist()}, {sides}"
-            yield Finding("E303", item_id, f"sizes: expected {low:g} to {high:g} mm; found {found}")
+            values = f"{sizes[number].tolist()}, {sides}"
+            yield Finding("E303", item_id, f"sizes: expected {low:g} to {high:g} mm; found {values}")
         if swapped[number]:
             yield Finding("E304", item_id, f"width_mm: expected at most the length; found {sizes[number].tolist()}")
         if any(after > before * (1 + ORDER_TOLERANCE) for before, after in pairwise(sides or [])):
@@ -211,7 +211,7 @@ def _numbers(items: pa.Table, column: str) -> NDArray[np.float64]:
 def _groups(keys: NDArray[np.str_]) -> Iterator[tuple[str, NDArray[np.int64]]]:
     """Rows of each key, keys sorted."""
     order = np.argsort(keys, kind="stable")
-    found, starts = np.unique(keys[order], return_index=True)
-    for key, rows in zip(found, np.split(order, starts[1:]), strict=True):
+    names, starts = np.unique(keys[order], return_index=True)
+    for key, rows in zip(names, np.split(order, starts[1:]), strict=True):
         if len(rows):
             yield str(key), rows

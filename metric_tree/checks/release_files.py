@@ -66,8 +66,8 @@ def findings(directory: Path) -> list[Finding]:
 def _file_findings(release: Release) -> Iterator[Finding]:
     for name, schema in TABLES.items():
         recorded = release.manifest["files"][name]
-        if (found := sha256(release.directory / name)) != recorded.get("sha256"):
-            yield Finding("E102", name, f"expected sha256 {recorded.get('sha256')}; found {found}")
+        if (digest := sha256(release.directory / name)) != recorded.get("sha256"):
+            yield Finding("E102", name, f"expected sha256 {recorded.get('sha256')}; found {digest}")
             continue
         table = release.table(name.removesuffix(".parquet"))
         if table.num_rows != recorded.get("rows"):
@@ -84,13 +84,13 @@ def _count_findings(release: Release, tables: _Tables) -> Iterator[Finding]:
     parents = set(tables.nodes["parent_id"].to_pylist())
     leaves = sum(node_id not in parents for node_id in tables.nodes["node_id"].to_pylist())
     levels = tables.nodes["level"].to_pylist()
-    found = {
+    counts = {
         "nodes": tables.nodes.num_rows,
         "leaves": leaves,
         "levels": max(levels, default=0),
         "n_rows": tables.items.num_rows,
     }
-    for name, value in found.items():
+    for name, value in counts.items():
         if release.manifest["counts"].get(name) != value:
             recorded = release.manifest["counts"].get(name)
             yield Finding(

@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 from metric_base.faults import InputFault
 from metric_base.terminal import print_json, print_table, warn
-from metric_tree.build.steps import Build, Options, Progress, built, shipped_curated
+from metric_tree.build.steps import Build, Options, Progress, build_release, shipped_curated
 from metric_tree.build.tables import CURATED
 from metric_tree.release import opened
 
@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         heldout=not arguments.no_heldout,
     )
     with executor_of(arguments.workers, arguments.scheduler) as executor, _progress() as progress:
-        build = built(
+        build = build_release(
             arguments.raw,
             arguments.out,
             options,

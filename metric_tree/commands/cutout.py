@@ -66,7 +66,7 @@ def _settings(name: str, model: str, download: bool) -> Settings:
 
     at_hand = has_weights(model)
     if not at_hand and download:
-        Network.loaded(model)
+        Network.load(model)
         at_hand = True
     if name == "rembg" and not at_hand:
         raise InputFault(
@@ -79,13 +79,13 @@ def _settings(name: str, model: str, download: bool) -> Settings:
 
 
 def _print(release: Release, as_json: bool) -> None:
-    found = release.manifest["cutouts"]
+    summary = release.manifest["cutouts"]
     if as_json:
-        print_json({"schema": "metric-tree/cutouts/1", "directory": str(release.directory), **found})
+        print_json({"schema": "metric-tree/cutouts/1", "directory": str(release.directory), **summary})
         return
-    rows = [(f"cut: {method}", count, "") for method, count in found["cut"].items()]
-    rows += [(f"set aside: {reason}", count, REASONS[reason]) for reason, count in found["set_aside"].items()]
-    print_table(["pictures", "count", "why"], rows, title=f"{release.directory}: {found['pictures']} pictures")
+    rows = [(f"cut: {method}", count, "") for method, count in summary["cut"].items()]
+    rows += [(f"set aside: {reason}", count, REASONS[reason]) for reason, count in summary["set_aside"].items()]
+    print_table(["pictures", "count", "why"], rows, title=f"{release.directory}: {summary['pictures']} pictures")
 
 
 @contextmanager

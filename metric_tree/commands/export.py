@@ -38,7 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the data set and print what is in it."""
     from metric_tree.training.classes import Classes
-    from metric_tree.training.dataset import exported
+    from metric_tree.training.dataset import export_dataset
     from metric_tree.training.pasted import cutouts_of
 
     plan = _plan(arguments)
@@ -46,8 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     tree = open_tree(arguments.tree)
     classes = Classes(tree, _nodes(tree, arguments.categories))
     cutouts = cutouts_of(classes, plan.seed)
-    summary = exported(arguments.out, classes, cutouts, plan, _others(arguments), _with_progress)
-    found: dict[str, Any] = {
+    summary = export_dataset(arguments.out, classes, cutouts, plan, _others(arguments), _with_progress)
+    record: dict[str, Any] = {
         "schema": "metric-tree/export/1",
         "out": str(arguments.out),
         "cutouts": len(cutouts),
@@ -57,9 +57,9 @@ def run(arguments: argparse.Namespace) -> int:
         "too_wide_to_tell": summary.ambiguous,
     }
     if arguments.json:
-        print_json(found)
+        print_json(record)
     else:
-        _print(found)
+        _print(record)
     return 0
 
 
@@ -84,13 +84,13 @@ def _plan(arguments: argparse.Namespace) -> Any:
 def _nodes(tree: Tree, categories: str | None) -> list[Node]:
     """The nodes of a file that `select` wrote, or of names, or of the selection."""
     if categories is None:
-        from metric_tree.training.selection import candidates, chosen
+        from metric_tree.training.selection import candidates, choose
 
         ranked = candidates(tree)
-        taken = [one.node for one in chosen(ranked)]
+        taken = [one.node for one in choose(ranked)]
         if not taken:
-            found = f"none of {len(ranked)} candidates of {tree.name} {tree.version}"
-            raise InputFault(f"--categories: expected names, as select's rules chose no category; found {found}")
+            count = f"none of {len(ranked)} candidates of {tree.name} {tree.version}"
+            raise InputFault(f"--categories: expected names, as select's rules chose no category; found {count}")
         return taken
     if not categories.endswith(".csv"):
         return [tree.find(name.strip()) for name in categories.split(",")]
@@ -139,14 +139,14 @@ def _with_progress(items: Iterable[Any], total: int) -> Iterable[Any]:
     return track(items, "making pictures", total, console=Console(stderr=True), transient=True)
 
 
-def _print(found: dict[str, Any]) -> None:
+def _print(record: dict[str, Any]) -> None:
     print_table(
         ["split", "pictures", "objects"],
-        [(split, count, found["objects"][split]) for split, count in found["pictures"].items()],
-        title=f"{found['out']}: from {found['cutouts']} cut-outs",
+        [(split, count, record["objects"][split]) for split, count in record["pictures"].items()],
+        title=f"{record['out']}: from {record['cutouts']} cut-outs",
     )
-    counts: dict[str, int] = found["categories"]
+    counts: dict[str, int] = record["categories"]
     names = sorted(counts, key=lambda name: -counts[name])
     print_table(["category", "objects"], [(name, counts[name]) for name in names])
-    if found["too_wide_to_tell"]:
-        print_table(["label above a category, left out", "objects"], found["too_wide_to_tell"].items())
+    if record["too_wide_to_tell"]:
+        print_table(["label above a category, left out", "objects"], record["too_wide_to_tell"].items())

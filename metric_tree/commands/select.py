@@ -17,7 +17,7 @@ from metric_tree.training.selection import (
     Candidate,
     Rules,
     candidates,
-    chosen,
+    choose,
     paper_selection,
     reason_against,
 )
@@ -69,30 +69,32 @@ def run(arguments: argparse.Namespace) -> int:
         output_file(arguments.out)
     tree = open_tree(arguments.tree)
     ranked = candidates(tree)
-    taken = chosen(ranked, rules)
-    found = selection(tree, ranked, taken, rules)
+    taken = choose(ranked, rules)
+    chosen_summary = selection(tree, ranked, taken, rules)
     if arguments.figure:
         from metric_tree.training.selection_figure import write_figure
 
         write_figure(arguments.figure, ranked, taken, {node_id for _, node_id in paper_selection()}, rules)
     if arguments.out:
-        _write(found["chosen"], arguments.out)
+        _write(chosen_summary["chosen"], arguments.out)
     if arguments.json:
-        print_json(found)
+        print_json(chosen_summary)
     else:
-        _print(found)
+        _print(chosen_summary)
     return 0
 
 
-def selection(tree: Tree, found: Sequence[Candidate], taken: Sequence[Candidate], rules: Rules) -> dict[str, Any]:
+def selection(
+    tree: Tree, all_candidates: Sequence[Candidate], taken: Sequence[Candidate], rules: Rules
+) -> dict[str, Any]:
     """The selection as the JSON of the command."""
     labels = {node_id: label for label, node_id in paper_selection()}
-    by_id = {one.node.node_id: one for one in found}
+    by_id = {one.node.node_id: one for one in all_candidates}
     return {
         "schema": "metric-tree/select/1",
         "tree": {"name": tree.name, "version": tree.version},
         "rules": {name: getattr(rules, name) for name in Rules.__dataclass_fields__},
-        "candidates": len(found),
+        "candidates": len(all_candidates),
         "chosen": [_row(one, labels.get(one.node.node_id)) for one in taken],
         "paper": [
             {
@@ -134,18 +136,18 @@ def _write(rows: Sequence[dict[str, Any]], path: Path) -> None:
         work.write_text(text.getvalue(), encoding="utf-8")
 
 
-def _print(found: dict[str, Any]) -> None:
+def _print(summary: dict[str, Any]) -> None:
     columns = ("category", "divergence", "samples", "sources", "lists", "sd of log scale", "narrowing")
     print_table(
         [*columns, "paper's name"],
-        [(row["name"], *figures(row), row["paper"]) for row in found["chosen"]],
-        title=f"{len(found['chosen'])} of {found['candidates']} candidates, the most narrowing first",
+        [(row["name"], *figures(row), row["paper"]) for row in summary["chosen"]],
+        title=f"{len(summary['chosen'])} of {summary['candidates']} candidates, the most narrowing first",
     )
-    both = sum(row["chosen"] for row in found["paper"])
+    both = sum(row["chosen"] for row in summary["paper"])
     print_table(
         ["the paper's", *columns, "why not ours"],
-        [(row["paper"], row.get("name"), *figures(row), row["reason"]) for row in found["paper"]],
-        title=f"the paper's {len(found['paper'])}: {both} are ours too",
+        [(row["paper"], row.get("name"), *figures(row), row["reason"]) for row in summary["paper"]],
+        title=f"the paper's {len(summary['paper'])}: {both} are ours too",
     )
 
 

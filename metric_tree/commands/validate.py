@@ -33,19 +33,19 @@ def run(arguments: argparse.Namespace) -> int:
     directory = Path(arguments.release) if arguments.release else release_directory()
     if not directory.is_dir():
         directory = release_directory(arguments.release)
-    found = findings(directory)
+    all_findings = findings(directory)
     if arguments.json:
-        print_json([{"code": f.code, "subject": f.subject, "message": f.message} for f in found])
+        print_json([{"code": f.code, "subject": f.subject, "message": f.message} for f in all_findings])
     else:
         shown: Counter[str] = Counter()
         rows = []
-        for finding in found:
+        for finding in all_findings:
             shown[finding.code] += 1
             if arguments.all or shown[finding.code] <= SHOWN:
                 rows.append((finding.code, finding.subject, finding.message))
         counts = ", ".join(f"{code} {count}" for code, count in sorted(shown.items())) or "nothing found"
         print_table(["code", "subject", "finding"], rows, title=f"{directory}: {counts}")
-    return INPUT_FAULT if any(finding.is_error for finding in found) else 0
+    return INPUT_FAULT if any(finding.is_error for finding in all_findings) else 0
 
 
 def _print_codes(as_json: bool) -> None:

@@ -59,11 +59,11 @@ class Auto:
 
     def foreground(self, picture: RGB) -> Foreground:
         """The plain backend's where it vouches for it, else the network's, else refused."""
-        found = self.plain.foreground(picture)
-        if found.refused is None:
-            return found
+        plain = self.plain.foreground(picture)
+        if plain.refused is None:
+            return plain
         if self.network is None:
-            return Foreground(found.alpha, found.method, "no_weights")
+            return Foreground(plain.alpha, plain.method, "no_weights")
         return self.network.foreground(picture)
 
 
@@ -76,5 +76,5 @@ def backend(settings: Settings) -> Backend:
     if settings.name == "plain":
         return Plain()
     if settings.name == "rembg":
-        return Network.loaded(settings.model)
-    return Auto(Plain(), Network.loaded(settings.model) if settings.weights else None)
+        return Network.load(settings.model)
+    return Auto(Plain(), Network.load(settings.model) if settings.weights else None)

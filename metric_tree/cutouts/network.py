@@ -32,7 +32,7 @@ class Network:
     method: str
 
     @classmethod
-    def loaded(cls, model: str) -> Network:
+    def load(cls, model: str) -> Network:
         """The network of a model's name or of an ONNX file; weights that are not at hand are downloaded by rembg.
 
         Raises

@@ -83,10 +83,10 @@ class Plain:
     def foreground(self, picture: RGB) -> Foreground:
         """The foreground; refused as `not_plain` where the border says nothing about the background."""
         lab = cv2.cvtColor(picture.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
-        found = background(lab)
-        if not found.is_plain:
+        ground = background(lab)
+        if not ground.is_plain:
             return Foreground(np.zeros(picture.shape[:2], np.uint8), METHOD, "not_plain")
-        mask = _mask(picture, lab, found, self.refined)
+        mask = _mask(picture, lab, ground, self.refined)
         return Foreground(mask.astype(np.uint8) * 255, METHOD)
 
 
@@ -109,11 +109,11 @@ def background(lab: Floats) -> Background:
     return Background(_surface(np.vstack([plane, np.zeros((3, 3))]), (height, width)), noise, share)
 
 
-def _rounded(lab: Floats, found: Background) -> Background:
+def _relief(lab: Floats, ground: Background) -> Background:
     """The background as a paraboloid through all that hangs together with the border."""
     height, width = lab.shape[:2]
     for _ in range(REFITS):
-        y, x = np.nonzero(_reached(np.linalg.norm(lab - found.lab, axis=2) <= found.tolerance))
+        y, x = np.nonzero(_reach(np.linalg.norm(lab - ground.lab, axis=2) <= ground.tolerance))
         step = max(1, len(y) // 4000)
         y, x = y[::step], x[::step]
         if len(y) < 100:
@@ -121,8 +121,8 @@ def _rounded(lab: Floats, found: Background) -> Background:
         u, v = x / width - 0.5, y / height - 0.5
         terms = np.column_stack([np.ones(len(u)), u, v, u * u, u * v, v * v])  # (n, 6)
         fitted = np.linalg.lstsq(terms, lab[y, x].astype(float), rcond=None)[0]
-        found = Background(_surface(fitted, (height, width)), found.noise, found.share)
-    return found
+        ground = Background(_surface(fitted, (height, width)), ground.noise, ground.share)
+    return ground
 
 
 def _surface(fitted: NDArray[np.float64], shape: tuple[int, int]) -> Floats:
@@ -143,23 +143,23 @@ def _robust_plane(place: NDArray[np.float64], colour: NDArray[np.float64]) -> ND
     return plane
 
 
-def _mask(picture: RGB, lab: Floats, found: Background, refined: bool) -> Mask:
-    found = _rounded(lab, found)
-    distance = np.linalg.norm(lab - found.lab, axis=2)
-    whole = _without_dust(~_holes(distance, _reached(distance <= found.tolerance), found))
+def _mask(picture: RGB, lab: Floats, ground: Background, refined: bool) -> Mask:
+    ground = _relief(lab, ground)
+    distance = np.linalg.norm(lab - ground.lab, axis=2)
+    whole = _remove_dust(~_holes(distance, _reach(distance <= ground.tolerance), ground))
     height, width = whole.shape
     factor = min(1.0, SMALL / max(height, width))
     size = (max(1, round(width * factor)), max(1, round(height * factor)))
-    small_lab, small_plane = (cv2.resize(a, size, interpolation=cv2.INTER_AREA) for a in (lab, found.lab))
+    small_lab, small_plane = (cv2.resize(a, size, interpolation=cv2.INTER_AREA) for a in (lab, ground.lab))
     small = cv2.resize(whole.astype(np.float32), size, interpolation=cv2.INTER_AREA) >= 0.5
     shadow = small & _shadow(small_lab, small_plane, ~small)
     settled = small & ~shadow
     if refined and settled.any():
-        settled = _settled(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), small, shadow)
+        settled = _settle(cv2.resize(picture, size, interpolation=cv2.INTER_AREA), small, shadow)
     return _full_edge(whole, settled)
 
 
-def _reached(near: Mask) -> Mask:
+def _reach(near: Mask) -> Mask:
     """The part of `near` that hangs together with the border."""
     _, labels = cv2.connectedComponents(near.astype(np.uint8), connectivity=4)
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
@@ -169,15 +169,15 @@ def _reached(near: Mask) -> Mask:
     return np.asarray(reached[labels])
 
 
-def _holes(distance: Floats, outside: Mask, found: Background) -> Mask:
+def _holes(distance: Floats, outside: Mask, ground: Background) -> Mask:
     """The background with the enclosed patches that have its very colour."""
-    tight = max(1.5, 2 * found.noise)
+    tight = max(1.5, 2 * ground.noise)
     inner = (distance <= tight) & ~outside
     _, labels, stats, _ = cv2.connectedComponentsWithStats(inner.astype(np.uint8), connectivity=4)
     large = stats[:, cv2.CC_STAT_AREA] >= HOLE_SHARE * distance.size
     large[0] = False
     grown = cv2.dilate((large[labels]).astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    return np.asarray(outside | large[labels] | (grown & (distance <= found.tolerance)))
+    return np.asarray(outside | large[labels] | (grown & (distance <= ground.tolerance)))
 
 
 def _shadow(lab: Floats, plane: Floats, outside: Mask) -> Mask:
@@ -187,10 +187,10 @@ def _shadow(lab: Floats, plane: Floats, outside: Mask) -> Mask:
     steps = [cv2.Sobel(lab[..., 0], cv2.CV_32F, *axis, scale=0.125) for axis in ((1, 0), (0, 1))]
     soft = np.hypot(*steps) <= SHADOW_STEP
     may_be = outside | ((loss > 0) & (loss <= SHADOW_LOSS) & (hue <= SHADOW_HUE) & soft)
-    return np.asarray(_reached(may_be) & ~outside)
+    return np.asarray(_reach(may_be) & ~outside)
 
 
-def _settled(picture: RGB, small: Mask, shadow: Mask) -> Mask:
+def _settle(picture: RGB, small: Mask, shadow: Mask) -> Mask:
     """GrabCut from what is known: outside is background, shadow probably, the rest probably the thing."""
     thing = small & ~shadow
     state = np.full(small.shape, cv2.GC_BGD, np.uint8)
@@ -218,7 +218,7 @@ def _full_edge(whole: Mask, settled: Mask) -> Mask:
     return np.asarray(inner | (outer & whole))
 
 
-def _without_dust(mask: Mask) -> Mask:
+def _remove_dust(mask: Mask) -> Mask:
     """The mask without specks of under a ten-thousandth of the picture."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     large = stats[:, cv2.CC_STAT_AREA] >= 1e-4 * mask.size

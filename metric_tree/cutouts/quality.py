@@ -63,7 +63,7 @@ def assessment(picture: RGB, alpha: NDArray[np.uint8]) -> Assessment:
     edge = np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]])
     if share > FULL or edge.mean() > BORDER:
         return Assessment(box, share, 0.0, "full")
-    quality = _edge_contrast(picture, mask) * _decided(alpha)
+    quality = _edge_contrast(picture, mask) * _decided_share(alpha)
     reason = "several" if _second(mask) >= SECOND else "doubtful" if quality < DOUBTFUL else None
     return Assessment(box, share, round(quality, 4), reason)
 
@@ -87,7 +87,7 @@ def _edge_contrast(picture: RGB, mask: NDArray[np.bool_]) -> float:
     return float(np.clip(step / CLEAR_EDGE, 0, 1).mean())
 
 
-def _decided(alpha: NDArray[np.uint8]) -> float:
+def _decided_share(alpha: NDArray[np.uint8]) -> float:
     """0 to 1: how little of the foreground is neither on nor off."""
     soft, on = int(np.sum((alpha > 32) & (alpha < 224))), int(np.sum(alpha > 32))
     return 1.0 - soft / max(1, on)

@@ -98,20 +98,20 @@ def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
         picture, own = _pixels(image)
     except (OSError, ValueError, SyntaxError) as error:  # crooked orientation tags and colour profiles
         return Cut(image_id=image_id, set_aside="unreadable", detail=str(error)[:80])
-    found = Foreground(own, "alpha") if own is not None else backend(settings).foreground(picture)
-    told = assessment(picture, found.alpha)
-    reason = found.refused or told.reason
+    foreground = Foreground(own, "alpha") if own is not None else backend(settings).foreground(picture)
+    told = assessment(picture, foreground.alpha)
+    reason = foreground.refused or told.reason
     row = Cut(
         image_id=image_id,
-        method=found.method,
+        method=foreground.method,
         cut_width_px=picture.shape[1],
         cut_height_px=picture.shape[0],
         set_aside=reason,
     )
-    if found.refused:
+    if foreground.refused:
         return row
     row = replace(row, box_px=told.box, foreground_share=told.share, quality=told.quality)
-    return row if reason else replace(row, png=_png(np.dstack([picture, found.alpha]), told.box))
+    return row if reason else replace(row, png=_png(np.dstack([picture, foreground.alpha]), told.box))
 
 
 def cut_release(
@@ -141,18 +141,18 @@ def cut_release(
             " a crawl, and with `--private SOURCE` those that may not be given on)"
         )
     key = fingerprint([release.directory / "images.parquet", *_code()], repr(settings) + _model_sha(settings))
-    with WorkFolder.opened(out.with_name(f"{out.name}.cutout"), key) as work:
+    with WorkFolder.open(out.with_name(f"{out.name}.cutout"), key) as work:
         extras = work.directory / "extras"
         cuts: list[Cut] = []
         calls = ((batch, settings) for batch in _batches(paths))
-        for done in work.mapped("cut", _cut_batch, calls, executor or Here(), lambda r, _: _written(r, extras)):
+        for done in work.map("cut", _cut_batch, calls, executor or Here(), lambda r, _: _write_cuts(r, extras)):
             cuts += done
             if progress is not None:
                 progress(len(cuts), len(paths))
         _link_files(release, extras)
         pq.write_table(_table(cuts), extras / TABLE, compression="zstd")
         tables = {f"{name}.parquet": release.table(name) for name in ("nodes", "items", "priors")}
-        tables["images.parquet"] = _with_cuts(images, cuts)
+        tables["images.parquet"] = _images_with_cuts(images, cuts)
         manifest = dict(release.manifest) | {"version": version, "created": created}
         manifest["cutouts"] = _summary(release, settings, cuts) | {"sha256": sha256(extras / TABLE)}
         return published(out, tables, manifest, extras)
@@ -192,7 +192,7 @@ def _cut_batch(batch: Sequence[tuple[str, bytes]], settings: Settings) -> list[C
     return [cut(image_id, body, settings) for image_id, body in batch]
 
 
-def _written(cuts: Sequence[Cut], extras: Path) -> list[Cut]:
+def _write_cuts(cuts: Sequence[Cut], extras: Path) -> list[Cut]:
     """The cuts with their PNGs in files; a file that a killed run left half is written again."""
     done = []
     for one in cuts:
@@ -209,8 +209,8 @@ def _written(cuts: Sequence[Cut], extras: Path) -> list[Cut]:
 def _files(release: Release, images: pa.Table) -> dict[str, Path]:
     """File of each picture, by its id, in the order of the ids."""
     rows = images.select(["image_id", "path"]).to_pylist()
-    found = {row["image_id"]: path for row in rows if (path := image_path(release.directory, row)) is not None}
-    return dict(sorted(found.items()))
+    paths = {row["image_id"]: path for row in rows if (path := image_path(release.directory, row)) is not None}
+    return dict(sorted(paths.items()))
 
 
 def _batches(paths: Mapping[str, Path]) -> Iterator[list[tuple[str, bytes]]]:
@@ -234,7 +234,7 @@ def _table(cuts: Sequence[Cut]) -> pa.Table:
     return pa.Table.from_pylist([asdict(one) for one in cuts], schema=CUTOUTS)
 
 
-def _with_cuts(images: pa.Table, cuts: Sequence[Cut]) -> pa.Table:
+def _images_with_cuts(images: pa.Table, cuts: Sequence[Cut]) -> pa.Table:
     """The images table with path, share and method of the cuts."""
     known = {one.image_id: one for one in cuts}
     rows = images.to_pylist()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 from metric_tree.fit.disagreement import Disagreement, SharedModel, disagreement, shared_covariance, source_effects
-from metric_tree.fit.em import Belief, Fitted, Mixture, Rows, completed, fitted_mixture, floored
+from metric_tree.fit.em import Belief, Fitted, Mixture, Rows, complete_rows, fit_mixture, raise_to_floor
 from metric_tree.fit.evidence import row_weights, shares
 from metric_tree.prior import Prior
 
@@ -92,26 +92,26 @@ class Moments:
     disagreement: Disagreement | None
 
 
-def correlated(sd: FloatArray, correlation: float = CORRELATION) -> FloatArray:
+def correlated_covariance(sd: FloatArray, correlation: float = CORRELATION) -> FloatArray:
     """Covariance (d, d) of equal correlation from standard deviations (d,)."""
     return np.outer(sd, sd) * (correlation + (1 - correlation) * np.eye(len(sd)))
 
 
 #: What is believed of any class before the tree is seen; its mean, a foot or so, weighs nothing.
-VAGUE = Belief(np.full(3, math.log(300.0)), 0.01, correlated(np.full(3, VAGUE_SD)), VAGUE_ROWS)
+VAGUE = Belief(np.full(3, math.log(300.0)), 0.01, correlated_covariance(np.full(3, VAGUE_SD)), VAGUE_ROWS)
 
 
 def moments(rows: ClassRows) -> Moments:
     """The moments of a class from its own rows alone, for its parent and for the pool of disagreements."""
     if rows.is_curated:
-        mixture, known = _curated(rows)
+        mixture, known = _curated_mixture(rows)
         return Moments(rows.node_id, rows.axes, mixture.means[0], mixture.covariances[0], known, None)
-    weighed, sources, kinds = _weighed(rows)
-    single = fitted_mixture(weighed, 1, VAGUE).mixture
-    x, known = completed(weighed, single)
-    found = disagreement(x, known, weighed.weights, sources, kinds, single.covariances[0])
+    weighed, sources, kinds = _weighted_rows(rows)
+    single = fit_mixture(weighed, 1, VAGUE).mixture
+    x, known = complete_rows(weighed, single)
+    between = disagreement(x, known, weighed.weights, sources, kinds, single.covariances[0])
     effective = known.sum(axis=0) * weighed.effective / len(weighed)
-    return Moments(rows.node_id, rows.axes, single.means[0], floored(found.within), effective, found)
+    return Moments(rows.node_id, rows.axes, single.means[0], raise_to_floor(between.within), effective, between)
 
 
 def extent_moments(rows: ClassRows) -> Moments:
@@ -125,7 +125,7 @@ def extent_moments(rows: ClassRows) -> Moments:
     typical = VAGUE.covariance_rows * float((weights**2).sum() / weights.sum())
     scatter = np.einsum("n,ni,nj->ij", weights, x - mean, x - mean) + typical * VAGUE.covariance
     effective = np.full(3, weights.sum() ** 2 / (weights**2).sum())
-    return Moments(rows.node_id, rows.axes, mean, floored(scatter / (weights.sum() + typical)), effective, None)
+    return Moments(rows.node_id, rows.axes, mean, raise_to_floor(scatter / (weights.sum() + typical)), effective, None)
 
 
 def class_prior(rows: ClassRows, belief: Belief, model: SharedModel, seed: int, heldout: bool = True) -> Prior:
@@ -136,7 +136,7 @@ def class_prior(rows: ClassRows, belief: Belief, model: SharedModel, seed: int, 
     belief : the parent's moments; model : disagreement of sources over all classes; heldout : whether to score it
     """
     if rows.is_curated:
-        mixture, known = _curated(rows)
+        mixture, known = _curated_mixture(rows)
         return _prior(
             rows,
             mixture,
@@ -146,17 +146,17 @@ def class_prior(rows: ClassRows, belief: Belief, model: SharedModel, seed: int, 
             n_sources=len(set(rows.sources)),
             weights=None,
         )
-    weighed, sources, kinds = _weighed(rows)
-    single = fitted_mixture(weighed, 1, belief)
-    x, known = completed(weighed, single.mixture)
-    found = disagreement(x, known, weighed.weights, sources, kinds, single.mixture.covariances[0])
-    shared = shared_covariance(found, model)
-    code = np.searchsorted(np.asarray(found.sources), np.asarray(sources))
-    centred = weighed.shifted(source_effects(found, shared)[code])
+    weighed, sources, kinds = _weighted_rows(rows)
+    single = fit_mixture(weighed, 1, belief)
+    x, known = complete_rows(weighed, single.mixture)
+    between = disagreement(x, known, weighed.weights, sources, kinds, single.mixture.covariances[0])
+    shared = shared_covariance(between, model)
+    code = np.searchsorted(np.asarray(between.sources), np.asarray(sources))
+    centred = weighed.shift(source_effects(between, shared)[code])
     best, components = _components(centred, belief, seed)
     mass = known.sum(axis=0)
     borrowed = belief.covariance_rows / (belief.covariance_rows + weighed.effective) if components == 1 else 0.0
-    prior = _prior(rows, best, shared, mass, borrowed, len(found.sources), row_weights(rows.sources, rows.kinds))
+    prior = _prior(rows, best, shared, mass, borrowed, len(between.sources), row_weights(rows.sources, rows.kinds))
     if not heldout:
         return prior
     score = heldout_log_density(centred, components, belief, shared, published_axes(mass), seed)
@@ -177,8 +177,8 @@ def heldout_log_density(
     fold = np.random.default_rng(seed).permutation(len(rows)) % FOLDS
     total = 0.0
     for held in range(FOLDS):
-        seen = rows.taken(np.flatnonzero(fold != held))
-        mixture = _predictive(fitted_mixture(seen, components, belief, seed), belief, seen.effective)
+        seen = rows.subset(np.flatnonzero(fold != held))
+        mixture = _predictive(fit_mixture(seen, components, belief, seed), belief, seen.effective)
         prior = Prior("", _placeholders(axes), mixture.weights, *_marginal(mixture, shared, axes), 0, 0, {}, 0.0)
         scored = np.flatnonzero(complete & (fold == held))
         if len(scored):
@@ -196,21 +196,21 @@ def _placeholders(axes: NDArray[np.intp]) -> tuple[str, ...]:
     return tuple(f"axis{axis}" for axis in axes)
 
 
-def _weighed(rows: ClassRows) -> tuple[Rows, list[str], list[str]]:
+def _weighted_rows(rows: ClassRows) -> tuple[Rows, list[str], list[str]]:
     """The rows that count, with their weights, and the source and kind of each."""
     weights = row_weights(rows.sources, rows.kinds)
     counting = np.flatnonzero(weights > 0)
     sources, kinds = ([names[row] for row in counting] for names in (rows.sources, rows.kinds))
-    return Rows(rows.x, rows.owner, weights).taken(counting), sources, kinds
+    return Rows(rows.x, rows.owner, weights).subset(counting), sources, kinds
 
 
 def _components(rows: Rows, belief: Belief, seed: int) -> tuple[Mixture, int]:
     """The mixture of the smallest BIC, as the predictive density of a further object of the same source."""
     effective = rows.effective
     largest = max(1, min(COMPONENTS, int(effective // COMPONENT_ROWS)))
-    best = single = fitted_mixture(rows, 1, belief, seed)
+    best = single = fit_mixture(rows, 1, belief, seed)
     for k in range(2, largest + 1):
-        fit = fitted_mixture(rows, k, belief, seed, single)
+        fit = fit_mixture(rows, k, belief, seed, single)
         if fit.bic(effective) >= best.bic(effective) and k > len(best.mixture.weights) + 1:
             break  # two more components in vain: a third is not tried
         best = min(best, fit, key=lambda one: one.bic(effective))
@@ -239,14 +239,14 @@ def _t_variances(freedom: float) -> FloatArray:
     return np.asarray(variances / variances.mean())
 
 
-def _curated(rows: ClassRows) -> tuple[Mixture, FloatArray]:
+def _curated_mixture(rows: ClassRows) -> tuple[Mixture, FloatArray]:
     """One widened Gaussian from curated ranges: typical sizes averaged over the rows, spreads too."""
     first = rows.x[np.searchsorted(rows.owner, np.arange(len(rows.sources)))]  # (n, 3)
     known = (~np.isnan(first)).sum(axis=0).astype(float)
     mean = np.where(known > 0, np.nansum(first, axis=0) / np.maximum(known, 1), VAGUE.mean)
     stated = ~np.isnan(rows.range_sd)
     sd = np.where(stated.any(axis=0), np.nansum(rows.range_sd, axis=0) / np.maximum(stated.sum(axis=0), 1), VAGUE_SD)
-    return Mixture(np.ones(1), mean[None], floored(correlated(CURATED_WIDENING * sd))[None]), known
+    return Mixture(np.ones(1), mean[None], raise_to_floor(correlated_covariance(CURATED_WIDENING * sd))[None]), known
 
 
 def _prior(

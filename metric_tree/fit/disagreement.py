@@ -110,48 +110,48 @@ def disagreement(
 
 def shared_model(classes: Iterable[Disagreement]) -> SharedModel:
     """The model that makes the source means of all classes likeliest; the default where too few classes have two."""
-    usable = [means for found in classes if (means := _usable(found)) is not None]
+    usable = [means for one in classes if (means := _model_means(one)) is not None]
     if len(usable) < MODEL_CLASSES:
         return SharedModel()
     grid = [
         SharedModel(share, spread) for share in np.geomspace(0.02, 1.5, 14) for spread in np.geomspace(0.01, 0.3, 14)
     ]
-    best = max(grid, key=lambda model: sum(_likelihood(model, *found) for found in usable))
+    best = max(grid, key=lambda model: sum(_likelihood(model, *one) for one in usable))
     return SharedModel(round(float(best.share), 4), round(float(best.spread), 4))
 
 
-def shared_covariance(found: Disagreement, model: SharedModel) -> FloatArray:
+def shared_covariance(one: Disagreement, model: SharedModel) -> FloatArray:
     """B of one class, (d, d): its own estimate and that of the model, each by the sources it counts."""
-    expected = model.covariance(found.within)
-    return np.asarray((found.freedom * found.between + MODEL_SOURCES * expected) / (found.freedom + MODEL_SOURCES))
+    expected = model.covariance(one.within)
+    return np.asarray((one.freedom * one.between + MODEL_SOURCES * expected) / (one.freedom + MODEL_SOURCES))
 
 
-def source_effects(found: Disagreement, shared: FloatArray) -> FloatArray:
+def source_effects(one: Disagreement, shared: FloatArray) -> FloatArray:
     """Best linear prediction of e_s, (s, d): B (B + W / n_s)^-1 (m_s - mu) over the axes that the source states."""
-    effects = np.zeros_like(found.means)
-    trust = np.array([KIND_WEIGHT[kind] for kind in found.kinds])[:, None]
-    weight = trust * found.rows / (1 + found.rows / MEAN_HALF)
+    effects = np.zeros_like(one.means)
+    trust = np.array([KIND_WEIGHT[kind] for kind in one.kinds])[:, None]
+    weight = trust * one.rows / (1 + one.rows / MEAN_HALF)
     with np.errstate(invalid="ignore", divide="ignore"):
-        centre = np.nansum(weight * found.means, axis=0) / weight.sum(axis=0)
-    for s, rows in enumerate(found.rows):
+        centre = np.nansum(weight * one.means, axis=0) / weight.sum(axis=0)
+    for s, rows in enumerate(one.rows):
         axes = np.flatnonzero(rows > 0)
         if len(axes):
             block = np.ix_(axes, axes)
-            noise = found.within[block] / np.sqrt(np.outer(rows[axes], rows[axes]))
-            gain = np.linalg.solve(shared[block] + noise, (found.means[s] - centre)[axes])
+            noise = one.within[block] / np.sqrt(np.outer(rows[axes], rows[axes]))
+            gain = np.linalg.solve(shared[block] + noise, (one.means[s] - centre)[axes])
             effects[s] = shared[:, axes] @ gain
     return effects
 
 
-def _usable(found: Disagreement) -> tuple[FloatArray, FloatArray, FloatArray] | None:
+def _model_means(one: Disagreement) -> tuple[FloatArray, FloatArray, FloatArray] | None:
     """Means (s, d), rows (s, d) and W (d, d) over the axes that two sources of the model's kinds state."""
-    chosen = np.array([kind in MODEL_KINDS for kind in found.kinds])
-    rows = found.rows[chosen]
+    chosen = np.array([kind in MODEL_KINDS for kind in one.kinds])
+    rows = one.rows[chosen]
     axes = np.flatnonzero((rows >= 1).sum(axis=0) >= 2)
     whole = (rows[:, axes] >= 1).all(axis=1)
     if len(axes) == 0 or whole.sum() < 2:
         return None
-    return found.means[chosen][whole][:, axes], rows[whole][:, axes], found.within[np.ix_(axes, axes)]
+    return one.means[chosen][whole][:, axes], rows[whole][:, axes], one.within[np.ix_(axes, axes)]
 
 
 def _likelihood(model: SharedModel, means: FloatArray, rows: FloatArray, within: FloatArray) -> float:
@@ -160,12 +160,12 @@ def _likelihood(model: SharedModel, means: FloatArray, rows: FloatArray, within:
     With V_s = B + W / n_s and r_s = m_s - mu: -(sum ln|V_s| + ln|sum V_s^-1| + sum r_s' V_s^-1 r_s) / 2.
     """
     noise = within / np.sqrt(rows[:, :, None] * rows[:, None, :])  # (s, d, d)
-    plain = _restricted(means, model.covariance(within) + noise)
-    mixed = _restricted(means, model.covariance(within) + noise + MIXED_SD**2 * np.eye(len(within)))
+    plain = _restricted_likelihood(means, model.covariance(within) + noise)
+    mixed = _restricted_likelihood(means, model.covariance(within) + noise + MIXED_SD**2 * np.eye(len(within)))
     return float(np.logaddexp(np.log(1 - MIXED_SHARE) + plain, np.log(MIXED_SHARE) + mixed))
 
 
-def _restricted(means: FloatArray, variances: FloatArray) -> float:
+def _restricted_likelihood(means: FloatArray, variances: FloatArray) -> float:
     precisions = np.linalg.inv(variances)  # (s, d, d)
     total = precisions.sum(axis=0)
     mu = np.linalg.solve(total, np.einsum("sij,sj->i", precisions, means))

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["SPREAD_FLOOR", "Belief", "Fitted", "Mixture", "Rows", "completed", "fitted_mixture", "row_log_densities"]
+__all__ = ["SPREAD_FLOOR", "Belief", "Fitted", "Mixture", "Rows", "complete_rows", "fit_mixture", "row_log_densities"]
 
 #: Smallest standard deviation of ln size along any direction. Three per cent is the tolerance of catalogue figures
 #: (rounding to a centimetre, a spout or handle counted or not); methods.md measured it as better than none.
@@ -91,12 +91,12 @@ class Rows:
         """Kish's effective number of rows, (sum w)^2 / sum w^2."""
         return float(self.weights.sum() ** 2 / (self.weights**2).sum()) if len(self) else 0.0
 
-    def taken(self, rows: NDArray[np.intp]) -> Rows:
+    def subset(self, rows: NDArray[np.intp]) -> Rows:
         """The rows of the given numbers, ascending."""
         kept = np.isin(self.owner, rows)
         return Rows(self.x[kept], np.searchsorted(rows, self.owner[kept]), self.weights[rows])
 
-    def shifted(self, offsets: FloatArray) -> Rows:
+    def shift(self, offsets: FloatArray) -> Rows:
         """The rows minus offsets (n, d)."""
         return Rows(self.x - offsets[self.owner], self.owner, self.weights)
 
@@ -136,7 +136,7 @@ class Fitted:
         return self.parameters * math.log(max(effective, 1.0)) - 2 * self.log_likelihood
 
 
-def fitted_mixture(rows: Rows, components: int, belief: Belief, seed: int = 0, single: Fitted | None = None) -> Fitted:
+def fit_mixture(rows: Rows, components: int, belief: Belief, seed: int = 0, single: Fitted | None = None) -> Fitted:
     """The mixture of `components` Gaussians by EM, the best of several starts.
 
     `single` is the fit of one component where it is at hand; it places the starts of several.
@@ -147,15 +147,15 @@ def fitted_mixture(rows: Rows, components: int, belief: Belief, seed: int = 0, s
     if single is None:
         first, *others = _single_starts(rows, belief)
         if others:
-            short = [_converged(rows, start, belief, SHORT_RUN) for start in (first, *others)]
-            first = max(short, key=_height).mixture
-        single = _converged(rows, first, belief)
+            short = [_run_em(rows, start, belief, SHORT_RUN) for start in (first, *others)]
+            first = max(short, key=_log_likelihood).mixture
+        single = _run_em(rows, first, belief)
     if components == 1:
         return single
     weak = Belief(single.mixture.means[0], 0.0, single.mixture.covariances[0] / components**2, STABILISER_ROWS)
     starts = _starts(rows, components, single.mixture, weak, seed)
-    short = [_converged(rows, start, weak, SHORT_RUN) for start in starts]
-    return _converged(rows, max(short, key=_height).mixture, weak)
+    short = [_run_em(rows, start, weak, SHORT_RUN) for start in starts]
+    return _run_em(rows, max(short, key=_log_likelihood).mixture, weak)
 
 
 def row_log_densities(rows: Rows, mixture: Mixture) -> FloatArray:
@@ -163,7 +163,7 @@ def row_log_densities(rows: Rows, mixture: Mixture) -> FloatArray:
     return _expectation(rows, mixture)[1]
 
 
-def completed(rows: Rows, mixture: Mixture) -> tuple[FloatArray, FloatArray]:
+def complete_rows(rows: Rows, mixture: Mixture) -> tuple[FloatArray, FloatArray]:
     """Each row's conditional mean under a mixture, missing axes and axis order resolved.
 
     Returns
@@ -173,21 +173,21 @@ def completed(rows: Rows, mixture: Mixture) -> tuple[FloatArray, FloatArray]:
     """
     responsibility, _ = _expectation(rows, mixture)
     x, known = np.zeros((len(rows), rows.dimensions)), np.zeros((len(rows), rows.dimensions))
-    for index, filled, _ in _filled(rows, mixture):
+    for index, filled, _ in _completions(rows, mixture):
         share = responsibility[index]  # (c, k)
         np.add.at(x, rows.owner[index], np.einsum("ck,kcd->cd", share, filled))
         np.add.at(known, rows.owner[index], share.sum(axis=1)[:, None] * ~np.isnan(rows.x[index]))
     return x, known
 
 
-def floored(covariances: FloatArray, floor: float = SPREAD_FLOOR) -> FloatArray:
+def raise_to_floor(covariances: FloatArray, floor: float = SPREAD_FLOOR) -> FloatArray:
     """The covariances (..., d, d) with no standard deviation below `floor` in any direction."""
     values, vectors = np.linalg.eigh((covariances + np.swapaxes(covariances, -1, -2)) / 2)
     raised: FloatArray = np.einsum("...ij,...j,...kj->...ik", vectors, np.maximum(values, floor**2), vectors)
     return raised
 
 
-def _converged(rows: Rows, start: Mixture, belief: Belief, iterations: int = ITERATIONS) -> Fitted:
+def _run_em(rows: Rows, start: Mixture, belief: Belief, iterations: int = ITERATIONS) -> Fitted:
     mixture, before = start, -math.inf
     total = rows.weights.sum()
     k, d = start.means.shape
@@ -202,7 +202,7 @@ def _converged(rows: Rows, start: Mixture, belief: Belief, iterations: int = ITE
     return Fitted(mixture, float(rows.weights @ _expectation(rows, mixture)[1]), parameters)
 
 
-def _height(fitted: Fitted) -> float:
+def _log_likelihood(fitted: Fitted) -> float:
     return fitted.log_likelihood
 
 
@@ -223,7 +223,7 @@ def _expectation(rows: Rows, mixture: Mixture) -> tuple[FloatArray, FloatArray]:
     return likelihood / total[rows.owner][:, None], best + np.log(total)
 
 
-def _filled(rows: Rows, mixture: Mixture) -> Iterator[tuple[NDArray[np.intp], FloatArray, FloatArray]]:
+def _completions(rows: Rows, mixture: Mixture) -> Iterator[tuple[NDArray[np.intp], FloatArray, FloatArray]]:
     """Per pattern: candidates, their completion (k, c, d) and its conditional covariance (k, d, d)."""
     for index, axes, missing in rows.patterns:
         filled = np.broadcast_to(rows.x[index], (len(mixture.weights), len(index), rows.dimensions)).copy()
@@ -243,7 +243,7 @@ def _maximisation(rows: Rows, mixture: Mixture, responsibility: FloatArray, beli
     share = responsibility * rows.weights[rows.owner][:, None]  # (m, k)
     mass = share.sum(axis=0)  # (k,)
     first, second = np.zeros((k, d)), np.zeros((k, d, d))
-    for index, filled, spread in _filled(rows, mixture):
+    for index, filled, spread in _completions(rows, mixture):
         offset = filled - belief.mean  # (k, c, d), near zero so that the second moment keeps its digits
         part = share[index].T  # (k, c)
         first += np.einsum("kc,kcd->kd", part, offset)
@@ -258,25 +258,25 @@ def _posterior_mean(mass: FloatArray, first: FloatArray, second: FloatArray, bel
     scatter = second - kappa[:, None, None] * mean[:, :, None] * mean[:, None, :]
     rows = belief.covariance_rows + mass
     covariance = (belief.covariance_rows * belief.covariance + scatter) / np.maximum(rows, 1e-12)[:, None, None]
-    return Mixture(mass / mass.sum(), mean + belief.mean, floored(covariance))
+    return Mixture(mass / mass.sum(), mean + belief.mean, raise_to_floor(covariance))
 
 
 def _single_starts(rows: Rows, belief: Belief) -> list[Mixture]:
     """The belief itself, and the moments of the rows under each rank of candidate where the order is hidden."""
-    starts = [Mixture(np.ones(1), belief.mean[None], floored(belief.covariance)[None])]
+    starts = [Mixture(np.ones(1), belief.mean[None], raise_to_floor(belief.covariance)[None])]
     for rank in range(int(rows.candidates.max()) if rows.candidates.max() > 1 else 0):
         chosen = rows.x[rows.starts + np.minimum(rank, rows.candidates - 1)]  # (n, d)
         seen = ~np.isnan(chosen)
         mass = np.maximum((rows.weights[:, None] * seen).sum(axis=0), 1e-12)
         mean = (rows.weights[:, None] * np.where(seen, chosen, 0.0)).sum(axis=0) / mass
         mean = np.where(seen.any(axis=0), mean, belief.mean)
-        starts.append(Mixture(np.ones(1), mean[None], floored(belief.covariance)[None]))
+        starts.append(Mixture(np.ones(1), mean[None], raise_to_floor(belief.covariance)[None]))
     return starts
 
 
 def _starts(rows: Rows, components: int, single: Mixture, belief: Belief, seed: int) -> Iterator[Mixture]:
     """Hard partitions of the completed rows: along the main axis, then around k-means++ seeds."""
-    x, _ = completed(rows, single)
+    x, _ = complete_rows(rows, single)
     white = np.linalg.solve(np.linalg.cholesky(single.covariances[0]), (x - single.means[0]).T).T  # (n, d)
     values, vectors = np.linalg.eigh(single.covariances[0])
     order = np.argsort(np.argsort((x - single.means[0]) @ vectors[:, np.argmax(values)], kind="stable"))

@@ -64,5 +64,5 @@ def row_weights(sources: Sequence[str], kinds: Sequence[str]) -> FloatArray:
 def shares(kinds: Sequence[str], weights: FloatArray) -> dict[str, float]:
     """Share of the weight by kind, sum 1."""
     total = float(weights.sum())
-    found = {kind: float(weights[np.asarray(kinds) == kind].sum()) / total for kind in sorted(set(kinds))}
-    return {kind: share for kind, share in found.items() if share > 0}
+    by_kind = {kind: float(weights[np.asarray(kinds) == kind].sum()) / total for kind in sorted(set(kinds))}
+    return {kind: share for kind, share in by_kind.items() if share > 0}

@@ -12,10 +12,10 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_tree.fit.class_prior import VAGUE, Moments
-from metric_tree.fit.em import Belief, Mixture, floored
+from metric_tree.fit.em import Belief, Mixture, raise_to_floor
 from metric_tree.prior import Prior
 
-__all__ = ["belief_of", "commonness", "inner_priors", "reduced"]
+__all__ = ["belief_of", "commonness", "inner_priors", "reduce_mixture"]
 
 #: Rows that the parent's covariance counts in a child. Spreads of siblings are alike (a factor 1.5 or so between them),
 #: which is what a sample of about eight rows tells of a spread.
@@ -59,7 +59,7 @@ def belief_of(children: Sequence[Moments], above: Belief = VAGUE) -> Belief:
     mean = (above.mean * ABOVE + (seen * means).sum(axis=0)) / (ABOVE + mass)
     both = seen.T @ seen
     within = np.einsum("ci,cj,cij->ij", seen, seen, np.array([child.within for child in children]))
-    covariance = floored((ABOVE * above.covariance + within) / (ABOVE + both))
+    covariance = raise_to_floor((ABOVE * above.covariance + within) / (ABOVE + both))
     offset = seen * (means - mean)
     spread = float((offset**2).sum() / max(mass.sum() - 3, 1)) if len(children) > 1 else 1.0
     mean_rows = float(np.clip(np.trace(covariance) / 3 / max(spread, 1e-6), *MEAN_ROWS))
@@ -106,27 +106,27 @@ def inner_priors(
     return [_inner_prior(node_id, children, weights, dims) for dims in (joint, *(d for d in single if d != joint))]
 
 
-def _having(children: Sequence[Sequence[Prior]], dims: tuple[str, ...]) -> list[tuple[int, Prior]]:
+def _priors_over(children: Sequence[Sequence[Prior]], dims: tuple[str, ...]) -> list[tuple[int, Prior]]:
     """Of each child that has all of `dims` its number and its prior over them."""
-    found = []
+    having = []
     for number, priors in enumerate(children):
         containing = [prior for prior in priors if set(dims) <= set(prior.dims)]
         if containing:
-            found.append((number, min(containing, key=lambda prior: len(prior.dims)).marginal(dims)))
-    return found
+            having.append((number, min(containing, key=lambda prior: len(prior.dims)).marginal(dims)))
+    return having
 
 
 def _mass(children: Sequence[Sequence[Prior]], weights: FloatArray, dims: tuple[str, ...]) -> float:
-    return float(sum(weights[number] for number, _ in _having(children, dims)))
+    return float(sum(weights[number] for number, _ in _priors_over(children, dims)))
 
 
 def _inner_prior(
     node_id: str, children: Sequence[Sequence[Prior]], weights: FloatArray, dims: tuple[str, ...]
 ) -> Prior:
     """The mixture of the children's priors over `dims`, reduced to `COMPONENTS`."""
-    numbers, having = zip(*_having(children, dims), strict=True)
+    numbers, having = zip(*_priors_over(children, dims), strict=True)
     share = weights[list(numbers)] / weights[list(numbers)].sum()
-    mixture = reduced(
+    mixture = reduce_mixture(
         Mixture(
             np.concatenate([child.weights * part for child, part in zip(having, share, strict=True)]),
             np.concatenate([child.means for child in having]),
@@ -150,7 +150,7 @@ def _inner_prior(
     )
 
 
-def reduced(mixture: Mixture, components: int) -> Mixture:
+def reduce_mixture(mixture: Mixture, components: int) -> Mixture:
     """The mixture with the cheapest pairs merged, moments kept (Runnalls 2007, upper bound of the divergence).
 
     Merging i and j costs ((w_i + w_j) ln|S_ij| - w_i ln|S_i| - w_j ln|S_j|) / 2.
@@ -159,7 +159,7 @@ def reduced(mixture: Mixture, components: int) -> Mixture:
     cost = np.array([_costs(weights, means, covariances, i) for i in range(len(weights))])
     while len(weights) > components:
         i, j = sorted(divmod(int(np.argmin(cost)), len(cost)))
-        weights[i], means[i], covariances[i] = _merged(weights, means, covariances, i, j)
+        weights[i], means[i], covariances[i] = _merge(weights, means, covariances, i, j)
         keep = np.arange(len(weights)) != j
         weights, means, covariances = weights[keep], means[keep], covariances[keep]
         cost = cost[np.ix_(keep, keep)]
@@ -186,7 +186,7 @@ def _costs(weights: FloatArray, means: FloatArray, covariances: FloatArray, i: i
     return cost
 
 
-def _merged(
+def _merge(
     weights: FloatArray, means: FloatArray, covariances: FloatArray, i: int, j: int
 ) -> tuple[float, FloatArray, FloatArray]:
     total, mean, covariance = _pair(weights, means, covariances, i)

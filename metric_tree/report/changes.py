@@ -16,10 +16,10 @@ __all__ = [
     "SIZE_QUANTILES",
     "SPREAD_QUANTILES",
     "Change",
-    "changed",
     "changes",
-    "gone",
     "label",
+    "largest_changes",
+    "removed_nodes",
     "size_and_spread",
     "source_changes",
     "spread_of",
@@ -56,7 +56,7 @@ def label(tree: Tree) -> str:
     return f"{tree.version}{left_out}"
 
 
-def gone(tree: Tree, before: Tree) -> list[Node]:
+def removed_nodes(tree: Tree, before: Tree) -> list[Node]:
     """Nodes of the release before that this one lacks, in their order."""
     known = {node.node_id for node in tree}
     return [node for node in before if node.node_id not in known]
@@ -72,21 +72,20 @@ def source_changes(tree: Tree, before: Tree) -> list[tuple[str, int, int]]:
 def changes(tree: Tree, before: Tree) -> list[Change]:
     """The change of every node of both releases that has a common prior, in the order of the tree."""
     known = {node.node_id: node for node in before}
-    found = (_change(node, known[node.node_id]) for node in tree if node.node_id in known)
-    return [change for change in found if change is not None]
+    pairs = (_change(node, known[node.node_id]) for node in tree if node.node_id in known)
+    return [change for change in pairs if change is not None]
 
 
-def changed(found: Iterable[Change], shown: int, least_items: int = 0) -> list[Change]:
+def largest_changes(candidates: Iterable[Change], shown: int, least_items: int = 0) -> list[Change]:
     """The nodes whose size changed most, at most `shown`, among those with so many items in both releases."""
-    able = [c for c in found if min(c.node.n_items, c.before.n_items) >= least_items and abs(c.size) > ROUNDING]
+    able = [c for c in candidates if min(c.node.n_items, c.before.n_items) >= least_items and abs(c.size) > ROUNDING]
     return sorted(able, key=lambda c: (-abs(c.size), c.node.node_id))[:shown]
 
 
-def size_and_spread(found: Sequence[Change]) -> list[tuple[str, int, FloatArray, FloatArray]]:
+def size_and_spread(all_changes: Sequence[Change]) -> list[tuple[str, int, FloatArray, FloatArray]]:
     """Level, nodes, quantiles of |change of ln size| and of the change of ln spread; last, all levels."""
-    levels: list[tuple[str, list[Change]]] = [
-        (str(level), [c for c in found if c.node.level == level]) for level in sorted({c.node.level for c in found})
-    ]
+    numbers = sorted({c.node.level for c in all_changes})
+    levels = [(str(level), [c for c in all_changes if c.node.level == level]) for level in numbers]
     return [
         (
             name,
@@ -94,7 +93,7 @@ def size_and_spread(found: Sequence[Change]) -> list[tuple[str, int, FloatArray,
             np.quantile(np.abs([c.size for c in group]), SIZE_QUANTILES),
             np.quantile([c.spread for c in group], SPREAD_QUANTILES),
         )
-        for name, group in [*levels, ("all", list(found))]
+        for name, group in [*levels, ("all", list(all_changes))]
         if group
     ]
 

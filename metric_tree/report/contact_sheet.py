@@ -21,7 +21,7 @@ from metric_base.files import whole_file
 from metric_tree.pictures import image_path
 from metric_tree.tree import Node
 
-__all__ = ["Drawn", "bar_length", "chosen", "drawn", "write_sheet"]
+__all__ = ["Tile", "bar_length", "picture_rows", "tiles", "write_sheet"]
 
 #: Sheet in pixels: width, margin, gap between things, height of the two lines under a thing.
 WIDTH, MARGIN, GAP, LABEL = 1600, 40, 30, 46
@@ -34,7 +34,7 @@ COLUMN = 150
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drawn:
+class Tile:
     """A picture to be drawn: its file, whether that is a cut-out, the longest extent and the label's two lines."""
 
     path: Path
@@ -45,7 +45,7 @@ class Drawn:
     credit: str
 
 
-def chosen(node: Node, count: int) -> list[dict[str, Any]]:
+def picture_rows(node: Node, count: int) -> list[dict[str, Any]]:
     """Rows of at most `count` pictures of a node, each with its item's fields: cut ones first, spread over sizes."""
     import pyarrow.compute as pc
 
@@ -59,17 +59,17 @@ def chosen(node: Node, count: int) -> list[dict[str, Any]]:
     return first + _spread(rest, count - len(first))
 
 
-def drawn(release: Path, rows: Sequence[Mapping[str, Any]]) -> list[Drawn]:
+def tiles(release: Path, rows: Sequence[Mapping[str, Any]]) -> list[Tile]:
     """What of the rows can be drawn: those whose file is a picture, cut-outs where there are any."""
-    found = []
+    tiles = []
     for row in rows:
         cut = image_path(release, row, "cutout_path")
         path = cut or image_path(release, row)
         if path is not None and (cut or not isinstance(decode_picture(path.read_bytes()), str)):
             sizes = " × ".join(f"{side:.0f}" for side in row["extents_mm"])
             credit = f"{row['source']} ({row['licence'] or 'no licence stated'})"
-            found.append(Drawn(path, cut is not None, max(row["extents_mm"]), row["title"], f"{sizes} mm", credit))
-    return found
+            tiles.append(Tile(path, cut is not None, max(row["extents_mm"]), row["title"], f"{sizes} mm", credit))
+    return tiles
 
 
 def write_sheet(file: Path, node: Node, count: int) -> list[dict[str, Any]]:
@@ -82,8 +82,8 @@ def write_sheet(file: Path, node: Node, count: int) -> list[dict[str, Any]]:
     """
     if file.suffix.lower() != ".png":
         raise InputFault(f"--sheet: expected a name that ends in .png; found {file}")
-    rows = chosen(node, count)
-    things = drawn(node.tree.release.directory, rows)
+    rows = picture_rows(node, count)
+    things = tiles(node.tree.release.directory, rows)
     if not things:
         raise InputFault(f"{node.node_id}: expected pictures of items with a size; found none")
     image = _sheet(things, f"{node.name}: {len(things)} of {node.images().num_rows} pictures, to one scale")
@@ -108,12 +108,12 @@ def _spread(rows: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
     return [ordered[(2 * k + 1) * len(ordered) // (2 * count)] for k in range(max(0, count))]
 
 
-def _sheet(things: Sequence[Drawn], title: str) -> Any:
+def _sheet(things: Sequence[Tile], title: str) -> Any:
     """The sheet as a Pillow image."""
     from PIL import Image, ImageDraw
 
     mm_per_px = max(thing.longest_mm for thing in things) / LARGEST
-    scaled = [_scaled(thing, mm_per_px) for thing in things]
+    scaled = [_scale(thing, mm_per_px) for thing in things]
     rows = _rows([picture.size for picture in scaled])
     heights = [max(scaled[k].height for k, _ in row) + LABEL + GAP for row in rows]
     top, foot = 2 * MARGIN + 50, 60
@@ -126,7 +126,7 @@ def _sheet(things: Sequence[Drawn], title: str) -> Any:
         shelf = y + height - LABEL - GAP
         for k, x in row:
             sheet.paste(scaled[k], (x, shelf - scaled[k].height), scaled[k])
-            pen.text((x, shelf + 6), _short(things[k].title), fill="black", font=_font(14))
+            pen.text((x, shelf + 6), _shorten(things[k].title), fill="black", font=_font(14))
             pen.text((x, shelf + 24), things[k].sizes, fill="#555555", font=_font(14))
         pen.line((MARGIN, shelf + 2, WIDTH - MARGIN, shelf + 2), fill="#dddddd")
         y += height
@@ -136,7 +136,7 @@ def _sheet(things: Sequence[Drawn], title: str) -> Any:
     return sheet
 
 
-def _scaled(thing: Drawn, mm_per_px: float) -> Any:
+def _scale(thing: Tile, mm_per_px: float) -> Any:
     """The picture at the sheet's scale, RGBA; one that is not cut has a frame."""
     from PIL import Image, ImageOps
 
@@ -172,7 +172,7 @@ def _draw_bar(pen: Any, mm_per_px: float) -> None:
     pen.text((end + 12, y - 10), text, fill="black", font=_font(18))
 
 
-def _short(text: str) -> str:
+def _shorten(text: str) -> str:
     return text if len(text) <= 20 else f"{text[:19]}…"
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
-__all__ = ["Linked", "framed", "paragraph", "table"]
+__all__ = ["Linked", "paragraph", "table", "whole_page"]
 
 _STYLE = """
 body { font: 16px/1.5 Georgia, serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
@@ -32,7 +32,7 @@ class Linked:
     url: str
 
 
-def framed(title: str, note: str, sections: Iterable[tuple[str, str]]) -> str:
+def whole_page(title: str, note: str, sections: Iterable[tuple[str, str]]) -> str:
     """The page: a title, a note below it, sections of HTML with their titles and links to them."""
     parts = list(sections)
     links = "".join(f'<a href="#s{n}">{escape(name)}</a> ' for n, (name, _) in enumerate(parts))

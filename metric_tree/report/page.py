@@ -17,10 +17,10 @@ from metric_tree.report.changes import (
     SIZE_QUANTILES,
     SPREAD_QUANTILES,
     Change,
-    changed,
     changes,
-    gone,
     label,
+    largest_changes,
+    removed_nodes,
     size_and_spread,
     source_changes,
 )
@@ -36,7 +36,7 @@ from metric_tree.report.counts import (
     typical_nodes,
 )
 from metric_tree.report.figures import coverage_figure, size_figure
-from metric_tree.report.html import Linked, framed, paragraph, table
+from metric_tree.report.html import Linked, paragraph, table, whole_page
 from metric_tree.tree import Node, Tree
 from taxonomy.label_lists import vocabularies
 
@@ -61,7 +61,7 @@ def page(tree: Tree, against: Tree | None = None) -> str:
         *([(f"What changed since {label(against)}", _changes(tree, against, lists))] if against else []),
     ]
     note = f"Release of {tree.release.manifest['created']}; {len(tree):,} categories on five levels."
-    return framed(f"{tree.name} {label(tree)}", note, sections)
+    return whole_page(f"{tree.name} {label(tree)}", note, sections)
 
 
 _SIZE_NOTE = (
@@ -114,9 +114,9 @@ def _share(count: int, whole: Coverage) -> str:
 
 
 def _findings(tree: Tree) -> str:
-    found = findings(tree.release.directory)
-    counts = Counter(finding.code for finding in found)
-    examples = [f for code in sorted(counts) for f in [f for f in found if f.code == code][:EXAMPLES]]
+    all_findings = findings(tree.release.directory)
+    counts = Counter(finding.code for finding in all_findings)
+    examples = [f for code in sorted(counts) for f in [f for f in all_findings if f.code == code][:EXAMPLES]]
     checked = (
         table(("code", "what it means", "findings"), [(c, CODES.get(c, ""), n) for c, n in sorted(counts.items())])
         + paragraph(f"The first {EXAMPLES} of each code; metric-tree validate prints all of them:")
@@ -141,8 +141,8 @@ def _findings(tree: Tree) -> str:
 
 
 def _changes(tree: Tree, before: Tree, lists: Sequence[Coverage]) -> str:
-    lost, new = gone(tree, before), gone(before, tree)
-    found = changes(tree, before)
+    lost, new = removed_nodes(tree, before), removed_nodes(before, tree)
+    all_changes = changes(tree, before)
     counts = [
         ("nodes", len(before), len(tree)),
         ("leaves with items", *(sum(not n.children and n.n_items > 0 for n in one) for one in (before, tree))),
@@ -161,12 +161,12 @@ def _changes(tree: Tree, before: Tree, lists: Sequence[Coverage]) -> str:
         + paragraph(f"{len(new):,} categories are new{_some(new)}; {len(lost):,} are gone{_some(lost)}.")
         + _if_any("Items of the fit by source", ("source", "before", "now"), source_changes(tree, before))
         + _if_any("Words of detectors", head, words)
-        + _if_any("How far the priors of the nodes of both differ", _moved_head(), _moved(found))
+        + _if_any("How far the priors of the nodes of both differ", _moves_head(), _moves(all_changes))
         + paragraph(_MOVED_NOTE, note=True)
         + _if_any(
             f"Sizes that changed most, of nodes with {ENOUGH} items or more in both",
             ("category", "items before", "now", "dimensions", "medians before, mm", "now", "size", "width"),
-            [_change(change) for change in changed(found, SHOWN, ENOUGH)],
+            [_change(change) for change in largest_changes(all_changes, SHOWN, ENOUGH)],
         )
     )
 
@@ -185,15 +185,15 @@ _MOVED_NOTE = (
 )
 
 
-def _moved_head() -> tuple[str, ...]:
+def _moves_head() -> tuple[str, ...]:
     sizes, widths = (f"size {q:.0%}" for q in SIZE_QUANTILES), (f"width {q:.0%}" for q in SPREAD_QUANTILES)
     return ("level", "nodes", *sizes, *widths)
 
 
-def _moved(found: Sequence[Change]) -> list[tuple[object, ...]]:
+def _moves(all_changes: Sequence[Change]) -> list[tuple[object, ...]]:
     return [
         (level, n, *(f"{np.expm1(s):.1%}" for s in sizes), *(f"{np.expm1(w):+.1%}" for w in widths))
-        for level, n, sizes, widths in size_and_spread(found)
+        for level, n, sizes, widths in size_and_spread(all_changes)
     ]
 
 

@@ -22,8 +22,8 @@ _COLUMNS = 6
 
 def files(folder: Path) -> list[Path]:
     """The annotations that have a picture and its objects' picture beside them."""
-    found = sorted(folder.rglob(f"*{_ENDING}"))
-    return [file for file in found if _beside(file, ".jpg").is_file() and _beside(file, "_seg.png").is_file()]
+    paths = sorted(folder.rglob(f"*{_ENDING}"))
+    return [file for file in paths if _beside(file, ".jpg").is_file() and _beside(file, "_seg.png").is_file()]
 
 
 def picture(file: Path) -> AnnotatedPicture:
@@ -37,9 +37,9 @@ def picture(file: Path) -> AnnotatedPicture:
     blue = coded_picture(_beside(file, "_seg.png"))[:, :, 2]
     values = np.unique(blue[blue > 0])
     lines = file.read_bytes().decode("latin-1").splitlines()  # names were typed by hand, and some are no UTF-8
-    found = [_object(file, row, line, blue, values) for row, line in enumerate(lines, start=1) if line.strip()]
+    objects = [_object(file, row, line, blue, values) for row, line in enumerate(lines, start=1) if line.strip()]
     height, width = blue.shape
-    return AnnotatedPicture(_beside(file, ".jpg"), width, height, tuple(one for one in found if one is not None))
+    return AnnotatedPicture(_beside(file, ".jpg"), width, height, tuple(one for one in objects if one is not None))
 
 
 def _object(

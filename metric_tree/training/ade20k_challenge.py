@@ -47,13 +47,13 @@ def picture(file: Path) -> AnnotatedPicture:
     """
     coded = coded_picture(file)
     classes, instances = coded[:, :, 0], coded[:, :, 1]
-    found = []
+    objects = []
     for instance in np.unique(instances[instances > 0]):
         mask = instances == instance
         number = int(np.bincount(classes[mask]).argmax())
         if not 1 <= number <= len(CLASSES):
             raise BadAnnotations.at(file, "red", f"a class from 1 to {len(CLASSES)}", number)
-        found.append(AnnotatedObject((CLASSES[number - 1],), *run_lengths(mask)))
+        objects.append(AnnotatedObject((CLASSES[number - 1],), *run_lengths(mask)))
     height, width = instances.shape
     seen = file.parent.parent.parent / "images" / file.parent.name / f"{file.stem}.jpg"
-    return AnnotatedPicture(seen, width, height, tuple(found))
+    return AnnotatedPicture(seen, width, height, tuple(objects))

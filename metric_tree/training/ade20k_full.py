@@ -44,17 +44,17 @@ def picture(file: Path) -> AnnotatedPicture:
         height, width = int(annotation["imsize"][0]), int(annotation["imsize"][1])
         seen = _classes(file, (height, width))
         whole = [one for one in annotation["object"] if int(one["parts"]["part_level"]) == 0]
-        found = [_object(one, (height, width), seen) for one in whole]
+        objects = [_object(one, (height, width), seen) for one in whole]
     except (KeyError, TypeError, ValueError, IndexError) as fault:
         if isinstance(fault, BadAnnotations):
             raise
         expected = "annotation with imsize and objects of name, name_ndx, parts and polygon"
         raise BadAnnotations.at(file, "annotation", expected, repr(fault)) from None
-    return AnnotatedPicture(file.with_suffix(".jpg"), width, height, tuple(one for one in found if one is not None))
+    return AnnotatedPicture(file.with_suffix(".jpg"), width, height, tuple(one for one in objects if one is not None))
 
 
 def _object(one: dict[str, Any], size: tuple[int, int], seen: NDArray[np.int64] | None) -> AnnotatedObject | None:
-    mask = _drawn(one["polygon"], size)
+    mask = _draw(one["polygon"], size)
     if seen is not None:
         mask &= seen == int(one["name_ndx"])
     if not mask.any():
@@ -63,7 +63,7 @@ def _object(one: dict[str, Any], size: tuple[int, int], seen: NDArray[np.int64] 
     return AnnotatedObject(tuple(dict.fromkeys(names)), *run_lengths(mask))
 
 
-def _drawn(polygon: dict[str, list[float]], size: tuple[int, int]) -> BoolArray:
+def _draw(polygon: dict[str, list[float]], size: tuple[int, int]) -> BoolArray:
     import cv2
 
     corners = np.column_stack([np.array(polygon["x"], dtype=float), np.array(polygon["y"], dtype=float)])

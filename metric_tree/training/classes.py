@@ -57,7 +57,7 @@ class Classes:
         """
         key = (names, lists)
         if key not in self._known:
-            self._known[key] = self._looked_up(names, lists)
+            self._known[key] = self._look_up(names, lists)
         if self._known[key] == 0:
             self.ambiguous[names[0]] += 1
         return self._known[key] or None
@@ -69,16 +69,16 @@ class Classes:
             for number, node in enumerate(self.nodes, start=1)
         ]
 
-    def _looked_up(self, names: Iterable[str], lists: Iterable[str]) -> int | None:
+    def _look_up(self, names: Iterable[str], lists: Iterable[str]) -> int | None:
         """The class, 0 where the label is above one, None where it has nothing to do with any."""
         for name in names:
-            node = _found(self.tree, name, (*lists, None))
+            node = _lookup(self.tree, name, (*lists, None))
             if node is not None:
                 return self.of_node(node) or (0 if node.node_id in self._above else None)
         return None
 
 
-def _found(tree: Tree, name: str, lists: Iterable[str | None]) -> Node | None:
+def _lookup(tree: Tree, name: str, lists: Iterable[str | None]) -> Node | None:
     for vocabulary in lists:
         try:
             return tree.find(name, vocabulary)

@@ -21,7 +21,7 @@ from metric_base.arrays import BoolArray
 from metric_tree.training.pasted import Cutout
 from metric_tree.training.records import BadAnnotations
 
-__all__ = ["Composition", "Pasted", "composed", "made_background"]
+__all__ = ["Composition", "Pasted", "compose", "random_background"]
 
 Picture = NDArray[np.uint8]
 Labels = NDArray[np.int16]
@@ -81,7 +81,7 @@ class _Layer:
     border: float
 
 
-def composed(cutouts: Sequence[Sequence[Cutout]], background: Picture, generator: np.random.Generator) -> Composition:
+def compose(cutouts: Sequence[Sequence[Cutout]], background: Picture, generator: np.random.Generator) -> Composition:
     """A picture made of cut-outs, the same for the same generator.
 
     Parameters
@@ -89,7 +89,7 @@ def composed(cutouts: Sequence[Sequence[Cutout]], background: Picture, generator
     cutouts : those of each class that has any; classes are drawn alike often, whatever the number of their cut-outs
     background : (H, W, 3) BGR, not changed
     """
-    layers, px_per_mm = _placed(cutouts, background.shape[:2], generator)
+    layers, px_per_mm = _place(cutouts, background.shape[:2], generator)
     labels, layers = _visible(layers, background.shape[:2])
     picture = background.astype(np.float32)
     for layer in layers:
@@ -102,7 +102,7 @@ def composed(cutouts: Sequence[Sequence[Cutout]], background: Picture, generator
     return Composition(np.clip(np.rint(picture), 0, 255).astype(np.uint8), tuple(objects), px_per_mm)
 
 
-def made_background(size: tuple[int, int], generator: np.random.Generator) -> Picture:
+def random_background(size: tuple[int, int], generator: np.random.Generator) -> Picture:
     """(H, W, 3) of soft coloured patches with grain, where the user has no pictures to paste on."""
     import cv2
 
@@ -115,19 +115,19 @@ def made_background(size: tuple[int, int], generator: np.random.Generator) -> Pi
     return np.asarray(np.clip(smooth + grain, 0, 255), dtype=np.uint8)
 
 
-def _placed(
+def _place(
     cutouts: Sequence[Sequence[Cutout]], size: tuple[int, int], generator: np.random.Generator
 ) -> tuple[list[_Layer], float]:
     """The layers from far to near and the picture's pixels per millimetre."""
     height, width = size
-    first, first_mm = _drawn(cutouts, generator)
+    first, first_mm = _draw(cutouts, generator)
     pixels = _pixels(first.file)
     longest = first_mm * max(pixels.shape[:2]) / _reference(first, pixels)
     px_per_mm = float(generator.uniform(*FIRST_SHARE)) * min(size) / longest
     chosen = [(1.0, first, first_mm)]
     for _ in range(int(generator.integers(LEAST_OBJECTS, MOST_OBJECTS + 1)) - 1):
         for _ in range(TRIES):
-            cutout, size_mm = _drawn(cutouts, generator)
+            cutout, size_mm = _draw(cutouts, generator)
             nearness = float(np.exp(generator.normal(0, DISTANCE_SD)))
             pixels = _pixels(cutout.file)
             side = size_mm * px_per_mm * nearness * max(pixels.shape[:2]) / _reference(cutout, pixels)
@@ -138,7 +138,7 @@ def _placed(
     return [_layer(*entry, px_per_mm, size, generator) for entry in chosen], px_per_mm
 
 
-def _drawn(cutouts: Sequence[Sequence[Cutout]], generator: np.random.Generator) -> tuple[Cutout, float]:
+def _draw(cutouts: Sequence[Sequence[Cutout]], generator: np.random.Generator) -> tuple[Cutout, float]:
     """A cut-out of a random class, and one of its sizes."""
     group = cutouts[int(generator.integers(len(cutouts)))]
     cutout = group[int(generator.integers(len(group)))]
@@ -215,13 +215,13 @@ def _pixels(file: Path) -> Picture:
     """(h, w, 4) BGRA of a cut-out within its tight box, at most KEPT_SIDE_PX long."""
     import cv2
 
-    found = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
-    if found is None or found.ndim != 3 or found.shape[2] != 4 or found.dtype != np.uint8:
+    pixels = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8:
         raise BadAnnotations.at(file, "cut-out", "an RGBA picture of 8 bits", "something else")
-    rows, columns = (np.flatnonzero((found[:, :, 3] >= OPAQUE).any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero((pixels[:, :, 3] >= OPAQUE).any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         raise BadAnnotations.at(file, "cut-out", "an opaque pixel", "none")
-    tight = found[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    tight = pixels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     factor = KEPT_SIDE_PX / max(tight.shape[:2])
     if factor < 1:
         size = (max(round(tight.shape[1] * factor), 1), max(round(tight.shape[0] * factor), 1))

@@ -19,11 +19,11 @@ import numpy as np
 
 from metric_base.faults import InputFault
 from metric_tree.training.classes import Classes
-from metric_tree.training.composition import Picture, composed, made_background
+from metric_tree.training.composition import Picture, compose, random_background
 from metric_tree.training.pasted import Cutout
 from metric_tree.training.records import AnnotatedPicture, BadAnnotations, run_lengths
 
-__all__ = ["SPLITS", "Plan", "Summary", "background_files", "exported"]
+__all__ = ["SPLITS", "Plan", "Summary", "background_files", "export_dataset"]
 
 SPLITS = ("train", "val")
 
@@ -55,7 +55,7 @@ class Summary:
     ambiguous: dict[str, int] = field(default_factory=dict)
 
 
-def exported(
+def export_dataset(
     out: Path,
     classes: Classes,
     cutouts: Sequence[Cutout],
@@ -78,13 +78,13 @@ def exported(
     if out.exists():
         raise InputFault(f"{out}: expected a free path for a new data set; found something there")
     summary = Summary()
-    matched = list(_all_matched(others, classes, plan))  # first: a damaged file is told before the long work
+    matched = list(_matching_pictures(others, classes, plan))  # first: a damaged file is told before the long work
     with _whole_folder(out) as work:
         parts: dict[str, list[tuple[dict[str, Any], list[dict[str, Any]]]]] = {split: [] for split in SPLITS}
-        for split, image, annotations in progress(_made(work, cutouts, plan), plan.pictures if cutouts else 0):
+        for split, image, annotations in progress(_made_pictures(work, cutouts, plan), plan.pictures if cutouts else 0):
             parts[split].append((image, annotations))
-        for split, found in matched:
-            parts[split].append(found)
+        for split, records in matched:
+            parts[split].append(records)
         if not any(parts.values()):
             raise InputFault("export: expected cut-outs, or pictures with objects of the categories; found none")
         for split, entries in parts.items():
@@ -93,7 +93,7 @@ def exported(
     return summary
 
 
-def _made(
+def _made_pictures(
     work: Path, cutouts: Sequence[Cutout], plan: Plan
 ) -> Iterator[tuple[str, dict[str, Any], list[dict[str, Any]]]]:
     """Made pictures with their annotations, each from its own number and the seed, whatever the processes."""
@@ -124,14 +124,14 @@ def _picture(
     split, number = task
     generator = np.random.default_rng([plan.seed, number])
     width, height = plan.size
-    found = composed(groups[split], _background(plan, (height, width), generator), generator)
+    composition = compose(groups[split], _background(plan, (height, width), generator), generator)
     name = f"{split}/{number:08d}.jpg"
-    written, data = cv2.imencode(".jpg", found.picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    written, data = cv2.imencode(".jpg", composition.picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     if not written:
         raise OSError(f"{name}: not encoded")
     (work / "images" / name).write_bytes(data.tobytes())
     annotations = []
-    for one in found.objects:
+    for one in composition.objects:
         runs, area, bbox = run_lengths(one.mask)
         annotations.append(
             {
@@ -147,7 +147,7 @@ def _picture(
                 "visible_share": round(one.visible_share, 4),
             }
         )
-    image = {"file_name": name, "width": width, "height": height, "px_per_mm": round(found.px_per_mm, 6)}
+    image = {"file_name": name, "width": width, "height": height, "px_per_mm": round(composition.px_per_mm, 6)}
     return split, image, annotations
 
 
@@ -156,16 +156,16 @@ def _background(plan: Plan, size: tuple[int, int], generator: np.random.Generato
     import cv2
 
     if not plan.backgrounds:
-        return made_background(size, generator)
+        return random_background(size, generator)
     file = plan.backgrounds[int(generator.integers(len(plan.backgrounds)))]
-    found = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_COLOR)
-    if found is None:
+    pixels = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_COLOR)
+    if pixels is None:
         raise BadAnnotations.at(file, "background", "a picture", "something else")
     height, width = size
-    share = generator.uniform(0.6, 1.0) * min(found.shape[0] / height, found.shape[1] / width)
+    share = generator.uniform(0.6, 1.0) * min(pixels.shape[0] / height, pixels.shape[1] / width)
     h, w = max(int(height * share), 1), max(int(width * share), 1)
-    top, left = int(generator.integers(found.shape[0] - h + 1)), int(generator.integers(found.shape[1] - w + 1))
-    window = found[top : top + h, left : left + w]
+    top, left = int(generator.integers(pixels.shape[0] - h + 1)), int(generator.integers(pixels.shape[1] - w + 1))
+    window = pixels[top : top + h, left : left + w]
     return np.asarray(
         cv2.resize(window, (width, height), interpolation=cv2.INTER_AREA if share > 1 else cv2.INTER_LINEAR)
     )
@@ -179,18 +179,18 @@ def _groups(cutouts: Sequence[Cutout]) -> list[list[Cutout]]:
     return [groups[number] for number in sorted(groups)]
 
 
-def _all_matched(
+def _matching_pictures(
     others: Iterable[tuple[tuple[str, ...], Iterable[AnnotatedPicture]]], classes: Classes, plan: Plan
 ) -> Iterator[tuple[str, tuple[dict[str, Any], list[dict[str, Any]]]]]:
     """Split and entry of every picture of the other sets that has an object of our classes."""
     for lists, pictures in others:
         for picture in pictures:
-            found = _matched(picture, classes, lists)
-            if found is not None:
-                yield _split(picture.file.name, plan.val_share), found
+            record = _match(picture, classes, lists)
+            if record is not None:
+                yield _split(picture.file.name, plan.val_share), record
 
 
-def _matched(
+def _match(
     picture: AnnotatedPicture, classes: Classes, lists: tuple[str, ...]
 ) -> tuple[dict[str, Any], list[dict[str, Any]]] | None:
     """A picture of another set with its objects of our classes; None where it has none or is not at hand."""

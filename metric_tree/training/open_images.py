@@ -51,7 +51,7 @@ def _picture(
 
     with Image.open(file) as header:
         width, height = header.size
-    found = []
+    objects = []
     for mask_name, label in rows:
         if label not in names or mask_name not in files:
             continue  # masks come in sixteen archives; a user may have fetched some
@@ -61,8 +61,8 @@ def _picture(
         if picture.shape != (height, width):
             picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_NEAREST)
         if picture.any():
-            found.append(AnnotatedObject((names[label],), *run_lengths(picture > 0)))
-    return AnnotatedPicture(file, width, height, tuple(found))
+            objects.append(AnnotatedObject((names[label],), *run_lengths(picture > 0)))
+    return AnnotatedPicture(file, width, height, tuple(objects))
 
 
 def _names(folder: Path) -> dict[str, str]:

@@ -42,7 +42,7 @@ def cutouts_of(classes: Classes, seed: int) -> list[Cutout]:
     A shop photographs an upright thing from the front: its picture's height is the thing's. What lies flat is shown
     from above and what has no pose from any side: there the longest side of the picture is the longest extent.
     """
-    found = []
+    cutouts = []
     for category, root in enumerate(classes.nodes, start=1):
         sizes = {row["item_id"]: row for row in root.items().to_pylist()}
         rows = [row for row in root.images().to_pylist() if row["cutout_path"]]
@@ -51,8 +51,8 @@ def cutouts_of(classes: Classes, seed: int) -> list[Cutout]:
             axis, values = _size(sizes.get(row["item_id"], {}), node, seed)
             file = image_path(classes.tree.release.directory, row, "cutout_path")
             if values and file is not None:
-                found.append(Cutout(row["item_id"], row["node_id"], category, file, row["licence"], axis, values))
-    return found
+                cutouts.append(Cutout(row["item_id"], row["node_id"], category, file, row["licence"], axis, values))
+    return cutouts
 
 
 def _size(item: dict[str, object], node: Node, seed: int) -> tuple[str, tuple[float, ...]]:

@@ -19,9 +19,9 @@ class BadAnnotations(InputFault):
     """Annotations that cannot be read: file, field, expected, found."""
 
     @classmethod
-    def at(cls, file: Path | str, field: str, expected: str, found: object) -> BadAnnotations:
+    def at(cls, file: Path | str, field: str, expected: str, value: object) -> BadAnnotations:
         """The fault in one line."""
-        return cls(f"{file}: {field}: expected {expected}; found {str(found)[:120]}")
+        return cls(f"{file}: {field}: expected {expected}; found {str(value)[:120]}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,13 +58,13 @@ def coded_picture(path: Path, size: tuple[int, int] | None = None) -> IntArray:
     """
     import cv2
 
-    found = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
-    if found is None or found.ndim != 3 or found.shape[2] != 3 or found.dtype != np.uint8:
-        told = "no picture" if found is None else f"shape {found.shape}, {found.dtype}"
+    pixels = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
+    if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
+        told = "no picture" if pixels is None else f"shape {pixels.shape}, {pixels.dtype}"
         raise BadAnnotations.at(path, "picture", "three channels of 8 bits", told)
-    if size is not None and found.shape[:2] != size:
-        raise BadAnnotations.at(path, "size", f"{size} (height, width), as the picture's", f"{found.shape[:2]}")
-    return np.asarray(found[:, :, ::-1], dtype=np.int64)
+    if size is not None and pixels.shape[:2] != size:
+        raise BadAnnotations.at(path, "size", f"{size} (height, width), as the picture's", f"{pixels.shape[:2]}")
+    return np.asarray(pixels[:, :, ::-1], dtype=np.int64)
 
 
 def run_lengths(mask: BoolArray) -> tuple[dict[str, Any], float, tuple[float, float, float, float]]:

@@ -32,7 +32,7 @@ __all__ = [
     "Candidate",
     "Rules",
     "candidates",
-    "chosen",
+    "choose",
     "divergence",
     "narrowing",
     "paper_selection",
@@ -101,24 +101,24 @@ class Candidate:
 
 def candidates(tree: Tree) -> list[Candidate]:
     """Every node that a training set names, those below which it names counted too, the most narrowing first."""
-    named = _named_in(tree)
+    named = _lists_of_nodes(tree)
     own = {label.node_id for name in TRAINING_LISTS for label in vocabulary(name) if label.node_id}
     own |= {node_id for _, node_id in paper_selection()}
-    found = [_candidate(node, named.get(node.node_id, ())) for node in tree if node.node_id in own]
-    return sorted((one for one in found if one is not None), key=lambda one: (-one.narrowing, one.node.node_id))
+    tried = [_candidate(node, named.get(node.node_id, ())) for node in tree if node.node_id in own]
+    return sorted((one for one in tried if one is not None), key=lambda one: (-one.narrowing, one.node.node_id))
 
 
-def chosen(found: Sequence[Candidate], rules: Rules | None = None) -> list[Candidate]:
+def choose(ranked: Sequence[Candidate], rules: Rules | None = None) -> list[Candidate]:
     """The `rules.count` most narrowing of the candidates that fit the three rules, none above or below another.
 
     A detector cannot be taught both a chair and an office chair as exclusive classes from sets that label only the one.
     Of two such the one that more training sets name is taken: that is where they draw the line.
     """
     rules = rules or Rules()
-    fit = [one for one in found if _misfit(one, rules) is None]
+    fit = [one for one in ranked if _misfit(one, rules) is None]
     taken: list[Candidate] = []
     for one in sorted(fit, key=lambda one: (-len(one.lists), -one.narrowing, one.node.node_id)):
-        if _related(one, taken) is None:
+        if _relative(one, taken) is None:
             taken.append(one)
     return sorted(taken, key=lambda one: (-one.narrowing, one.node.node_id))[: rules.count]
 
@@ -130,7 +130,7 @@ def reason_against(one: Candidate, taken: Sequence[Candidate], rules: Rules | No
     misfit = _misfit(one, rules or Rules())
     if misfit is not None:
         return misfit
-    related = _related(one, taken)
+    related = _relative(one, taken)
     if related is not None:
         return f"above or below {related.node.name}, which is chosen"
     least = min((other.narrowing for other in taken), default=math.inf)
@@ -190,9 +190,9 @@ def _candidate(node: Node, lists: Iterable[str]) -> Candidate | None:
         prior = node.prior()
     except NoPrior:
         return None
-    found = narrowing(prior)
-    sd = math.exp(math.log(math.log(SCALE_RANGE)) - found) / math.sqrt(2 * math.pi * math.e)
-    return Candidate(node, prior, divergence(prior), tuple(lists), found, sd)
+    nats = narrowing(prior)
+    sd = math.exp(math.log(math.log(SCALE_RANGE)) - nats) / math.sqrt(2 * math.pi * math.e)
+    return Candidate(node, prior, divergence(prior), tuple(lists), nats, sd)
 
 
 def _misfit(one: Candidate, rules: Rules) -> str | None:
@@ -208,7 +208,7 @@ def _misfit(one: Candidate, rules: Rules) -> str | None:
     return None
 
 
-def _named_in(tree: Tree) -> Mapping[str, tuple[str, ...]]:
+def _lists_of_nodes(tree: Tree) -> Mapping[str, tuple[str, ...]]:
     """The training sets that name each node or one below it."""
     known = {node.node_id: node for node in tree}
     named: dict[str, dict[str, None]] = {}
@@ -221,7 +221,7 @@ def _named_in(tree: Tree) -> Mapping[str, tuple[str, ...]]:
     return {node_id: tuple(lists) for node_id, lists in named.items()}
 
 
-def _related(one: Candidate, taken: Sequence[Candidate]) -> Candidate | None:
+def _relative(one: Candidate, taken: Sequence[Candidate]) -> Candidate | None:
     """The one of those taken that lies above or below it in the tree."""
     above = _line(one.node)
     return next(

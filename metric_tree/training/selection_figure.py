@@ -29,7 +29,7 @@ _JITTER, _SEED = 0.3, 0
 
 
 def write_figure(
-    file: Path, found: Sequence[Candidate], taken: Sequence[Candidate], paper: Collection[str], rules: Rules
+    file: Path, ranked: Sequence[Candidate], taken: Sequence[Candidate], paper: Collection[str], rules: Rules
 ) -> None:
     """Draw the candidates under each rule, ours and the paper's marked.
 
@@ -44,9 +44,9 @@ def write_figure(
         raise InputFault(f"--figure: expected a name that ends in {', '.join(SUFFIXES)}; found {file}")
     figure = Figure(figsize=(11, 8), layout="constrained")
     divergence, samples, lists, ranks = figure.subplots(2, 2).ravel()
-    groups = _groups(found, taken, paper)
-    spread = np.random.default_rng(_SEED).uniform(-_JITTER, _JITTER, len(found))
-    apart = dict(zip((one.node.node_id for one in found), spread, strict=True))
+    groups = _groups(ranked, taken, paper)
+    spread = np.random.default_rng(_SEED).uniform(-_JITTER, _JITTER, len(ranked))
+    apart = dict(zip((one.node.node_id for one in ranked), spread, strict=True))
     _panel(divergence, groups, lambda one: one.divergence, rules.most_divergence, "divergence: sd of log size")
     _panel(samples, groups, lambda one: one.samples + 1, rules.least_samples + 1, "samples: items of the fit, plus one")
     samples.set_xscale("log")
@@ -55,17 +55,17 @@ def write_figure(
         f"training data: of {len(TRAINING_LISTS)} data sets, those with the category",
     )  # fmt: skip
     lists.set_xticks(range(len(TRAINING_LISTS) + 1))
-    _ranked(ranks, taken, paper)
+    _ranking(ranks, taken, paper)
     divergence.legend(loc="upper right", frameon=False)
     _save(figure, file)
 
 
 def _groups(
-    found: Sequence[Candidate], taken: Sequence[Candidate], paper: Collection[str]
+    ranked: Sequence[Candidate], taken: Sequence[Candidate], paper: Collection[str]
 ) -> dict[str, Sequence[Candidate]]:
     return {
-        "candidates": found,
-        "the paper's": [one for one in found if one.node.node_id in paper],
+        "candidates": ranked,
+        "the paper's": [one for one in ranked if one.node.node_id in paper],
         "ours": taken,
     }
 
@@ -82,7 +82,7 @@ def _panel(panel: Any, groups: dict[str, Sequence[Candidate]], value: Any, thres
     panel.set(xlabel=label, ylabel="expected narrowing of ln scale, nats")
 
 
-def _ranked(panel: Any, taken: Sequence[Candidate], paper: Collection[str]) -> None:
+def _ranking(panel: Any, taken: Sequence[Candidate], paper: Collection[str]) -> None:
     """Ours by what one object of each narrows: the standard deviation of log scale that is left."""
     left = [one.sd for one in taken]
     colours = [_COLOURS["the paper's" if one.node.node_id in paper else "ours"] for one in taken]

@@ -11,7 +11,7 @@ import metric_tree
 import metric_tree.commands.build as command
 from crawler.fetch.pictures import picture
 from metric_tree.build.ingest import raw_files
-from metric_tree.build.steps import PRIVATE_LICENCE, built
+from metric_tree.build.steps import PRIVATE_LICENCE, build_release
 from metric_tree.checks.release_files import findings
 from metric_tree.commands import main
 from metric_tree.pictures import image_path, picture_files
@@ -23,7 +23,7 @@ from tests.made.small_taxonomy import small_taxonomy
 @pytest.fixture
 def crawl(tmp_path, monkeypatch):
     """A folder as a crawl leaves it: items, pictures of eight of them, the files."""
-    monkeypatch.setattr(command, "built", partial(built, taxonomy=small_taxonomy, declared=SOURCES))
+    monkeypatch.setattr(command, "build_release", partial(build_release, taxonomy=small_taxonomy, declared=SOURCES))
     monkeypatch.setattr(command, "shipped_curated", tuple)
     folder = tmp_path / "crawl"
     folder.mkdir()

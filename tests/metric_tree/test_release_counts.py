@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.metric_tree.release_counts import counted, dated, funnel, random_paths, refused
-from metric_tree.build.steps import Options, built
+from metric_tree.build.steps import Options, build_release
 from metric_tree.build.tables import evidence_counts
 from metric_tree.fit.evidence import EVIDENCE
 from metric_tree.tree import open_tree
@@ -34,7 +34,7 @@ def raw(tmp_path_factory):
 def tree(raw):
     options = Options(version="0.0.1", created="2026-11-21", heldout=False)
     out = raw.with_name("release")
-    built([raw], out, options, taxonomy=small_taxonomy, declared=SOURCES)
+    build_release([raw], out, options, taxonomy=small_taxonomy, declared=SOURCES)
     return open_tree(out)
 
 

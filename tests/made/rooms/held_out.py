@@ -11,7 +11,7 @@ import pyarrow as pa
 
 from estimator.results.categories import meanings
 from metric_base.arrays import FloatArray
-from metric_tree.build.ingest import blocks, ingested, is_held_out, raw_files
+from metric_tree.build.ingest import blocks, ingest_block, is_held_out, raw_files
 from metric_tree.tree import Node, Tree
 from taxonomy.categories import Taxonomy
 from tests.made.rooms.shapes import CATEGORIES
@@ -67,7 +67,7 @@ def _complete_rows(raw: Iterable[Path], taxonomy: Callable[[], Taxonomy]) -> pa.
     """Rows of the build's own first step that have all three axes."""
     batches = []
     for block in blocks(raw_files(raw)):
-        reader = pa.ipc.open_file(pa.py_buffer(ingested(block, taxonomy).rows))
+        reader = pa.ipc.open_file(pa.py_buffer(ingest_block(block, taxonomy).rows))
         batches += [reader.get_batch(k) for k in range(reader.num_record_batches)]
     table = pa.Table.from_batches(batches)
     return table.filter(

@@ -14,9 +14,9 @@ import pytest
 
 from crawler.items import RawItem
 from metric_base.faults import InputFault
+from metric_tree.build import steps as build_module
 from metric_tree.build.ingest import is_held_out
-from metric_tree.build.steps import Options, built
-from metric_tree.build.steps import steps as build_module
+from metric_tree.build.steps import Options, build_release
 from metric_tree.checks.release_files import findings
 from metric_tree.tree import open_tree
 from tests.made.raw_fixture import SOURCES, TYPICAL, made_items, written
@@ -26,7 +26,7 @@ OPTIONS = Options(version="0.0.1", created="2026-11-21", heldout=False)
 
 
 def build(raw, out: Path, options: Options = OPTIONS, **more):
-    return built([raw], out, options, taxonomy=small_taxonomy, declared=SOURCES, **more)
+    return build_release([raw], out, options, taxonomy=small_taxonomy, declared=SOURCES, **more)
 
 
 def quarantined(out: Path) -> list[dict]:
@@ -191,8 +191,8 @@ def test_an_interrupted_build_leaves_no_release_and_takes_up_where_it_was(tmp_pa
     assert [path.name for path in tmp_path.iterdir() if "release" in path.name] == ["release.build"]
     done = []
     monkeypatch.setattr(build_module, "class_priors", lambda *a: done.append(a) or real(*a))
-    monkeypatch.setattr(build_module, "ingested", None)  # would fail if called again
-    monkeypatch.setattr(build_module, "cleaned", None)
+    monkeypatch.setattr(build_module, "ingest_block", None)  # would fail if called again
+    monkeypatch.setattr(build_module, "clean_shard", None)
     again = build(raw, tmp_path / "release").release
     assert len(done) < build_module.SHARDS
     assert files_of(again.directory) == files_of(release.directory)
@@ -201,7 +201,7 @@ def test_an_interrupted_build_leaves_no_release_and_takes_up_where_it_was(tmp_pa
 
 def test_another_input_does_not_take_up_old_work(tmp_path, monkeypatch):
     raw = written(tmp_path / "raw.jsonl", made_items())
-    monkeypatch.setattr(build_module, "cleaned", None)
+    monkeypatch.setattr(build_module, "clean_shard", None)
     with pytest.raises(TypeError):
         build(raw, tmp_path / "release")
     monkeypatch.undo()

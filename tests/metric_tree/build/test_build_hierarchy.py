@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.fit.class_prior import VAGUE, Moments
 from metric_tree.fit.em import Mixture
-from metric_tree.fit.inner_priors import belief_of, commonness, inner_priors, reduced
+from metric_tree.fit.inner_priors import belief_of, commonness, inner_priors, reduce_mixture
 from metric_tree.prior import Prior
 
 TRUST = {"shop": 1.0, "games": 0.35, "flea market": 1.0}
@@ -42,7 +42,7 @@ def test_reduction_keeps_the_moments(seed, k, kept):
         generator.normal(6, 1, (k, 3)),
         np.einsum("kij,klj->kil", factors, factors) + 0.01 * np.eye(3),
     )
-    small = reduced(mixture, kept)
+    small = reduce_mixture(mixture, kept)
     assert len(small.weights) == min(k, kept)
     for one, other in zip(moments_of(mixture), moments_of(small), strict=True):
         assert other == pytest.approx(one, rel=1e-9, abs=1e-9)
@@ -57,7 +57,7 @@ def moments_of(mixture: Mixture):
 
 def test_reduction_merges_what_is_alike():
     means = np.array([[5.0], [5.01], [7.0]])
-    small = reduced(Mixture(np.full(3, 1 / 3), means, np.full((3, 1, 1), 0.01)), 2)
+    small = reduce_mixture(Mixture(np.full(3, 1 / 3), means, np.full((3, 1, 1), 0.01)), 2)
     assert sorted(small.means[:, 0]) == pytest.approx([5.005, 7.0])
 
 

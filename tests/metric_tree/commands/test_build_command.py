@@ -11,7 +11,7 @@ from functools import partial
 import pytest
 
 import metric_tree.commands.build as command
-from metric_tree.build.steps import built
+from metric_tree.build.steps import build_release
 from metric_tree.commands import main
 from tests.made.raw_fixture import SOURCES, made_items, written
 from tests.made.small_taxonomy import small_taxonomy
@@ -19,7 +19,7 @@ from tests.made.small_taxonomy import small_taxonomy
 
 @pytest.fixture
 def raw(tmp_path, monkeypatch):
-    monkeypatch.setattr(command, "built", partial(built, taxonomy=small_taxonomy, declared=SOURCES))
+    monkeypatch.setattr(command, "build_release", partial(build_release, taxonomy=small_taxonomy, declared=SOURCES))
     monkeypatch.setattr(command, "shipped_curated", tuple)
     return written(tmp_path / "raw.jsonl", made_items(per_class=12))
 

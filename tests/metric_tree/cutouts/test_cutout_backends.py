@@ -161,7 +161,7 @@ def test_a_local_onnx_file_runs_through_rembg(tmp_path, monkeypatch):
     monkeypatch.delenv("U2NET_HOME", raising=False)
     tiny_network(tmp_path / "dark.onnx")
     assert has_weights(str(tmp_path / "dark.onnx"))
-    found = Network.loaded(str(tmp_path / "dark.onnx"))
+    found = Network.load(str(tmp_path / "dark.onnx"))
     mask = disc(50)
     cut = found.foreground(painted(mask, (10, 10, 10)))
     assert cut.method == "rembg:dark"
@@ -174,11 +174,11 @@ def test_a_local_onnx_file_runs_through_rembg(tmp_path, monkeypatch):
 def test_models_that_are_none_are_one_clear_line(tmp_path):
     (tmp_path / "broken.onnx").write_bytes(b"no graph")
     with pytest.raises(InputFault, match="expected an ONNX network"):
-        Network.loaded(str(tmp_path / "broken.onnx"))
+        Network.load(str(tmp_path / "broken.onnx"))
     with pytest.raises(InputFault, match="expected an ONNX file; found none"):
         has_weights(str(tmp_path / "missing.onnx"))
     with pytest.raises(InputFault, match=r"expected one of u2net, .*'bria-rmbg'"):
-        Network.loaded("bria-rmbg")
+        Network.load("bria-rmbg")
 
 
 def test_a_refused_download_is_one_clear_line(tmp_path, monkeypatch):
@@ -192,4 +192,4 @@ def test_a_refused_download_is_one_clear_line(tmp_path, monkeypatch):
 
     monkeypatch.setattr(network, "_rembg", lambda: NoNetwork)
     with pytest.raises(InputFault, match=r"--model u2net: expected weights .*no route.*--backend plain"):
-        Network.loaded("u2net")
+        Network.load("u2net")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from metric_tree.axes import AXES, candidates
-from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior, correlated, moments
+from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior, correlated_covariance, moments
 from metric_tree.fit.disagreement import SharedModel
-from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows, fitted_mixture
+from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows, fit_mixture
 
 MEANS = np.log([[2000.0, 900.0, 700.0], [900.0, 650.0, 1100.0]])  # a sofa and an armchair under one name
 COVARIANCE = np.array([[0.012, 0.004, 0.003], [0.004, 0.010, 0.002], [0.003, 0.002, 0.008]])
@@ -69,7 +69,7 @@ def test_two_kinds_are_found_with_the_axis_order_hidden():
 
 def test_blanks_that_depend_on_another_axis_do_not_bias_as_dropping_rows_would():
     """Width is stated of the shorter half alone: the mean of what is stated is wrong, that of the fit is not."""
-    x = np.random.default_rng(0).multivariate_normal(MEANS[0], correlated(np.full(3, 0.2), 0.9), 400)
+    x = np.random.default_rng(0).multivariate_normal(MEANS[0], correlated_covariance(np.full(3, 0.2), 0.9), 400)
     blank = x.copy()
     blank[x[:, 0] > np.median(x[:, 0]), 1] = np.nan
     prior = class_prior(class_rows(blank), VAGUE, NONE, seed=0, heldout=False)
@@ -91,7 +91,7 @@ def test_the_fit_is_the_same_under_a_seed():
 
 
 def test_a_thin_class_borrows_its_parents_spread_and_says_so():
-    belief = Belief(np.log([500.0, 500.0, 900.0]), 0.1, correlated(np.full(3, 0.2)), 8.0)
+    belief = Belief(np.log([500.0, 500.0, 900.0]), 0.1, correlated_covariance(np.full(3, 0.2)), 8.0)
     sizes = np.log([[420.0, 400.0, 500.0], [430.0, 400.0, 505.0]])
     thin = class_prior(class_rows(sizes), belief, NONE, seed=0)
     spread = np.sqrt(np.einsum("k,kii->i", thin.weights, thin.covariances))
@@ -102,7 +102,7 @@ def test_a_thin_class_borrows_its_parents_spread_and_says_so():
 
 
 def test_borrowing_fades_with_rows():
-    belief = Belief(VAGUE.mean, 0.1, correlated(np.full(3, 0.5)), 8.0)
+    belief = Belief(VAGUE.mean, 0.1, correlated_covariance(np.full(3, 0.5)), 8.0)
     x = two_kinds(400)[:, :] * 0 + np.random.default_rng(0).multivariate_normal(MEANS[0], COVARIANCE, 400)
     shares = [class_prior(class_rows(x[:n]), belief, NONE, 0, heldout=False).borrowed for n in (1, 5, 25, 400)]
     assert shares == sorted(shares, reverse=True)
@@ -173,5 +173,5 @@ def test_moments_tell_which_axes_are_known():
 
 def test_likelihood_never_falls_with_a_component():
     rows = Rows.plain(two_kinds(150))
-    likelihoods = [fitted_mixture(rows, k, VAGUE).log_likelihood for k in (1, 2, 3)]
+    likelihoods = [fit_mixture(rows, k, VAGUE).log_likelihood for k in (1, 2, 3)]
     assert likelihoods[0] < likelihoods[1] <= likelihoods[2] + 1.0

@@ -13,7 +13,7 @@ from PIL import Image
 from metric_tree.commands import main
 from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import cut_release
-from metric_tree.report.contact_sheet import LARGEST, MARGIN, bar_length, chosen
+from metric_tree.report.contact_sheet import LARGEST, MARGIN, bar_length, picture_rows
 from metric_tree.tree import open_tree
 from tests.made.picture_fixture import HOSTILE, release_with, shop_picture, wallpaper
 
@@ -65,9 +65,9 @@ def test_things_are_as_large_as_their_longest_extent(release, tmp_path, capsys):
 
 def test_cut_pictures_come_first_and_spread_over_sizes(release):
     node = open_tree(release.directory).find("entity")
-    rows = chosen(node, 22)
+    rows = picture_rows(node, 22)
     assert [row["cutout_path"] is not None for row in rows] == [True] * 20 + [False] * 2
-    few = [max(row["extents_mm"]) for row in chosen(node, 3)]
+    few = [max(row["extents_mm"]) for row in picture_rows(node, 3)]
     assert few == sorted(few)
     assert few[0] < few[-1]
 

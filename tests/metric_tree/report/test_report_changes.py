@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from benchmarks.metric_tree import open_fit
-from metric_tree.report.changes import changed, changes, gone, label, size_and_spread, source_changes, spread_of
+from metric_tree.report.changes import (
+    changes,
+    label,
+    largest_changes,
+    removed_nodes,
+    size_and_spread,
+    source_changes,
+    spread_of,
+)
 from metric_tree.tree import Tree
 from tests.made import minitree
 
@@ -35,23 +43,23 @@ def opened(tmp_path):
 
 
 def test_a_node_that_is_gone_is_named(whole, opened):
-    assert [node.node_id for node in gone(opened, whole)] == ["rat.n.01"]
-    assert gone(whole, opened) == []
+    assert [node.node_id for node in removed_nodes(opened, whole)] == ["rat.n.01"]
+    assert removed_nodes(whole, opened) == []
 
 
 def test_a_change_is_the_mean_over_the_dimensions(whole, opened):
-    (change,) = changed(changes(opened, whole), shown=5)
+    (change,) = largest_changes(changes(opened, whole), shown=5)
     assert change.node.name == "swivel chair"
     assert change.size == pytest.approx(np.mean(np.log(change.now_mm / change.then_mm)))
     assert change.size == pytest.approx(np.log(FACTOR), abs=0.1)
     assert change.spread > 0.2
-    assert changed(changes(opened, whole), shown=5, least_items=1000) == []
+    assert largest_changes(changes(opened, whole), shown=5, least_items=1000) == []
 
 
 def test_a_release_has_not_changed_since_itself(whole):
     found = changes(whole, whole)
     assert len(found) == 6
-    assert changed(found, shown=5) == []
+    assert largest_changes(found, shown=5) == []
     assert source_changes(whole, whole) == []
     level, n, sizes, widths = size_and_spread(found)[-1]
     assert (level, n) == ("all", 6)

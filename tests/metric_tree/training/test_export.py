@@ -16,8 +16,8 @@ from pycocotools.coco import COCO
 from metric_base.faults import InputFault
 from metric_tree.commands import main
 from metric_tree.training.ade20k_challenge import CLASSES
-from metric_tree.training.classes import Classes, _found
-from metric_tree.training.composition import composed, made_background
+from metric_tree.training.classes import Classes, _lookup
+from metric_tree.training.composition import compose, random_background
 from metric_tree.training.pasted import Cutout, cutouts_of
 from metric_tree.tree import Tree, open_tree
 from tests.made import minitree
@@ -130,7 +130,7 @@ def test_categories_that_are_none_are_told(
     words = ["export", "--tree", str(tree.release.directory), "--out", str(tmp_path / "set")]
     assert main([*words, "--categories", str(file)]) == 2
     assert f"{file}:3: mous.n.09: no node has this id" in capsys.readouterr().err
-    monkeypatch.setattr("metric_tree.training.selection.chosen", lambda _found: [])
+    monkeypatch.setattr("metric_tree.training.selection.choose", lambda _lookup: [])
     assert main(words) == 2
     assert "select's rules chose no category; found none of " in capsys.readouterr().err
 
@@ -161,7 +161,7 @@ def test_hidden_objects_are_taken_out(tmp_path: Path) -> None:
     cutout = Cutout("made:1", "x", 1, tmp_path / "block.png", None, "height", (100.0,))
     for seed in range(20):
         generator = np.random.default_rng(seed)
-        found = composed([[cutout]], made_background((120, 160), generator), generator)
+        found = compose([[cutout]], random_background((120, 160), generator), generator)
         for one in found.objects:
             assert 0.2 <= one.visible_share <= 1
             assert one.mask.sum() >= 100
@@ -347,7 +347,7 @@ def test_every_class_of_the_challenge_is_read() -> None:
     assert len(set(CLASSES)) == 100
     assert (CLASSES[7], CLASSES[46], CLASSES[99]) == ("chair", "swivel chair", "flag")  # as its list numbers them
     shipped = open_tree()
-    known = [name for name in CLASSES if _found(shipped, name, ("ade20k_150", None)) is not None]
+    known = [name for name in CLASSES if _lookup(shipped, name, ("ade20k_150", None)) is not None]
     assert set(CLASSES) - set(known) == {"screen door", "trade name"}
 
 

@@ -17,7 +17,7 @@ from metric_tree.training.selection import (
     Candidate,
     Rules,
     candidates,
-    chosen,
+    choose,
     divergence,
     narrowing,
     paper_selection,
@@ -91,22 +91,22 @@ def test_each_rule_excludes_and_says_so(mini: Tree) -> None:
         (_candidate(mini, "rat.n.01", 3.0, sources=1), "1 sources"),
         (_candidate(mini, "rat.n.01", 3.0, lists=1), "1 of 4"),
     ]
-    assert chosen([mouse, rat]) == [rat, mouse]
+    assert choose([mouse, rat]) == [rat, mouse]
     for unfit, said in cases:
-        taken = chosen([mouse, unfit])
+        taken = choose([mouse, unfit])
         assert taken == [mouse]
         assert said in str(reason_against(unfit, taken))
     one = Rules(count=1)
-    assert "2.00 nats" in str(reason_against(mouse, chosen([mouse, rat], one), one))
+    assert "2.00 nats" in str(reason_against(mouse, choose([mouse, rat], one), one))
     assert reason_against(rat, [rat]) is None
 
 
 def test_of_two_in_one_line_more_training_sets_win(mini: Tree) -> None:
     chair, swivel = _candidate(mini, "chair.n.01", 1.0), _candidate(mini, "swivel_chair.n.01", 3.0, lists=2)
-    assert chosen([swivel, chair]) == [chair]
+    assert choose([swivel, chair]) == [chair]
     assert "chair" in str(reason_against(swivel, [chair]))
     alike = replace(swivel, lists=chair.lists)
-    assert chosen([alike, chair]) == [alike]
+    assert choose([alike, chair]) == [alike]
 
 
 def test_candidates_are_what_training_sets_name(mini: Tree) -> None:

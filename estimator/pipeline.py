@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
-from estimator.results.estimate import Options, estimated
+from estimator.results.estimate import Options, scale_of_objects
 from estimator.results.scene_estimate import SceneEstimate
 from metric_tree.tree import Tree
 
@@ -28,7 +28,7 @@ def objects_result(
         from estimator.baselines.paper import paper_result
 
         return paper_result(objects, tree, options, paper_lists)
-    return estimated(objects, tree, options)
+    return scale_of_objects(objects, tree, options)
 
 
 def scene_estimate(
@@ -48,7 +48,7 @@ def scene_estimate(
     Parameters
     ----------
     path, instances, categories, dense : as `estimator.reading` takes them
-    tree, options : as `estimated`
+    tree, options : as `scale_of_objects`
     paper_lists : the authors' lists, for the second arm of `paper`
     images, detector : the folder of the pictures and what finds the instances in them, in place of `instances`
     """
@@ -79,7 +79,7 @@ def scene_estimate(
 
         result = paper_result(measurements.objects, tree, options, paper_lists, up, heard, seconds)
     else:
-        result = estimated(measurements.objects, tree, options, up, heard, seconds)
+        result = scale_of_objects(measurements.objects, tree, options, up, heard, seconds)
     return SceneEstimate(result, scene, found, measurements)
 
 

@@ -28,7 +28,7 @@ import numpy as np
 
 import metric_tree
 from estimator.baselines.candidates import candidate_scales, estimate_on
-from estimator.baselines.paper import ETA, Mixture, fitted
+from estimator.baselines.paper import ETA, Mixture, fit_mixture
 from estimator.posterior.class_error import shared_error
 from estimator.posterior.likelihood import Evidence
 from estimator.posterior.posterior import Estimate, posterior
@@ -103,7 +103,7 @@ def world(tree: Tree, items: Tree | None, fold: int, baselines: bool = True, see
             priors.append(prior)
             sizes.append(rows)
     print(f"pool: {len(nodes)} classes: {', '.join(node.name for node in nodes)}", file=sys.stderr)
-    mixtures = [fitted(AXES, prior.sample(MOST_ITEMS, seed)) for prior in priors] if baselines else []
+    mixtures = [fit_mixture(AXES, prior.sample(MOST_ITEMS, seed)) for prior in priors] if baselines else []
     heights = [prior.marginal(("height",)) for prior in priors]
     return World(tuple(nodes), tuple(priors), tuple(heights), tuple(mixtures), tuple(sizes) if items else None)
 

@@ -25,7 +25,7 @@ from estimator.geometry.measurement import measure_objects
 from estimator.geometry.point_labels import dense_labels, sparse_labels
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scene import Instance
-from estimator.results.estimate import estimated
+from estimator.results.estimate import scale_of_objects
 from tests.made.rooms.furnish import furnished_room
 from tests.made.rooms.kinds import KINDS
 from tests.made.rooms.quick import MadeScene, quick_scene
@@ -55,9 +55,9 @@ def main() -> None:
     measurements = measure_objects(made.scene, made.instances)
     objects = _objects(OBJECTS)
     dimensions = [measure_objects(made.scene, made.instances).timings["dimensions"] for _ in range(RUNS)]
-    estimated(objects, tree)  # the first call loads what every later one shares
-    posterior = [estimated(objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
-    scene_posterior = [estimated(measurements.objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
+    scale_of_objects(objects, tree)  # the first call loads what every later one shares
+    posterior = [scale_of_objects(objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
+    scene_posterior = [scale_of_objects(measurements.objects, tree).seconds["posterior"] for _ in range(SHORT_RUNS)]
     rows = [
         (f"labels, a frame ({len(dense.points):,} dense points, {MASKS} masks, depth test)", "200 ms",
          _a_frame(lambda: dense_labels(blind, few), views)),

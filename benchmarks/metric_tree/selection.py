@@ -20,7 +20,7 @@ import numpy as np
 from benchmarks.estimator.scale_rooms import _tree_and_sizes
 from estimator.geometry.measurement import measure_objects
 from estimator.results.categories import meanings
-from estimator.results.estimate import Options, estimated
+from estimator.results.estimate import Options, scale_of_objects
 from metric_base.arrays import FloatArray
 from metric_tree.training.selection import candidates, choose, paper_selection
 from metric_tree.tree import Node, Tree
@@ -61,7 +61,7 @@ def _rooms(tree: Tree, sizes: Sizes, arms: dict[str, set[str] | None], seeds: Se
             nodes = {name: meaning.node for name, meaning in meanings(tree, {one.category for one in objects}).items()}
             for name, wanted in arms.items():
                 kept = [one for one in objects if wanted is None or _within(nodes[one.category], wanted)]
-                result = estimated(kept, tree, Options())
+                result = scale_of_objects(kept, tree, Options())
                 error, width, covered = np.nan, np.nan, False
                 if result.scale is not None and result.interval is not None:
                     true = made.truth.metres_per_unit

@@ -29,7 +29,7 @@ from metric_base.folders import data_folder
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.tree import Node, Tree, UnknownName
 
-__all__ = ["ETA", "Mixture", "authors_lists", "fitted", "paper_result"]
+__all__ = ["ETA", "Mixture", "authors_lists", "fit_mixture", "paper_result"]
 
 #: The paper's threshold of a plausible dimension (section 4.2, example figure).
 ETA = 0.7
@@ -93,7 +93,7 @@ def paper_result(
     return result_of(objects, tree, by_name, answer, options, up, (*heard, *notes), elapsed)
 
 
-def fitted(dims: tuple[str, ...], sizes_mm: FloatArray) -> Mixture:
+def fit_mixture(dims: tuple[str, ...], sizes_mm: FloatArray) -> Mixture:
     """The paper's mixture of (n, d) sizes in mm: n // 3 components, at least one."""
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import BayesianGaussianMixture
@@ -167,7 +167,7 @@ def _mixtures(
             continue
         if authors is not None:
             if meaning.node.node_id in authors:
-                mixtures[name] = fitted(*authors[meaning.node.node_id])
+                mixtures[name] = fit_mixture(*authors[meaning.node.node_id])
             else:
                 notes.append(f"category {name!r}: the authors have no list of {meaning.node.node_id}")
             continue
@@ -182,7 +182,7 @@ def _node_mixture(node: Node, dims: tuple[str, ...]) -> tuple[Mixture, bool]:
     """The mixture of a node's items; True where they had to be drawn from the prior."""
     sizes = _item_sizes(node, dims)
     drawn = len(sizes) < LEAST_ITEMS
-    return fitted(dims, node.prior(dims).sample(MOST_ITEMS, SEED) if drawn else sizes), drawn
+    return fit_mixture(dims, node.prior(dims).sample(MOST_ITEMS, SEED) if drawn else sizes), drawn
 
 
 def _item_sizes(node: Node, dims: tuple[str, ...]) -> FloatArray:

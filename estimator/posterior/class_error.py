@@ -34,7 +34,7 @@ from estimator.posterior.symmetric import dot, product, total
 from metric_base.arrays import FloatArray, IntArray
 from metric_tree.prior import Prior
 
-__all__ = ["NODES", "NODE_WEIGHTS", "Lines", "SharedError", "convolved", "lines", "shared_error"]
+__all__ = ["NODES", "NODE_WEIGHTS", "Lines", "SharedError", "convolution", "lines", "shared_error"]
 
 #: Smallest standard deviation of the shared error in any direction, natural log. A class whose sources agree by
 #: chance, or that has one source only, may still be 3 % off in a scene: the floor that the fit puts on spreads too.
@@ -140,7 +140,7 @@ def lines(rows: Rows, group: IntArray, across: FloatArray) -> Lines:
     return Lines(1.0 - (columns * slope).sum(axis=1), (columns[:, :, None] * fixed).sum(axis=1), log_weight)
 
 
-def convolved(
+def convolution(
     values: FloatArray, own: FloatArray, u: FloatArray, along_sd: FloatArray
 ) -> tuple[FloatArray, NDArray[np.float32]]:
     """Functions of u' on uniform grids under a Gaussian each, as functions of u, and the kernels.

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.posterior.class_error import Lines, SharedError, convolved, lines
+from estimator.posterior.class_error import Lines, SharedError, convolution, lines
 from estimator.posterior.components import Rows
 from estimator.posterior.symmetric import dot, product
 from metric_base.arrays import FloatArray, IntArray
@@ -87,7 +87,7 @@ def joint_classes(components: Rows, group: IntArray, errors: Sequence[SharedErro
     log_node, outlier = _log_products(components, nodes, class_of, own)
     top = log_node.max(axis=(1, 2))[:, None]  # (c, 1)
     value = np.exp(log_node - top[:, None]).sum(axis=1)  # (c, h)
-    smooth, kernel = convolved(value, own, u, along_sd)
+    smooth, kernel = convolution(value, own, u, along_sd)
     return ClassTerms(classes, np.log(np.maximum(smooth, 1e-300)) + top, outlier, class_of, log_node, kernel)
 
 

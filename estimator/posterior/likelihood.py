@@ -23,7 +23,7 @@ from estimator.posterior.assignments import Layout, Variants, variants
 from estimator.posterior.axes import is_sorted, prior_axes
 from estimator.posterior.class_error import shared_error
 from estimator.posterior.components import Rows
-from estimator.posterior.symmetric import DIAGONAL, dot, inverse, packed, product, row_sums, total
+from estimator.posterior.symmetric import DIAGONAL, dot, inverse, pack, product, row_sums, total
 from estimator.records.measured_object import MeasuredObject
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.axes import AXES, EXTENTS
@@ -158,7 +158,7 @@ def _table(prior: Prior, pose: str, code: int, alone: bool) -> _Table:
     negligible = np.log(np.where(ways.gross, GROSS_NEGLIGIBLE, NEGLIGIBLE))  # (v,)
     columns = [
         shifted.reshape(k * v, 3).T,
-        packed(spread.reshape(k * v, 3, 3)),
+        pack(spread.reshape(k * v, 3, 3)),
         np.tile(active, (k, 1)).T,
         log_weight.reshape(1, k * v),
         np.tile(negligible, (1, k)),

@@ -12,7 +12,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["DIAGONAL", "dot", "inverse", "packed", "product", "row_sums", "total"]
+__all__ = ["DIAGONAL", "dot", "inverse", "pack", "product", "row_sums", "total"]
 
 #: Which of the six lie on the diagonal.
 DIAGONAL = [0, 3, 5]
@@ -21,7 +21,7 @@ DIAGONAL = [0, 3, 5]
 Arrays = FloatArray | Sequence[FloatArray]
 
 
-def packed(matrices: FloatArray) -> FloatArray:
+def pack(matrices: FloatArray) -> FloatArray:
     """(6, m) of symmetric matrices (m, 3, 3)."""
     return np.ascontiguousarray(matrices[:, (0, 0, 0, 1, 1, 2), (0, 1, 2, 1, 2, 2)].T)
 

@@ -28,7 +28,7 @@ from estimator.results.verdicts import dimension_names, outlier_reason, verdict
 from metric_base.arrays import BoolArray, FloatArray
 from metric_tree.tree import Tree
 
-__all__ = ["HEIGHT", "Answer", "Options", "estimated", "evidence_of", "result_of"]
+__all__ = ["HEIGHT", "Answer", "Options", "evidence_of", "result_of", "scale_of_objects"]
 
 #: The dimensions of `--method height`.
 HEIGHT = ("height",)
@@ -58,7 +58,7 @@ class Answer:
     reasons: Sequence[str | None]
 
 
-def estimated(
+def scale_of_objects(
     objects: Sequence[MeasuredObject],
     tree: Tree,
     options: Options | None = None,

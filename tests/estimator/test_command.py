@@ -195,7 +195,7 @@ def test_a_fault_of_the_program_is_one(
     def broken(*_: object, **__: object) -> None:
         raise RuntimeError("from within")
 
-    monkeypatch.setattr("estimator.pipeline.estimated", broken)
+    monkeypatch.setattr("estimator.pipeline.scale_of_objects", broken)
     objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
     status, out, err = _run(capsys, "--objects", objects, "--tree", tree)
     assert (status, out) == (1, "")

@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from estimator.baselines.candidates import CANDIDATES, candidate_scales, estimate_on
-from estimator.baselines.paper import Mixture, authors_lists, fitted, paper_result
+from estimator.baselines.paper import Mixture, authors_lists, fit_mixture, paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
 from estimator.command import main
 from estimator.records.measured_object import MeasuredObject
@@ -42,7 +42,7 @@ def test_product_without_jacobian_is_low() -> None:
 def test_mixture_density_is_scikit_learns() -> None:
     generator = np.random.default_rng(1)
     sizes = generator.normal([500, 400, 900], [50, 40, 60], (60, 3))
-    mixture = fitted(("length", "width", "height"), sizes)
+    mixture = fit_mixture(("length", "width", "height"), sizes)
     assert len(mixture.weights) == 20  # n // 3
     points = generator.normal([500, 400, 900], 60, (5, 3))
     expected = np.log(

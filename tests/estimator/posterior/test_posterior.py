@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from estimator.posterior import grid
-from estimator.posterior.class_error import convolved, shared_error
+from estimator.posterior.class_error import convolution, shared_error
 from estimator.posterior.likelihood import Evidence, rows
 from estimator.posterior.posterior import posterior, status_of
 from estimator.records.curve import Curve, Mode
@@ -246,6 +246,6 @@ def test_modes_share_the_mass() -> None:
 def test_convolution_keeps_constants_and_widens_bumps(sd: float, base: float, half: float) -> None:
     own = np.linspace(-half, half, 301)[None]
     u = np.linspace(-2, 2, 81)
-    found = convolved(base + np.exp(-0.5 * (own / 0.1) ** 2), own, u, np.array([sd]))[0][0]
+    found = convolution(base + np.exp(-0.5 * (own / 0.1) ** 2), own, u, np.array([sd]))[0][0]
     wide = math.hypot(sd, 0.1)
     assert found == pytest.approx(base + 0.1 / wide * np.exp(-0.5 * (u / wide) ** 2), abs=5e-3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimator.posterior.symmetric import dot, inverse, packed, product, row_sums, total
+from estimator.posterior.symmetric import dot, inverse, pack, product, row_sums, total
 from metric_base.arrays import FloatArray
 
 
@@ -22,11 +22,11 @@ def matrices() -> FloatArray:
 
 
 def test_packing_is_undone(matrices: FloatArray) -> None:
-    assert np.array_equal(unpacked(packed(matrices)), matrices)
+    assert np.array_equal(unpacked(pack(matrices)), matrices)
 
 
 def test_inverse_and_determinant(matrices: FloatArray) -> None:
-    found, log_det = inverse(packed(matrices))
+    found, log_det = inverse(pack(matrices))
     assert unpacked(np.array(found)) == pytest.approx(np.linalg.inv(matrices))
     assert log_det == pytest.approx(np.linalg.slogdet(matrices)[1])
 
@@ -34,7 +34,7 @@ def test_inverse_and_determinant(matrices: FloatArray) -> None:
 def test_products(matrices: FloatArray) -> None:
     vectors = np.random.default_rng(4).normal(size=(3, 5, 20))
     expected = np.einsum("mij,jkm->ikm", matrices, vectors)
-    assert np.array(product(packed(matrices), vectors)) == pytest.approx(expected)
-    assert np.array(row_sums(packed(matrices))) == pytest.approx(matrices.sum(axis=2).T)
+    assert np.array(product(pack(matrices), vectors)) == pytest.approx(expected)
+    assert np.array(row_sums(pack(matrices))) == pytest.approx(matrices.sum(axis=2).T)
     assert total(vectors) == pytest.approx(vectors.sum(axis=0))
     assert dot(vectors, vectors) == pytest.approx((vectors**2).sum(axis=0))

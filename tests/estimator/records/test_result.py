@@ -13,7 +13,7 @@ import pytest
 from estimator.outputs.table import result_text
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
-from estimator.results.estimate import Options, estimated
+from estimator.results.estimate import Options, scale_of_objects
 from estimator.results.verdicts import outlier_reason
 from metric_tree.tree import Tree
 from tests.made.priors import evidence, prior
@@ -112,17 +112,17 @@ def test_support_planes_are_reported_both_ways(mini: Tree) -> None:
         np.full(3, 0.03),
         unsupported_height=1.8,
     )
-    result = estimated([chair], mini)
+    result = scale_of_objects([chair], mini)
     assert result.scale == pytest.approx(0.5, rel=0.02)
     assert result.without_support is not None
     assert result.without_support.scale > 1.01 * 0.5
     whole = MeasuredObject("1", "swivel chair", np.array([1.24, 1.20, 2.1]), np.full(3, 0.03))
-    assert estimated([whole], mini).without_support is None
+    assert scale_of_objects([whole], mini).without_support is None
 
 
 def test_skipped_objects_keep_their_reason(mini: Tree) -> None:
     item = MeasuredObject("1", "bar stool", np.full(3, np.nan), np.full(3, np.nan), skipped="3 points, 16 needed")
-    result = estimated([item], mini, Options(leave_one_class_out=True))
+    result = scale_of_objects([item], mini, Options(leave_one_class_out=True))
     assert result.status == "unresolved"
     assert (result.objects[0].verdict, result.objects[0].reason) == ("skipped", "3 points, 16 needed")
     assert "unresolved: no usable object" in result.warnings

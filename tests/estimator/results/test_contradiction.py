@@ -11,7 +11,7 @@ from estimator.posterior.posterior import posterior
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult
 from estimator.results.contradiction import contradiction_of
-from estimator.results.estimate import Options, estimated
+from estimator.results.estimate import Options, scale_of_objects
 from metric_tree.tree import Tree
 from tests.made.priors import evidence, prior
 
@@ -24,7 +24,7 @@ def answer(tree: Tree, known: float | None, *objects: tuple[str, tuple[float, fl
         MeasuredObject(str(place), category, np.array(extents), np.full(3, 0.03))
         for place, (category, extents) in enumerate(objects)
     ]
-    return estimated(items, tree, Options(known=() if known is None else ((math.log(known), 0.01),)))
+    return scale_of_objects(items, tree, Options(known=() if known is None else ((math.log(known), 0.01),)))
 
 
 @pytest.mark.parametrize("known", [5.0, 0.05, 500.0])

@@ -16,7 +16,7 @@ from estimator.geometry.measurement import PAPER, MeasurementOptions, Measuremen
 from estimator.geometry.tracks import Track
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
-from estimator.results.estimate import Options, estimated
+from estimator.results.estimate import Options, scale_of_objects
 from metric_tree.tree import Tree
 from tests.made.rooms.scores import Score, height_error
 from tests.made.rooms.truth import Truth
@@ -73,7 +73,7 @@ def scores(
             if method == "paper":
                 result = paper_result(taken.objects, tree, options, lists if arm == AUTHORS else None)
             else:
-                result = estimated(taken.objects, tree, options)
+                result = scale_of_objects(taken.objects, tree, options)
             heights = np.array([thing.extents[2] for thing in taken.objects])
             true = [_majority(case.instances, track) for track in taken.tracks]
         score = _score(case, arm, result, time.perf_counter() - started)

@@ -8,6 +8,6 @@
 from metric_tree.prior import Prior
 from metric_tree.release import BadRelease
 from metric_tree.tree import AmbiguousName, Node, NoPrior, Tree, UnknownName
-from metric_tree.tree import open_tree as open  # noqa: A004 - the contract's name, as in gzip.open
+from metric_tree.tree import open_tree as open  # noqa: A004 - as in gzip.open
 
 __all__ = ["AmbiguousName", "BadRelease", "NoPrior", "Node", "Prior", "Tree", "UnknownName", "open"]

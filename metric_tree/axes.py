@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["AXES", "EXTENTS", "Sizes", "axes_of_pose", "candidates", "own_sizes", "sizes"]
+__all__ = ["AXES", "EXTENTS", "Sizes", "axes_of_pose", "axis_assignments", "sizes_from_words", "stated_sizes"]
 
 AXES = ("length", "width", "height")
 EXTENTS = ("extent1", "extent2", "extent3")
@@ -43,7 +43,7 @@ def axes_of_pose(pose: str) -> tuple[str, ...]:
     return EXTENTS if pose == "any" else AXES
 
 
-def sizes(words: Mapping[str, float | None], extents: Sequence[float] | None, pose: str) -> Sizes | None:
+def sizes_from_words(words: Mapping[str, float | None], extents: Sequence[float] | None, pose: str) -> Sizes | None:
     """The sizes of one thing from its source's axis words, or None where nothing is stated or four numbers are.
 
     Parameters
@@ -66,7 +66,7 @@ def sizes(words: Mapping[str, float | None], extents: Sequence[float] | None, po
     return (_flat if pose == "flat" else _upright)(stated, horizontal, height, outer)
 
 
-def own_sizes(axes: Mapping[str, float | None], pose: str) -> Sizes:
+def stated_sizes(axes: Mapping[str, float | None], pose: str) -> Sizes:
     """The sizes of a row that already speaks of our length, width and height (a curated range)."""
     stated = {axis: axes[axis] for axis in AXES if axes.get(axis) is not None}
     outer = tuple(sorted((size for size in stated.values() if size is not None), reverse=True))
@@ -74,7 +74,7 @@ def own_sizes(axes: Mapping[str, float | None], pose: str) -> Sizes:
     return Sizes(known.get("length"), known.get("width"), known.get("height"), outer)
 
 
-def candidates(axes: FloatArray, extents: FloatArray, pose: str) -> tuple[FloatArray, NDArray[np.intp]]:
+def axis_assignments(axes: FloatArray, extents: FloatArray, pose: str) -> tuple[FloatArray, NDArray[np.intp]]:
     """Every assignment of stated sizes to the axes of a pose.
 
     Parameters

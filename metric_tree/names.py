@@ -8,7 +8,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from functools import cached_property
 
-__all__ = ["NameIndex", "folded", "singular"]
+__all__ = ["NameIndex", "fold_name", "singular_form"]
 
 _IRREGULAR = {
     "children": "child", "feet": "foot", "geese": "goose", "halves": "half", "knives": "knife", "leaves": "leaf",
@@ -26,7 +26,7 @@ _SINGULAR_ENDINGS = ("ss", "us", "is", "series", "species", "corps")
 _ES_ENDINGS = ("ses", "xes", "zes", "ches", "shes", "oes")
 
 
-def folded(name: str) -> str:
+def fold_name(name: str) -> str:
     """The name in lower case, without accents, with every separator as one space."""
     if name.isascii():
         return " ".join(name.translate(_ASCII).split())
@@ -35,7 +35,7 @@ def folded(name: str) -> str:
     return " ".join(letters.split())
 
 
-def singular(name: str) -> str:
+def singular_form(name: str) -> str:
     """The folded name with its last word made singular by English rules; idempotent on singular words."""
     head, _, last = name.rpartition(" ")
     return f"{head} {_singular_word(last)}".strip()
@@ -63,7 +63,7 @@ class NameIndex:
         exact: defaultdict[str, dict[str, None]] = defaultdict(dict)
         for id_, spellings in names:
             for spelling in spellings:
-                exact[folded(spelling)][id_] = None
+                exact[fold_name(spelling)][id_] = None
         self._exact: Mapping[str, dict[str, None]] = dict(exact)
 
     @cached_property
@@ -71,14 +71,14 @@ class NameIndex:
         """By singulars; most names are found as written and never ask for it."""
         loose: defaultdict[str, dict[str, None]] = defaultdict(dict)
         for key, ids in self._exact.items():
-            loose[singular(key)].update(ids)
+            loose[singular_form(key)].update(ids)
         return dict(loose)
 
     def ids(self, name: str) -> tuple[str, ...]:
         """Ids that bear the name, in the order they were given; empty where none does."""
-        key = folded(name)
-        return tuple(self._exact.get(key) or self._loose.get(singular(key)) or ())
+        key = fold_name(name)
+        return tuple(self._exact.get(key) or self._loose.get(singular_form(key)) or ())
 
     def nearest(self, name: str, count: int = 3) -> list[str]:
         """The known names most like an unknown one."""
-        return difflib.get_close_matches(folded(name), list(self._exact), n=count)
+        return difflib.get_close_matches(fold_name(name), list(self._exact), n=count)

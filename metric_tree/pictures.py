@@ -19,7 +19,7 @@ import pyarrow.compute as pc
 
 from crawler.fetch.pictures import SCHEMA as PICTURE
 from metric_base.faults import InputFault
-from metric_tree.release import linked, sha256
+from metric_tree.release import link_file, sha256
 from metric_tree.schema import IMAGES
 
 __all__ = ["FOLDER", "Gathered", "collect_pictures", "image_path", "picture_files"]
@@ -103,7 +103,7 @@ def _take(home: Path, record: Mapping[str, Any], known: Mapping[str, Any], folde
     if sha256(source) != record["image_id"]:
         return "changed"
     target.parent.mkdir(parents=True, exist_ok=True)
-    linked(source, target)
+    link_file(source, target)
     return None
 
 

@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from metric_base.faults import InputFault
 from metric_tree.schema import SCHEMA, TABLES
 
-__all__ = ["MANIFEST", "BadRelease", "Release", "linked", "opened", "published", "sha256"]
+__all__ = ["MANIFEST", "BadRelease", "Release", "link_file", "open_release", "publish_release", "sha256"]
 
 MANIFEST = "manifest.json"
 
@@ -30,7 +30,7 @@ ROW_GROUP = 20_000
 
 
 class BadRelease(InputFault):
-    """A folder that is no release, or not one this version reads."""
+    """A folder that is not a release, or one that this version does not read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +56,7 @@ class Release:
             raise BadRelease(f"{path}: expected a Parquet table; found {_first_line(error)}") from None
 
 
-def published(
+def publish_release(
     directory: Path, tables: Mapping[str, pa.Table], manifest: Mapping[str, Any], extras: Path | None = None
 ) -> Release:
     """Write a release beside its final place, checksum it, then rename it there.
@@ -79,7 +79,7 @@ def published(
     try:
         files = {name: _written(work / name, tables[name].cast(schema)) for name, schema in TABLES.items()}
         if extras is not None:
-            shutil.copytree(extras, work, dirs_exist_ok=True, copy_function=linked)
+            shutil.copytree(extras, work, dirs_exist_ok=True, copy_function=link_file)
         whole = {"schema": SCHEMA, **manifest, "files": files}
         (work / MANIFEST).write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
         work.chmod(0o755)
@@ -90,7 +90,7 @@ def published(
     return Release(directory, whole)
 
 
-def opened(directory: Path) -> Release:
+def open_release(directory: Path) -> Release:
     """The release in a folder, after its manifest, its tables' presence and their sizes are verified.
 
     Checksums are the business of `metric_tree.checks.release_files`, which reads every byte.
@@ -106,9 +106,9 @@ def opened(directory: Path) -> Release:
         if not isinstance(recorded, dict) or "bytes" not in recorded:
             raise BadRelease(f"{directory / MANIFEST}: files: expected an entry for {name}; found {recorded!r}")
         path = directory / name
-        found = path.stat().st_size if path.is_file() else None
-        if found != recorded["bytes"]:
-            raise BadRelease(f"{path}: expected {recorded['bytes']} bytes; found {found or 'no file'}")
+        actual = path.stat().st_size if path.is_file() else None
+        if actual != recorded["bytes"]:
+            raise BadRelease(f"{path}: expected {recorded['bytes']} bytes; found {actual or 'no file'}")
     return Release(directory, manifest)
 
 
@@ -153,7 +153,7 @@ def _rows_of(file: pq.ParquetFile, node_ids: Collection[str]) -> pa.Table:
     return pa.concat_tables(parts) if parts else file.schema_arrow.empty_table()
 
 
-def linked(source: str | Path, target: str | Path) -> None:
+def link_file(source: str | Path, target: str | Path) -> None:
     """A second name of a file that never changes; a copy where the disk has none, or where it is on another."""
     try:
         os.link(source, target)

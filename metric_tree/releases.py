@@ -16,38 +16,38 @@ PATH_VARIABLE = "METRIC_TREE_PATH"
 
 
 def releases() -> list[Path]:
-    """Folders of all releases at hand, newest version first; shipped ones before the user's of equal version."""
-    return sorted(_found(), key=lambda path: version_key(path.name), reverse=True)
+    """Folders of all available releases, newest version first; shipped ones before the user's of equal version."""
+    return sorted(_release_folders(), key=lambda path: version_key(path.name), reverse=True)
 
 
 def release_directory(ref: str | Path | None = None) -> Path:
-    """The folder of a release: the newest one, or that of a version, or a path.
+    """The folder of a release: the newest one, the one of a version, or a path.
 
     Raises
     ------
     BadRelease
-        Nothing at hand bears that version or path; the message lists what is.
+        No release has that version or path; the message lists the available ones.
     """
-    found = releases()
+    available = releases()
     if ref is None:
-        if not found:
+        if not available:
             raise BadRelease(f"{data_folder() / 'release'}: expected a release; found none")
-        return found[0]
-    for directory in found:
+        return available[0]
+    for directory in available:
         if directory.name == str(ref):
             return directory
     if Path(ref).is_dir():
         return Path(ref)
-    at_hand = ", ".join(path.name for path in found) or "none"
-    raise BadRelease(f"{ref}: expected a version at hand ({at_hand}) or a release's folder; found neither")
+    names = ", ".join(path.name for path in available) or "none"
+    raise BadRelease(f"{ref}: expected an available version ({names}) or a release's folder; found neither")
 
 
 def version_key(version: str) -> tuple[int, ...]:
-    """Sort key of a semantic version; what is no number counts as older than any."""
+    """Sort key of a semantic version; a part that is not a number counts as older than any number."""
     return tuple(int(part) if part.isdigit() else -1 for part in version.split("."))
 
 
-def _found() -> Iterator[Path]:
+def _release_folders() -> Iterator[Path]:
     named = [Path(part) for part in os.environ.get(PATH_VARIABLE, "").split(os.pathsep) if part]
     for folder in (data_folder() / "release", *named):
         if folder.is_dir():

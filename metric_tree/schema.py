@@ -21,7 +21,7 @@ _MATRIX = pa.list_(_NUMBERS)
 NODES = pa.schema(
     [
         _column("node_id", pa.string(), "WordNet synset, mt:<name> for a reviewed insertion, or <id>/other"),
-        _column("name", pa.string(), "what a reader calls it"),
+        _column("name", pa.string(), "what a reviewer calls it"),
         _column("synset", pa.string(), "WordNet 3.0 synset, null for an insertion"),
         _column("parent_id", pa.string(), "node above, null at the root"),
         _column("level", pa.int8(), "1 root ... 5 leaf"),
@@ -52,7 +52,7 @@ ITEMS = pa.schema(
         _column("region", pa.string(), "ISO 3166 code or market of the item where the source knows it"),
         _column("url", pa.string(), "page or file of the item"),
         _column("licence", pa.string(), "terms of the data's origin"),
-        _column("flags", _STRINGS, "doubts of readers and checks"),
+        _column("flags", _STRINGS, "doubts of reviewers and checks"),
     ],
     metadata={"schema": SCHEMA},
 )

@@ -13,7 +13,7 @@ import pyarrow as pa
 from metric_base.faults import InputFault
 from metric_tree.names import NameIndex
 from metric_tree.prior import Prior
-from metric_tree.release import Release, opened
+from metric_tree.release import Release, open_release
 from metric_tree.releases import release_directory
 
 __all__ = ["AmbiguousName", "NoPrior", "Node", "Tree", "UnknownName", "open_tree"]
@@ -255,14 +255,14 @@ class Tree:
 
 
 def open_tree(ref: str | Path | None = None) -> Tree:
-    """The tree of a release: the shipped one, or that of a version at hand, or of a folder.
+    """The tree of a release: the shipped one, or that of an available version, or of a folder.
 
     Raises
     ------
     metric_tree.release.BadRelease
         There is none, or it is damaged, or of a schema that this version does not read.
     """
-    return Tree(opened(release_directory(ref)))
+    return Tree(open_release(release_directory(ref)))
 
 
 def _node(tree: Tree, row: dict[str, Any]) -> Node:

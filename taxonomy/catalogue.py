@@ -16,7 +16,17 @@ from metric_base.folders import taxonomy_directory
 from taxonomy.categories import Category, Pose
 from taxonomy.insertions import PREFIX, Insertion, insertions
 from taxonomy.label_lists import vocabularies, vocabulary
-from taxonomy.levels import KIND, LEAF, BadLevels, InnerNode, Levels, dims_of, frozen_levels, replaced_ids, table_rows
+from taxonomy.levels import (
+    KIND,
+    LEAF,
+    BadLevels,
+    InnerNode,
+    Levels,
+    frozen_levels,
+    parse_dims,
+    replaced_ids,
+    table_rows,
+)
 
 __all__ = ["OTHER", "Catalogue", "Concepts", "Leaf", "SynsetTable", "default_catalogue"]
 
@@ -37,12 +47,12 @@ class Concepts(Protocol):
         """All concepts above it, nearest first, each once; not the concept itself."""
 
     def name(self, concept: str) -> str:
-        """What a reader calls it."""
+        """The plain name that people use."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Leaf:
-    """A leaf under its kind; `hypernym` is where a reader put an insertion; pose and dims only where they differ."""
+    """A leaf under its kind; `hypernym` is where a reviewer put an insertion; pose and dims only where they differ."""
 
     node_id: str
     name: str
@@ -90,7 +100,7 @@ class Catalogue:
     levels : the frozen inner nodes.
     leaves : each under a kind; order does not matter.
     words : what WordNet says.
-    successors : ids that are gone, or synsets that mean the same thing, and the node that stands for them
+    successors : ids that are gone, or synsets that mean the same thing, and the node that replaces each
     inserted : reviewed insertions, for their aliases
     labels : what detectors call a node.
     """
@@ -245,12 +255,12 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
 
 def _labels(directory: Path | None) -> dict[str, tuple[str, ...]]:
     """Labels by node, without those whose brackets say that the bare word means something else."""
-    found: dict[str, dict[str, None]] = {}
+    labels: dict[str, dict[str, None]] = {}
     for name in sorted(set(_LABELLING_LISTS) & set(vocabularies(directory)), key=_LABELLING_LISTS.index):
         for label in vocabulary(name, directory):
             if label.node_id and "(" not in label.label:
-                found.setdefault(label.node_id, {})[label.label.strip().replace("_", " ").lower()] = None
-    return {node_id: tuple(labels) for node_id, labels in found.items()}
+                labels.setdefault(label.node_id, {})[label.label.strip().replace("_", " ").lower()] = None
+    return {node_id: tuple(words) for node_id, words in labels.items()}
 
 
 def _leaf(row: dict[str, str], where: str) -> Leaf:
@@ -263,14 +273,14 @@ def _leaf(row: dict[str, str], where: str) -> Leaf:
         parent_id=row["parent_id"],
         hypernym=row["hypernym"] or None,
         pose=pose,  # type: ignore[arg-type]  # checked above
-        dims=dims_of(row["dims"], where) if row["dims"] else None,
+        dims=parse_dims(row["dims"], where) if row["dims"] else None,
         aliases=tuple(filter(None, row["aliases"].split("; "))),
         placed_by=row["placed_by"],
     )
 
 
 def _above(concept: str, words: Concepts) -> str | None:
-    """What a reader put an insertion under."""
+    """What a reviewer put an insertion under."""
     return words.hypernyms(concept)[0] if concept.startswith(PREFIX) else None
 
 

@@ -1,4 +1,4 @@
-"""Curated ranges: what a reader says of a category for which nothing is measured, each row with its reason or standard.
+"""Curated ranges: what an annotator says of a category that nobody measured, each row with its reason or standard.
 
 A range holds nine of ten such things in the writer's judgement. The rows enter the build as raw items of kind
 `curated`, which a class's real items replace. Three tables of one form: `ranges.csv` for the tree, and `blind.csv` and
@@ -45,7 +45,7 @@ Triple = tuple[float | None, float | None, float | None]
 
 
 class BadRange(BadLevels):
-    """A row of a table of ranges that is none: the message names file, line, expected and found."""
+    """A row of a table of ranges that is not a range: the message names file, line, expected and found."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,7 +132,7 @@ def _number(cell: str, where: str) -> float | None:
 
 
 def _known(value: float | None) -> float:
-    if value is None:  # _range has seen to it that an axis has all three numbers or none
+    if value is None:  # _range checks that an axis has all three numbers or none
         raise AssertionError
     return value
 

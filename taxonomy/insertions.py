@@ -1,4 +1,4 @@
-"""Categories that WordNet lacks, each put under a parent by two readers (`mt:` ids)."""
+"""Categories that WordNet lacks, each put under a parent by two reviewers (`mt:` ids)."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ def insertions(path: Path | None = None) -> Mapping[str, Insertion]:
     Raises
     ------
     BadInsertion
-        A line is no insertion, repeats an id, or stands before the insertion that it names as parent.
+        A line is not an insertion, repeats an id, or comes before the insertion that it names as parent.
     """
     file = path or taxonomy_directory() / _FILE
-    found: dict[str, Insertion] = {}
+    by_id: dict[str, Insertion] = {}
     for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
         if line.strip():
             insertion = _insertion(line, where=f"{file}:{number}")
-            _expect(insertion.id not in found, f"{file}:{number}: id", "a new id", insertion.id)
+            _expect(insertion.id not in by_id, f"{file}:{number}: id", "a new id", insertion.id)
             above = insertion.parent
-            known = not above.startswith(PREFIX) or above in found
+            known = not above.startswith(PREFIX) or above in by_id
             _expect(known, f"{file}:{number}: parent", "a synset or an insertion above this line", above)
-            found[insertion.id] = insertion
-    return found
+            by_id[insertion.id] = insertion
+    return by_id
 
 
 def _insertion(line: str, where: str) -> Insertion:

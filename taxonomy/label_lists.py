@@ -21,7 +21,7 @@ __all__ = ["STUFF", "VOID", "Label", "UnknownLabel", "label_of", "labelled_node"
 #: Reason of labels that have no size of their own (walls, floors, skies), so that they need no prior.
 STUFF = "stuff"
 
-#: Begins the reason of labels that stand for no thing at all (noise, the camera's own car, everything else).
+#: Begins the reason of labels that name no object (noise, the camera's own car, everything else).
 VOID = "void"
 
 #: Reason of labels of things for which the tree has no node.
@@ -35,7 +35,7 @@ _COLUMNS = ("list", "label", "node_id", "reason")
 
 
 class UnknownLabel(InputFault, KeyError):
-    """A list that is not at hand, a label that is not in it, or one that names nothing with a size."""
+    """An unknown list, a label that is not in the list, or one that names nothing with a size."""
 
     def __str__(self) -> str:
         return str(self.args[0])
@@ -43,7 +43,7 @@ class UnknownLabel(InputFault, KeyError):
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """A label of a list; `node_id` is None where it names nothing of one size, and `reason` says why."""
+    """A label of a list; `node_id` is None if it names nothing with a size, and `reason` says why."""
 
     label: str
     node_id: str | None
@@ -56,7 +56,7 @@ class Label:
 
 
 def vocabularies(directory: Path | None = None) -> tuple[str, ...]:
-    """Names of the lists at hand, such as `coco_80`."""
+    """Names of the available lists, such as `coco_80`."""
     folder = (directory or taxonomy_directory()) / _FOLDER
     return tuple(sorted(path.stem for path in folder.glob("*.csv")))
 
@@ -93,24 +93,24 @@ def labelled_node(label: str, name: str, meant: Callable[[str], Sequence[str]] |
     Parameters
     ----------
     label, name : the label and its list
-    meant : ids of the nodes that bear a plain name; the message for a label that is not there names theirs
+    meant : ids of the nodes with a plain name; the message for a label that is not there names theirs
 
     Raises
     ------
     UnknownLabel
         No such list or label, or the label needs no prior.
     """
-    found = label_of(label, name)
+    row = label_of(label, name)
     for part in label.split(","):
-        found = found or label_of(part, name)
-    if found is None:
+        row = row or label_of(part, name)
+    if row is None:
         near = ", ".join(_nearest(label, name, meant(label) if meant else ())) or "nothing like it"
         raise UnknownLabel(f"{label!r}: no label of {name}; nearest: {near}")
-    if found.node_id is None and found.reason == NO_NODE:
+    if row.node_id is None and row.reason == NO_NODE:
         raise UnknownLabel(f"{label!r} of {name} names nothing that the tree has a node for")
-    if found.node_id is None:
-        raise UnknownLabel(f"{label!r} of {name} has no size of its own: {found.reason}")
-    return found.node_id
+    if row.node_id is None:
+        raise UnknownLabel(f"{label!r} of {name} has no size of its own: {row.reason}")
+    return row.node_id
 
 
 def _nearest(label: str, name: str, node_ids: Sequence[str]) -> list[str]:

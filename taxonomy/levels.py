@@ -167,12 +167,12 @@ def _inner(row: dict[str, str], where: str) -> InnerNode:
         level=int(row["level"]),
         parent_id=row["parent_id"] or None,
         pose=row["pose"],  # type: ignore[arg-type]  # checked above
-        dims=dims_of(row["dims"], where),
+        dims=parse_dims(row["dims"], where),
         claims=tuple(row["claims"].split()),
     )
 
 
-def dims_of(letters: str, where: str) -> tuple[str, ...]:
+def parse_dims(letters: str, where: str) -> tuple[str, ...]:
     """Names of the dimensions of a cell such as `LH`."""
     _expect(bool(letters) and set(letters) <= set(DIMENSIONS), f"{where}: dims", "letters of LWH", letters)
     return tuple(DIMENSIONS[letter] for letter in letters)

@@ -1,4 +1,4 @@
-"""WordNet 3.0 nouns, found where Debian or nltk puts them: the one module that knows nltk's reader."""
+"""WordNet 3.0 nouns, read from where Debian or nltk puts them: the one module that uses nltk's reader."""
 
 from __future__ import annotations
 
@@ -85,8 +85,8 @@ class WordNet:
 
     def parents(self, synset: str) -> tuple[str, ...]:
         """Synsets one step above, classes first, then what it is an instance of."""
-        found = self._synset(synset)
-        return tuple(above.name() for above in (*found.hypernyms(), *found.instance_hypernyms()))
+        record = self._synset(synset)
+        return tuple(above.name() for above in (*record.hypernyms(), *record.instance_hypernyms()))
 
     def children(self, synset: str) -> tuple[str, ...]:
         """Synsets one step below, without instances such as one particular river."""
@@ -173,10 +173,10 @@ class WordNet:
         return str(self._reader.synset_from_pos_and_offset("n", offset).name())
 
     def _synset(self, name: str) -> Any:
-        found = self._memory.get(name)
-        if found is None:
-            found = self._memory[name] = self._read(name)
-        return found
+        record = self._memory.get(name)
+        if record is None:
+            record = self._memory[name] = self._read(name)
+        return record
 
     def _read(self, name: str) -> Any:
         from nltk.corpus.reader.wordnet import WordNetError
@@ -200,8 +200,8 @@ def _reader(path: Path | None) -> Any:
     root = _root(path)
     reader = _reader_class()(root, None)
     if reader.get_version() != VERSION:
-        found = reader.get_version()
-        raise NoWordNet(f"{root}: expected WordNet {VERSION}, whose synset names the tree uses; found {found}")
+        actual = reader.get_version()
+        raise NoWordNet(f"{root}: expected WordNet {VERSION}, whose synset names the tree uses; found {actual}")
     return reader
 
 
@@ -212,7 +212,7 @@ def _root(path: Path | None) -> Any:
     named = path or (Path(os.environ[ENVIRONMENT_VARIABLE]) if os.environ.get(ENVIRONMENT_VARIABLE) else None)
     for folder in (named,) if named else (_DEBIAN,):
         if (folder / "data.noun").is_file() and (folder / "index.noun").is_file():
-            # nltk opens only what lies on its own search path
+            # nltk opens only what is on its own search path
             nltk.data.path.append(str(folder.resolve()))
             return nltk.data.FileSystemPathPointer(str(folder.resolve()))
     if named:

@@ -21,7 +21,7 @@ import numpy as np
 import pyarrow as pa
 
 from estimator.results.categories import meanings
-from metric_tree.release import MANIFEST, published
+from metric_tree.release import MANIFEST, publish_release
 from metric_tree.schema import IMAGES
 from metric_tree.tree import Tree, open_tree
 from tests.made.product_pictures import things
@@ -73,7 +73,7 @@ def _release(tree: Tree, out: Path, count: int) -> list[str]:
     tables = {f"{name}.parquet": tree.release.table(name) for name in ("nodes", "items", "priors")}
     tables["images.parquet"] = pa.Table.from_pylist(rows, schema=IMAGES)
     manifest = json.loads((tree.release.directory / MANIFEST).read_text())
-    published(out / "release", tables, {**manifest, "name": "export benchmark"}, out / "extras")
+    publish_release(out / "release", tables, {**manifest, "name": "export benchmark"}, out / "extras")
     print(f"{len(rows)} cut-outs of {len(nodes)} categories")
     # of two in one line of the tree the upper one is the class: a bookcase is a piece of furniture with shelves too
     kept = [name for name in sorted(set(nodes.values())) if not _above(tree, name) & set(nodes.values())]

@@ -29,7 +29,7 @@ def independent_decisions(path: Path | None = None) -> list[Decision]:
         A line is not a decision.
     """
     file = path or taxonomy_directory() / _FILE
-    return [Decision.parsed(line) for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+    return [Decision.from_line(line) for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
 
 
 def paired(independent: Iterable[Decision], found: Iterable[Decision], reader: str) -> list[Decision]:

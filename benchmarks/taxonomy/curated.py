@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from crawler.items import RawItem, raw_items
-from metric_tree.axes import AXES, sizes
+from metric_tree.axes import AXES, sizes_from_words
 from metric_tree.fit.class_prior import CURATED_WIDENING
 from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import Category
@@ -54,7 +54,7 @@ def values_by_class(files: Iterable[Path], wanted: set[str]) -> dict[str, list[l
 
 
 def _axes(item: RawItem, pose: str) -> tuple[float | None, ...]:
-    found = sizes(item.dimensions_mm, item.extents_mm, pose)
+    found = sizes_from_words(item.dimensions_mm, item.extents_mm, pose)
     if found is None:
         return ()
     if pose == "any":

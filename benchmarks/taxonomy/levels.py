@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.taxonomy.propose_levels import explained, nested_cuts
 from crawler.items import raw_items
 from metric_base.arrays import FloatArray
-from metric_tree.names import folded, singular
+from metric_tree.names import fold_name, singular_form
 from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import Category
 from taxonomy.matching.matcher import default_matcher
@@ -109,7 +109,7 @@ def named_2020(paths: list[tuple[str, ...]], by_id: Mapping[str, Category]) -> d
 
 
 def _key(name: str) -> str:
-    return singular(folded(name)).replace(" ", "")
+    return singular_form(fold_name(name)).replace(" ", "")
 
 
 def propose(files: list[Path]) -> None:

@@ -13,7 +13,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
-from metric_tree.axes import AXES, EXTENTS, candidates
+from metric_tree.axes import AXES, EXTENTS, axis_assignments
 from metric_tree.build.duplicates import duplicates
 from metric_tree.build.ingest import refusal
 from metric_tree.build.unit_slips import Reference, reference, slip_factors
@@ -184,7 +184,7 @@ def _class_rows(
     spreads: FloatArray,
     n: int,
 ) -> ClassRows:
-    x, owner = candidates(sizes[:, :3], sizes[:, 3:], pose)
+    x, owner = axis_assignments(sizes[:, :3], sizes[:, 3:], pose)
     first = x[np.searchsorted(owner, np.arange(len(sizes)))]  # (n, 3)
     same = np.isclose(first[:, :, None], sizes[:, None, 3:])  # each axis beside the extents it may be
     range_sd = np.where(same.any(axis=2), np.take_along_axis(spreads, same.argmax(axis=2), axis=1), np.nan)

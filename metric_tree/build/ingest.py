@@ -24,7 +24,7 @@ import pyarrow as pa
 
 from crawler.items import BadRawItem, RawItem
 from metric_base.faults import InputFault
-from metric_tree.axes import Sizes, own_sizes, sizes
+from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
 from taxonomy.categories import Match, Taxonomy
 
 __all__ = [
@@ -226,9 +226,9 @@ def _row(
         return None, "no_category"
     pose = _poses(taxonomy)[node_id]
     if item.kind == "curated":
-        stated: Sizes | None = own_sizes(item.dimensions_mm, pose)
+        stated: Sizes | None = stated_sizes(item.dimensions_mm, pose)
     else:
-        stated = sizes(item.dimensions_mm, item.extents_mm, pose)
+        stated = sizes_from_words(item.dimensions_mm, item.extents_mm, pose)
     if stated is None:
         return None, "no_size"
     return {

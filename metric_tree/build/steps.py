@@ -46,7 +46,7 @@ from metric_tree.build.work_folder import Here, WorkFolder, fingerprint
 from metric_tree.fit.disagreement import SharedModel, shared_model
 from metric_tree.pictures import collect_pictures, picture_files
 from metric_tree.prior import Prior
-from metric_tree.release import Release, published
+from metric_tree.release import Release, publish_release
 from metric_tree.schema import IMAGES
 from taxonomy.categories import Taxonomy
 
@@ -152,7 +152,7 @@ def build_release(
         classes, dropped = steps.clean()
         report, tables, manifest = (steps.carry if carried else steps.fit)(classes, counts + dropped)
         extras = _add_pictures(raw, tables, report, work.directory / "extras")
-        release = published(out, tables, manifest, extras)
+        release = publish_release(out, tables, manifest, extras)
         _write_log(log, work.directory, report)
     return Build(release, report, log)
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
-from metric_tree.axes import candidates
+from metric_tree.axes import axis_assignments
 
 __all__ = ["FACTORS", "Reference", "reference", "sibling_reference", "slip_factors"]
 
@@ -89,7 +89,7 @@ def slip_factors(extents: FloatArray, against: Reference) -> FloatArray:
     -------
     (n,) float, over 1 for too large, under 1 for too small
     """
-    x, owner = candidates(np.full_like(extents, np.nan), extents, "any")
+    x, owner = axis_assignments(np.full_like(extents, np.nan), extents, "any")
     factor, suspicion = _factors(np.log(x), against)
     best = np.lexsort((suspicion, owner))  # of each row's readings the least suspicious first
     return factor[best][np.searchsorted(owner[best], np.arange(len(extents)))]

@@ -15,7 +15,7 @@ import pyarrow as pa
 from metric_tree.checks import items, nodes, priors
 from metric_tree.checks.finding import Finding
 from metric_tree.pictures import image_path
-from metric_tree.release import BadRelease, Release, opened, sha256
+from metric_tree.release import BadRelease, Release, open_release, sha256
 from metric_tree.schema import TABLES
 
 __all__ = ["CODES", "Finding", "findings"]
@@ -44,7 +44,7 @@ class _Tables:
 def findings(directory: Path) -> list[Finding]:
     """All findings on a release, errors first."""
     try:
-        release = opened(directory)
+        release = open_release(directory)
     except BadRelease as fault:
         return [Finding("E101", str(directory), str(fault))]
     damaged = list(_file_findings(release))

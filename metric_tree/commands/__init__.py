@@ -17,7 +17,7 @@ __all__ = ["VERBS", "main", "parser_of"]
 #: Verb to module; what each does stands in its `HELP` and, in one line, here for the overview.
 VERBS = {
     "query": "a category: path, counts, sizes, prior",
-    "list": "the releases at hand",
+    "list": "the available releases",
     "extract": "one saved web page to a raw item",
     "crawl": "run a spider into a raw-item data set",
     "import": "an open data set into raw items",

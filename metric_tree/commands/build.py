@@ -20,7 +20,7 @@ from metric_base.faults import InputFault
 from metric_base.terminal import print_json, print_table, warn
 from metric_tree.build.steps import Build, Options, Progress, build_release, shipped_curated
 from metric_tree.build.tables import CURATED
-from metric_tree.release import opened
+from metric_tree.release import open_release
 
 __all__ = ["HELP", "add_arguments", "executor_of", "run"]
 
@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.out,
             options,
             log=arguments.log,
-            carried=opened(arguments.carry) if arguments.carry else None,
+            carried=open_release(arguments.carry) if arguments.carry else None,
             curated=() if arguments.without_curated else shipped_curated(),
             executor=executor,
             progress=progress,

@@ -15,7 +15,7 @@ from metric_tree.commands.build import executor_of
 from metric_tree.cutouts.backend import BACKENDS, Settings
 from metric_tree.cutouts.quality import REASONS
 from metric_tree.cutouts.release_cutouts import cut_release
-from metric_tree.release import Release, opened
+from metric_tree.release import Release, open_release
 from metric_tree.releases import release_directory
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -41,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Cut and print what came of it."""
     if arguments.out.exists():
         raise InputFault(f"{arguments.out}: expected a free path for a new release; found an existing one")
-    release = opened(release_directory(arguments.release))
+    release = open_release(release_directory(arguments.release))
     settings = _settings(arguments.backend, arguments.model, arguments.download)
     manifest = release.manifest
     with executor_of(arguments.workers, arguments.scheduler) as executor, _progress() as progress:

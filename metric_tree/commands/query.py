@@ -39,13 +39,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the node and its prior."""
     node = open_tree(arguments.tree).find(arguments.name, arguments.vocabulary)
     dims = tuple(arguments.dims.split(",")) if arguments.dims else None
-    found = summary(node, dims)
+    description = summary(node, dims)
     if arguments.images is not None or arguments.sheet is not None:
-        found["images"] = _images(node, arguments.images, arguments.sheet)
+        description["images"] = _images(node, arguments.images, arguments.sheet)
     if arguments.json:
-        print_json(found)
+        print_json(description)
     else:
-        _print(found)
+        _print(description)
     return 0
 
 
@@ -106,29 +106,29 @@ def _described(prior: Prior) -> dict[str, Any]:
     }
 
 
-def _print(found: dict[str, Any]) -> None:
+def _print(description: dict[str, Any]) -> None:
     print_table(
         ["", ""],
         [
-            ("node", found["node"]),
-            ("path", " > ".join(found["path"])),
-            ("pose", found["pose"]),
-            ("items", found["n_items"]),
-            ("children", ", ".join(found["children"]) or "none"),
-            ("tree", f"{found['tree']['name']} {found['tree']['version']}"),
+            ("node", description["node"]),
+            ("path", " > ".join(description["path"])),
+            ("pose", description["pose"]),
+            ("items", description["n_items"]),
+            ("children", ", ".join(description["children"]) or "none"),
+            ("tree", f"{description['tree']['name']} {description['tree']['version']}"),
         ],
-        title=found["name"],
+        title=description["name"],
     )
-    if "images" in found:
+    if "images" in description:
         columns = ("image_id", "item_id", "cutout_path", "licence", "source_url")
-        print_table(columns, [[row[name] for name in columns] for row in found["images"]], title="pictures")
-    if found["prior"] is None:
+        print_table(columns, [[row[name] for name in columns] for row in description["images"]], title="pictures")
+    if description["prior"] is None:
         print_table(["prior"], [("none: no item with a size at or below this node",)])
         return
     rows = [
         (dim, *(f"{value:.0f}" if value >= 100 else f"{value:.3g}" for value in q.values()))
-        for dim, q in found["quantiles_mm"].items()
+        for dim, q in description["quantiles_mm"].items()
     ]
-    prior = found["prior"]
+    prior = description["prior"]
     title = f"mm; {prior['n']} items of {prior['n_sources']} sources, {prior['borrowed']:.0%} borrowed from the parent"
     print_table(["dimension", *(f"{q:.0%}" for q in QUANTILES)], rows, title=title)

@@ -1,4 +1,4 @@
-"""`metric-tree review`: what waits for a reader, a blind list for the second one, and the record of a decision."""
+"""`metric-tree review`: what waits for a reviewer, a blind list for the second one, and the record of a decision."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HELP", "add_arguments", "run"]
 
-HELP = "What waits for a reader (list), subjects without anyone's answer (blind), record a decision, agreement."
+HELP = "What waits for a reviewer (list), subjects without anyone's answer (blind), record a decision, agreement."
 
 SCHEMA = "metric-tree/review/1"
 
@@ -32,7 +32,7 @@ OFFERED = 3
 #: Waiting words of a source that are printed unless all are asked for.
 SHOWN = 40
 
-#: Order of a blind list: not the order in which the first reader met the subjects.
+#: Order of a blind list: not the order in which the first reviewer met the subjects.
 SEED = 1
 
 
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "raw", metavar="RAW", nargs="*", help="*.jsonl, *.jsonl.gz, or folders of them, to look for unsettled words"
     )
     waits.add_argument("--all", action="store_true", help=f"print all words, not {SHOWN}")
-    blind = actions.add_parser("blind", help="what a reader has not read, shuffled and without any answer")
+    blind = actions.add_parser("blind", help="what a reviewer has not read, shuffled and without any answer")
     blind.add_argument("--reader", required=True, help="the reader that will answer")
     blind.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
     blind.add_argument("--seed", type=int, default=SEED, help="order of the list")
@@ -76,11 +76,11 @@ def _list(arguments: argparse.Namespace) -> None:
         rows = [{"source": s, "words": w, "found": f, "rule": r, "items": n} for (s, w, f, r), n in words.most_common()]
         print_json({"schema": SCHEMA, "waiting": [{"what": w, "subject": s} for w, s in open_subjects], "words": rows})
         return
-    title = f"subjects that wait for a further reader: {len(open_subjects)}"
+    title = f"subjects that wait for a further reviewer: {len(open_subjects)}"
     print_table(["what", "subject"], open_subjects, title=title)
     if arguments.raw:
         shown = words.most_common(None if arguments.all else SHOWN)
-        title = f"words that wait for a first reader: {len(words)} (of {sum(words.values())} items)"
+        title = f"words that wait for a first reviewer: {len(words)} (of {sum(words.values())} items)"
         print_table(["source", "words", "found", "rule", "items"], [(*key, n) for key, n in shown], title=title)
 
 
@@ -117,9 +117,9 @@ def _blind(arguments: argparse.Namespace) -> None:
 
 def _record(arguments: argparse.Namespace) -> None:
     from metric_base.folders import taxonomy_directory
-    from taxonomy.matching.decisions import NONE, BadDecision, Decision, decisions, recorded
+    from taxonomy.matching.decisions import NONE, BadDecision, Decision, decisions, record_decision
     from taxonomy.matching.lexicon import default_lexicon
-    from taxonomy.matching.words import folded
+    from taxonomy.matching.words import fold_text
 
     source, separator, words = arguments.subject.partition(": ")
     if separator and arguments.what == "match":
@@ -129,7 +129,7 @@ def _record(arguments: argparse.Namespace) -> None:
         raise BadDecision(f"decision: expected a WordNet 3.0 synset, an mt: id or {NONE}; found {concept!r}")
     decision = Decision(
         what=arguments.what,
-        subject=f"{source}: {folded(words)}" if separator else arguments.subject,
+        subject=f"{source}: {fold_text(words)}" if separator else arguments.subject,
         decision=concept,
         reader=arguments.reader,
         when=datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ"),
@@ -137,7 +137,7 @@ def _record(arguments: argparse.Namespace) -> None:
     )
     folder = arguments.folder or taxonomy_directory() / "decisions"
     file = folder / "recorded.jsonl"
-    recorded(decision, file)
+    record_decision(decision, file)
     if arguments.json:
         print_json({"schema": SCHEMA, "recorded": decision.subject, "file": str(file)})
     else:
@@ -173,4 +173,4 @@ def _agreement(arguments: argparse.Namespace) -> None:
         return
     shown = [(what, k.n, f"{k.share:.3f}", f"{k.kappa:.3f}") for what, k in kinds.items() if k.n]
     print_table(["what", "read twice", "same", "kappa"], shown, title="First and second readings")
-    print_table(["what", "subject", "first", "second"], differ, title=f"{len(differ)} go to a third reader")
+    print_table(["what", "subject", "first", "second"], differ, title=f"{len(differ)} go to a third reviewer")

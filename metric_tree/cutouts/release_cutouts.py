@@ -23,7 +23,7 @@ from metric_base.faults import InputFault
 from metric_tree.build.work_folder import Here, WorkFolder, fingerprint
 from metric_tree.cutouts.backend import RGB, Settings
 from metric_tree.pictures import image_path
-from metric_tree.release import Release, linked, published, sha256
+from metric_tree.release import Release, link_file, publish_release, sha256
 from metric_tree.schema import IMAGES
 
 __all__ = ["CUTOUTS", "TABLE", "Cut", "cut", "cut_release"]
@@ -155,7 +155,7 @@ def cut_release(
         tables["images.parquet"] = _images_with_cuts(images, cuts)
         manifest = dict(release.manifest) | {"version": version, "created": created}
         manifest["cutouts"] = _summary(release, settings, cuts) | {"sha256": sha256(extras / TABLE)}
-        return published(out, tables, manifest, extras)
+        return publish_release(out, tables, manifest, extras)
 
 
 def _pixels(image: Any) -> tuple[RGB, Any | None]:
@@ -227,7 +227,7 @@ def _link_files(release: Release, extras: Path) -> None:
         target = extras / source.relative_to(release.directory)
         if source.is_file() and not target.exists():
             target.parent.mkdir(parents=True, exist_ok=True)
-            linked(source, target)
+            link_file(source, target)
 
 
 def _table(cuts: Sequence[Cut]) -> pa.Table:

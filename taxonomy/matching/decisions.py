@@ -1,4 +1,4 @@
-"""Readers' decisions: two per subject, the second without sight of the first, a third where they disagree."""
+"""Reviewers' decisions: two per subject, the second without sight of the first, a third where they disagree."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = [
     "decisions",
     "default_rulings",
     "disagreements",
-    "recorded",
+    "record_decision",
     "rulings",
     "waiting",
 ]
@@ -31,13 +31,13 @@ __all__ = [
 #: What a decision is about: the concept of a source's words, or the parent of an inserted category.
 What = Literal["match", "insertion"]
 
-#: Stands for the source where a decision holds for all of them.
+#: The source of a decision that holds for all sources.
 EVERY_SOURCE = "*"
 
 #: How a file writes that there is no category: the words name no thing of one size.
 NONE = "none"
 
-#: Readers whose agreement settles a subject.
+#: Reviewers whose agreement settles a subject.
 _READERS = 2
 
 
@@ -47,11 +47,11 @@ class BadDecision(InputFault):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """One reader's word on one subject.
+    """One reviewer's word on one subject.
 
     `subject` is `source: folded words` (or `*: words` for all sources) of a match, the `mt:` id of an insertion.
     `decision` is a concept, or None for `none`. `reader` names a person, or a program for what it is. `blind` is
-    false where the reader knew another's answer, as in an amendment; such decisions count, but not for agreement.
+    false where the reviewer knew another's answer, as in an amendment; such decisions count, but not for agreement.
     """
 
     what: What
@@ -77,7 +77,7 @@ class Decision:
         return json.dumps(record, ensure_ascii=False)
 
     @classmethod
-    def parsed(cls, line: str) -> Decision:
+    def from_line(cls, line: str) -> Decision:
         """The decision of one JSON line.
 
         Raises
@@ -97,7 +97,7 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How two readers agree: `share` of the `n` subjects both read, and Cohen's `kappa`."""
+    """How two reviewers agree: `share` of the `n` subjects both read, and Cohen's `kappa`."""
 
     n: int
     share: float
@@ -112,21 +112,21 @@ def decisions(folder: Path | None = None) -> list[Decision]:
     BadDecision
         A line is not a decision.
     """
-    found = []
+    read = []
     for file in sorted((folder or _folder()).glob("*.jsonl")):
         for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
             if line.strip():
                 try:
-                    found.append(Decision.parsed(line))
+                    read.append(Decision.from_line(line))
                 except BadDecision as error:
                     raise BadDecision(f"{file}:{number}: {error}") from None
-    return found
+    return read
 
 
-def rulings(found: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
-    """What is settled, by (source, words) of matches: the decision that two readers share."""
+def rulings(given: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
+    """What is settled, by (source, words) of matches: the decision that two reviewers share."""
     settled = {}
-    for (what, subject), by_reader in _by_subject(found).items():
+    for (what, subject), by_reader in _by_subject(given).items():
         decision = _settled(list(by_reader.values()))
         if what == "match" and decision is not None:
             source, _, words = subject.partition(": ")
@@ -134,21 +134,21 @@ def rulings(found: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
     return settled
 
 
-def waiting(found: Iterable[Decision]) -> list[tuple[str, str]]:
-    """(what, subject) of all that only one reader has read, or that two read differently and no third has settled."""
-    return [key for key, by_reader in _by_subject(found).items() if _settled(list(by_reader.values())) is None]
+def waiting(given: Iterable[Decision]) -> list[tuple[str, str]]:
+    """(what, subject) of all that only one reviewer has read, or that two read differently and no third has settled."""
+    return [key for key, by_reader in _by_subject(given).items() if _settled(list(by_reader.values())) is None]
 
 
-def disagreements(found: Iterable[Decision]) -> list[tuple[Decision, Decision]]:
+def disagreements(given: Iterable[Decision]) -> list[tuple[Decision, Decision]]:
     """First and second blind reading of every subject on which they differ, settled by a third or not."""
-    by_subject = _by_subject(d for d in found if d.blind)
+    by_subject = _by_subject(d for d in given if d.blind)
     pairs = [list(by_reader.values())[:_READERS] for by_reader in by_subject.values()]
     return [(first, second) for first, second in (p for p in pairs if len(p) == _READERS) if _differ(first, second)]
 
 
-def agreement(found: Iterable[Decision], what: What | None = None) -> Agreement:
-    """Cohen's kappa of first and second blind readings: (p_o - p_e) / (1 - p_e), p_e from each reader's own shares."""
-    by_subject = _by_subject(d for d in found if d.blind and what in (None, d.what))
+def agreement(given: Iterable[Decision], what: What | None = None) -> Agreement:
+    """Cohen's kappa of first and second blind readings: (p_o - p_e) / (1 - p_e), p_e from each one's own shares."""
+    by_subject = _by_subject(d for d in given if d.blind and what in (None, d.what))
     pairs = [list(r.values())[:_READERS] for r in by_subject.values() if len(r) >= _READERS]
     if not pairs:
         return Agreement(0, float("nan"), float("nan"))
@@ -159,16 +159,16 @@ def agreement(found: Iterable[Decision], what: What | None = None) -> Agreement:
     return Agreement(n, observed, 1.0 if expected == 1 else (observed - expected) / (1 - expected))
 
 
-def recorded(decision: Decision, file: Path) -> None:
+def record_decision(decision: Decision, file: Path) -> None:
     """Add a decision to a file, which is whole at every moment: written beside it, then renamed.
 
     Raises
     ------
     BadDecision
-        The same reader has decided the same subject in this file already.
+        The same reviewer has decided the same subject in this file already.
     """
     before = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
-    same = [d for d in map(Decision.parsed, before) if (d.what, d.subject, d.reader) == _identity(decision)]
+    same = [d for d in map(Decision.from_line, before) if (d.what, d.subject, d.reader) == _identity(decision)]
     _expect(not same, f"{file}: subject", f"one that {decision.reader} has not decided", decision.subject)
     file.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=file.parent, suffix=".part", delete=False) as part:
@@ -190,16 +190,16 @@ def _identity(decision: Decision) -> tuple[str, str, str]:
     return decision.what, decision.subject, decision.reader
 
 
-def _by_subject(found: Iterable[Decision]) -> dict[tuple[str, str], dict[str, Decision]]:
-    """Decisions by subject, then by reader in the order they come; a reader's later word replaces an earlier one."""
+def _by_subject(given: Iterable[Decision]) -> dict[tuple[str, str], dict[str, Decision]]:
+    """Decisions by subject, then by reviewer in order; a reviewer's later word replaces an earlier one."""
     grouped: defaultdict[tuple[str, str], dict[str, Decision]] = defaultdict(dict)
-    for decision in found:
+    for decision in given:
         grouped[decision.what, decision.subject][decision.reader] = decision
     return dict(grouped)
 
 
 def _settled(read: Sequence[Decision]) -> Decision | None:
-    """The decision that at least two readers share; with three different ones there is none."""
+    """The decision that at least two reviewers share; with three different ones there is none."""
     shares = Counter(decision.decision for decision in read)
     return next((decision for decision in read if shares[decision.decision] >= _READERS), None)
 

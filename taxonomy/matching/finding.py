@@ -9,7 +9,7 @@ from pathlib import Path
 
 from metric_base.folders import taxonomy_directory
 
-__all__ = ["THRESHOLD", "Finding", "believed", "measured_reliability", "nothing", "reliabilities"]
+__all__ = ["THRESHOLD", "Finding", "believed_reliability", "measured_reliability", "no_concept", "reliabilities"]
 
 #: Matches that are right less often than this wait for a reader. The target is 0.95 over all matches; a rule at
 #: 0.8 is still worth its coverage because most matches come from rules above 0.95 (docs/explanation/matching.md).
@@ -29,7 +29,7 @@ _FILE = "reliability.json"
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What was found: `subject` is the phrase that a decision would be about, `rule` how it was found.
+    """The answer of the matcher: `subject` is the phrase that a decision would be about, `rule` how it was reached.
 
     The rules are `decision`, `source synset`, `class`, and `exact`, `compound` or `head` with the certainty of the
     sense (`exact/sole`), with `title ` before it where there is nothing but a title, or `title of series ` where that
@@ -44,19 +44,19 @@ class Finding:
 
     @property
     def settled(self) -> bool:
-        """Whether it needs no reader: a concept above the threshold, or a decision that there is none."""
+        """Whether no reviewer is needed: a concept above the threshold, or a decision that there is none."""
         return self.score >= THRESHOLD
 
 
-def nothing(rule: str, reason: str, subject: str) -> Finding:
+def no_concept(rule: str, reason: str, subject: str) -> Finding:
     """The finding of no concept."""
     return Finding(None, 0.0, reason, rule, subject)
 
 
-def believed(rule: str) -> float:
+def believed_reliability(rule: str) -> float:
     """The share of right matches believed of a rule before any is counted."""
     if rule.startswith(_TITLE):
-        return _TITLE_BELIEF * believed(rule.rpartition(" ")[2])
+        return _TITLE_BELIEF * believed_reliability(rule.rpartition(" ")[2])
     form, _, certainty = rule.partition("/")
     return _BELIEF[form] * _CERTAINTY.get(certainty, 1.0)
 
@@ -64,7 +64,7 @@ def believed(rule: str) -> float:
 def reliabilities(counts: Mapping[str, tuple[int, int]]) -> dict[str, float]:
     """Share of right matches by rule from (right, all), drawn towards the belief where few were counted."""
     return {
-        rule: round((right + _BELIEF_WEIGHT * believed(rule)) / (total + _BELIEF_WEIGHT), 3)
+        rule: round((right + _BELIEF_WEIGHT * believed_reliability(rule)) / (total + _BELIEF_WEIGHT), 3)
         for rule, (right, total) in sorted(counts.items())
     }
 

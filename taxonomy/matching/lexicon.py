@@ -9,7 +9,7 @@ from functools import cache, cached_property
 from metric_base.folders import taxonomy_directory
 from taxonomy.insertions import PREFIX, Insertion, insertions
 from taxonomy.levels import table_rows
-from taxonomy.matching.words import folded, singulars
+from taxonomy.matching.words import fold_text, singulars
 from taxonomy.wordnet import WordNet, default_wordnet
 
 __all__ = ["Lexicon", "default_lexicon"]
@@ -19,13 +19,13 @@ _SHORTEST_COMPOUND = 6
 
 
 class Lexicon:
-    """Concepts (a WordNet synset or an `mt:` id) by name, and what lies above each.
+    """Concepts (a WordNet synset or an `mt:` id) by name, and what is above each.
 
     Parameters
     ----------
     wordnet : WordNet
     inserted : insertions by id, parents before children.
-    placed : leaves that a reader gave the tree for label lists; a name of theirs that WordNet or an insertion has too
+    placed : leaves that a reviewer gave the tree for label lists; a name of theirs that WordNet or an insertion has too
         means that one.
     """
 
@@ -36,7 +36,7 @@ class Lexicon:
         self.inserted = {**(placed or {}), **inserted}
         self._placed = frozenset(placed or ()) - frozenset(inserted)
         self._above: dict[str, tuple[str, ...]] = {}
-        self._found: dict[str, tuple[tuple[str, ...], ...]] = {}
+        self._memory: dict[str, tuple[tuple[str, ...], ...]] = {}
 
     def concepts(self, phrase: str) -> tuple[tuple[str, ...], ...]:
         """What a folded phrase may name, by the form it is taken for: insertions first, then senses by frequency.
@@ -44,11 +44,11 @@ class Lexicon:
         A plural is taken as such first (scissors), then for its singular, then for a name without spaces; empty if
         the phrase is unknown in every form.
         """
-        found = self._found.get(phrase)
-        if found is None:
+        concepts = self._memory.get(phrase)
+        if concepts is None:
             forms = (self._of_form(form) for form in dict.fromkeys(self.forms(phrase)))
-            found = self._found[phrase] = tuple(concepts for concepts in forms if concepts)
-        return found
+            concepts = self._memory[phrase] = tuple(senses for senses in forms if senses)
+        return concepts
 
     def knows(self, concept: str) -> bool:
         """Whether the id is an insertion or a noun synset."""
@@ -67,7 +67,7 @@ class Lexicon:
         return any(kind == concept or kind in above for kind in kinds)
 
     def name(self, concept: str) -> str:
-        """What a reader calls it."""
+        """The plain name that people use."""
         if concept in self.inserted:
             return self.inserted[concept].name
         return self.wordnet.lemmas(concept)[0]
@@ -104,7 +104,7 @@ class Lexicon:
         for insertion in self.inserted.values():
             into = placed if insertion.id in self._placed else names
             for name in (insertion.name, *insertion.aliases):
-                into[folded(name)][insertion.id] = None
+                into[fold_text(name)][insertion.id] = None
         fresh = {name: ids for name, ids in placed.items() if name not in names and name not in self._lemmas}
         return {name: tuple(ids) for name, ids in (names | fresh).items()}
 
@@ -112,7 +112,7 @@ class Lexicon:
     def _lemmas(self) -> Mapping[str, tuple[str, ...]]:
         lemmas: defaultdict[str, list[str]] = defaultdict(list)
         for noun in sorted(self.wordnet.nouns):
-            lemmas[folded(noun)].append(noun)
+            lemmas[fold_text(noun)].append(noun)
         return {name: tuple(nouns) for name, nouns in lemmas.items()}
 
     @cached_property
@@ -131,7 +131,7 @@ def default_lexicon() -> Lexicon:
 
 
 def _placed_leaves() -> dict[str, Insertion]:
-    """Leaves with an id of ours, as insertions: those that label lists asked for stand in `leaves.csv` alone."""
+    """Leaves with an id of ours, as insertions: those that label lists asked for are in `leaves.csv` alone."""
     rows = table_rows(taxonomy_directory() / "leaves.csv", ("node_id", "name", "hypernym", "aliases"))
     return {
         row["node_id"]: Insertion(

@@ -8,12 +8,12 @@ from dataclasses import replace
 from functools import cache
 
 from taxonomy.matching.decisions import EVERY_SOURCE, Decision, default_rulings
-from taxonomy.matching.finding import THRESHOLD, Finding, measured_reliability, nothing
+from taxonomy.matching.finding import THRESHOLD, Finding, measured_reliability, no_concept
 from taxonomy.matching.lexicon import Lexicon, default_lexicon
 from taxonomy.matching.namer import Namer
 from taxonomy.matching.senses import DOMAINS, sense
 from taxonomy.matching.source_reading import BadReading, Reading, default_readings, reading_of
-from taxonomy.matching.words import folded, noun_phrase
+from taxonomy.matching.words import fold_text, noun_phrase
 from taxonomy.wordnet import UnknownSynset
 
 __all__ = ["THRESHOLD", "Finding", "Matcher", "default_matcher"]
@@ -32,7 +32,7 @@ class Matcher:
     ----------
     lexicon : names that can be matched.
     readings : how each source is read.
-    rulings : readers' decisions by source (or `*`) and subject.
+    rulings : reviewers' decisions by source (or `*`) and subject.
     reliability : measured share of right matches by rule.
 
     Raises
@@ -63,27 +63,27 @@ class Matcher:
     ) -> Finding:
         """The concept of an item, or why there is none.
 
-        A reader's decision counts first, then the synset that the source itself names, then a whole class of the
+        A reviewer's decision counts first, then the synset that the source itself names, then a whole class of the
         source (a museum's paintings), then the words.
         """
         reading = reading_of(source, self._readings)
         texts = _texts(reading, category_path, title)
-        subject = folded(texts[0]) if texts else folded(title)
-        found = (
+        subject = fold_text(texts[0]) if texts else fold_text(title)
+        finding = (
             self._ruled(source, category_path, texts)
             or self._named_by_source(synset, subject)
             or self._of_class(reading, category_path, subject)
             or self._of_title(reading, category_path, texts, title)
             or self._of_words(reading, texts, subject)
         )
-        return self._refined(found, reading, title)
+        return self._refined(finding, reading, title)
 
     def _ruled(self, source: str, path: tuple[str, ...], texts: tuple[str, ...]) -> Finding | None:
-        whole_path = " > ".join(folded(part) for part in path)
-        nouns = (folded(noun_phrase(text)) for text in texts)
-        for subject in dict.fromkeys((*map(folded, texts[:1]), whole_path, *map(folded, texts), *nouns)):
+        whole_path = " > ".join(fold_text(part) for part in path)
+        nouns = (fold_text(noun_phrase(text)) for text in texts)
+        for subject in dict.fromkeys((*map(fold_text, texts[:1]), whole_path, *map(fold_text, texts), *nouns)):
             if ruling := self._rulings.get((source, subject)):
-                return self._namer.decided(ruling, subject)
+                return self._namer.finding_of_decision(ruling, subject)
         return None
 
     def _named_by_source(self, synset: str | None, subject: str) -> Finding | None:
@@ -110,28 +110,32 @@ class Matcher:
         named = _SERIES.sub("", title)
         form = "title" if named == title else "title of series"
         for part in filter(None, _TITLE_BREAKS.split(named)):
-            found = self._namer.finding(part, DOMAINS[reading.domain])
-            if found.concept or found.rule in {"part", "set"}:
-                rule = f"{form} {found.rule}"
-                score = self._namer.score(rule) if found.concept else found.score
-                return replace(found, rule=rule, score=score, reason=f"title: {found.reason}", subject=folded(title))
-        return nothing("unknown", "no name in the title", folded(title))
+            finding = self._namer.finding(part, DOMAINS[reading.domain])
+            if finding.concept or finding.rule in {"part", "set"}:
+                rule = f"{form} {finding.rule}"
+                score = self._namer.score(rule) if finding.concept else finding.score
+                return replace(
+                    finding, rule=rule, score=score, reason=f"title: {finding.reason}", subject=fold_text(title)
+                )
+        return no_concept("unknown", "no name in the title", fold_text(title))
 
     def _of_words(self, reading: Reading, texts: tuple[str, ...], subject: str) -> Finding:
-        found = [self._namer.finding(text, DOMAINS[reading.domain], reading.whole) for text in texts]
-        said = (one for one in found if one.rule == "decision" or one.concept)
-        return replace(next(said, found[0] if found else nothing("none", "no words", subject)), subject=subject)
+        findings = [self._namer.finding(text, DOMAINS[reading.domain], reading.whole) for text in texts]
+        said = (one for one in findings if one.rule == "decision" or one.concept)
+        return replace(
+            next(said, findings[0] if findings else no_concept("none", "no words", subject)), subject=subject
+        )
 
-    def _refined(self, found: Finding, reading: Reading, title: str) -> Finding:
+    def _refined(self, finding: Finding, reading: Reading, title: str) -> Finding:
         """A narrower concept that the title's noun phrase names, where the source is read so."""
-        if not (reading.refined and found.concept and title):
-            return found
+        if not (reading.refined and finding.concept and title):
+            return finding
         narrower = self._namer.finding(title, DOMAINS[reading.domain])
-        if narrower.concept in (None, found.concept) or not narrower.rule.startswith(("exact", "compound")):
-            return found
-        if not self.lexicon.is_a(narrower.concept or "", (found.concept,)):
-            return found
-        return replace(narrower, subject=found.subject, reason=f"{found.reason}; title: {narrower.reason}")
+        if narrower.concept in (None, finding.concept) or not narrower.rule.startswith(("exact", "compound")):
+            return finding
+        if not self.lexicon.is_a(narrower.concept or "", (finding.concept,)):
+            return finding
+        return replace(narrower, subject=finding.subject, reason=f"{finding.reason}; title: {narrower.reason}")
 
 
 def _texts(reading: Reading, path: tuple[str, ...], title: str) -> tuple[str, ...]:

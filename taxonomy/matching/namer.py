@@ -8,10 +8,10 @@ from dataclasses import replace
 
 from taxonomy.insertions import PREFIX
 from taxonomy.matching.decisions import Decision
-from taxonomy.matching.finding import Finding, believed, nothing
+from taxonomy.matching.finding import Finding, believed_reliability, no_concept
 from taxonomy.matching.lexicon import Lexicon
 from taxonomy.matching.senses import Domain, Sense, fits, sense
-from taxonomy.matching.words import Phrase, folded, noun_phrase
+from taxonomy.matching.words import Phrase, fold_text, noun_phrase
 
 __all__ = ["Namer"]
 
@@ -47,12 +47,12 @@ _NUMBER = re.compile(r"\b\d+\b\s*")
 
 
 class Namer:
-    """Names texts of any source; holds what it has found, so that a text is worked out once.
+    """Names texts of any source; remembers its answers, so that each text is matched once.
 
     Parameters
     ----------
     lexicon : names that can be matched.
-    meanings : readers' decisions on words that hold for every source, by folded word.
+    meanings : reviewers' decisions on words that hold for every source, by folded word.
     reliability : measured share of right matches by rule.
     """
 
@@ -62,29 +62,29 @@ class Namer:
         self.lexicon = lexicon
         self._meanings = meanings
         self._reliability = reliability or {}
-        self._found: dict[tuple[int, str, bool], Finding] = {}
+        self._memory: dict[tuple[int, str, bool], Finding] = {}
 
     def finding(self, text: str, domain: Domain, whole: bool = False) -> Finding:
         """The concept that a text names in a domain; with `whole`, only where the whole name is known."""
         key = (id(domain), text, whole)
-        found = self._found.get(key)
-        if found is None:
-            found = self._found[key] = self._worked_out(text, domain, whole)
-        return found
+        finding = self._memory.get(key)
+        if finding is None:
+            finding = self._memory[key] = self._new_finding(text, domain, whole)
+        return finding
 
     def score(self, rule: str) -> float:
         """Measured share of right matches of a rule; before it is measured, what is believed of it."""
-        return self._reliability.get(rule) or believed(rule)
+        return self._reliability.get(rule) or believed_reliability(rule)
 
-    def decided(self, ruling: Decision, subject: str) -> Finding:
-        """The finding of a readers' decision."""
-        why = f"readers' decision: {ruling.why}" if ruling.why else "readers' decision"
+    def finding_of_decision(self, ruling: Decision, subject: str) -> Finding:
+        """The finding of a reviewers' decision."""
+        why = f"reviewers' decision: {ruling.why}" if ruling.why else "reviewers' decision"
         return Finding(ruling.decision, self.score("decision"), why, "decision", subject)
 
-    def _worked_out(self, text: str, domain: Domain, whole: bool) -> Finding:
-        said = folded(text)
+    def _new_finding(self, text: str, domain: Domain, whole: bool) -> Finding:
+        said = fold_text(text)
         noun = noun_phrase(text)
-        phrase = folded(noun)
+        phrase = fold_text(noun)
         bare = _NUMBER.sub("", phrase)
         if known := self._known(said, domain, "exact"):
             return known
@@ -92,22 +92,22 @@ class Namer:
             return several
         known = self._known(phrase, domain, "exact") or self._known(bare, domain, "exact")
         if known or whole:
-            return known or nothing("unknown", f"unknown name {phrase!r}", phrase)
+            return known or no_concept("unknown", f"unknown name {phrase!r}", phrase)
         return self._numbered(phrase, domain) or self._of_phrase(bare, domain)
 
     def _several(self, text: str, noun: str, domain: Domain, whole: bool) -> Finding | None:
         """Why a text names no single thing; or the first of things joined by `and`, where the others are its parts."""
         if _OF_THE_THING.search(text):
-            return nothing("part", "a part, a cover or a model", folded(text))
+            return no_concept("part", "a part, a cover or a model", fold_text(text))
         if _SET_OF.search(text) or _AND_COUNTED.search(text):
-            return nothing("set", "several things", folded(text))
+            return no_concept("set", "several things", fold_text(text))
         first, *others = _AND.split(noun)
         if whole or not others:
             return None
-        heads = (folded(noun_phrase(other)).rpartition(" ")[2] for other in others)
+        heads = (fold_text(noun_phrase(other)).rpartition(" ")[2] for other in others)
         if all({head, head.removesuffix("s")} & _PART_WORDS for head in heads):
-            return self._worked_out(first, domain, whole)
-        return nothing("set", "several things", folded(text))
+            return self._new_finding(first, domain, whole)
+        return no_concept("set", "several things", fold_text(text))
 
     def _numbered(self, phrase: str, domain: Domain) -> Finding | None:
         """A name with a number in it that the phrase ends with (`karlstad 3 seters sofa`)."""
@@ -121,18 +121,18 @@ class Namer:
         before_of, of, _ = phrase.partition(" of ")
         words = Phrase((before_of if of else phrase).split())
         if not words:
-            return nothing("none", "no words", phrase)
+            return no_concept("none", "no words", phrase)
         head = words[-1]
         alone = len(words) == 1 and head in _WHOLE_ALONE and not of
         if {head, head.removesuffix("s")} & _PART_WORDS and not alone:
-            return nothing("part", f"{head!r} is a part of something", phrase)
+            return no_concept("part", f"{head!r} is a part of something", phrase)
         for form, rule in _compounds(words):
             if known := self._known(form, domain, rule):
                 return replace(known, subject=phrase)
-        return nothing("unknown", f"unknown name {phrase!r}", phrase)
+        return no_concept("unknown", f"unknown name {phrase!r}", phrase)
 
     def _known(self, phrase: str, domain: Domain, rule: str) -> Finding | None:
-        """The finding of a phrase that is a name in itself: by a reader's word on it, else by its senses."""
+        """The finding of a phrase that is a name in itself: by a reviewer's word on it, else by its senses."""
         forms = self.lexicon.forms(phrase)
         if ruled := next((self._meanings[form] for form in forms if form in self._meanings), None):
             return self._ruled(ruled, phrase, domain, rule)
@@ -145,12 +145,12 @@ class Namer:
 
     def _ruled(self, ruled: Decision, phrase: str, domain: Domain, rule: str) -> Finding | None:
         if ruled.decision is None:
-            return self.decided(ruled, phrase)
-        # readers know that a handle is a thing, though WordNet has it among the parts; a narrow domain holds them to it
+            return self.finding_of_decision(ruled, phrase)
+        # a reviewer may call a handle a thing, which WordNet lists as a part; a narrow domain still has to fit
         if domain.narrow and not fits(ruled.decision, domain, self.lexicon):
             return None
         rule = f"{rule}/ruled"
-        return Finding(ruled.decision, self.score(rule), f"readers' decision on {phrase!r}", rule, phrase)
+        return Finding(ruled.decision, self.score(rule), f"reviewers' decision on {phrase!r}", rule, phrase)
 
     def _reason(self, phrase: str, chosen: Sense) -> str:
         why = {

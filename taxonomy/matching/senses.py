@@ -92,7 +92,7 @@ DOMAINS = {
 def sense(concepts: Sequence[str], domain: Domain, lexicon: Lexicon) -> Sense | None:
     """The concept that the domain means, of those a name may have; None where none is a thing of the domain.
 
-    Insertions come before WordNet's senses: a reader has put them there for the name. Among the others those that
+    Insertions come before WordNet's senses: a reviewer has put them there for the name. Among the others those that
     the domain prefers come first, then WordNet's own order, which is by frequency in its texts.
     """
     possible = [concept for concept in concepts if fits(concept, domain, lexicon)]
@@ -114,5 +114,5 @@ def sense(concepts: Sequence[str], domain: Domain, lexicon: Lexicon) -> Sense | 
 def fits(concept: str, domain: Domain, lexicon: Lexicon) -> bool:
     """Whether the domain holds the concept and it says enough to have a size."""
     if concept.startswith(PREFIX) and not domain.narrow:
-        return True  # a reader has put it in as a thing with a size, wherever WordNet would have it
+        return True  # a reviewer has put it in as a thing with a size, wherever WordNet would have it
     return concept not in _SAYS_NOTHING and lexicon.is_a(concept, domain.requires)

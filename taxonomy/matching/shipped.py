@@ -31,10 +31,10 @@ class MatchedTaxonomy:
         """The leaf of an item; without one, the reason says whether the words or the place are missing."""
         if item.kind == _CURATED and item.synset:
             return self._placed(item.synset, 1.0, "the curated table names it")
-        found = self._matcher.finding(item.source, item.category_path, item.title, item.synset)
-        if found.concept is None or not found.settled:
-            return Match(None, found.score, found.reason)
-        return self._placed(found.concept, found.score, found.reason)
+        finding = self._matcher.finding(item.source, item.category_path, item.title, item.synset)
+        if finding.concept is None or not finding.settled:
+            return Match(None, finding.score, finding.reason)
+        return self._placed(finding.concept, finding.score, finding.reason)
 
     def _placed(self, concept: str, score: float, reason: str) -> Match:
         leaf = self._catalogue.leaf_of(concept)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from itertools import pairwise
 
-__all__ = ["Phrase", "folded", "noun_phrase", "singulars", "spelling_of"]
+__all__ = ["Phrase", "fold_text", "noun_phrase", "singulars", "spelling_of"]
 
 #: British to American, as WordNet's lemmas are spelt; whole words only, singular and plural.
 _SPELLINGS = {
@@ -42,7 +42,7 @@ _LEADING_NUMBER = re.compile(r"^\d[\d.,/xX]*\s*(?:(?:cm|mm|m|in|inch|inches|ft|o
 
 
 @lru_cache(maxsize=1 << 16)
-def folded(text: str) -> str:
+def fold_text(text: str) -> str:
     """Lower case without accents, every separator one space, `CamelCase` apart, American spelling; idempotent."""
     apart = _CAMEL.sub(" ", text)
     plain = unicodedata.normalize("NFKD", apart.replace("ß", "ss").replace("ø", "o").replace("Ø", "O")).casefold()

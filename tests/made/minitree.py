@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from metric_tree.release import Release, published
+from metric_tree.release import Release, publish_release
 from metric_tree.schema import TABLES
 
 __all__ = ["Rows", "release", "rows"]
@@ -80,7 +80,7 @@ def release(
     }
     if manifest is not None:
         manifest(fields)
-    return published(directory, tables, fields, extras)
+    return publish_release(directory, tables, fields, extras)
 
 
 def _node(entry: tuple[Any, ...], parents: dict[str, str | None]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from metric_tree.names import NameIndex, folded, singular
+from metric_tree.names import NameIndex, fold_name, singular_form
 
 
 @pytest.mark.parametrize(
@@ -17,7 +17,7 @@ from metric_tree.names import NameIndex, folded, singular
     ],
 )
 def test_folded(name: str, expected: str) -> None:
-    assert folded(name) == expected
+    assert fold_name(name) == expected
 
 
 @pytest.mark.parametrize(
@@ -37,12 +37,12 @@ def test_folded(name: str, expected: str) -> None:
     ],
 )
 def test_singular(name: str, expected: str) -> None:
-    assert singular(name) == expected
+    assert singular_form(name) == expected
 
 
 @given(st.text())
 def test_folding_is_idempotent(name: str) -> None:
-    assert folded(folded(name)) == folded(name)
+    assert fold_name(fold_name(name)) == fold_name(name)
 
 
 @given(st.from_regex(r"[a-z]{3,9}", fullmatch=True))

@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 
 from metric_tree import schema
-from metric_tree.release import MANIFEST, BadRelease, opened
+from metric_tree.release import MANIFEST, BadRelease, open_release
 from tests.made import minitree
 
 
 def test_a_release_is_written_whole(tmp_path: Path) -> None:
     release = minitree.release(tmp_path / "1.0.0")
-    assert opened(tmp_path / "1.0.0").manifest == release.manifest
+    assert open_release(tmp_path / "1.0.0").manifest == release.manifest
     assert sorted(path.name for path in (tmp_path / "1.0.0").iterdir()) == sorted([MANIFEST, *schema.TABLES])
     assert [path.name for path in tmp_path.iterdir()] == ["1.0.0"]  # no work folder is left
 
@@ -64,6 +64,6 @@ def test_damage_is_one_clear_line(tmp_path: Path, damage, message: str) -> None:
     minitree.release(tmp_path / "r")
     damage(tmp_path / "r")
     with pytest.raises(BadRelease, match=message) as fault:
-        opened(tmp_path / "r")
+        open_release(tmp_path / "r")
     assert "\n" not in str(fault.value)
     assert str(tmp_path) in str(fault.value)

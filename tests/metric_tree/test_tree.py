@@ -105,7 +105,7 @@ def test_releases_are_found_by_version_and_path(tmp_path: Path, monkeypatch: pyt
     assert [path.name for path in releases()[:2]] == ["99.10.0", "99.9.0"]
     assert release_directory("99.9.0") == tmp_path / "99.9.0"
     assert release_directory(tmp_path / "99.9.0") == tmp_path / "99.9.0"
-    with pytest.raises(BadRelease, match=r"expected a version at hand \(99\.10\.0, 99\.9\.0"):
+    with pytest.raises(BadRelease, match=r"expected an available version \(99\.10\.0, 99\.9\.0"):
         release_directory("3.3.3")
 
 

@@ -8,7 +8,7 @@ import pytest
 from taxonomy.insertions import PREFIX
 from taxonomy.matching.lexicon import Lexicon, default_lexicon
 from taxonomy.matching.senses import DOMAINS, fits
-from taxonomy.matching.words import folded, singulars
+from taxonomy.matching.words import fold_text, singulars
 
 #: WordNet has the word but means something else, or lumps what differs in size (docs/explanation/matching.md).
 HOMONYMS = frozenset(
@@ -115,7 +115,7 @@ def lemmas() -> dict[str, set[str]]:
     wordnet = default_lexicon().wordnet
     found = defaultdict(set)
     for noun in wordnet.nouns:
-        for spelling in (folded(noun), folded(noun).replace(" ", "")):
+        for spelling in (fold_text(noun), fold_text(noun).replace(" ", "")):
             found[spelling].update(wordnet.senses(noun))
     return found
 
@@ -132,7 +132,7 @@ def below(concept: str) -> set[str]:
 
 def words(name: str) -> frozenset[str]:
     """The words of a name, plurals as their singulars, without those that join."""
-    return frozenset(next(iter(singulars(word)), word) for word in folded(name).split()) - JOINTS
+    return frozenset(next(iter(singulars(word)), word) for word in fold_text(name).split()) - JOINTS
 
 
 def synset_above(concept: str, lexicon: Lexicon) -> str:
@@ -144,7 +144,7 @@ def namesakes(lexicon: Lexicon) -> set[str]:
     """Ids of ours whose name, as it is, singular, in one word or in American spelling, WordNet has for a thing."""
     found = set()
     for one in lexicon.inserted.values():
-        name = folded(one.name)
+        name = fold_text(one.name)
         spellings = {name, *singulars(name), name.replace(" ", ""), *singulars(name.replace(" ", ""))}
         senses = {sense for spelling in spellings for sense in lemmas().get(spelling, ())}
         if any(fits(sense, DOMAINS["things"], lexicon) for sense in senses):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from metric_tree.axes import Sizes, candidates, sizes
+from metric_tree.axes import Sizes, axis_assignments, sizes_from_words
 
 NAN = np.nan
 words = st.dictionaries(
@@ -48,26 +48,26 @@ poses = st.sampled_from(["upright", "flat", "any"])
     ],
 )
 def test_words_to_axes(stated, pose, expected):
-    assert sizes(stated, None, pose) == expected
+    assert sizes_from_words(stated, None, pose) == expected
 
 
 def test_without_words_nothing_but_extents():
-    assert sizes({}, (3.0, 9.0, 5.0), "upright") == Sizes(None, None, None, (9.0, 5.0, 3.0))
-    assert sizes({"length": None}, (3.0,), "flat") == Sizes(None, None, None, (3.0,))
+    assert sizes_from_words({}, (3.0, 9.0, 5.0), "upright") == Sizes(None, None, None, (9.0, 5.0, 3.0))
+    assert sizes_from_words({"length": None}, (3.0,), "flat") == Sizes(None, None, None, (3.0,))
 
 
 @pytest.mark.parametrize("extents", [None, (), (1.0, 2.0, 3.0, 4.0)])
 def test_no_size_or_four_are_refused(extents):
-    assert sizes({}, extents, "upright") is None
+    assert sizes_from_words({}, extents, "upright") is None
 
 
 def test_four_different_words_are_refused():
-    assert sizes({"length": 1.0, "width": 2.0, "depth": 3.0, "height": 4.0}, None, "upright") is None
+    assert sizes_from_words({"length": 1.0, "width": 2.0, "depth": 3.0, "height": 4.0}, None, "upright") is None
 
 
 @given(stated=words, pose=poses)
 def test_axes_are_in_order_and_among_the_extents(stated, pose):
-    found = sizes(stated, None, pose)
+    found = sizes_from_words(stated, None, pose)
     if found is None:
         return
     assert list(found.extents) == sorted(found.extents, reverse=True)
@@ -89,7 +89,7 @@ def test_axes_are_in_order_and_among_the_extents(stated, pose):
 def test_every_reading_holds_every_number_once(extents, pose):
     row = np.full((1, 3), NAN)
     row[0, : len(extents)] = sorted(extents, reverse=True)
-    x, owner = candidates(np.full((1, 3), NAN), row, pose)
+    x, owner = axis_assignments(np.full((1, 3), NAN), row, pose)
     assert owner.tolist() == [0] * len(x)
     for reading in x:
         assert sorted(reading[~np.isnan(reading)]) == pytest.approx(sorted(extents))
@@ -102,7 +102,7 @@ def test_every_reading_holds_every_number_once(extents, pose):
 def test_readings_keep_what_the_words_tell():
     axes = np.array([[NAN, NAN, 900.0], [2000.0, 900.0, 850.0], [NAN, NAN, NAN]])
     extents = np.array([[900.0, 600.0, NAN], [2000.0, 900.0, 850.0], [3.0, 2.0, 1.0]])
-    x, owner = candidates(axes, extents, "upright")
+    x, owner = axis_assignments(axes, extents, "upright")
     assert owner.tolist() == [0, 0, 1, 2, 2, 2]
     assert np.nan_to_num(x[:2]).tolist() == [[600, 0, 900], [0, 600, 900]]
     assert x[2].tolist() == [2000, 900, 850]

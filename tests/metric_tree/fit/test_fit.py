@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metric_tree.axes import AXES, candidates
+from metric_tree.axes import AXES, axis_assignments
 from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior, correlated_covariance, moments
 from metric_tree.fit.disagreement import SharedModel
 from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows, fit_mixture
@@ -62,7 +62,7 @@ def test_two_kinds_are_found_with_the_axis_order_hidden():
     axes = np.exp(x)
     extents = -np.sort(-axes, axis=1)
     axes[np.random.default_rng(2).random(len(x)) < 0.6] = np.nan  # the words are missing, the numbers are not
-    expanded, owner = candidates(axes, extents, "upright")
+    expanded, owner = axis_assignments(axes, extents, "upright")
     assert (np.bincount(owner) == 3).sum() > 400
     assert_recovered(class_prior(class_rows(np.log(expanded), owner), VAGUE, NONE, seed=0, heldout=False), 0.04)
 

@@ -21,7 +21,7 @@ from taxonomy.matching.decisions import (
     agreement,
     decisions,
     disagreements,
-    recorded,
+    record_decision,
     rulings,
     waiting,
 )
@@ -89,7 +89,7 @@ def test_a_reader_agrees_with_itself(answers: list[str | None]) -> None:
 )
 def test_a_decision_survives_its_line(subject: str, concept: str | None, why: str, blind: bool) -> None:
     written = Decision(what="match", subject=subject, decision=concept, reader="r", when="now", why=why, blind=blind)
-    assert Decision.parsed(written.line()) == written
+    assert Decision.from_line(written.line()) == written
 
 
 @pytest.mark.parametrize(
@@ -112,12 +112,12 @@ def test_a_bad_line_is_named_with_file_and_number(tmp_path: Path, line: str, mes
 
 def test_recording_adds_a_line_and_leaves_no_part(tmp_path: Path) -> None:
     file = tmp_path / "new" / "d.jsonl"
-    recorded(decision("a", "chair.n.01"), file)
-    recorded(decision("b", None), file)
+    record_decision(decision("a", "chair.n.01"), file)
+    record_decision(decision("b", None), file)
     assert [d.reader for d in decisions(file.parent)] == ["a", "b"]
     assert [path.name for path in file.parent.iterdir()] == ["d.jsonl"]
     with pytest.raises(BadDecision, match="one that a has not decided"):
-        recorded(decision("a", None), file)
+        record_decision(decision("a", None), file)
 
 
 @pytest.mark.usefixtures("wordnet")

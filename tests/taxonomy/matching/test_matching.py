@@ -16,7 +16,7 @@ from taxonomy.matching.finding import THRESHOLD, reliabilities
 from taxonomy.matching.lexicon import Lexicon
 from taxonomy.matching.matcher import Matcher, default_matcher
 from taxonomy.matching.source_reading import BadReading, Reading, default_readings, readings
-from taxonomy.matching.words import folded
+from taxonomy.matching.words import fold_text
 from taxonomy.wordnet import WordNet
 
 INSERTED = {
@@ -279,7 +279,7 @@ def test_shipped_decisions_name_known_concepts(wordnet: WordNet) -> None:
         d.subject
         for d in decisions()
         for words in d.subject.partition(": ")[2].split(" > ")
-        if d.what == "match" and words != folded(words)
+        if d.what == "match" and words != fold_text(words)
     }
     assert unfolded == set()
     sources = {d.subject.partition(": ")[0] for d in decisions() if d.what == "match"}

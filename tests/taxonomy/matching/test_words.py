@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taxonomy.matching.words import Phrase, folded, noun_phrase, singulars, spelling_of
+from taxonomy.matching.words import Phrase, fold_text, noun_phrase, singulars, spelling_of
 
 TITLES = st.text(alphabet=st.characters(codec="utf-8"), max_size=80)
 WORDS = st.text(alphabet="abcdefghijklmnopqrstuvwxyz", min_size=1, max_size=14)
@@ -14,12 +14,12 @@ WORDS = st.text(alphabet="abcdefghijklmnopqrstuvwxyz", min_size=1, max_size=14)
 
 @given(TITLES)
 def test_folding_is_idempotent(text: str) -> None:
-    assert folded(folded(text)) == folded(text)
+    assert fold_text(fold_text(text)) == fold_text(text)
 
 
 @given(TITLES)
 def test_folded_text_has_no_case_and_single_spaces(text: str) -> None:
-    found = folded(text)
+    found = fold_text(text)
     assert found == found.lower().strip()
     assert "  " not in found
     assert all(c.isascii() and (c.isalnum() or c == " ") for c in found)
@@ -27,7 +27,7 @@ def test_folded_text_has_no_case_and_single_spaces(text: str) -> None:
 
 @given(st.lists(WORDS, min_size=1, max_size=5), st.sampled_from(["-", "_", " ", "  ", " - ", "/"]))
 def test_separators_and_case_do_not_matter(words: list[str], separator: str) -> None:
-    assert folded(separator.join(words)) == folded(" ".join(words)) == folded(separator.join(words).upper())
+    assert fold_text(separator.join(words)) == fold_text(" ".join(words)) == fold_text(separator.join(words).upper())
 
 
 @given(WORDS.filter(lambda word: len(word) > 2 and not word.endswith("s")))
@@ -70,7 +70,7 @@ def test_endings_grow_shorter_and_keep_the_head(words: list[str]) -> None:
     ],
 )
 def test_folding_by_example(written: str, expected: str) -> None:
-    assert folded(written) == expected
+    assert fold_text(written) == expected
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ INSTALL = $(UV) pip install --quiet --python $(BIN)/python --build-constraints .
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 
-.PHONY: help demo test check coverage lock dist sbom clean
+.PHONY: help demo test check coverage reference lock dist sbom clean
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -32,6 +32,9 @@ check: .venv/.dev ## lint and types
 
 coverage: .venv/.dev ## the tests with the share of lines they run
 	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report=term:skip-covered --cov-report=xml:out/coverage.xml
+
+reference: .venv/.dev ## write the generated pages of the reference
+	$(BIN)/python docs/generate.py
 
 lock: ## pin all dependencies again
 	$(UV) pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --all-extras --group dev --no-emit-package metric-tree pyproject.toml -o requirements.lock

@@ -1,0 +1,111 @@
+"""Writes the parts of the reference that the code knows: `make reference`.
+
+`commands.md` comes from `--help`, `checks.md` from the codes of `metric-tree validate`, `api.md` from docstrings.
+`tests/test_docs.py` fails if a file differs from what the code says.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import inspect
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+FOLDER = Path(__file__).resolve().parent / "reference"
+#: Columns of a help text: what fits on a page.
+WIDTH = "100"
+NOTE = "<!-- Written by `make reference`. Do not edit. -->"
+#: Commands: the program, and where its parser comes from.
+PROGRAMS = {"estimate-scale": "estimator.command", "insert-object": "insertion.command"}
+APIS = ("metric_tree", "estimator")
+
+
+def commands() -> str:
+    """`reference/commands.md`: the help of every command and verb."""
+    os.environ["COLUMNS"] = WIDTH
+    rule = "Every command takes `--help` and `--json`. Results go to standard output, all else to standard error."
+    parts = [f"# Commands\n\n{NOTE}\n\n{rule}"]
+    for program, module in PROGRAMS.items():
+        if importlib.util.find_spec(module.partition(".")[0]) is not None:
+            parts.append(_help(program, importlib.import_module(module).parser()))
+    from metric_tree.commands import VERBS, parser_of
+
+    parts += [_help(f"metric-tree {verb}", parser_of(verb)) for verb in VERBS]
+    return "\n\n".join(parts) + "\n"
+
+
+def _help(program: str, parser: argparse.ArgumentParser) -> str:
+    text = "\n".join(line.rstrip() for line in parser.format_help().strip().splitlines())
+    return f"## {program}\n\n```text\n{text}\n```"
+
+
+def checks() -> str:
+    """`reference/checks.md`: the codes of `metric-tree validate`."""
+    from metric_tree.checks.release_files import CODES
+
+    rows = "\n".join(f"| {code} | {meaning} |" for code, meaning in sorted(CODES.items()))
+    return (
+        f"# Validation codes\n\n{NOTE}\n\n`metric-tree validate` reports what it finds with these codes. "
+        f"E is an error (exit status 2), W a warning.\n\n| code | meaning |\n|---|---|\n{rows}\n"
+    )
+
+
+def api() -> str:
+    """`reference/api.md`: the public names of the packages with their docstrings."""
+    units = "Lengths in the tree are millimetres; lengths in a scene are in the scene's own unit."
+    parts = [f"# Python API\n\n{NOTE}\n\n{units}"]
+    for package in APIS:
+        module = importlib.import_module(package)
+        parts.append(f"## {package}\n\n{inspect.getdoc(module)}")
+        parts += [_entry(package, name, getattr(module, name)) for name in getattr(module, "__all__", ())]
+    return "\n\n".join(parts) + "\n"
+
+
+def _entry(package: str, name: str, value: Any) -> str:
+    title = f"### `{package}.{name}`"
+    if inspect.isclass(value):
+        members = "\n\n".join(_members(name, value))
+        return f"{title}\n\n{_text(value)}" + (f"\n\n{members}" if members else "")
+    return f"{title}\n\n```python\n{name}{_signature(value)}\n```\n\n{_text(value)}"
+
+
+def _members(owner: str, value: type) -> Iterator[str]:
+    for name, member in vars(value).items():
+        target = member.fget if isinstance(member, property) else getattr(member, "__func__", member)
+        if name.startswith("_") or not callable(target) or inspect.getdoc(target) is None:
+            continue
+        shape = "" if isinstance(member, property) else _signature(target)
+        yield f"#### `{owner}.{name}{shape}`\n\n{_text(target)}"
+
+
+def _signature(function: Callable[..., Any]) -> str:
+    try:
+        return str(inspect.signature(function)).replace("'", "")
+    except (TypeError, ValueError):
+        return "(...)"
+
+
+def _text(value: object) -> str:
+    """The docstring; sections of NumPy's style and examples are kept as they are written."""
+    text = inspect.getdoc(value) or ""
+    head, line, rest = text.partition("\n\n")
+    return f"{head}\n\n```text\n{rest}\n```" if line else head
+
+
+#: File in `docs/reference` to the function that writes it.
+PAGES = {"commands.md": commands, "checks.md": checks, "api.md": api}
+
+
+def main(folder: Path = FOLDER) -> None:
+    """Write all pages into a folder."""
+    for name, page in PAGES.items():
+        (folder / name).write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*map(Path, sys.argv[1:]))

@@ -1,0 +1,105 @@
+"""Documents say what is true: links lead somewhere, commands and snippets run, generated pages are current."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.test_arrow import PACKAGES
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+CODE = sorted(path for package in (*PACKAGES, "benchmarks") for path in (ROOT / package).rglob("*.py"))
+#: Documents of others, and words for what only those who wrote the code have seen.
+FOREIGN = re.compile(r"\b(methods|contracts|layout|style|peers|stack)\.md\b|\bthe issue(?!s)\b|\bthe contract\b")
+#: A block of commands that are run as they are written, in a folder that holds the repository's `data`.
+CONSOLE = re.compile(r"^```console\n(.*?)^```", re.MULTILINE | re.DOTALL)
+PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+VARIABLE = re.compile(r"\bMETRIC_TREE_[A-Z_]+\b")
+
+
+def _name(path: Path) -> str:
+    return path.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=_name)
+def test_links_lead_to_files(page: Path) -> None:
+    targets = [link.partition("#")[0] for link in LINK.findall(page.read_text(encoding="utf-8"))]
+    local = [target for target in targets if target and "://" not in target and not target.startswith("mailto:")]
+    assert [target for target in local if not (page.parent / target).exists()] == []
+
+
+def test_code_cites_only_documents_that_are_here() -> None:
+    cited = {}
+    for path in CODE:
+        text = path.read_text(encoding="utf-8")
+        gone = [name for name in re.findall(r"\bdocs/[\w/.-]+?\.md\b", text) if not (ROOT / name).is_file()]
+        bad = gone + [match.group() for match in FOREIGN.finditer(text)]
+        if bad:
+            cited[_name(path)] = bad
+    assert cited == {}
+
+
+def test_generated_pages_are_current(tmp_path: Path) -> None:
+    subprocess.run([sys.executable, str(ROOT / "docs" / "generate.py"), str(tmp_path)], check=True, cwd=ROOT)
+    stale = [
+        page.name
+        for page in sorted(tmp_path.iterdir())
+        if page.read_text(encoding="utf-8") != (ROOT / "docs" / "reference" / page.name).read_text(encoding="utf-8")
+    ]
+    assert stale == [], "run `make reference`"
+
+
+def test_every_environment_variable_is_documented() -> None:
+    used = {name for path in CODE for name in VARIABLE.findall(path.read_text(encoding="utf-8"))}
+    page = (ROOT / "docs" / "reference" / "environment.md").read_text(encoding="utf-8")
+    assert used - set(VARIABLE.findall(page)) == set()
+    assert set(VARIABLE.findall(page)) - used == set()
+
+
+def _commands(block: str) -> list[str]:
+    return [line[2:].partition("  #")[0] for line in block.splitlines() if line.startswith("$ ")]
+
+
+@pytest.mark.parametrize(
+    "page", [page for page in PAGES if CONSOLE.search(page.read_text(encoding="utf-8"))], ids=_name
+)
+def test_commands_run_as_written(page: Path, tmp_path: Path) -> None:
+    """Each line that begins with `$ ` ends with status 0; a page's commands run in one folder, in order."""
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    environment = os.environ | {
+        "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}",
+        "PYTHONPATH": str(ROOT),
+    }
+    for block in CONSOLE.findall(page.read_text(encoding="utf-8")):
+        for line in _commands(block):
+            done = subprocess.run(
+                ["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+            )
+            assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
+            assert shlex.split(line, comments=True)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if PYTHON.search(page.read_text(encoding="utf-8"))], ids=_name)
+def test_snippets_run_as_written(page: Path, tmp_path: Path) -> None:
+    """The Python blocks of a page run one after the other in one process."""
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    code = "\n".join(PYTHON.findall(page.read_text(encoding="utf-8")))
+    if page.name == "api.md":  # signatures, not programs
+        return
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, f"{code}\n{done.stderr}"

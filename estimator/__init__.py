@@ -1,1 +1,65 @@
-"""Scale: from a reconstruction with instance masks to metres per scene unit."""
+"""Metric scale of a reconstruction from the sizes of the things in it.
+
+>>> import estimator
+>>> scene = estimator.read_scene("data/scenes/demo_room")
+>>> instances = estimator.read_instances("data/scenes/demo_room/instances.json", scene)
+>>> result = estimator.estimate_scale(scene, instances)
+>>> result.status
+'resolved'
+
+A scene is in units of unknown metric size; `result.scale` is metres per unit. Nothing of it needs a file on disk:
+`read_scene` also takes a `pycolmap.Reconstruction`, and `read_instances` masks as arrays.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from estimator.geometry.measurement import measure_objects
+    from estimator.pipeline import estimate_scale
+    from estimator.reading import read_instances, read_scene
+    from estimator.records.measured_object import MeasuredObject
+    from estimator.records.result import ScaleResult
+    from estimator.records.scene import Camera, Instance, Scene, View
+    from estimator.results.estimate import scale_of_objects
+
+__all__ = [
+    "Camera",
+    "Instance",
+    "MeasuredObject",
+    "ScaleResult",
+    "Scene",
+    "View",
+    "estimate_scale",
+    "measure_objects",
+    "read_instances",
+    "read_scene",
+    "scale_of_objects",
+]
+
+#: The module of each name; it is imported when the name is first used, so that light commands stay light.
+_HOMES = {
+    "Camera": "estimator.records.scene",
+    "Instance": "estimator.records.scene",
+    "MeasuredObject": "estimator.records.measured_object",
+    "ScaleResult": "estimator.records.result",
+    "Scene": "estimator.records.scene",
+    "View": "estimator.records.scene",
+    "estimate_scale": "estimator.pipeline",
+    "measure_objects": "estimator.geometry.measurement",
+    "read_instances": "estimator.reading",
+    "read_scene": "estimator.reading",
+    "scale_of_objects": "estimator.results.estimate",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'estimator' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

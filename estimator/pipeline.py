@@ -3,21 +3,71 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import metric_tree
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
+from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import Options, scale_of_objects
 from estimator.results.scene_estimate import SceneEstimate
+from metric_base.faults import InputFault
 from metric_tree.tree import Tree
 
 if TYPE_CHECKING:
     from estimator.geometry.up import Up
     from estimator.instances.detector import Detector
 
-__all__ = ["objects_result", "scene_estimate"]
+__all__ = ["METHODS", "estimate_scale", "objects_result", "scene_estimate"]
+
+#: Our posterior, ours with heights alone, the paper, and Sucar and Hayet.
+METHODS = ("default", "height", "paper", "sucar")
+
+
+def estimate_scale(
+    scene: Scene,
+    instances: Sequence[Instance],
+    tree: Tree | None = None,
+    *,
+    level: float = 0.9,
+    method: str = "default",
+) -> ScaleResult:
+    """The scale of a scene, in metres per scene unit, from the sizes of the things that its instances show.
+
+    Parameters
+    ----------
+    scene, instances : as `read_scene` and `read_instances` return them, or made by hand
+    tree : the release with the size priors, by default the newest at hand
+    level : mass of the equal-tailed interval, between 0 and 1
+    method : `default`, or a baseline: `height`, `paper`, `sucar`
+
+    Returns
+    -------
+    ScaleResult; its `scale` and `interval` are None where `status` is `unresolved`.
+
+    Raises
+    ------
+    InputFault
+        An argument is out of its range.
+
+    Examples
+    --------
+    >>> import estimator
+    >>> scene = estimator.read_scene("data/scenes/demo_room")
+    >>> instances = estimator.read_instances(None, scene)
+    >>> result = estimator.estimate_scale(scene, instances, level=0.8)
+    >>> result.interval.low < result.scale < result.interval.high
+    True
+    """
+    if not 0 < level < 1:
+        raise InputFault.at("estimate_scale", "level", "a number between 0 and 1", level)
+    if method not in METHODS:
+        raise InputFault.at("estimate_scale", "method", f"one of {', '.join(METHODS)}", method)
+    if tree is None:
+        tree = metric_tree.open()
+    return _estimate(scene, instances, tree, Options(method=method, level=level)).result
 
 
 def objects_result(
@@ -59,28 +109,40 @@ def scene_estimate(
     if images is not None and detector is not None:
         from estimator.instances.detector import detect_instances
 
-        found, warnings = detect_instances(scene, images, detector)
+        masks, warnings = detect_instances(scene, images, detector)
     else:
-        found, warnings = read_instances_and_warnings(scene, instances, categories)
-    heard = (*scene.warnings, *warnings)
+        masks, warnings = read_instances_and_warnings(scene, instances, categories)
     seconds = {"reading": time.perf_counter() - started}
+    return _estimate(scene, masks, tree, options, warnings, seconds, paper_lists)
+
+
+def _estimate(
+    scene: Scene,
+    instances: Sequence[Instance],
+    tree: Tree,
+    options: Options,
+    warnings: Sequence[str] = (),
+    seconds: Mapping[str, float] | None = None,
+    paper_lists: Path | None = None,
+) -> SceneEstimate:
+    instances, warnings, seconds = tuple(instances), (*scene.warnings, *warnings), dict(seconds or {})
     if options.method == "sucar":
         from estimator.baselines.sucar import sucar_result
 
-        return SceneEstimate(sucar_result(scene, found, tree, options, heard, seconds), scene, found, None)
+        return SceneEstimate(sucar_result(scene, instances, tree, options, warnings, seconds), scene, instances, None)
     from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 
-    measurements = measure_objects(scene, found, PAPER if options.method == "paper" else MeasurementOptions())
+    measurements = measure_objects(scene, instances, PAPER if options.method == "paper" else MeasurementOptions())
     seconds |= measurements.timings
-    heard = (*heard, *measurements.warnings)
+    warnings = (*warnings, *measurements.warnings)
     up = _up_report(measurements.up)
     if options.method == "paper":
         from estimator.baselines.paper import paper_result
 
-        result = paper_result(measurements.objects, tree, options, paper_lists, up, heard, seconds)
+        result = paper_result(measurements.objects, tree, options, paper_lists, up, warnings, seconds)
     else:
-        result = scale_of_objects(measurements.objects, tree, options, up, heard, seconds)
-    return SceneEstimate(result, scene, found, measurements)
+        result = scale_of_objects(measurements.objects, tree, options, up, warnings, seconds)
+    return SceneEstimate(result, scene, instances, measurements)
 
 
 def _up_report(up: Up) -> UpReport:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from estimator.instances.arrays import MasksByImage, instances_of_masks
 from estimator.instances.coco import ignored_categories, read_coco
 from estimator.instances.label_images import read_label_images
 from estimator.reconstructions.cameras import pixels_in_view
@@ -16,8 +19,13 @@ from estimator.records.scene import DenseCloud, Instance, Scene
 from metric_base.arrays import IntArray
 from metric_base.faults import InputFault, Words
 
+if TYPE_CHECKING:
+    from pycolmap import Reconstruction
+
 __all__ = ["read_instances", "read_instances_and_warnings", "read_scene"]
 
+#: The path of a scene that was never on disk.
+MEMORY = Path("memory")
 RECONSTRUCTION = "reconstruction.json"
 INSTANCES = "instances.json"
 PICTURES = "instances"
@@ -28,14 +36,39 @@ VISIBILITY_SAMPLE = 2000
 MIN_SHARE_IN_VIEW = 0.95
 
 
-def read_scene(path: Path | str, dense: Path | str | None = None) -> Scene:
-    """The scene of a COLMAP model folder or an OpenSfM dataset folder, with its dense cloud.
+def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = None) -> Scene:
+    """The scene of a reconstruction.
 
-    dense : a PLY file, "none" to do without, or None to take the one beside the model if there is one.
-    Warnings are in `Scene.warnings`. InputFault for everything that cannot be read.
+    Parameters
+    ----------
+    source : a COLMAP model folder, an OpenSfM dataset folder, or a `pycolmap.Reconstruction` in memory
+    dense : a PLY file, "none" to do without, or None to take the one beside the model if there is one
+
+    Returns
+    -------
+    Scene, in scene units of unknown metric size; its `warnings` say what was left out.
+
+    Raises
+    ------
+    InputFault
+        Something cannot be read: the message names the file, the field, what was expected and what was found.
+
+    Examples
+    --------
+    >>> import estimator
+    >>> scene = estimator.read_scene("data/scenes/demo_room")
+    >>> len(scene.views), scene.points.shape[1], scene.dense is not None
+    (24, 3, False)
     """
-    path = Path(path)
-    scene = _sparse_scene(path)
+    if isinstance(source, Path | str):
+        path = Path(source)
+        scene = _sparse_scene(path)
+    else:
+        from estimator.reconstructions.pycolmap_scene import scene_of_reconstruction
+
+        path = MEMORY
+        scene = scene_of_reconstruction(source)
+        dense = dense or "none"
     if dense != "none":
         scene = _with_dense(scene, None if dense is None else Path(dense))
     if not len(scene.points) and scene.dense is None:
@@ -44,20 +77,41 @@ def read_scene(path: Path | str, dense: Path | str | None = None) -> Scene:
 
 
 def read_instances(
-    scene: Scene, path: Path | str | None = None, categories: Path | str | None = None
+    source: Path | str | MasksByImage | None, scene: Scene, categories: Path | str | None = None
 ) -> tuple[Instance, ...]:
-    """The instances of a scene; see `instances_and_warnings`."""
-    return read_instances_and_warnings(scene, path, categories)[0]
+    """The instance masks of a scene's views.
+
+    Parameters
+    ----------
+    source : a COCO dataset or results file, a folder of label images, None for `instances.json` or `instances/` in the
+        scene's folder; or the masks themselves, by image name: `(category, mask)` or `(category, mask, score)` with
+        a mask of shape (h, w) bool of any resolution
+    scene : the scene whose views the images are, joined by file name
+    categories : a COCO dataset that names categories and images, for results
+
+    Raises
+    ------
+    InputFault
+        The file cannot be read, or no image of it is a view of the scene.
+
+    Examples
+    --------
+    >>> import estimator
+    >>> scene = estimator.read_scene("data/scenes/demo_room")
+    >>> instances = estimator.read_instances("data/scenes/demo_room/instances.json", scene)
+    >>> instances[0].category, instances[0].mask.dtype.name
+    ('couch', 'bool')
+    """
+    return read_instances_and_warnings(scene, source, categories)[0]
 
 
 def read_instances_and_warnings(
-    scene: Scene, path: Path | str | None = None, categories: Path | str | None = None
+    scene: Scene, source: Path | str | MasksByImage | None = None, categories: Path | str | None = None
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
-    """The instances, and warnings.
-
-    path : COCO dataset or results, or a folder of instance pictures; by default `instances.json`, else
-    `instances/`, in the scene's folder. categories : dataset that names categories and images, for results.
-    """
+    """The instances as `read_instances` takes them, and warnings."""
+    if isinstance(source, Mapping):
+        return instances_of_masks(source, scene)
+    path = source
     place = _default_instances(scene) if path is None else Path(path)
     if place.is_dir():
         found, warnings = read_label_images(scene, place)

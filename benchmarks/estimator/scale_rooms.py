@@ -116,7 +116,7 @@ def _whole_cases(cache: Path, sizes: Sizes, seeds: Sequence[int]) -> Iterator[Ca
                     print(f"left out: {failure}", file=sys.stderr)
                     continue
             scene = read_scene(folder)
-            yield Case(f"{kind} {seed}", scene, tuple(read_instances(scene)), truth_at(folder, world))
+            yield Case(f"{kind} {seed}", scene, tuple(read_instances(None, scene)), truth_at(folder, world))
 
 
 def _quick_cases(sweep: str, knobs: Knobs, sizes: Sizes, seeds: Sequence[int]) -> Iterator[Case]:

@@ -52,7 +52,7 @@ def test_missing_instances_are_one_readable_line(small: Path, tmp_path: Path) ->
     with pytest.raises(
         InputFault, match=r"--instances FILE, or --images DIR --detector MODEL .*, found none$"
     ) as fault:
-        read_instances(read_scene(tmp_path / "scene"))
+        read_instances(None, read_scene(tmp_path / "scene"))
     assert len(str(fault.value).removeprefix(str(tmp_path))) < 200
 
 
@@ -62,14 +62,14 @@ def test_instances_json_comes_before_pictures(small: Path, tmp_path: Path) -> No
     assert "read as objects" in read_instances_and_warnings(scene)[1][0]
     shutil.copyfile(small / "colmap" / "instances.json", tmp_path / "scene" / "instances.json")
     assert not read_instances_and_warnings(scene)[1]
-    pictures = read_instances(scene, tmp_path / "scene" / "instances")
-    assert len(pictures) == len(read_instances(scene)) == 16
+    pictures = read_instances(tmp_path / "scene" / "instances", scene)
+    assert len(pictures) == len(read_instances(None, scene)) == 16
 
 
 def test_polygons_run_lengths_and_pictures_are_the_same_masks(small: Path) -> None:
     scene = read_scene(small / "opensfm")
-    pictures = {(item.view, item.category): item for item in read_instances(scene, small / "opensfm" / "instances")}
-    for item in read_instances(scene, small / "colmap" / "instances.json"):
+    pictures = {(item.view, item.category): item for item in read_instances(small / "opensfm" / "instances", scene)}
+    for item in read_instances(small / "colmap" / "instances.json", scene):
         other = pictures[item.view, item.category]
         assert other.origin == item.origin
         np.testing.assert_array_equal(other.mask, item.mask)

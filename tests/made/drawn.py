@@ -32,7 +32,7 @@ def bump(centre: float, width: float) -> np.ndarray:
 def drawn_estimate(folder: Path) -> SceneEstimate:
     """Two objects of known boxes in the small COLMAP scene of `folder`: a used chair and an outlier of a table."""
     scene = read_scene(folder)
-    instances = read_instances(scene)
+    instances = read_instances(None, scene)
     objects, reports = [], []
     for row, (category, verdict, own, used, cut) in enumerate(_OBJECTS):
         extents = np.array([0.6, 0.4, 0.8]) / (row + 1)

@@ -104,6 +104,6 @@ def test_files_read_back_as_the_scene_that_was_written(made: MadeScene, room: Wo
     assert again.dense is not None
     assert made.scene.dense is not None
     assert np.array_equal(again.dense.visible_views, made.scene.dense.visible_views)
-    found = read_instances(again)
+    found = read_instances(None, again)
     assert [item.track for item in found] == [item.track for item in made.instances]
     assert all(np.array_equal(a.mask, b.mask) for a, b in zip(found, made.instances, strict=True))

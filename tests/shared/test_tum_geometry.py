@@ -23,7 +23,7 @@ def office(shared: Path):
     if not folder.is_dir():
         pytest.skip(f"no real office at {folder}")
     scene = read_scene(folder)
-    instances = read_instances(scene, folder / "instances.json")
+    instances = read_instances(folder / "instances.json", scene)
     truth = json.loads((folder / "truth.json").read_text())
     return scene, instances, truth
 
@@ -109,7 +109,7 @@ def test_sparse_points_and_the_papers_arm_run(office):
 def test_raw_boxes_run(office, shared):
     scene, _, truth = office
     folder = shared / "data/scenes/tum_office"
-    boxes = read_instances(scene, folder / "detections_yolo.json", folder / "detections_yolo_categories.json")
+    boxes = read_instances(folder / "detections_yolo.json", scene, folder / "detections_yolo_categories.json")
     assert all(one.from_box for one in boxes)
     found = measure_objects(scene, boxes)
     heights = [

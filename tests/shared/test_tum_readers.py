@@ -99,7 +99,7 @@ def test_masks_are_pycocotools_own(office: Path) -> None:
 
 
 def test_detectors_boxes_find_their_categories(office: Path) -> None:
-    instances = read_instances(read_scene(office, "none"), office / "detections_yolo.json")
+    instances = read_instances(office / "detections_yolo.json", read_scene(office, "none"))
     assert len(instances) == BOXES
     assert all(instance.from_box for instance in instances)
     assert {"chair", "person", "refrigerator"} <= {instance.category for instance in instances}

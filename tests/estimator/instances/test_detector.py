@@ -37,7 +37,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (root / "images").mkdir()
     for row, view in enumerate(scene.views):
         canvas = np.full((view.camera.height, view.camera.width, 3), 90, dtype=np.uint8)
-        for instance in read_instances(scene):
+        for instance in read_instances(None, scene):
             if instance.view == row:
                 colour = COLOURS[("chair", "table").index(instance.category)]
                 (x, y), (h, w) = instance.origin, instance.mask.shape
@@ -52,7 +52,7 @@ def test_masks_are_those_of_the_graph(folder: Path, tmp_path: Path) -> None:
     scene = read_scene(folder / "colmap")
     detector = Detector(paint_graph(tmp_path / "paint.onnx"), ("", "chair", "table"))
     found, warnings = detect_instances(scene, folder / "images", detector)
-    expected = read_instances(scene)
+    expected = read_instances(None, scene)
     assert warnings == ()
     assert len(found) == len(expected) > 0
     by_key = {(instance.view, instance.category): instance for instance in expected}
@@ -68,7 +68,7 @@ def test_a_graph_traced_for_one_size_is_fed_that_size(folder: Path, tmp_path: Pa
     scene = read_scene(folder / "colmap")
     detector = Detector(paint_graph(tmp_path / "paint.onnx", fixed=(120, 160)), ("", "chair", "table"))
     found, _ = detect_instances(scene, folder / "images", detector)
-    for instance, twin in zip(found, sorted(read_instances(scene), key=lambda one: one.view), strict=True):
+    for instance, twin in zip(found, sorted(read_instances(None, scene), key=lambda one: one.view), strict=True):
         assert abs(int(instance.mask.sum()) / int(twin.mask.sum()) - 1) < 0.1
 
 

@@ -107,7 +107,7 @@ def test_a_dataset_with_masks_boxes_scores_and_tracks(tmp_path: Path) -> None:
         {"segmentation": [], "bbox": [1, 2, 3, 4]},
     ]
     written(tmp_path, dataset(annotations, "a.png", "b.png"))
-    first, second, third = read_instances(scene)
+    first, second, third = read_instances(None, scene)
     np.testing.assert_array_equal(pasted(first, scene.views[0].camera), mask)
     assert (first.id, first.view, first.category, first.score, first.track) == ("5", 0, "mug", 0.5, "8")
     assert not first.from_box
@@ -165,13 +165,13 @@ def test_results_take_names_from_beside_or_from_categories(tmp_path: Path) -> No
     frame = dataset([], "a.png")
     results = written(tmp_path, [{"image_id": 10, "category_id": 3, "bbox": [1, 2, 3, 4], "score": 0.25}], "found.json")
     with pytest.raises(InputFault, match=r"--categories.*no file found_categories\.json"):
-        read_instances(scene, results)
+        read_instances(results, scene)
     other = written(tmp_path, frame, "other.json")
-    (instance,) = read_instances(scene, results, other)
+    (instance,) = read_instances(results, scene, other)
     assert (instance.category, instance.score, instance.from_box) == ("mug", 0.25, True)
     assert read_instances_and_warnings(scene, results, other)[1] == ()
     written(tmp_path, frame, "found_categories.json")
-    assert len(read_instances(scene, results)) == 1
+    assert len(read_instances(results, scene)) == 1
 
 
 def test_categories_beside_a_dataset_are_told_not_read(tmp_path: Path) -> None:
@@ -221,4 +221,4 @@ def test_pictures_whose_values_are_categories(tmp_path: Path) -> None:
 def test_pictures_of_three_channels_are_refused(tmp_path: Path) -> None:
     pictures(tmp_path, {"1": "chair"}, a=np.ones((30, 40, 3), dtype=np.uint8))
     with pytest.raises(InputFault, match="channels: expected 1"):
-        read_instances(scene_of(tmp_path, "a.jpg"))
+        read_instances(None, scene_of(tmp_path, "a.jpg"))

@@ -103,9 +103,7 @@ def _warn(build: Build) -> None:
     withheld = [record["id"] for record in unknown if not record["n_rows"]]
     if withheld:
         keep = " ".join(f"--own-use {name}" for name in withheld)
-        warn(
-            f"withheld, for want of a declared open licence: all rows of {', '.join(withheld)}; {keep} keeps them"
-        )
+        warn(f"withheld, for want of a declared open licence: all rows of {', '.join(withheld)}; {keep} keeps them")
 
 
 def _print(build: Build, as_json: bool) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from insertion.models.model import Material, Model, Part, Pixels
-from metric_base.arrays import FloatArray
+from estimator.scene import FloatArray
 from metric_base.faults import InputFault
 
 __all__ = ["read_model"]

@@ -6,7 +6,7 @@ import numpy as np
 
 from insertion.places.place import NoPlace, Place
 from insertion.scene.cloud import Cloud
-from metric_base.arrays import FloatArray
+from estimator.scene import FloatArray
 
 __all__ = ["heading"]
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_closing, binary_erosion
 
-from estimator.geometry.planes import SupportPlane, refined_up, support_planes
+from estimator.geometry.planes import SupportPlane, refine_up, support_planes
 from estimator.geometry.up import Up, camera_up
 from estimator.scene import Scene
 from insertion.scene.cloud import Cloud
-from metric_base.arrays import BoolArray, FloatArray
+from estimator.scene import BoolArray, FloatArray
 
 __all__ = ["Supports", "cell_centres", "free_cells", "supports_of"]
 
@@ -32,7 +32,7 @@ class Supports:
 def supports_of(scene: Scene) -> Supports:
     """The support planes of the scene's densest cloud."""
     points = scene.points if scene.dense is None else scene.dense.points
-    up = refined_up(camera_up(scene.views), points)
+    up = refine_up(camera_up(scene.views), points)
     return Supports(up, support_planes(up.vector, points))
 
 

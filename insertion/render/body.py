@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insertion.models.model import Material, Model
-from metric_base.arrays import FloatArray, IntArray
+from estimator.scene import FloatArray, IntArray
 
 __all__ = ["Body", "BodyPart", "body_of"]
 

@@ -5,8 +5,7 @@ Everything that does not depend on the camera (shadow maps, light on the plane, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from types import TracebackType
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,10 +16,10 @@ from insertion.light.lights import directional_lights
 from insertion.light.reflections import LEVELS, reflection_levels
 from insertion.render.body import Body
 from insertion.render.buffers import load_part
-from insertion.render.context import gl_context, shader
+from insertion.render.context import shader
 from insertion.render.pinhole import Window
 from insertion.render.shadows import Caster, PlaneMap, light_axes, plane_map, shadow_atlas
-from metric_base.arrays import FloatArray
+from estimator.scene import FloatArray
 
 __all__ = ["ObjectImage", "ObjectRenderer"]
 
@@ -46,11 +45,11 @@ class ObjectImage:
 
 
 class ObjectRenderer:
-    """A context manager: one OpenGL context with one body."""
+    """One body in an OpenGL context (`gl_context`), which several may share."""
 
-    def __init__(self, body: Body, environment: Environment) -> None:
+    def __init__(self, context: Any, body: Body, environment: Environment) -> None:
         self.body = body
-        self._context = gl_context()
+        self._context = context
         lights = directional_lights(environment, OBJECT_CUTS)
         self._program = self._context.program(
             vertex_shader=shader("surface.vert"), fragment_shader=self._lit_shader("surface.frag", len(lights.power))
@@ -75,17 +74,22 @@ class ObjectRenderer:
         quad = self._context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
         self._cover = self._context.vertex_array(self._receive, [(quad, "2f", "corner")])
 
-    def __enter__(self) -> ObjectRenderer:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, fault: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._context.release()
+    def outline(
+        self, window: Window, rotation: FloatArray, translation: FloatArray, times: float
+    ) -> NDArray[np.float32]:
+        """(h, w) coverage of the object grown `times` about its foot, without light."""
+        self._program["flat_only"].value = True
+        grown = replace(self.body, unit=self.body.unit * times)
+        image = self._image(grown, window, rotation, translation)
+        self._program["flat_only"].value = False
+        return image.alpha
 
     def image(self, window: Window, rotation: FloatArray, translation: FloatArray) -> ObjectImage:
         """The object through the window of a camera; rotation (3, 3) and translation (3,) are world to camera."""
-        rotation, offset = self.body.camera(rotation, translation)
+        return self._image(self.body, window, rotation, translation)
+
+    def _image(self, body: Body, window: Window, rotation: FloatArray, translation: FloatArray) -> ObjectImage:
+        rotation, offset = body.camera(rotation, translation)
         depths = self.body.corners @ rotation[2] + offset[2]
         near = max(float(depths.min()) * 0.8, 1e-3)
         clip = window.clip(rotation, offset, near, max(float(depths.max()) * 1.2, near * 2))
@@ -98,7 +102,7 @@ class ObjectRenderer:
         colour = _read(plain, window, 0, 4)
         seen = _read(plain, window, 1, 2)
         with np.errstate(divide="ignore", invalid="ignore"):
-            depth = np.where(seen[..., 1] > 0.01, seen[..., 0] / seen[..., 1], np.nan) * self.body.unit
+            depth = np.where(seen[..., 1] > 0.01, seen[..., 0] / seen[..., 1], np.nan) * body.unit
         return ObjectImage(colour[..., :3].copy(), np.clip(colour[..., 3], 0, 1), depth.astype(np.float32))
 
     def received(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:

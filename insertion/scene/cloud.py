@@ -11,7 +11,7 @@ from estimator.reconstructions.cameras import pixels_in_view
 from estimator.scene import Scene
 from insertion.light.encoding import decoded
 from insertion.scene.footage import Stills
-from metric_base.arrays import FloatArray, IntArray
+from estimator.scene import FloatArray, IntArray
 
 __all__ = ["Cloud", "coloured_cloud", "even_rows", "points_seen"]
 

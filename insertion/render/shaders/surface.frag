@@ -14,6 +14,7 @@ uniform vec3 emissive;
 uniform float metallic;
 uniform float roughness;
 uniform float alpha_cutoff;    // below 0: none
+uniform bool flat_only;         // coverage alone
 uniform bool has_base, has_surface, has_normal, has_emissive;
 uniform sampler2D base_texture, surface_texture, normal_texture, emissive_texture;
 in vec3 v_place;
@@ -79,6 +80,10 @@ void main() {
     if (alpha_cutoff >= 0.0) {
         if (base.a < alpha_cutoff) discard;
         base.a = 1.0;
+    }
+    if (flat_only) {
+        colour = seen = vec4(base.a);
+        return;
     }
     float metal = metallic, rough = roughness;
     if (has_surface) {

@@ -1,4 +1,4 @@
-"""The `insert-object` command: arguments in, pictures and one result out; everything heavy is imported where it is used."""
+"""The `insert-object` command: arguments in, pictures and a result out; heavy imports wait until they are used."""
 
 from __future__ import annotations
 
@@ -47,10 +47,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     from metric_base.terminal import exit_status
 
     words = list(sys.argv[1:] if argv is None else argv)
-    if words[:1] == ["study"]:
-        from insertion.study.command import run_study
-
-        return exit_status(f"{PROGRAM} study", lambda: run_study(words[1:]))
     return exit_status(PROGRAM, lambda: _run(parser().parse_args(words)))
 
 
@@ -193,7 +189,8 @@ def _print(results: Sequence[InsertionResult], as_json: bool) -> None:
 def _words(result: InsertionResult) -> str:
     scale = result.scale
     size = " x ".join(f"{value:.3g}" for value in result.size_m.values())
-    line = f"{result.model}: {size} m (length, width, height) on {result.support}; {scale.metres_per_unit:.4g} metres per unit"
+    line = f"{result.model}: {size} m (length, width, height) on {result.support}"
+    line += f"; {scale.metres_per_unit:.4g} metres per unit"
     if scale.low is not None and scale.high is not None:
         low, high = scale.low / scale.metres_per_unit - 1, scale.high / scale.metres_per_unit - 1
         line += f"; the scale may be {low:+.0%} to {high:+.0%} off, and the object's height in the picture with it"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.scene import View
+from estimator.records.scene import View
 from insertion.composite.compose import compose
 from insertion.composite.ghost import draw_interval
 from insertion.composite.match import Looks
@@ -26,6 +26,7 @@ from insertion.render.context import gl_context
 from insertion.render.renderer import ObjectRenderer
 from insertion.request import ObjectRequest
 from insertion.result import FrameReport, InsertionResult
+from insertion.scene.cloud import front_points
 from insertion.scene.footage import Shot
 from insertion.stage import Stage
 
@@ -74,7 +75,7 @@ def insert_objects(
 ) -> list[InsertionResult]:
     """Draw the objects into every picture of the footage and hand each to `write`, one at a time.
 
-    film : the pictures are one film, whose exposure and blur change slowly. Frames without a pose are handed on as they are.
+    film : the pictures are one film, whose exposure and blur change slowly. Frames without a pose stay as they are.
     """
     seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
     started = time.perf_counter()
@@ -152,11 +153,14 @@ def _drawn(
         for item in running:
             item.frames.append(FrameReport(shot.name, shot.time_s, None, 0.0))
         return picture
-    look = looks.next(picture, view, stage.cloud)
+    front = front_points(view, stage.cloud)
+    look = looks.next(picture, front, stage.cloud)
     masks = stage.masks(shot)
     order = sorted(running, key=lambda item: -float(np.linalg.norm(view.centre - item.placed.body.position)))
     for number, item in enumerate(order):
-        composed = compose(picture, view, item.renderer, stage.cloud, masks, look, shot.index * 16 + number)
+        number_of_plane = item.placed.place.plane
+        plane = None if number_of_plane is None else stage.supports.planes[number_of_plane]
+        composed = compose(picture, view, item.renderer, front, masks, plane, look, shot.index * 16 + number)
         picture = composed.picture
         item.frames.append(FrameReport(shot.name, shot.time_s, composed.silhouette, composed.visible))
         if show_interval:

@@ -58,4 +58,6 @@ def read_scale(folder: Path, stated: float | None) -> ScaleUsed:
     except (ValueError, KeyError, TypeError) as fault:
         if isinstance(fault, InputFault):
             raise
-        raise InputFault(f"{file}: expected a result of estimate-scale; found {type(fault).__name__}: {fault}") from None
+        raise InputFault(
+            f"{file}: expected a result of estimate-scale; found {type(fault).__name__}: {fault}"
+        ) from None

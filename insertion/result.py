@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["SCHEMA", "FrameReport", "InsertionResult", "ScaleUsed"]
 
@@ -25,8 +25,11 @@ class ScaleUsed:
 
 @dataclass(frozen=True, slots=True)
 class FrameReport:
-    """silhouette : x, y, width, height of the object's own pixels, None where it is out of the picture; visible : the
-    share of them that nothing hides."""
+    """One picture.
+
+    silhouette : x, y, width, height of the object's own pixels, None where it is out of the picture; visible : the
+    share of them that nothing hides.
+    """
 
     image: str
     time_s: float | None

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from estimator.scene import Instance, Scene
+from estimator.records.scene import Instance, Scene
 from insertion.places.supports import Supports, supports_of
 from insertion.result import ScaleUsed
 from insertion.scene.cloud import Cloud, coloured_cloud

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.reconstructions.cameras import project
-from estimator.scene import Camera, FloatArray, View
+from estimator.records.scene import Camera, View
 from insertion.render.body import Body
 from insertion.render.pinhole import Window
 from insertion.render.shadows import PlaneMap
 from insertion.scene.rays import camera_rays
+from metric_base.arrays import FloatArray
 
 __all__ = ["Box", "object_box", "shadow_box", "window_behind"]
 

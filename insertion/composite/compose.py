@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.scene import Instance, View
+from estimator.geometry.planes import SupportPlane
+from estimator.records.scene import Instance, View
 from insertion.composite.boxes import Box, object_box, shadow_box
 from insertion.composite.layers import object_layer, shadow_layer
 from insertion.composite.match import Look, grain
@@ -16,7 +17,7 @@ from insertion.composite.occlusion import hidden_share
 from insertion.composite.received import received_share
 from insertion.light.encoding import decoded, encoded
 from insertion.render.renderer import ObjectImage, ObjectRenderer
-from insertion.scene.cloud import Cloud
+from insertion.scene.cloud import FrontPoints
 
 __all__ = ["Composed", "compose"]
 
@@ -25,8 +26,11 @@ Picture = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Composed:
-    """silhouette : the box of the object's own pixels (x, y, width, height), or None; visible : the share of them that
-    nothing hides."""
+    """A picture with an object.
+
+    silhouette : the box of the object's own pixels (x, y, width, height), or None; visible : the share of them that
+    nothing hides.
+    """
 
     picture: Picture
     silhouette: tuple[int, int, int, int] | None
@@ -37,8 +41,9 @@ def compose(
     picture: Picture,
     view: View,
     renderer: ObjectRenderer,
-    cloud: Cloud,
+    front: FrontPoints,
     instances: Sequence[Instance],
+    plane: SupportPlane | None,
     look: Look,
     seed: int,
 ) -> Composed:
@@ -53,9 +58,9 @@ def compose(
     box = dark_box.joined(body_box) if dark_box is not None else body_box
     assert box is not None  # one of the two is there
     layer = object_layer(renderer, view, box) if body_box is not None else _nothing(box)
-    hidden = hidden_share(layer, box, view, instances, cloud)
+    hidden = hidden_share(layer, box, view, instances, front)
     share, plane_depth = shadow_layer(renderer, view, box)
-    share = received_share(share, plane_depth, renderer, view, box, cloud, instances)
+    share = received_share(share, plane_depth, renderer, view, box, front, instances, plane)
     before = picture[box.slices]
     after = _mixed(before, layer, hidden, share, look, box, seed)
     out = picture.copy()

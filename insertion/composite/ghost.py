@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.scene import View
+from estimator.records.scene import View
 from insertion.composite.boxes import Box, window_behind
 from insertion.render.renderer import ObjectRenderer
 from insertion.result import ScaleUsed

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.scene import View
+from estimator.records.scene import View
 from insertion.composite.boxes import Box, window_behind
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.rays import camera_rays

@@ -1,4 +1,4 @@
-"""What makes a rendered object belong to a picture: its exposure, white balance, blur and grain, measured in the picture."""
+"""What makes an object belong to a picture: the exposure, white balance, blur and grain measured in the picture."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.scene import View
 from insertion.composite.boxes import Box
 from insertion.light.encoding import decoded
-from insertion.scene.cloud import Cloud
+from insertion.scene.cloud import Cloud, FrontPoints
 
 __all__ = ["Look", "Looks", "grain", "look_of"]
 
@@ -30,8 +29,11 @@ _BINS = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
-    """gain : (3,) on linear light, of this picture over the cloud's mean; blur_px : one sigma; grain : (_BINS,) one
-    sigma in grey levels by brightness; grain_px : one sigma of the grain's own smoothness."""
+    """The look of one picture.
+
+    gain : (3,) on linear light, of this picture over the cloud's mean; blur_px : one sigma; grain : (_BINS,) one sigma
+    in grey levels by brightness; grain_px : one sigma of the grain's own smoothness.
+    """
 
     gain: NDArray[np.float64]
     blur_px: float
@@ -46,22 +48,22 @@ class Looks:
         self._smooth = smooth
         self._last: Look | None = None
 
-    def next(self, picture: Picture, view: View, cloud: Cloud) -> Look:
+    def next(self, picture: Picture, front: FrontPoints, cloud: Cloud) -> Look:
         """The look of the next picture."""
-        look = look_of(picture, view, cloud)
+        look = look_of(picture, front, cloud)
         if self._smooth and self._last is not None:
             look = _blend(self._last, look)
         self._last = look
         return look
 
 
-def look_of(picture: Picture, view: View, cloud: Cloud) -> Look:
+def look_of(picture: Picture, front: FrontPoints, cloud: Cloud) -> Look:
     """The look of one (h, w, 3) picture."""
     import cv2
 
     grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
     levels, smooth = _grain_of(grey)
-    return Look(_gain(picture, view, cloud), _blur(grey), levels, smooth)
+    return Look(_gain(picture, front, cloud), _blur(grey), levels, smooth)
 
 
 def grain(look: Look, box: Box, brightness: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
@@ -90,16 +92,11 @@ def _blend(old: Look, new: Look) -> Look:
     )
 
 
-def _gain(picture: Picture, view: View, cloud: Cloud) -> NDArray[np.float64]:
+def _gain(picture: Picture, front: FrontPoints, cloud: Cloud) -> NDArray[np.float64]:
     """(3,) median ratio of the picture's linear colours to the cloud's, of points that are not hidden or clipped."""
-    from estimator.reconstructions.cameras import pixels_in_view
-
-    step = max(1, len(cloud.points) // 8000)
-    points, colours = cloud.points[::step], cloud.colours[::step]
-    pixels, _ = pixels_in_view(view, points)
-    rows = np.flatnonzero(np.isfinite(pixels[:, 0]) & np.isfinite(colours[:, 0]))
-    at = pixels[rows].astype(np.int64)
-    here, mean = decoded(picture[at[:, 1], at[:, 0]]), colours[rows]
+    step = max(1, len(front.rows) // 8000)
+    rows, at = front.rows[::step], front.pixels[::step].astype(np.int64)
+    here, mean = decoded(picture[at[:, 1], at[:, 0]]), cloud.colours[rows]
     good = (here > 0.02).all(axis=1) & (here < 0.9).all(axis=1) & (mean > 0.02).all(axis=1) & (mean < 0.9).all(axis=1)
     if np.count_nonzero(good) < MIN_POINTS:
         return np.ones(3)
@@ -129,10 +126,9 @@ def _blur(grey: NDArray[np.float32]) -> float:
 def _gradient(grey: NDArray[np.float32]) -> NDArray[np.float32]:
     import cv2
 
-    return np.hypot(
-        cv2.filter2D(grey, cv2.CV_32F, np.array([[-0.5, 0, 0.5]], np.float32)),
-        cv2.filter2D(grey, cv2.CV_32F, np.array([[-0.5], [0], [0.5]], np.float32)),
-    )
+    across = cv2.filter2D(grey, cv2.CV_32F, np.array([[-0.5, 0, 0.5]], np.float32))
+    down = cv2.filter2D(grey, cv2.CV_32F, np.array([[-0.5], [0], [0.5]], np.float32))
+    return np.asarray(np.hypot(across, down), dtype=np.float32)
 
 
 def _grain_of(grey: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:

@@ -12,11 +12,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.reconstructions.cameras import pixels_in_view
-from estimator.scene import FloatArray, Instance, View
+from estimator.records.scene import Instance, View
 from insertion.composite.boxes import Box
+from insertion.composite.masks import mask_in_box
 from insertion.render.renderer import ObjectImage
-from insertion.scene.cloud import Cloud
+from insertion.scene.cloud import FrontPoints
+from metric_base.arrays import FloatArray
 
 __all__ = ["hidden_share"]
 
@@ -36,14 +37,15 @@ EDGE_PX = 0.6
 
 
 def hidden_share(
-    layer: ObjectImage, box: Box, view: View, instances: Sequence[Instance], cloud: Cloud
+    layer: ObjectImage, box: Box, view: View, instances: Sequence[Instance], front: FrontPoints
 ) -> NDArray[np.float32]:
     """(h, w) share of each pixel of the box in which something nearer hides the object."""
     import cv2
 
     if not (layer.alpha > 0).any():
         return np.zeros(box.shape, np.float32)
-    pixels, depths = _points_in(view, cloud, box)
+    inside = front.inside(box.x0, box.y0, box.x1, box.y1)
+    pixels, depths = inside.pixels - [box.x0, box.y0], inside.depths
     hidden = np.zeros(box.shape, dtype=bool)
     masked = np.zeros(box.shape, dtype=bool)
     silhouette = layer.alpha > 0.5
@@ -51,22 +53,14 @@ def hidden_share(
     around = cv2.dilate(silhouette.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
     behind = _object_depth(layer)
     for item in instances:
-        mask = _in_box(item, box)
+        mask = mask_in_box(item, box)
         if mask is None or not (mask & around).any():
             continue
         masked |= mask
         hidden |= _hidden_by(mask, around, behind, pixels, depths)
-    if cloud.dense:
+    if front.dense:
         hidden |= ~masked & silhouette & _nearer_pixels(behind, pixels, depths, DENSE_PX)
     return np.asarray(cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), EDGE_PX))
-
-
-def _points_in(view: View, cloud: Cloud, box: Box) -> tuple[FloatArray, FloatArray]:
-    """Pixels (n, 2) from the corner of the box, and depths (n,), of the points that project into it."""
-    pixels, depths = pixels_in_view(view, cloud.points)
-    with np.errstate(invalid="ignore"):
-        inside = ((pixels >= [box.x0, box.y0]) & (pixels < [box.x1, box.y1])).all(axis=1)
-    return pixels[inside] - [box.x0, box.y0], depths[inside]
 
 
 def _object_depth(layer: ObjectImage) -> NDArray[np.float32]:
@@ -130,16 +124,3 @@ def _nearer_pixels(
     np.add.at(others, (at[~nearer, 1], at[~nearer, 0]), 1.0)
     hits, others = (cv2.GaussianBlur(count, (0, 0), radius) for count in (hits, others))
     return np.asarray((hits > others) & (hits > 1.0 / (2 * np.pi * radius**2)))
-
-
-def _in_box(item: Instance, box: Box) -> NDArray[np.bool_] | None:
-    """(h, w) the instance's mask over the box, None where they do not meet."""
-    x, y = item.origin
-    height, width = item.mask.shape
-    left, top, right, bottom = max(x, box.x0), max(y, box.y0), min(x + width, box.x1), min(y + height, box.y1)
-    if left >= right or top >= bottom:
-        return None
-    mask = np.zeros(box.shape, dtype=bool)
-    part = item.mask[top - y : bottom - y, left - x : right - x]
-    mask[top - box.y0 : bottom - box.y0, left - box.x0 : right - box.x0] = part
-    return mask

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.scene import FloatArray
 from insertion.light.encoding import decoded, luminance
 from insertion.light.environment import HEIGHT, WIDTH, Environment, map_directions, solid_angles
 from insertion.places.place import Place
 from insertion.scene.cloud import Cloud, even_rows, points_seen
 from insertion.scene.footage import Stills
 from insertion.scene.rays import camera_rays
+from metric_base.arrays import FloatArray
 
 __all__ = ["environment_at"]
 
@@ -92,8 +92,8 @@ def _splat(samples: _Samples) -> tuple[FloatArray, FloatArray]:
     column = np.minimum(((turn / (2 * np.pi) + 0.5) * WIDTH).astype(np.int64), WIDTH - 1)
     cell = row * WIDTH + column
     count = np.bincount(cell, minlength=HEIGHT * WIDTH).astype(float)
-    sums = [np.bincount(cell, samples.colours[:, c], HEIGHT * WIDTH) for c in range(3)]
-    return np.stack(sums, axis=-1).reshape(HEIGHT, WIDTH, 3), count.reshape(HEIGHT, WIDTH)
+    sums = [np.bincount(cell, samples.colours[:, c].astype(float), HEIGHT * WIDTH) for c in range(3)]
+    return np.asarray(np.stack(sums, axis=-1).reshape(HEIGHT, WIDTH, 3)), count.reshape(HEIGHT, WIDTH)
 
 
 def _filled(shown: FloatArray, seen: FloatArray) -> FloatArray:
@@ -104,9 +104,13 @@ def _filled(shown: FloatArray, seen: FloatArray) -> FloatArray:
     result, known = shown * seen[..., None], seen.copy()
     for sigma in (1.0, 2.0, 4.0, 8.0, 16.0, 48.0):
         weight = gaussian_filter(seen * area, sigma, mode=("nearest", "wrap"))
-        colour = np.stack(
-            [gaussian_filter(shown[..., c] * seen * area, sigma, mode=("nearest", "wrap")) for c in range(3)], axis=-1
-        ) / np.maximum(weight, 1e-12)[..., None]
+        colour = (
+            np.stack(
+                [gaussian_filter(shown[..., c] * seen * area, sigma, mode=("nearest", "wrap")) for c in range(3)],
+                axis=-1,
+            )
+            / np.maximum(weight, 1e-12)[..., None]
+        )
         grey = luminance(colour)[..., None]
         share = np.clip(weight / area * 4, 0, 1) * (1 - known)
         result += share[..., None] * (0.5 * colour + 0.5 * grey)

@@ -12,7 +12,7 @@ import numpy as np
 
 from insertion.light.encoding import LUMINANCE
 from insertion.light.environment import Environment, map_directions, solid_angles
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["Lights", "directional_lights"]
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.light.environment import HEIGHT, WIDTH, Environment, map_directions, solid_angles
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["LEVELS", "reflection_levels"]
 

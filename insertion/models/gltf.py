@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from insertion.models.model import Material, Model, Part, Pixels
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault
 
 __all__ = ["read_model"]
@@ -30,7 +30,9 @@ MAX_TRIANGLES = 2_000_000
 def read_model(path: Path) -> Model:
     """The model of a `.glb` or `.gltf` file. Raises InputFault for anything that cannot be read."""
     if not path.is_file():
-        raise InputFault(f"{path}: expected a glTF file (.glb or .gltf); found {'a folder' if path.is_dir() else 'none'}")
+        raise InputFault(
+            f"{path}: expected a glTF file (.glb or .gltf); found {'a folder' if path.is_dir() else 'none'}"
+        )
     header, binary = _header(path)
     _check(path, header)
     try:

@@ -40,7 +40,9 @@ def model_size(model: Model, request: str, tree: Tree | None = None, category: s
         return _prior_size(model, tree, category)
     stated = _STATED.match(request)
     if stated is None:
-        raise InputFault(f"--size: expected file, prior, height=METRES, length=METRES or width=METRES; found {request!r}")
+        raise InputFault(
+            f"--size: expected file, prior, height=METRES, length=METRES or width=METRES; found {request!r}"
+        )
     try:
         metres = float(stated[2])
     except ValueError:
@@ -61,7 +63,9 @@ def _plausible(model: Model) -> tuple[str, ...]:
     largest = max(model.size_m.values())
     if PLAUSIBLE_M[0] <= largest <= PLAUSIBLE_M[1]:
         return ()
-    return (f"{model.name}: its file says that it is {largest:.4g} m long; if its unit is not the metre, use --size height=METRES",)
+    return (
+        f"{model.name}: its file says that it is {largest:.4g} m long; if that is not so, use --size height=METRES",
+    )
 
 
 def _prior_size(model: Model, tree: Tree | None, category: str | None) -> Size:
@@ -71,6 +75,8 @@ def _prior_size(model: Model, tree: Tree | None, category: str | None) -> Size:
     dims = tuple(node.dims or ())
     name = "height" if "height" in dims else next((d for d in dims if d in ("length", "width")), None)
     if name is None:
-        raise InputFault(f"--size prior: expected a category with a known height, length or width; found {node.node_id}")
+        raise InputFault(
+            f"--size prior: expected a category with a known height, length or width; found {node.node_id}"
+        )
     median_mm = float(node.prior((name,)).quantile(0.5)[0])
     return Size(median_mm / 1000.0 / _extent(model, name), f"prior of {node.node_id}: {name} {median_mm / 1000:.3g} m")

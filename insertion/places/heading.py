@@ -6,7 +6,7 @@ import numpy as np
 
 from insertion.places.place import NoPlace, Place
 from insertion.scene.cloud import Cloud
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["heading"]
 
@@ -37,7 +37,7 @@ def heading(place: Place, facing: float | str, cloud: Cloud) -> tuple[FloatArray
 
 
 def _away_from_wall(place: Place, cloud: Cloud) -> FloatArray:
-    """Horizontal unit direction away from the nearest wall: the normal of the tall columns of points around the nearest."""
+    """Horizontal unit direction away from the nearest wall: the normal of the nearest tall columns of points."""
     local = (cloud.points - place.position) @ place.basis.T
     low, high = np.percentile(local, [2, 98], axis=0)
     cell = float((high - low)[:2].max()) / _COLUMNS

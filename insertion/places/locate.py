@@ -10,11 +10,12 @@ from scipy.ndimage import distance_transform_edt
 
 from estimator.geometry.planes import SupportPlane
 from estimator.reconstructions.cameras import pixels_in_view
-from estimator.scene import BoolArray, FloatArray, Instance, Scene, View
+from estimator.records.scene import Instance, Scene, View
 from insertion.places.place import NoPlace, Place
 from insertion.places.supports import Supports, cell_centres, free_cells
 from insertion.scene.cloud import Cloud
 from insertion.scene.rays import ray_through
+from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["Space", "candidates", "place_at_point", "place_on_category", "place_on_plane"]
 
@@ -201,9 +202,10 @@ def _free_places(space: Space, number: int, mask: BoolArray | None = None) -> li
             break
         cells = np.argwhere(room > 0.6 * room.max())
         cells = cells[:: max(1, len(cells) // 30)]
-        points = np.column_stack(
-            [plane.origin + (cells + 0.5) * plane.cell, np.full(len(cells), plane.height)]
-        ) @ plane.basis
+        points = (
+            np.column_stack([plane.origin + (cells + 0.5) * plane.cell, np.full(len(cells), plane.height)])
+            @ plane.basis
+        )
         shares, cameras = _visibility(space, points)
         best = int(shares.argmax())
         if shares[best] >= SEEN_SHARE:

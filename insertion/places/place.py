@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault
 
 __all__ = ["NoPlace", "Place"]

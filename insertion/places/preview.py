@@ -13,9 +13,10 @@ from estimator.reconstructions.cameras import pixels_in_view
 from insertion.places.place import NoPlace, Place
 
 if TYPE_CHECKING:
-    from estimator.scene import FloatArray, View
+    from estimator.records.scene import View
     from insertion.insert import Placed
     from insertion.stage import Stage
+    from metric_base.arrays import FloatArray
 
 __all__ = ["write_preview"]
 
@@ -42,7 +43,7 @@ def write_preview(stage: Stage, places: Sequence[Place], placed: Placed, file: P
         text = f"{number}: {place.support}"
         cv2.putText(picture, text, (int(x) - 30, int(y)), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
     with written_file(file, "--preview") as temporary:
-        ok, data = cv2.imencode(file.suffix or ".png", picture[..., ::-1])
+        data = cv2.imencode(file.suffix or ".png", picture[..., ::-1])[1]
         temporary.write_bytes(data.tobytes())
 
 

@@ -9,9 +9,9 @@ from scipy.ndimage import binary_closing, binary_erosion
 
 from estimator.geometry.planes import SupportPlane, refine_up, support_planes
 from estimator.geometry.up import Up, camera_up
-from estimator.scene import Scene
+from estimator.records.scene import Scene
 from insertion.scene.cloud import Cloud
-from estimator.scene import BoolArray, FloatArray
+from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["Supports", "cell_centres", "free_cells", "supports_of"]
 

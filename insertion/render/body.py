@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insertion.models.model import Material, Model
-from estimator.scene import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["Body", "BodyPart", "body_of"]
 
@@ -47,9 +47,7 @@ class Body:
         return rotation, (rotation @ self.position + translation) / self.unit
 
 
-def body_of(
-    model: Model, position: FloatArray, basis: FloatArray, heading: FloatArray, units_per_metre: float
-) -> Body:
+def body_of(model: Model, position: FloatArray, basis: FloatArray, heading: FloatArray, units_per_metre: float) -> Body:
     """The model standing with its bottom centre at `position`, its front (+z of the file) along `heading`.
 
     heading : (3,) horizontal unit direction in the scene; units_per_metre : scene units for one metre of the file,

@@ -19,7 +19,7 @@ from insertion.render.buffers import load_part
 from insertion.render.context import shader
 from insertion.render.pinhole import Window
 from insertion.render.shadows import Caster, PlaneMap, light_axes, plane_map, shadow_atlas
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["ObjectImage", "ObjectRenderer"]
 

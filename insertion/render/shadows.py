@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from insertion.light.lights import Lights
 from insertion.render.buffers import LoadedPart
 from insertion.render.context import shader
-from estimator.scene import FloatArray
+from metric_base.arrays import FloatArray
 
 __all__ = ["Caster", "PlaneMap", "light_axes", "plane_map", "shadow_atlas"]
 

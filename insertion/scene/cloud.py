@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.reconstructions.cameras import pixels_in_view
-from estimator.scene import Scene
+from estimator.records.scene import Scene, View
 from insertion.light.encoding import decoded
 from insertion.scene.footage import Stills
-from estimator.scene import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Cloud", "coloured_cloud", "even_rows", "points_seen"]
+__all__ = ["Cloud", "FrontPoints", "coloured_cloud", "even_rows", "front_points", "points_seen"]
 
 #: More dense points than this add time and no light.
 MAX_POINTS = 400_000
@@ -25,12 +25,38 @@ HIDDEN_PX, HIDDEN_SHARE = 4, 0.95
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cloud:
-    """points : (n, 3) in the scene; colours : (n, 3) linear, NaN where no still shows the point; dense : whether a
-    dense cloud is among them."""
+    """The points of a scene.
+
+    points : (n, 3) in the scene; colours : (n, 3) linear, NaN where no still shows the point; dense : whether a dense
+    cloud is among them.
+    """
 
     points: FloatArray
     colours: NDArray[np.float32]
     dense: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrontPoints:
+    """The points that one view sees.
+
+    rows : (m,) of the cloud; pixels : (m, 2); depths : (m,) scene units; dense : as the cloud's.
+    """
+
+    rows: IntArray
+    pixels: FloatArray
+    depths: FloatArray
+    dense: bool
+
+    def inside(self, x0: int, y0: int, x1: int, y1: int) -> FrontPoints:
+        """Those within a box of pixels, the ends not included."""
+        kept = ((self.pixels >= [x0, y0]) & (self.pixels < [x1, y1])).all(axis=1)
+        return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense)
+
+
+def front_points(view: View, cloud: Cloud) -> FrontPoints:
+    """The points of the cloud that a view sees and no other point hides."""
+    return FrontPoints(*_seen(view, cloud.points), cloud.dense)
 
 
 def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
@@ -53,7 +79,10 @@ def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
 
 def points_seen(scene: Scene, row: int, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     """Rows of the points that a view sees and no other point hides, their (m, 2) pixels and (m,) depths."""
-    view = scene.views[row]
+    return _seen(scene.views[row], points)
+
+
+def _seen(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     pixels, depths = pixels_in_view(view, points)
     inside = np.flatnonzero(np.isfinite(pixels[:, 0]))
     pixels, depths = pixels[inside], depths[inside]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.instances.image_files import image_file, image_folders
-from estimator.scene import Scene, View
+from estimator.records.scene import Scene, View
 from metric_base.faults import InputFault
 
 __all__ = ["Footage", "PictureFootage", "Shot", "Stills"]
@@ -57,7 +57,9 @@ class Stills:
         self.rows = tuple(row for row, file in enumerate(self._files) if file is not None)
         if not self.rows:
             places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"
-            raise InputFault(f"{scene.path}: pictures: expected the pictures of its views (--images DIR); found none in {places}")
+            raise InputFault(
+                f"{scene.path}: pictures: expected the pictures of its views (--images DIR); found none in {places}"
+            )
 
     def picture(self, row: int) -> Picture:
         """(h, w, 3) uint8 RGB of a view. Raises InputFault for a file that is no picture or has another shape."""

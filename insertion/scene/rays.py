@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.scene import Camera, FloatArray, View
+from estimator.records.scene import Camera, View
+from metric_base.arrays import FloatArray
 
 __all__ = ["camera_rays", "normalized", "pixel_grid", "ray_through"]
 

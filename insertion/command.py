@@ -109,7 +109,7 @@ def stage_of(options: argparse.Namespace) -> Stage:
     scene = read_scene(options.scene, options.dense)
     stills = Stills(scene, options.images)
     default = any((options.scene / name).exists() for name in ("instances.json", "instances"))
-    instances = read_instances(scene, options.instances) if options.instances or default else ()
+    instances = read_instances(options.instances, scene) if options.instances or default else ()
     return make_stage(scene, stills, PictureFootage(stills), instances, scale)
 
 

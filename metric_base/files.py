@@ -1,24 +1,166 @@
-"""Files that appear whole or not at all."""
+"""Files and folders that appear whole or not at all, and paths that never lead out of a folder."""
 
 from __future__ import annotations
 
+import errno
 import os
+import re
+import shutil
+import stat
+import tempfile
+import unicodedata
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
-__all__ = ["whole_file"]
+from metric_base.faults import InputFault
+
+__all__ = ["WRITE_FAULTS", "OutputNames", "inside", "whole_file", "whole_folder"]
+
+#: What a system says about a place that cannot be written, as against a fault of the program.
+WRITE_FAULTS = frozenset({
+    errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO, errno.EACCES, errno.EPERM, errno.ENOENT,
+    errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENOTEMPTY, errno.ENAMETOOLONG, errno.ELOOP, errno.ENXIO,
+    errno.ENODEV, errno.EPIPE, errno.EINVAL, errno.EBUSY, errno.ETXTBSY,
+})  # fmt: skip
+#: Names that Windows keeps for devices, with any ending.
+_RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$)(\..*)?", re.IGNORECASE)
+#: Characters that no Windows file name has, and controls that no terminal should be shown.
+_UNFIT = re.compile(r'[<>:"|?*\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]')
+#: Longest name of a file in bytes, less room for a temporary ending.
+MAX_NAME_BYTES = 200
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[Path]:
-    """A name beside `path` to write to; it becomes `path` when the block ends, and is gone when the block fails.
+def whole_file(path: Path, option: str | None = None) -> Iterator[Path]:
+    """A temporary path to write to; `path` has its content when the block ends, and is untouched when it fails.
 
-    The name ends otherwise than the path's, so that what a kill leaves behind is not read as one of its kind.
+    The temporary name ends otherwise than the path's, so that what a kill leaves behind is not read as one of its
+    kind. A symbolic link stays and the file that it names is replaced; a device or a pipe is written to in place.
+
+    Raises
+    ------
+    InputFault
+        Where `option` is given: the system cannot write there (a full disk, no such folder, no permission).
     """
-    work = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with _write_faults(path, option):
+        if _is_special(path):
+            with tempfile.TemporaryDirectory() as folder:
+                work = Path(folder) / path.name
+                yield work
+                with work.open("rb") as source, path.open("wb") as target:
+                    shutil.copyfileobj(source, target)
+            return
+        target_path = path.resolve() if path.is_symlink() else path
+        work = target_path.with_name(f".{target_path.name}.{os.getpid()}.part")
+        try:
+            yield work
+            work.replace(target_path)
+        finally:
+            with suppress(OSError):  # the fault that led here says more
+                work.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path, option: str | None = None) -> Iterator[Path]:
+    """A temporary folder beside `path` that takes its name when the block ends, and is removed when it fails.
+
+    Raises
+    ------
+    InputFault
+        `path` exists already; where `option` is given also: the system cannot write there.
+    """
+    if os.path.lexists(path):
+        raise InputFault(
+            f"{path}: {option or 'folder'}: expected a folder that is not there yet, found an existing one"
+        )
+    with _write_faults(path, option):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        work = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        try:
+            yield work
+            work.chmod(0o755)  # mkdtemp keeps others out
+            work.rename(path)
+        finally:
+            shutil.rmtree(work, ignore_errors=True)  # gone already when all went well
+
+
+def inside(folder: Path, name: str) -> Path:
+    """A path below `folder` for a name that a file states, which is not to be trusted.
+
+    Drives, roots and steps upwards are dropped, so that `../a/b.png` becomes `folder/a/b.png`; characters that a
+    system or a terminal takes amiss become `_`; the device names of Windows (`con`, `nul.txt`) get a `_` in front;
+    long parts are shortened. Two names can give one path: `OutputNames` keeps them apart.
+    """
+    parts = [part for part in re.split(r"[/\\]", name) if part.strip(" .")]
+    safe = [_safe_part(part) for part in parts if not re.fullmatch(r"[A-Za-z]:", part)]
+    return folder.joinpath(*(safe or ["_"]))
+
+
+class OutputNames:
+    """Paths below a folder for many names: none leads out, and no two are the same file on any system.
+
+    Names that differ in case only, or in how an accent is composed, are one file on some systems; the later one
+    gets a number.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._files: set[str] = set()
+        self._folders: set[str] = set()
+
+    def path(self, name: str) -> Path:
+        """The path of a name's file, each one once."""
+        *folders, last = inside(Path(), name).parts
+        place = self.folder
+        for part in folders:
+            place = self._free(place / part, self._files)
+            self._folders.add(self._key(place))
+        path = self._free(place / last, self._files, self._folders)
+        self._files.add(self._key(path))
+        return path
+
+    def _free(self, wanted: Path, *taken: set[str]) -> Path:
+        """The path, or with the first number that makes it another than those taken."""
+        path, number = wanted, 1
+        while any(self._key(path) in keys for keys in taken):
+            number += 1
+            path = wanted.with_name(f"{wanted.stem}-{number}{wanted.suffix}")
+        return path
+
+    @staticmethod
+    def _key(path: Path) -> str:
+        return unicodedata.normalize("NFC", str(path)).casefold()
+
+
+def _safe_part(part: str) -> str:
+    """One part of a path, fit for every system."""
+    text = _UNFIT.sub("_", part).rstrip(" .")
+    text = f"_{text}" if _RESERVED.fullmatch(text) else text
+    if len(text.encode()) <= MAX_NAME_BYTES:
+        return text
+    stem, dot, ending = text.rpartition(".")
+    ending = f"{dot}{ending}" if stem and len(ending) <= 8 else ""
+    room = MAX_NAME_BYTES - len(ending.encode())
+    return text.encode()[:room].decode(errors="ignore") + ending
+
+
+def _is_special(path: Path) -> bool:
+    """Whether there is something at the path that is neither a file nor a folder: a device, a pipe, a socket."""
     try:
-        yield work
-        work.replace(path)
-    finally:
-        work.unlink(missing_ok=True)
+        mode = path.stat().st_mode
+    except OSError:
+        return False
+    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+
+
+@contextmanager
+def _write_faults(path: Path, option: str | None) -> Iterator[None]:
+    """The system's refusals as faults of the input, where an option names the place."""
+    try:
+        yield
+    except OSError as fault:
+        if option is None or fault.errno not in WRITE_FAULTS:
+            raise
+        words = fault.strerror or "an error"
+        raise InputFault(f"{path}: {option}: expected a place that can be written, found {words}") from None

@@ -8,15 +8,32 @@ import os
 import shutil
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from metric_base.escaping import visible, visible_json
 from metric_base.extras import missing_extra
 from metric_base.faults import InputFault
+from metric_base.files import WRITE_FAULTS
+from metric_base.signals import Terminated, orderly_termination
+from metric_base.streams import flush_or_silence, make_streams_forgiving
 
-__all__ = ["DEBUG_VARIABLE", "exit_status", "output_file", "print_json", "print_table", "version", "warn"]
+__all__ = [
+    "DEBUG_VARIABLE",
+    "exit_status",
+    "output_file",
+    "output_width",
+    "print_json",
+    "print_table",
+    "progress",
+    "version",
+    "warn",
+]
+
+Item = TypeVar("Item")
 
 #: Set to see the traceback of a fault of the program.
 DEBUG_VARIABLE = "METRIC_TREE_DEBUG"
@@ -33,21 +50,29 @@ _PATH_FAULTS: dict[type[OSError], str] = {
     PermissionError: "leave to read or write it; found none",
 }
 
-DONE, PROGRAM_FAULT, INPUT_FAULT, INTERRUPTED = 0, 1, 2, 130
+DONE, PROGRAM_FAULT, INPUT_FAULT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 
 def exit_status(program: str, run: Callable[[], int]) -> int:
-    """Run a command: 2 with one line for a fault of the input, 1 with one line for a fault of the program."""
-    try:
-        status = run()
-        sys.stdout.flush()
-    except BrokenPipeError:  # the reader of a pipe left; what it took is all it wanted
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return DONE
-    except KeyboardInterrupt:
-        return _said(program, "interrupted", INTERRUPTED)
-    except Exception as error:  # noqa: BLE001 - the last door: what is not the input's fault is the program's
-        return _fault_status(program, error)
+    """Run a command: 2 with one line for a fault of the input, 1 with one line for a fault of the program.
+
+    Ctrl-C and a request to terminate end it with one line and status 130 or 143, after its temporary files are
+    removed. A closed standard output is no fault.
+    """
+    make_streams_forgiving()
+    with orderly_termination():
+        try:
+            status = run()
+            sys.stdout.flush()
+        except BrokenPipeError:  # the reader of a pipe left; what it took is all it wanted
+            status = DONE
+        except KeyboardInterrupt:
+            status = _said(program, "interrupted", INTERRUPTED)
+        except Terminated:
+            status = _said(program, "terminated", TERMINATED)
+        except Exception as error:  # noqa: BLE001 - the last door: what is not the input's fault is the program's
+            status = _fault_status(program, error)
+    flush_or_silence(sys.stdout)
     return status
 
 
@@ -66,14 +91,29 @@ def output_file(path: Path, option: str = "--out") -> Path:
     return path
 
 
-def warn(message: str) -> None:
+def warn(message: str, program: str | None = None) -> None:
     """One line on standard error about what the command does all the same."""
-    sys.stderr.write(f"warning: {' '.join(message.split())}\n")
+    head = "warning" if program is None else f"{program}: warning"
+    sys.stderr.write(f"{head}: {visible(' '.join(message.split()))}\n")
 
 
 def print_json(value: Any) -> None:
     """Print a value as JSON, indented for a person, exact for a machine."""
-    sys.stdout.write(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
+    sys.stdout.write(visible_json(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)) + "\n")
+
+
+def progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
+    """The items, with a bar on standard error while they are consumed, where that is a terminal.
+
+    total : how many there are, where `items` has no length.
+    """
+    if not sys.stderr.isatty():
+        yield from items
+        return
+    from rich.console import Console
+    from rich.progress import track
+
+    yield from track(items, description=description, total=total, console=Console(stderr=True), transient=True)
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str | None = None) -> None:
@@ -84,23 +124,30 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title:
     from rich import box
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    cells = [["–" if cell is None else str(cell) for cell in row] for row in rows]
+    cells = [["–" if cell is None else visible(str(cell)) for cell in row] for row in rows]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for number, column in enumerate(columns):
         numeric = bool(cells) and all(_is_number(row[number]) for row in cells)
         table.add_column(column, justify="right" if numeric else "left", overflow="fold")
     for row in cells:
-        table.add_row(*row)
-    # Rendered first and written by us: rich would turn a closed pipe into a failure. A pipe has no width of its own.
+        table.add_row(*map(Text, row))
+    # Rendered first and written by us: rich would turn a closed pipe into a failure.
     terminal = sys.stdout.isatty()
-    width = shutil.get_terminal_size().columns if terminal else PIPE_WIDTH
+    width = output_width(PIPE_WIDTH)
     console = Console(file=io.StringIO(), width=width, force_terminal=terminal, highlight=False)
     with console.capture() as captured:
         console.print(table)
     if title is not None:
         sys.stdout.write(f"{title}\n")
     sys.stdout.write("\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n")
+
+
+def output_width(piped: int) -> int:
+    """Columns of standard output: `COLUMNS` where it is set, else the terminal's, else `piped`."""
+    fallback = 80 if sys.stdout.isatty() else piped
+    return shutil.get_terminal_size((fallback, 24)).columns
 
 
 def version() -> str:
@@ -131,13 +178,16 @@ def _input_fault(error: Exception) -> str | None:
         return str(error)
     if isinstance(error, OSError) and isinstance(error, tuple(_PATH_FAULTS)):
         return _path_fault(error)
+    if isinstance(error, OSError) and error.errno in WRITE_FAULTS:
+        return f"{error.filename or 'output'}: {error.strerror}"
     if isinstance(error, ModuleNotFoundError) and (extra := missing_extra(error.name)) is not None:
         return f"needs metric-tree[{extra}]: pip install 'metric-tree[{extra}]'"
     return None
 
 
 def _said(program: str, message: str, status: int) -> int:
-    sys.stderr.write(f"{program}: {' '.join(message.split())}\n")
+    with suppress(OSError):  # nobody reads it
+        sys.stderr.write(f"{program}: {visible(' '.join(message.split()))}\n")
     return status
 
 

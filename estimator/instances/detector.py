@@ -24,6 +24,7 @@ from estimator.instances.registry import RegisteredDetector, download, registry_
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.faults import InputFault, Words
+from metric_base.terminal import progress
 from taxonomy.label_lists import vocabulary
 
 __all__ = ["Detections", "Detector", "InputForm", "detect_instances", "label_names", "load_detector"]
@@ -199,7 +200,7 @@ def detect_instances(scene: Scene, images: Path, detector: Detector) -> tuple[tu
         expected = f"pictures by the names of the model's views, such as {scene.views[0].name!r}"
         raise InputFault.at(images, "--images", expected, Words("none of them"))
     found: list[Instance] = []
-    for row, view, file in _with_progress(there):
+    for row, view, file in progress(there, "detecting"):
         found += _instances(row, view, detector(_picture(file)), detector)
     if not found:
         expected = f"a detection of score {MIN_SCORE} or more in one of {len(there)} pictures"
@@ -295,16 +296,3 @@ def _output_names(path: Path, outputs: Sequence[Any]) -> list[str]:
 
 def _form(entry: RegisteredDetector | None) -> InputForm:
     return "caffe" if entry is not None and entry.input == "caffe" else "torchvision"
-
-
-def _with_progress(pictures: list[tuple[int, View, Path]]) -> Iterator[tuple[int, View, Path]]:
-    """The pictures, with a bar on standard error where that is a terminal."""
-    import sys
-
-    if not sys.stderr.isatty():
-        yield from pictures
-        return
-    from rich.console import Console
-    from rich.progress import track
-
-    yield from track(pictures, description="detecting", console=Console(stderr=True), transient=True)

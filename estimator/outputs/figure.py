@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.outputs.plan import COLOURS, bare_axes, draw_scene
-from estimator.outputs.whole import written_file
 from estimator.reconstructions.truth import read_truth
 from estimator.records.result import ObjectReport, ScaleResult
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault
+from metric_base.files import whole_file
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,7 +57,7 @@ def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
     if file.suffix.lower() not in FORMATS:
         raise InputFault.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
     drawn = figure(estimate)
-    with written_file(file, "--figure") as temporary:
+    with whole_file(file, "--figure") as temporary:
         drawn.savefig(temporary, format=file.suffix[1:].lower(), dpi=130)
 
 

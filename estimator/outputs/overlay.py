@@ -19,13 +19,13 @@ from estimator.geometry.box_edges import edge_axis, projected_edges
 from estimator.instances.image_files import image_file, image_folders
 from estimator.outputs.placement import label_places
 from estimator.outputs.size_labels import DimensionLabel, dimension_labels
-from estimator.outputs.whole import written_folder
 from estimator.reconstructions.truth import read_truth
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ObjectReport
 from estimator.records.scene import Instance
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault, Words
+from metric_base.files import OutputNames, whole_folder
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
@@ -59,15 +59,24 @@ def write_overlays(estimate: SceneEstimate, folder: Path) -> int:
     if not any(files):
         places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"
         raise InputFault.at(estimate.scene.path, "--overlay", "the pictures of the views", Words(places))
-    with written_folder(folder, "--overlay") as temporary:
+    with whole_folder(folder, "--overlay") as temporary:
+        names = OutputNames(temporary)
         for row, file in enumerate(files):
             picture = None if file is None else cv2.imread(str(file), cv2.IMREAD_COLOR)
             if picture is not None:
                 name = estimate.scene.views[row].name
-                target = temporary / (name if Path(name).suffix.lower() in _WRITTEN else f"{name}.png")
-                target.parent.mkdir(parents=True, exist_ok=True)
-                cv2.imwrite(str(target), overlay(estimate, row, picture[..., ::-1])[..., ::-1])
+                target = names.path(name if Path(name).suffix.lower() in _WRITTEN else f"{name}.png")
+                _write_picture(target, overlay(estimate, row, picture[..., ::-1])[..., ::-1])
     return sum(file is not None for file in files)
+
+
+def _write_picture(file: Path, picture: Any) -> None:
+    """Encode first, then write: OpenCV's own writer does not say why it failed."""
+    import cv2
+
+    _, encoded = cv2.imencode(file.suffix, picture)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(encoded.tobytes())
 
 
 def overlay(estimate: SceneEstimate, row: int, picture: Any) -> Any:

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from estimator.outputs.rescaled_colmap import write_scaled_colmap
-from estimator.outputs.whole import written_folder
 from estimator.reconstructions.checked_files import read_bytes
 from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction
 from estimator.reconstructions.ply import ply_layout, read_visibility, visibility_bytes
 from estimator.records.scene import Scene
 from metric_base.arrays import IntArray
 from metric_base.faults import InputFault
+from metric_base.files import whole_folder
 
 __all__ = ["TRANSFORM", "write_scaled"]
 
@@ -37,7 +37,7 @@ def write_scaled(scene: Scene, scale: float, folder: Path) -> None:
         raise InputFault.at(folder, "scale", "a positive number", scale)
     if scene.model_path is None:
         raise InputFault.at(scene.path, "model", "a scene that was read from files", None)
-    with written_folder(folder, "--write-scaled") as temporary:
+    with whole_folder(folder, "--write-scaled") as temporary:
         _write_all(scene, scene.model_path, scale, temporary)
 
 

@@ -1,12 +1,19 @@
-"""Files that appear whole or not at all."""
+"""Files and folders that appear whole or not at all, and names that stay inside a folder."""
 
 from __future__ import annotations
 
+import os
+import stat
+import threading
+import unicodedata
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from metric_base.files import whole_file
+from metric_base.faults import InputFault
+from metric_base.files import OutputNames, inside, whole_file, whole_folder
 
 
 def half_written(path: Path) -> None:
@@ -30,3 +37,86 @@ def test_a_fault_leaves_what_was_there(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError):
         half_written(path)
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("items.jsonl", "before")]
+
+
+def test_a_link_stays_and_its_file_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("before")
+    (tmp_path / "link").symlink_to("file")
+    with whole_file(tmp_path / "link") as work:
+        work.write_text("after")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "file").read_text() == "after"
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["file", "link"]
+
+
+def test_a_pipe_is_written_in_place(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    heard: list[str] = []
+    listener = threading.Thread(target=lambda: heard.append(pipe.read_text()))
+    listener.start()
+    with whole_file(pipe) as work:
+        work.write_text("said")
+    listener.join(timeout=10)
+    assert heard == ["said"]
+    assert stat.S_ISFIFO(pipe.stat().st_mode)
+
+
+def test_a_device_is_not_replaced() -> None:
+    with whole_file(Path("/dev/null"), "--output") as work:
+        work.write_text("said")
+    assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
+
+
+def test_a_place_that_cannot_be_written_is_a_fault_of_the_option(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("x")
+    fault = "--output: expected a place that can be written"
+    with pytest.raises(InputFault, match=fault), whole_file(tmp_path / "file" / "out", "--output") as work:
+        work.write_text("said")
+    with pytest.raises(InputFault, match=fault), whole_folder(tmp_path / "file" / "out", "--output"):
+        pass
+
+
+def test_a_folder_appears_whole_or_not_at_all(tmp_path: Path) -> None:
+    with whole_folder(tmp_path / "out") as work:
+        (work / "a").write_text("x")
+        assert not (tmp_path / "out").exists()
+    assert [one.name for one in (tmp_path / "out").iterdir()] == ["a"]
+    with pytest.raises(InputFault, match="not there yet"), whole_folder(tmp_path / "out"):
+        pass
+    with pytest.raises(RuntimeError), whole_folder(tmp_path / "other"):
+        raise RuntimeError
+    assert [one.name for one in tmp_path.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("a/b.png", "a/b.png"),
+        ("../../a/b.png", "a/b.png"),
+        ("/etc/passwd", "etc/passwd"),
+        (r"C:\Users\x.png", "Users/x.png"),
+        (r"..\..\x.png", "x.png"),
+        ("nul.txt", "_nul.txt"),
+        ("a/COM1", "a/_COM1"),
+        ("a. /b ", "a/b"),
+        ("..", "_"),
+        ("", "_"),
+        ("a\x1b[2J\n.png", "a_[2J_.png"),
+        ("what?<is>|this*.png", "what__is__this_.png"),
+    ],
+)
+def test_names_stay_inside(name: str, expected: str) -> None:
+    assert inside(Path("out"), name) == Path("out", expected)
+
+
+@given(st.lists(st.text(max_size=300) | st.sampled_from(["a", "A", "a/b", "b/../a", "é", "e\u0301"]), max_size=8))
+def test_no_two_names_are_one_file(names: list[str]) -> None:
+    folder = Path("/out")
+    outputs = OutputNames(folder)
+    paths = [outputs.path(name) for name in names]
+    assert all(path.is_relative_to(folder) and path != folder and ".." not in path.parts for path in paths)
+    assert all(len(part.encode()) < 250 for path in paths for part in path.parts)
+    folded = [unicodedata.normalize("NFC", str(path)).casefold() for path in paths]
+    assert len(set(folded)) == len(folded)
+    assert not any(other.startswith(f"{path}/") for path in folded for other in folded)

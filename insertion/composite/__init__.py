@@ -1,1 +1,0 @@
-"""The rendered object into the picture: shadow, occlusion, exposure, blur and grain."""

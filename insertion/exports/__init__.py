@@ -1,1 +1,0 @@
-"""The scene at metric scale for other programs: glTF, USD, Blender, COLMAP, nerfstudio."""

@@ -1,1 +1,0 @@
-"""Where an object is to stand: support planes, points in pictures, free space, headings."""

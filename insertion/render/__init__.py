@@ -1,1 +1,0 @@
-"""OpenGL on EGL: models under many lights through the recovered camera."""

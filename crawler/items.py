@@ -11,7 +11,7 @@ from typing import Any, Literal, get_args
 
 from metric_base.faults import InputFault
 
-__all__ = ["KINDS", "SCHEMA", "BadRawItem", "Kind", "RawItem", "raw_items"]
+__all__ = ["KINDS", "REGIONS", "SCHEMA", "STATISTICS", "BadRawItem", "Kind", "RawItem", "Statistic", "raw_items"]
 
 SCHEMA = "metric-tree/raw/1"
 
@@ -19,6 +19,18 @@ SCHEMA = "metric-tree/raw/1"
 #: artist's model, a catalogued object, a reviewed range, a category value.
 Kind = Literal["product", "measured", "standard", "asset", "museum", "curated", "default"]
 KINDS: frozenset[str] = frozenset(get_args(Kind))
+
+#: What a row about many things states of them; a row without it is a thing.
+Statistic = Literal["mean", "median", "min", "max"]
+STATISTICS: frozenset[str] = frozenset(get_args(Statistic))
+
+#: Regions of the world, beside the two letters of a country (ISO 3166).
+REGIONS = frozenset(
+    {"world", "europe", "north-america", "latin-america", "east-asia", "south-asia", "africa", "oceania"}
+)
+
+#: Fields that a line holds only where they are set.
+_OPTIONAL = frozenset({"scene", "statistic", "relative_sd", "attribution"})
 
 
 class BadRawItem(InputFault):
@@ -56,9 +68,26 @@ class RawItem:
     #: Of a curated row, by axis word: the (low, high) that holds nine of ten such things; the typical value stands in
     #: `dimensions_mm`.
     ranges_mm: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    #: The room or drive in which the thing was measured: things of one scene are not independent.
+    scene: str | None = None
+    #: What a row about many things states of them; None for a row about one thing.
+    statistic: Statistic | None = None
+    #: Of a statistic: standard deviation over mean of the things that it is about.
+    relative_sd: float | None = None
+    #: Whom to name for this item, where the source has many authors.
+    attribution: str | None = None
 
     def __post_init__(self) -> None:
         _expect(self.kind in KINDS, "kind", f"one of {', '.join(sorted(KINDS))}", self.kind)
+        _expect(
+            self.statistic in {None, *STATISTICS},
+            "statistic",
+            f"one of {', '.join(sorted(STATISTICS))}",
+            self.statistic,
+        )
+        _expect(
+            _is_region(self.region), "region", f"two letters of ISO 3166, or {', '.join(sorted(REGIONS))}", self.region
+        )
         _expect(bool(self.source), "source", "a name", self.source)
         _expect(bool(self.source_id), "source_id", "an id", self.source_id)
         sizes = [v for v in (*self.dimensions_mm.values(), *(self.extents_mm or ())) if v is not None]
@@ -74,6 +103,8 @@ class RawItem:
         record: dict[str, Any] = {"schema": SCHEMA}
         for item_field in fields(self):
             value = getattr(self, item_field.name)
+            if value is None and item_field.name in _OPTIONAL:
+                continue
             record[item_field.name] = dict(value) if isinstance(value, Mapping) else value
         return json.dumps(record, ensure_ascii=False)
 
@@ -98,6 +129,10 @@ class RawItem:
             return cls(**values)
         except (TypeError, AttributeError) as error:
             raise BadRawItem(f"item: expected the fields of {SCHEMA}; found {error}") from None
+
+
+def _is_region(region: str | None) -> bool:
+    return region is None or region in REGIONS or (len(region) == 2 and region.isascii() and region.isupper())
 
 
 def raw_items(path: Path) -> Iterator[RawItem]:

@@ -44,6 +44,7 @@ def _read(table: Table) -> Iterator[str]:
         if axis.minus:
             yield axis.minus
     texts = [table.text, table.id, table.title, table.brand, table.url, table.year, table.region, table.synset]
+    texts += [table.scene, table.statistic, table.relative_sd, table.attribution]
     texts += [*table.category, table.kind, table.licence, *(cases.column for cases in table.read.values())]
     for rule in (*table.only, *table.reject, *table.flag):
         if "{" in rule.column:

@@ -30,8 +30,9 @@ REASONS: Mapping[str, str] = {
     "no_category": "says nowhere what it is",
     "set_of_things": "one size for a set of several things",
     "wrong_axis": "a size of another axis than the column says",
-    "superseded": "the same thing stands in another file of the set",
+    "superseded": "the same thing is in another file of the set, in another scan of its room, or in another set",
     "miniature": "a small likeness of the thing it is named after",
+    "cut_by_scan": "part of the thing was not seen: the size of what was scanned",
     "juvenile": "not grown: a sapling of a nursery",
 }
 
@@ -111,9 +112,9 @@ class Rule:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cases:
-    """A column read out of others: the value of the first case whose pattern is found in `column`, else `default`.
+    r"""A column read out of others: the value of the first case whose pattern is found in `column`, else `default`.
 
-    `column` and `default` are templates.
+    `column` and `default` are templates; `\1` in a value is what the pattern's first group matched.
     """
 
     column: str
@@ -165,6 +166,13 @@ class Table:
     url: str = ""
     year: str = ""
     region: str = ""
+    #: The room or drive in which the row's thing was measured, `{scan}`.
+    scene: str = ""
+    #: What a row about many things states of them; `instance` or nothing for a row about one thing.
+    statistic: str = ""
+    #: Standard deviation over mean of the things that a statistic is about.
+    relative_sd: str = ""
+    attribution: str = ""
     synset: str = ""
     kind: str = ""
     licence: str = ""
@@ -202,7 +210,12 @@ class Table:
         )
         expect(set(self.axes) <= set(AXES), "tables.axes", f"some of {', '.join(AXES)}", list(self.axes))
         expect(set(self.order) <= set(AXES), "tables.order", f"some of {', '.join(AXES)}", self.order)
-        expect(not self.kind or self.kind in KINDS, "tables.kind", f"one of {', '.join(sorted(KINDS))}", self.kind)
+        expect(
+            not self.kind or "{" in self.kind or self.kind in KINDS,
+            "tables.kind",
+            f"one of {', '.join(sorted(KINDS))}",
+            self.kind,
+        )
         expect(
             self.bounds_mm[0] < self.bounds_mm[1], "tables.bounds_mm", "the shortest, then the longest", self.bounds_mm
         )

@@ -28,9 +28,11 @@ OPEN_LICENCES = frozenset(
         "BSD-2-Clause",
         "BSD-3-Clause",
         "CC-BY-3.0",
+        "CC-BY-3.0-US",
         "CC-BY-4.0",
         "CC0-1.0",
         "MIT",
+        "MIT-0",
         "ODC-By-1.0",
         "public-domain-US-government",
     }
@@ -109,7 +111,10 @@ class Source:
         )
         expect(self.kind in KINDS, f"{self.id}.kind", f"one of {', '.join(sorted(KINDS))}", self.kind)
         expect(
-            not self.ship or self.licence in OPEN_LICENCES, f"{self.id}.ship", "an open licence to ship", self.licence
+            not self.ship or set(self.licence.split(" AND ")) <= OPEN_LICENCES,
+            f"{self.id}.ship",
+            "an open licence to ship",
+            self.licence,
         )
         expect(not self.ship or bool(self.attribution), f"{self.id}.attribution", "whom to name where rows ship", "")
         expect(not (self.ship and self.noncommercial), f"{self.id}.ship", "no non-commercial rows", self.noncommercial)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from crawler.imports.columns import FIELD
-from crawler.imports.declaration import Axis, Rule, Table
+from crawler.imports.declaration import Axis, Cases, Rule, Table
 from crawler.imports.row_outcomes import Reading, Refused, item, year
 from crawler.imports.rows import Row, record_rows, rows
 from crawler.imports.sources import Source
@@ -87,11 +87,17 @@ def _rename_values(table: Table, row: Row) -> Row:
     for column, others in table.names.items():
         row[column] = others.get(row.get(column, ""), row.get(column, ""))
     for name, cases in table.read.items():
-        text = fill_template(cases.column, row)
-        row[name] = next(
-            (value for pattern, value in cases.cases if pattern.search(text)), fill_template(cases.default, row)
-        )
+        row[name] = _case(cases, row)
     return row
+
+
+def _case(cases: Cases, row: Row) -> str:
+    r"""The value of the first case that matches, with what its groups matched in place of `\1`; else the default."""
+    text = fill_template(cases.column, row)
+    for pattern, value in cases.cases:
+        if match := pattern.search(text):
+            return match.expand(value) if "\\" in value else value
+    return fill_template(cases.default, row)
 
 
 def _files(table: Table, folder: Path) -> list[Path]:
@@ -137,11 +143,19 @@ def _item(source: Source, table: Table, row: Row, size: _Size) -> Reading:
         dimensions_text=size.text,
         year=year(fill_template(table.year, row)),
         region=fill_template(table.region, row),
-        kind=table.kind,
+        scene=fill_template(table.scene, row),
+        statistic=_statistic(fill_template(table.statistic, row)),
+        relative_sd=float(fill_template(table.relative_sd, row) or 0) or None,
+        attribution=fill_template(table.attribution, row),
+        kind=fill_template(table.kind, row),
         synset=fill_template(table.synset, row),
-        licence=table.licence,
+        licence=fill_template(table.licence, row),
         flags=tuple(flags),
     )
+
+
+def _statistic(text: str) -> str:
+    return "" if text == "instance" else text
 
 
 def _category(table: Table, row: Row) -> list[str]:

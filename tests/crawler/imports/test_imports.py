@@ -529,3 +529,28 @@ def test_records_that_are_missing_or_none_are_named(tmp_path: Path, record: str 
         (tmp_path / "things" / "a.json").write_text(record, encoding="utf-8")
     with pytest.raises(BadTable, match=re.escape(line)):
         made_up(tmp_path, RECORDS)
+
+
+MEASURED = r"""
+[[tables]]
+files = ["things.csv"]
+unit = "mm"
+id = "{no}"
+category = ["{thing}"]
+scene = "{room}"
+statistic = "{statistic}"
+relative_sd = "{sd}"
+attribution = "{who}"
+kind = "{kind}"
+axes = { height = "h" }
+read.room = { column = "{no}", cases = [["^(scene\\d+)_", "scans/\\1"]] }
+"""
+
+
+def test_rows_of_measured_things_say_their_scene_and_whether_they_are_a_statistic(tmp_path: Path) -> None:
+    rows = (
+        "no,thing,h,statistic,sd,who,kind\nscene1_00/4,chair,800,instance,,A,measured\n7,man,1750,mean,0.04,,standard\n"
+    )
+    chair, man = made_up(tmp_path, MEASURED, things_csv=rows).items
+    assert (chair.scene, chair.statistic, chair.attribution, chair.kind) == ("scans/scene1", None, "A", "measured")
+    assert (man.scene, man.statistic, man.relative_sd, man.kind) == (None, "mean", 0.04, "standard")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["AXES", "EXTENTS", "Sizes", "axes_of_pose", "axis_assignments", "sizes_from_words", "stated_sizes"]
+__all__ = ["AXES", "EXTENTS", "Sizes", "axis_assignments", "sizes_from_words", "stated_sizes"]
 
 AXES = ("length", "width", "height")
 EXTENTS = ("extent1", "extent2", "extent3")
@@ -36,11 +36,6 @@ class Sizes:
     width: float | None
     height: float | None
     extents: tuple[float, ...]
-
-
-def axes_of_pose(pose: str) -> tuple[str, ...]:
-    """Names of the axes in which things of this pose are fitted."""
-    return EXTENTS if pose == "any" else AXES
 
 
 def sizes_from_words(words: Mapping[str, float | None], extents: Sequence[float] | None, pose: str) -> Sizes | None:

@@ -36,15 +36,6 @@ from metric_tree.prior import Prior
 
 __all__ = ["NODES", "NODE_WEIGHTS", "Lines", "SharedError", "convolution", "lines", "shared_error"]
 
-#: Smallest standard deviation of the shared error in any direction, natural log. A class whose sources agree by
-#: chance, or that has one source only, may still be 3 % off in a scene: the floor that the fit puts on spreads too.
-FLOOR_SD = 0.03
-
-#: Where the release says nothing of how a class's sources disagree (its B is under the floor in every direction): an
-#: error of 8 % common to all dimensions and of 5 % in each, what cars of one continent are off on another's streets.
-LONE_COMMON_SD = 0.08
-LONE_OWN_SD = 0.05
-
 #: Radon's seven-point rule for the standard Gaussian in the plane: exact for polynomials of degree 5.
 _ANGLES = np.arange(6) * np.pi / 3
 NODES: FloatArray = np.concatenate([np.zeros((1, 2)), 2.0 * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)], axis=1)])
@@ -92,10 +83,7 @@ def shared_error(prior: Prior) -> SharedError:
     """The shared error of a prior's class, floored, on the axes of `rows`."""
     axes = prior_axes(prior)
     d = len(axes)
-    values, vectors = np.linalg.eigh(prior.shared_covariance)
-    if values.max() < FLOOR_SD**2:
-        values, vectors = np.linalg.eigh(LONE_COMMON_SD**2 + LONE_OWN_SD**2 * np.eye(d))
-    b = (vectors * np.maximum(values, FLOOR_SD**2)) @ vectors.T  # (d, d)
+    b = prior.disagreement()  # (d, d)
     along = 1.0 / np.linalg.inv(b).sum()
     values, vectors = np.linalg.eigh(b - along)
     across = (vectors * np.sqrt(np.maximum(values, 0)))[:, ::-1][:, : min(d - 1, 2)]  # (d, d - 1)

@@ -167,7 +167,7 @@ def _expect_private(private: Sequence[str], files: Iterable[Path]) -> None:
     missing = sorted(set(private) - present)
     if missing:
         known = ", ".join(sorted(present)) or "none"
-        raise InputFault(f"--private: expected sources of the raw items ({known}); found {', '.join(missing)}")
+        raise InputFault(f"--own-use: expected sources of the raw items ({known}); found {', '.join(missing)}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

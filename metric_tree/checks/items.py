@@ -11,6 +11,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from crawler.items import KINDS
+from metric_base.arrays import FloatArray
+from metric_tree.build.clean import extents_of
+from metric_tree.build.duplicates import duplicates
+from metric_tree.build.unit_slips import ENOUGH, Reference, reference, sibling_reference, slip_factors
 from metric_tree.checks.finding import Finding
 
 __all__ = ["CODES", "findings"]
@@ -20,18 +24,6 @@ PLAUSIBLE_MM = (0.01, 1e6)
 
 #: Rounding of axes that were sorted in another unit.
 ORDER_TOLERANCE = 1e-6
-
-#: A unit mistaken for another multiplies a size by one of these: cm and mm, inch and mm, inch and cm, m and mm.
-UNIT_SLIPS = (10.0, 25.4, 2.54, 1000.0, 100.0)
-
-#: A slip stands this close to a unit factor, in natural log: a tenth either way.
-SLIP_TOLERANCE = 0.10
-
-#: An item is far out where it lies this many robust deviations from its node, and at least this factor.
-FAR_DEVIATIONS, FAR_FACTOR = 6.0, 2.2
-
-#: Below this many items a node's own median says little.
-ENOUGH = 8
 
 #: Two sources of one node whose medians differ by this factor are not about the same things.
 SOURCE_FACTOR = 1.5
@@ -65,12 +57,21 @@ CODES = {
 def findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, Any]) -> Iterator[Finding]:
     """Findings on the items table, given the nodes and the manifest's sources."""
     yield from _identity_findings(items, nodes, manifest)
-    sizes = np.column_stack([_numbers(items, axis) for axis in AXES])
+    sizes = np.column_stack([_numbers(items, axis) for axis in AXES])  # (n, 3)
     yield from _size_findings(items, sizes)
+    extents = _extents(items, sizes)
     node_ids = items["node_id"].to_numpy(zero_copy_only=False).astype(str)
     for node_id, rows in _groups(node_ids):
-        yield from _class_findings(items, node_id, rows, sizes[rows])
-    yield from _sibling_findings(nodes, node_ids, sizes)
+        yield from _class_findings(items, node_id, rows, sizes[rows], extents[rows])
+    yield from _sibling_findings(nodes, node_ids, extents)
+
+
+def _extents(items: pa.Table, sizes: FloatArray) -> FloatArray:
+    """Stated extents (n, 3) in mm, longest first, NaN beyond the last; the axes' own where a row has no extents."""
+    extents = extents_of(items)
+    without = np.isnan(extents).all(axis=1)
+    extents[without] = -np.sort(-sizes[without], axis=1)
+    return extents
 
 
 def _identity_findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, Any]) -> Iterator[Finding]:
@@ -90,7 +91,7 @@ def _identity_findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, 
             yield Finding("E306", item_id, f"licence, source: expected both named; found {licence!r}, {source!r}")
 
 
-def _size_findings(items: pa.Table, sizes: NDArray[np.float64]) -> Iterator[Finding]:
+def _size_findings(items: pa.Table, sizes: FloatArray) -> Iterator[Finding]:
     ids = items["item_id"].to_pylist()
     extents = items["extents_mm"].to_pylist()
     low, high = PLAUSIBLE_MM
@@ -110,38 +111,43 @@ def _size_findings(items: pa.Table, sizes: NDArray[np.float64]) -> Iterator[Find
 
 
 def _class_findings(
-    items: pa.Table, node_id: str, rows: NDArray[np.int64], sizes: NDArray[np.float64]
+    items: pa.Table, node_id: str, rows: NDArray[np.int64], sizes: FloatArray, extents: FloatArray
 ) -> Iterator[Finding]:
     if len(rows) < ENOUGH:
         return
-    distinct = np.unique(np.nan_to_num(sizes, nan=-1.0), axis=0)
-    copies = 1 - len(distinct) / len(rows)
+    own = items.take(pa.array(rows))
+    copies = _share_of_copies(own, np.column_stack([sizes, extents]))
     if copies > DUPLICATE_SHARE:
         yield Finding("W308", node_id, f"expected distinct rows; found {copies:.0%} of {len(rows)} to be copies")
-    yield from _outlier_findings(items, rows, sizes)
-    yield from _shape_findings(node_id, distinct)
+    yield from _outlier_findings(own, extents)
+    yield from _shape_findings(node_id, np.unique(np.nan_to_num(sizes, nan=-1.0), axis=0))
     yield from _source_findings(items, node_id, rows, sizes)
 
 
-def _outlier_findings(items: pa.Table, rows: NDArray[np.int64], sizes: NDArray[np.float64]) -> Iterator[Finding]:
-    with np.errstate(invalid="ignore", divide="ignore"):
-        logs = np.log(sizes)
-    for axis, column in enumerate(AXES):
-        known = logs[:, axis][np.isfinite(logs[:, axis])]
-        if len(known) < ENOUGH:
-            continue
-        centre = np.median(known)
-        spread = 1.4826 * np.median(np.abs(known - centre))
-        offset = logs[:, axis] - centre
-        bound = max(FAR_DEVIATIONS * spread, np.log(FAR_FACTOR))
-        for row in np.flatnonzero(np.abs(offset) > bound):
-            item_id = items["item_id"][int(rows[row])].as_py()
-            text = f"{column}: expected about {np.exp(centre):.0f} mm; found {sizes[row, axis]:g}"
-            slip = _slip(float(offset[row]))
-            yield Finding("W309", item_id, f"{text}, {slip}") if slip else Finding("W310", item_id, text)
+def _share_of_copies(own: pa.Table, sizes: FloatArray) -> float:
+    """Share of a class's rows that repeat another by the build's own rule; sizes (n, 6) mm."""
+    node, source, kind, title = (own[name].to_pylist() for name in ("node_id", "source", "kind", "title"))
+    known = [one if one in KINDS else "default" for one in kind]
+    repeats = duplicates(node, sizes, source, known, [text or "" for text in title], [True] * len(node))
+    return float((repeats >= 0).mean())
 
 
-def _shape_findings(node_id: str, distinct: NDArray[np.float64]) -> Iterator[Finding]:
+def _outlier_findings(own: pa.Table, extents: FloatArray) -> Iterator[Finding]:
+    """Rows of one class that the build would refuse: `metric_tree.build.unit_slips` holds the rule."""
+    against = reference(extents)
+    if against is None:
+        return
+    factors = slip_factors(extents, against)
+    for row in np.flatnonzero(factors != 1.0):
+        text = f"extents_mm: expected about {_centre(against)}; found {_listed(extents[row])}"
+        item_id = own["item_id"][int(row)].as_py()
+        if np.isfinite(factors[row]):
+            yield Finding("W309", item_id, f"{text}, {_times(factors[row])}")
+        else:
+            yield Finding("W310", item_id, text)
+
+
+def _shape_findings(node_id: str, distinct: FloatArray) -> Iterator[Finding]:
     counts = [len(np.unique(distinct[:, axis])) for axis in range(3)]
     for axis, column in enumerate(AXES):
         present = distinct[0, axis] > 0
@@ -154,14 +160,12 @@ def _shape_findings(node_id: str, distinct: NDArray[np.float64]) -> Iterator[Fin
         yield Finding("W312", node_id, f"expected a sample; found {max(varying)} values in equal steps")
 
 
-def _is_regular(values: NDArray[np.float64]) -> bool:
+def _is_regular(values: FloatArray) -> bool:
     steps = np.diff(np.sort(values))
     return len(values) >= ENOUGH and bool(np.allclose(steps, steps[0], rtol=1e-3))
 
 
-def _source_findings(
-    items: pa.Table, node_id: str, rows: NDArray[np.int64], sizes: NDArray[np.float64]
-) -> Iterator[Finding]:
+def _source_findings(items: pa.Table, node_id: str, rows: NDArray[np.int64], sizes: FloatArray) -> Iterator[Finding]:
     sources = items["source"].take(pa.array(rows)).to_numpy(zero_copy_only=False).astype(str)
     medians = {source: _medians(sizes[own]) for source, own in _groups(sources) if len(own) >= ENOUGH}
     for one, other in pairwise(sorted(medians)):
@@ -172,39 +176,41 @@ def _source_findings(
             yield Finding("W313", node_id, f"{AXES[worst]}: expected medians that agree; found {text}")
 
 
-def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], sizes: NDArray[np.float64]) -> Iterator[Finding]:
+def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], extents: FloatArray) -> Iterator[Finding]:
     parents = dict(zip(nodes["node_id"].to_pylist(), nodes["parent_id"].to_pylist(), strict=True))
-    largest = np.nanmax(np.where(np.isnan(sizes), -np.inf, sizes), axis=1, initial=-np.inf)
-    medians = {node_id: float(np.median(largest[rows])) for node_id, rows in _groups(node_ids) if len(rows) >= ENOUGH}
-    medians = {node_id: median for node_id, median in medians.items() if median > 0}  # the rest state extents alone
-    for node_id, median in medians.items():
-        siblings = [
-            m for other, m in medians.items() if other != node_id and parents.get(other) == parents.get(node_id)
-        ]
-        if len(siblings) < 3 or median <= 0:
-            continue
-        logs = np.log(siblings)
-        offset = np.log(median) - float(np.median(logs))
-        spread = max(float(1.4826 * np.median(np.abs(logs - np.median(logs)))), np.log(FAR_FACTOR) / FAR_DEVIATIONS)
-        slip = _slip(offset)
-        if slip and abs(offset) > FAR_DEVIATIONS * spread:
-            expected = f"about {np.exp(np.median(logs)):.0f} mm as its siblings"
-            yield Finding("W314", node_id, f"largest extent: expected {expected}; found {median:.0f}, {slip}")
+    medians = {node_id: _medians(extents[rows]) for node_id, rows in _groups(node_ids) if len(rows) >= ENOUGH}
+    families: dict[str | None, list[str]] = {}
+    for node_id in medians:
+        families.setdefault(parents.get(node_id), []).append(node_id)
+    for family in families.values():
+        for node_id in family:
+            others = np.array([np.log(medians[other]) for other in family if other != node_id])
+            against = sibling_reference(others) if len(others) else None
+            factor = float(slip_factors(medians[node_id][None], against)[0]) if against else 1.0
+            if np.isfinite(factor) and factor != 1.0:
+                found = f"{_listed(medians[node_id])}, {_times(factor)}"
+                yield Finding("W314", node_id, f"extents_mm: expected about {_centre(against)}; found {found}")
 
 
-def _slip(offset: float) -> str | None:
-    for factor in UNIT_SLIPS:
-        if abs(abs(offset) - np.log(factor)) < SLIP_TOLERANCE:
-            return f"{factor:g} times too {'large' if offset > 0 else 'small'}"
-    return None
+def _times(factor: float) -> str:
+    large = factor > 1
+    return f"{factor if large else 1 / factor:g} times too {'large' if large else 'small'}"
 
 
-def _medians(sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _centre(against: Reference | None) -> str:
+    return _listed(np.exp(against.centre)) if against else "nothing"
+
+
+def _listed(extents: FloatArray) -> str:
+    return " x ".join(f"{side:.0f}" for side in extents if np.isfinite(side)) + " mm"
+
+
+def _medians(sizes: FloatArray) -> FloatArray:
     known = np.any(np.isfinite(sizes), axis=0)
     return np.array([np.nanmedian(sizes[:, axis]) if known[axis] else np.nan for axis in range(sizes.shape[1])])
 
 
-def _numbers(items: pa.Table, column: str) -> NDArray[np.float64]:
+def _numbers(items: pa.Table, column: str) -> FloatArray:
     return np.asarray(items[column].to_numpy(zero_copy_only=False), dtype=np.float64)
 
 

@@ -46,7 +46,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fold-out", metavar="I/N", type=_fold, help="leave out fold I (from 0) of N, by item id")
     parser.add_argument("--without-noncommercial", action="store_true", help="leave out non-commercial sources")
     parser.add_argument(
-        "--private",
+        "--own-use",
+        dest="private",
         metavar="SOURCE",
         action="append",
         default=[],
@@ -101,7 +102,7 @@ def _warn(build: Build) -> None:
     unknown = (record for record in used if record["withheld"] and not record["url"])
     withheld = [record["id"] for record in unknown if not record["n_rows"]]
     if withheld:
-        keep = " ".join(f"--private {name}" for name in withheld)
+        keep = " ".join(f"--own-use {name}" for name in withheld)
         warn(f"withheld, for want of a declared open licence: all rows of {', '.join(withheld)}; {keep} keeps them")
 
 
@@ -166,15 +167,16 @@ def _progress() -> Iterator[Progress | None]:
         return
     from rich.console import Console
     from rich.progress import Progress as Bar
-    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
     columns = (SpinnerColumn(), TextColumn("{task.description}: {task.completed} parts"), TimeElapsedColumn())
     with Bar(*columns, console=Console(stderr=True)) as bar:
-        tasks: dict[str, int] = {}
+        tasks: dict[str, TaskID] = {}
 
         def shown(step: str, done: int) -> None:
-            task = tasks.setdefault(step, len(tasks)) if step in tasks else tasks.setdefault(step, bar.add_task(step))
-            bar.update(task, completed=done)  # type: ignore[arg-type] # rich's TaskID is an int
+            if step not in tasks:
+                tasks[step] = bar.add_task(step)
+            bar.update(tasks[step], completed=done)
 
         yield shown
 

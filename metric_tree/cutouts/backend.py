@@ -1,15 +1,14 @@
-"""What cuts: the one protocol, the choice between backends, and `auto`, which takes the cheapest that will do."""
+"""What cuts: the one protocol, and `auto`, which takes the cheapest that will do."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BACKENDS", "RGB", "Auto", "Backend", "BackendName", "Foreground", "Settings", "backend"]
+__all__ = ["BACKENDS", "RGB", "Auto", "Backend", "BackendName", "Foreground", "Settings"]
 
 RGB = NDArray[np.uint8]
 
@@ -65,16 +64,3 @@ class Auto:
         if self.network is None:
             return Foreground(plain.alpha, plain.method, "no_weights")
         return self.network.foreground(picture)
-
-
-@cache
-def backend(settings: Settings) -> Backend:
-    """The backend of some settings, made once in a process: a network takes a second to load."""
-    from metric_tree.cutouts.network import Network
-    from metric_tree.cutouts.plain import Plain
-
-    if settings.name == "plain":
-        return Plain()
-    if settings.name == "rembg":
-        return Network.load(settings.model)
-    return Auto(Plain(), Network.load(settings.model) if settings.weights else None)

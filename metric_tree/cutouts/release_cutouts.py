@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,12 @@ import pyarrow.parquet as pq
 from crawler.fetch.pictures import decode_picture
 from metric_base.faults import InputFault
 from metric_tree.build.work_folder import Here, WorkFolder, fingerprint
-from metric_tree.cutouts.backend import RGB, Settings
+from metric_tree.cutouts.backend import RGB, Auto, Backend, Settings
 from metric_tree.pictures import image_path
 from metric_tree.release import Release, link_file, publish_release, sha256
 from metric_tree.schema import IMAGES
 
-__all__ = ["CUTOUTS", "TABLE", "Cut", "cut", "cut_release"]
+__all__ = ["CUTOUTS", "TABLE", "Cut", "backend", "cut", "cut_release"]
 
 #: The table of all cuts inside a release, those set aside too.
 TABLE = "cutouts.parquet"
@@ -84,11 +85,24 @@ class Cut:
     detail: str | None = None
 
 
+@cache
+def backend(settings: Settings) -> Backend:
+    """The backend of some settings, made once in a process: a network takes a second to load."""
+    from metric_tree.cutouts.network import Network
+    from metric_tree.cutouts.plain import Plain
+
+    if settings.name == "plain":
+        return Plain()
+    if settings.name == "rembg":
+        return Network.load(settings.model)
+    return Auto(Plain(), Network.load(settings.model) if settings.weights else None)
+
+
 def cut(image_id: str, body: bytes, settings: Settings) -> Cut:
     """The cut of one picture's bytes; a file that is no picture is set aside and harms no other."""
     import numpy as np
 
-    from metric_tree.cutouts.backend import Foreground, backend
+    from metric_tree.cutouts.backend import Foreground
     from metric_tree.cutouts.quality import assessment
 
     image = decode_picture(body)

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
+from metric_base.statistics import gaussian_log_densities
 
-__all__ = ["SPREAD_FLOOR", "Belief", "Fitted", "Mixture", "Rows", "complete_rows", "fit_mixture", "row_log_densities"]
+__all__ = ["SPREAD_FLOOR", "Belief", "Fitted", "Mixture", "Rows", "complete_rows", "fit_mixture"]
 
 #: Smallest standard deviation of ln size along any direction. Three per cent is the tolerance of catalogue figures
 #: (rounding to a centimetre, a spout or handle counted or not); methods.md measured it as better than none.
@@ -158,11 +159,6 @@ def fit_mixture(rows: Rows, components: int, belief: Belief, seed: int = 0, sing
     return _run_em(rows, max(short, key=_log_likelihood).mixture, weak)
 
 
-def row_log_densities(rows: Rows, mixture: Mixture) -> FloatArray:
-    """Log density of each row, (n,), over those of its coordinates that are observed."""
-    return _expectation(rows, mixture)[1]
-
-
 def complete_rows(rows: Rows, mixture: Mixture) -> tuple[FloatArray, FloatArray]:
     """Each row's conditional mean under a mixture, missing axes and axis order resolved.
 
@@ -210,11 +206,8 @@ def _expectation(rows: Rows, mixture: Mixture) -> tuple[FloatArray, FloatArray]:
     """Responsibilities (m, k), summing to one over the candidates of a row, and log densities (n,) of the rows."""
     terms = np.empty((len(rows.x), len(mixture.weights)))
     for index, axes, _ in rows.patterns:
-        lower = np.linalg.cholesky(mixture.covariances[:, axes[:, None], axes])  # (k, o, o)
-        offset = rows.x[index][:, axes][None] - mixture.means[:, None, axes]  # (k, c, o)
-        white = np.linalg.solve(lower, offset.transpose(0, 2, 1))  # (k, o, c)
-        log_det = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1) + 0.5 * len(axes) * math.log(2 * math.pi)
-        terms[index] = (-0.5 * (white**2).sum(axis=1) - log_det[:, None]).T
+        block = mixture.covariances[:, axes[:, None], axes]  # (k, o, o)
+        terms[index] = gaussian_log_densities(rows.x[index][:, axes], mixture.means[:, axes], block).T
     with np.errstate(divide="ignore"):  # a component that died has log weight -inf
         terms += np.log(mixture.weights) - np.log(rows.candidates)[rows.owner][:, None]
     best = np.maximum.reduceat(terms.max(axis=1), rows.starts)  # (n,)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_tree.prior import Prior
 from metric_tree.tree import Node, Tree
 
 __all__ = [
@@ -22,7 +21,6 @@ __all__ = [
     "removed_nodes",
     "size_and_spread",
     "source_changes",
-    "spread_of",
 ]
 
 #: Points at which the distribution of changes is told: of sizes, most of which stay, the far end; of spreads both.
@@ -98,17 +96,6 @@ def size_and_spread(all_changes: Sequence[Change]) -> list[tuple[str, int, Float
     ]
 
 
-def spread_of(prior: Prior) -> FloatArray:
-    """Standard deviation (d,) of ln size of an object of unknown source, in each dimension of a prior.
-
-    variance = sum_k w_k (covariance_k + shared + (mean_k - mean)^2)
-    """
-    mean = prior.weights @ prior.means
-    within = np.diagonal(prior.covariances, axis1=1, axis2=2) + np.diagonal(prior.shared_covariance)
-    spread: FloatArray = np.sqrt(prior.weights @ (within + (prior.means - mean) ** 2))
-    return spread
-
-
 def _change(node: Node, before: Node) -> Change | None:
     common = [dims for dims in node.prior_dims if dims in before.prior_dims]
     if not common:
@@ -117,7 +104,7 @@ def _change(node: Node, before: Node) -> Change | None:
     then, now = before.prior(dims), node.prior(dims)
     sizes = then.quantile(0.5), now.quantile(0.5)
     size = float(np.log(sizes[1] / sizes[0]).mean())
-    spread = float(np.log(spread_of(now) / spread_of(then)).mean())
+    spread = float(np.log(now.log_sd() / then.log_sd()).mean())
     return Change(node, before, dims, *sizes, size, spread)
 
 

@@ -37,7 +37,6 @@ __all__ = [
     "narrowing",
     "paper_selection",
     "reason_against",
-    "shared_error",
 ]
 
 #: Lists of data sets with instance masks that anyone can train on: the paper's three, and LVIS.
@@ -49,10 +48,6 @@ MEASUREMENT_SD = 0.06
 #: The range of scales held possible before: three decades, from a millimetre to a metre a unit or the like. It shifts
 #: every category's narrowing alike and so changes no rank.
 SCALE_RANGE = 1000.0
-
-#: The floor of the disagreement between sources, and what stands in where a release knows of none; the estimator's own
-#: (`estimator.posterior.class_error`, kept equal by a test: imports run the other way).
-FLOOR_SD, LONE_COMMON_SD, LONE_OWN_SD = 0.03, 0.08, 0.05
 
 #: Objects of the expectation: its standard error is under 0.03 nats for every prior of the release.
 DRAWS = 200
@@ -139,16 +134,13 @@ def reason_against(one: Candidate, taken: Sequence[Candidate], rules: Rules | No
 
 def divergence(prior: Prior) -> float:
     """Root mean square over dimensions of the standard deviation of log size, the mixture's own (total variance)."""
-    mean = prior.weights @ prior.means  # (d,)
-    within = np.diagonal(prior.covariances, axis1=1, axis2=2)  # (k, d)
-    variance = prior.weights @ (within + (prior.means - mean) ** 2) + np.diagonal(prior.shared_covariance)
-    return float(np.sqrt(variance.mean()))
+    return float(np.sqrt((prior.log_sd() ** 2).mean()))
 
 
 def narrowing(prior: Prior, noise: float = MEASUREMENT_SD, seed: int = 0) -> float:
     """Expected reduction of the entropy of log scale by one object, in nats; see the module's equation."""
     d = len(prior.dims)
-    covariance = prior.covariances + shared_error(prior) + noise**2 * np.eye(d)  # (k, d, d)
+    covariance = prior.covariances + prior.disagreement() + noise**2 * np.eye(d)  # (k, d, d)
     generator = np.random.default_rng(seed)
     component = generator.choice(len(prior.weights), size=DRAWS, p=prior.weights / prior.weights.sum())
     lower = np.linalg.cholesky(covariance)
@@ -169,14 +161,6 @@ def narrowing(prior: Prior, noise: float = MEASUREMENT_SD, seed: int = 0) -> flo
     density /= density.sum(axis=1, keepdims=True) * step
     entropy = -(density * np.log(np.maximum(density, 1e-300))).sum(axis=1) * step
     return math.log(math.log(SCALE_RANGE)) - float(entropy.mean())
-
-
-def shared_error(prior: Prior) -> FloatArray:
-    """(d, d) disagreement of sources as the estimator takes it: floored, or a stand-in where none is known."""
-    values, vectors = np.linalg.eigh(prior.shared_covariance)
-    if values.max() < FLOOR_SD**2:
-        values, vectors = np.linalg.eigh(LONE_COMMON_SD**2 + LONE_OWN_SD**2 * np.eye(len(prior.dims)))
-    return np.asarray((vectors * np.maximum(values, FLOOR_SD**2)) @ vectors.T)
 
 
 def paper_selection(directory: Path | None = None) -> tuple[tuple[str, str], ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from tests.made import minitree
 Rows = minitree.Rows
 Fault = Callable[[Rows], None]
 
+SIZES = ("length_mm", "width_mm", "height_mm")
 NODE, ITEM, PRIOR = "nodes.parquet", "items.parquet", "priors.parquet"
 
 
@@ -33,7 +34,7 @@ def _class(content: Rows, node_id: str) -> list[dict[str, Any]]:
     return [row for row in content[ITEM] if row["node_id"] == node_id]
 
 
-def _resize(node_id: str, sizes: Callable[[int, dict[str, Any]], dict[str, float]]) -> Fault:
+def _resize(node_id: str, sizes: Callable[[int, dict[str, Any]], dict[str, Any]]) -> Fault:
     """Give the items of a node other sizes."""
 
     def change(content: Rows) -> None:
@@ -71,8 +72,14 @@ def _grid(number: int, _: dict[str, Any]) -> dict[str, float]:
     return {"length_mm": 600.0 + 10 * (number % 3), "width_mm": 500.0, "height_mm": 900.0 + 10 * (number // 3)}
 
 
-def _copies(number: int, _: dict[str, Any]) -> dict[str, float]:
-    return {"length_mm": 600.0 + number // 3, "width_mm": 500.0 + number // 3, "height_mm": 900.0 + number // 3}
+def _copies(number: int, _: dict[str, Any]) -> dict[str, Any]:
+    sizes = [600.0 + number // 3, 500.0 + number // 3, 900.0 + number // 3]
+    return dict(zip(SIZES, sizes, strict=True)) | {"extents_mm": sorted(sizes, reverse=True)}
+
+
+def _enlarge(item: dict[str, Any], factor: float, axes: Sequence[str] = SIZES) -> None:
+    item.update({axis: item[axis] * factor for axis in axes})
+    item["extents_mm"] = sorted((item[axis] for axis in SIZES), reverse=True)
 
 
 def _other_source(content: Rows) -> None:
@@ -88,8 +95,9 @@ def _inches(content: Rows) -> None:
         content[NODE].append(dict(_node(content, "mt:bar_stool"), node_id=f"{name}.n.01", name=name))
         for item in _class(content, "mt:bar_stool"):
             factor = 1 / 25.4 if name == "armchair" else 1.0
-            sizes = {axis: item[axis] * factor for axis in ("length_mm", "width_mm", "height_mm")}
-            content[ITEM].append(dict(item, node_id=f"{name}.n.01", item_id=f"{name}:{item['item_id']}", **sizes))
+            twin = dict(item, node_id=f"{name}.n.01", item_id=f"{name}:{item['item_id']}")
+            _enlarge(twin, factor)
+            content[ITEM].append(twin)
     assert parent["level"] == 4
 
 
@@ -117,8 +125,8 @@ FAULTS: dict[str, Fault] = {
     "E306": _set(ITEM, 0, licence=None),
     "E307": _set(ITEM, 0, length_mm=None, width_mm=None, height_mm=None, extents_mm=None),
     "W308": _resize("swivel_chair.n.01", _copies),
-    "W309": _set(ITEM, 0, height_mm=1050.0 * 25.4),
-    "W310": _set(ITEM, 0, height_mm=1050.0 * 5),
+    "W309": lambda content: _enlarge(content[ITEM][0], 25.4),
+    "W310": lambda content: _enlarge(content[ITEM][0], 5.0, ("height_mm",)),
     "W311": _resize("swivel_chair.n.01", lambda number, item: {"width_mm": 35.0}),
     "W312": _resize("mt:bar_stool", _grid),
     "W313": _other_source,
@@ -206,3 +214,13 @@ def _resealed(directory: Path, manifest: str) -> Path:
         recorded.update(sha256=sha256(directory / name), bytes=(directory / name).stat().st_size)
     (directory / MANIFEST).write_text(json.dumps(fields))
     return directory
+
+
+def test_rows_that_state_extents_alone_are_no_copies(tmp_path: Path) -> None:
+    def extents_alone(number: int, _: dict[str, Any]) -> dict[str, Any]:
+        return dict.fromkeys(SIZES) | {"extents_mm": [900.0 + 3 * number, 600.0 + 2 * number, 500.0 + number]}
+
+    content = minitree.rows()
+    _resize("swivel_chair.n.01", extents_alone)(content)
+    directory = minitree.release(tmp_path / "mini", content).directory
+    assert "W308" not in {finding.code for finding in findings(directory)}

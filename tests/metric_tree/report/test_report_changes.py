@@ -13,7 +13,6 @@ from metric_tree.report.changes import (
     removed_nodes,
     size_and_spread,
     source_changes,
-    spread_of,
 )
 from metric_tree.tree import Tree
 from tests.made import minitree
@@ -70,7 +69,7 @@ def test_a_release_has_not_changed_since_itself(whole):
 def test_the_spread_is_that_of_a_sample(whole):
     prior = whole.node("swivel_chair.n.01").prior()
     sizes = np.log(prior.marginal(prior.dims).sample(40_000, seed=1))
-    assert spread_of(prior) == pytest.approx(sizes.std(axis=0), rel=0.02)
+    assert prior.log_sd() == pytest.approx(sizes.std(axis=0), rel=0.02)
 
 
 def test_items_of_a_source_before_and_now(whole, tmp_path):

@@ -22,7 +22,6 @@ from metric_tree.training.selection import (
     narrowing,
     paper_selection,
     reason_against,
-    shared_error,
 )
 from metric_tree.tree import Tree
 
@@ -66,7 +65,7 @@ def test_noise_and_disagreement_only_take_away() -> None:
 def test_the_shared_error_is_the_estimators(shared: float, dims: tuple[str, ...]) -> None:
     prior = _prior(0.1, shared, dims=dims)
     axes = [AXES.index(name) for name in dims]
-    assert np.allclose(shared_error(prior), estimators_error(prior).covariance[np.ix_(axes, axes)])
+    assert np.allclose(prior.disagreement(), estimators_error(prior).covariance[np.ix_(axes, axes)])
 
 
 def test_divergence_is_the_spread_of_log_size() -> None:

@@ -1,0 +1,198 @@
+"""The `insert-object` command: arguments in, pictures and a result out; heavy imports wait until they are used."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from metric_base.faults import InputFault
+
+if TYPE_CHECKING:
+    from insertion.insert import Placed
+    from insertion.request import ObjectRequest
+    from insertion.result import InsertionResult
+    from insertion.stage import Stage
+
+__all__ = ["main", "parser"]
+
+PROGRAM = "insert-object"
+
+EPILOG = """\
+Several objects: repeat --model; --size, --at, --on, --plane, --xy, --facing and --category belong to the --model before
+them. The object's metres are divided by the scale, and nothing else. Exit status: 0 done; 2 the input is at fault (one
+line says where), or there is nothing to stand on at the place; 1 a fault of the program.
+"""
+
+
+class _PerModel(argparse.Action):
+    """A value that belongs to the last --model."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        """Store the value in the last object of `namespace.objects`."""
+        objects: list[dict[str, Any]] = namespace.objects or []
+        if self.dest == "model":
+            objects = [*objects, {"model": values}]
+        elif not objects:
+            parser.error(f"{option_string}: expected --model before it")
+        else:
+            objects[-1][self.dest] = values
+        namespace.objects = objects
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `insert-object`; the exit status is 0, 2 or 1."""
+    from metric_base.terminal import exit_status
+
+    words = list(sys.argv[1:] if argv is None else argv)
+    return exit_status(PROGRAM, lambda: _run(parser().parse_args(words)))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The argument parser."""
+    from metric_base.terminal import version
+
+    root = argparse.ArgumentParser(
+        prog=PROGRAM,
+        description="Insert glTF models into the pictures of a reconstruction, or into its video, at their true size.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add_scene_arguments(root)
+    add = root.add_argument
+    add("--out", metavar="OUT", type=Path, required=True, help="a video (OUT.mp4), or a new folder for one PNG a frame")
+    add("--show-interval", action="store_true", help="draw the object's outline at both ends of the scale's interval")
+    add("--preview", metavar="FILE", type=Path, help="draw the free places into a picture, numbered, best first")
+    add("--json", action="store_true", help="print the result as JSON (metric-tree/insertion/1)")
+    add("--version", action="version", version=f"{PROGRAM} {version()}")
+    return root
+
+
+def add_scene_arguments(root: argparse.ArgumentParser) -> None:
+    """What `insert-object` and `insert-object study` share."""
+    add = root.add_argument
+    add("scene", metavar="SCENE|WORK", type=Path, help="COLMAP model folder with its pictures, or a work folder")
+    add("--images", metavar="DIR", type=Path, help="the pictures (default: `images` beside or above the model)")
+    add("--instances", metavar="FILE", type=Path, help="masks that hide the object (default: SCENE/instances.json)")
+    add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
+    add("--scale", metavar="METRES", type=float, help="metres per scene unit (default: SCENE/result.json)")
+    add("--tree", metavar="REF", help="release for --size prior (default: the newest at hand)")
+    each = root.add_argument_group("each object")
+    add_one = each.add_argument
+    add_one("--model", metavar="FILE", type=Path, action=_PerModel, required=True, help="glTF or GLB file, in metres")
+    add_one("--size", action=_PerModel, help="file (default), height=METRES (length=, width=), or prior")
+    add_one("--category", metavar="NAME", action=_PerModel, help="category of the tree, for --size prior")
+    add_one("--at", metavar="WHERE", action=_PerModel, help="frame=NAME_OR_INDEX,x=PX,y=PX or auto (default)")
+    add_one("--on", metavar="CATEGORY", action=_PerModel, help="free space on top of a thing of this category")
+    add_one("--plane", metavar="N", type=int, action=_PerModel, help="a support plane, lowest first from 0")
+    add_one("--xy", metavar="X,Y", action=_PerModel, help="metres along the plane's axes from its middle (default 0,0)")
+    add_one("--facing", action=_PerModel, help="camera (default), wall, or degrees turned from the camera")
+    root.set_defaults(objects=None)
+
+
+def requests_of(options: argparse.Namespace) -> list[ObjectRequest]:
+    """The objects that the arguments ask for."""
+    return [_request(stated) for stated in options.objects]
+
+
+def stage_of(options: argparse.Namespace) -> Stage:
+    """The scene of the arguments, ready for insertion."""
+    from estimator.reading import read_instances, read_scene
+    from insertion.request import read_scale
+    from insertion.scene.footage import PictureFootage, Stills
+    from insertion.stage import make_stage
+
+    scale = read_scale(options.scene, options.scale)
+    scene = read_scene(options.scene, options.dense)
+    stills = Stills(scene, options.images)
+    default = any((options.scene / name).exists() for name in ("instances.json", "instances"))
+    instances = read_instances(options.instances, scene) if options.instances or default else ()
+    return make_stage(scene, stills, PictureFootage(stills), instances, scale)
+
+
+def _run(options: argparse.Namespace) -> int:
+    from insertion.insert import insert_objects, place_objects
+    from insertion.outputs import output_kind, picture_writer
+
+    output_kind(options.out)
+    requests = requests_of(options)
+    stage = stage_of(options)
+    objects = place_objects(stage, requests, _tree(options))
+    if options.preview is not None:
+        _write_preview(stage, objects[0], options.preview)
+    with picture_writer(options.out) as write:
+        results = insert_objects(stage, objects, write, show_interval=options.show_interval)
+    for result in results:
+        for line in result.warnings:
+            sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
+    _print(results, options.json)
+    return 0
+
+
+def _request(stated: dict[str, Any]) -> ObjectRequest:
+    from insertion.places.request import facing_of, point_of
+    from insertion.request import ObjectRequest
+
+    ways = [name for name in ("at", "on", "plane") if stated.get(name) is not None]
+    if len(ways) > 1:
+        raise InputFault(f"--{ways[0]}: expected one of --at, --on and --plane; found also --{ways[1]}")
+    return ObjectRequest(
+        stated["model"],
+        stated.get("size") or "file",
+        point_of(stated.get("at") or "auto"),
+        stated.get("on"),
+        stated.get("plane"),
+        _xy(stated.get("xy") or "0,0"),
+        facing_of(stated.get("facing") or "camera"),
+        stated.get("category"),
+    )
+
+
+def _xy(words: str) -> tuple[float, float]:
+    try:
+        x, y = (float(word) for word in words.split(","))
+    except ValueError:
+        raise InputFault(f"--xy: expected X,Y in metres; found {words!r}") from None
+    return x, y
+
+
+def _tree(options: argparse.Namespace) -> Any:
+    if not any(stated.get("size") == "prior" for stated in options.objects):
+        return None
+    import metric_tree
+
+    return metric_tree.open(options.tree)
+
+
+def _write_preview(stage: Stage, placed: Placed, file: Path) -> None:
+    from insertion.insert import space_for
+    from insertion.places.locate import candidates
+    from insertion.places.preview import write_preview
+
+    write_preview(stage, candidates(space_for(stage, placed.model, placed.size)), placed, file)
+
+
+def _print(results: Sequence[InsertionResult], as_json: bool) -> None:
+    from metric_base.terminal import print_json
+
+    if as_json:
+        first, *more = (result.to_json() for result in results)
+        print_json(first | ({"more": more} if more else {}))
+        return
+    for result in results:
+        sys.stdout.write(_words(result) + "\n")
+
+
+def _words(result: InsertionResult) -> str:
+    scale = result.scale
+    size = " x ".join(f"{value:.3g}" for value in result.size_m.values())
+    line = f"{result.model}: {size} m (length, width, height) on {result.support}"
+    line += f"; {scale.metres_per_unit:.4g} metres per unit"
+    if scale.low is not None and scale.high is not None:
+        low, high = scale.low / scale.metres_per_unit - 1, scale.high / scale.metres_per_unit - 1
+        line += f"; the scale may be {low:+.0%} to {high:+.0%} off, and the object's height in the picture with it"
+    shown = sum(frame.silhouette is not None for frame in result.frames)
+    return f"{line}; in {shown} of {len(result.frames)} frames"

@@ -1,0 +1,1 @@
+"""The rendered object into the picture: shadow, occlusion, exposure, blur and grain."""

@@ -1,0 +1,101 @@
+"""Which pixels of a picture an object and its shadow change, and the window of the ideal picture behind them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.reconstructions.cameras import project
+from estimator.records.scene import Camera, View
+from insertion.render.body import Body
+from insertion.render.pinhole import Window
+from insertion.render.shadows import PlaneMap
+from insertion.scene.rays import camera_rays
+from metric_base.arrays import FloatArray
+
+__all__ = ["Box", "object_box", "shadow_box", "window_behind"]
+
+#: Pixels around the projected vertices: blur and filters reach so far.
+MARGIN_PX = 6
+#: Light on the plane that is dimmed by less than this is not worth a pixel.
+SHADOW_SHARE = 0.004
+#: The ideal picture behind a strongly curved lens is cut at this many times the picture.
+WIDEST = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """Pixels x0 .. x1, y0 .. y1 of a picture, the ends not included."""
+
+    x0: int
+    y0: int
+    x1: int
+    y1: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns."""
+        return self.y1 - self.y0, self.x1 - self.x0
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """For arrays (h, w, ...)."""
+        return slice(self.y0, self.y1), slice(self.x0, self.x1)
+
+    def joined(self, other: Box | None) -> Box:
+        """The box about both."""
+        if other is None:
+            return self
+        return Box(min(self.x0, other.x0), min(self.y0, other.y0), max(self.x1, other.x1), max(self.y1, other.y1))
+
+
+def object_box(view: View, body: Body) -> Box | None:
+    """Pixels that the object may cover; None where it is out of the picture."""
+    return _box_of(view, body.position + body.unit * body.corners)
+
+
+def shadow_box(view: View, body: Body, plane: PlaneMap) -> Box | None:
+    """Pixels that the shadow on the support plane may cover; None where it is out of the picture."""
+    dimmed = np.argwhere((1 - plane.share).max(axis=-1) > SHADOW_SHARE)  # rows, columns
+    if not len(dimmed) or (view.centre - body.position) @ body.basis[2] <= 0:
+        return None
+    flat = ((dimmed[:: max(1, len(dimmed) // 4000), ::-1] + 0.5) / len(plane.share) * 2 - 1) * plane.radius
+    return _box_of(view, body.position + body.unit * flat @ body.basis[:2])
+
+
+def window_behind(camera: Camera, box: Box) -> Window:
+    """The part of the ideal (undistorted) picture that fills a box of the real one."""
+    fx, fy, cx, cy = _pinhole(camera)
+    rays = camera_rays(camera)[box.slices]
+    low, high = rays.reshape(-1, 2).min(axis=0), rays.reshape(-1, 2).max(axis=0)
+    limit = WIDEST * np.array([camera.width / fx, camera.height / fy])
+    low, high = np.clip(low, -limit, limit), np.clip(high, -limit, limit)
+    x0, y0 = int(np.floor(fx * low[0] + cx - 1.5)), int(np.floor(fy * low[1] + cy - 1.5))
+    x1, y1 = int(np.ceil(fx * high[0] + cx + 1.5)), int(np.ceil(fy * high[1] + cy + 1.5))
+    return Window(fx, fy, cx, cy, x0, y0, x1 - x0, y1 - y0)
+
+
+def _pinhole(camera: Camera) -> tuple[float, float, float, float]:
+    """Focal lengths and principal point of the ideal picture: the camera's own."""
+    from estimator.reconstructions.cameras import CAMERA_MODELS
+
+    values = dict(zip(CAMERA_MODELS[camera.model][1], camera.params.tolist(), strict=True))
+    return values.get("fx", values.get("f", 0.0)), values.get("fy", values.get("f", 0.0)), values["cx"], values["cy"]
+
+
+def _box_of(view: View, points: FloatArray) -> Box | None:
+    local = points @ view.rotation.T + view.translation
+    width, height = view.camera.width, view.camera.height
+    ahead = local[:, 2] > 1e-6 * np.abs(local).max()
+    if not ahead.any():
+        return None
+    pixels = project(view.camera, local)
+    known = np.isfinite(pixels[:, 0])
+    if not known.any():
+        return None
+    if not known.all():  # part of it is behind the camera or past the lens's edge
+        return Box(0, 0, width, height)
+    low = np.clip(np.floor(pixels.min(axis=0)) - MARGIN_PX, 0, [width, height]).astype(int)
+    high = np.clip(np.ceil(pixels.max(axis=0)) + MARGIN_PX, 0, [width, height]).astype(int)
+    return Box(int(low[0]), int(low[1]), int(high[0]), int(high[1])) if (high > low).all() else None

@@ -1,0 +1,115 @@
+"""One picture with one object in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.geometry.planes import SupportPlane
+from estimator.records.scene import Instance, View
+from insertion.composite.boxes import Box, object_box, shadow_box
+from insertion.composite.layers import object_layer, shadow_layer
+from insertion.composite.match import Look, grain
+from insertion.composite.occlusion import hidden_share
+from insertion.composite.received import received_share
+from insertion.light.encoding import decoded, encoded
+from insertion.render.renderer import ObjectImage, ObjectRenderer
+from insertion.scene.cloud import FrontPoints
+
+__all__ = ["Composed", "compose"]
+
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Composed:
+    """A picture with an object.
+
+    silhouette : the box of the object's own pixels (x, y, width, height), or None; visible : the share of them that
+    nothing hides.
+    """
+
+    picture: Picture
+    silhouette: tuple[int, int, int, int] | None
+    visible: float
+
+
+def compose(
+    picture: Picture,
+    view: View,
+    renderer: ObjectRenderer,
+    front: FrontPoints,
+    instances: Sequence[Instance],
+    plane: SupportPlane | None,
+    look: Look,
+    seed: int,
+) -> Composed:
+    """The picture (h, w, 3) with the object, its shadow, and what stands in front of both.
+
+    In linear light: out = frame * share * (1 - a) + gain * object * (1 - hidden), a = alpha * (1 - hidden).
+    """
+    body_box = object_box(view, renderer.body)
+    dark_box = shadow_box(view, renderer.body, renderer.plane)
+    if body_box is None and dark_box is None:
+        return Composed(picture, None, 0.0)
+    box = dark_box.joined(body_box) if dark_box is not None else body_box
+    assert box is not None  # one of the two is there
+    layer = object_layer(renderer, view, box) if body_box is not None else _nothing(box)
+    hidden = hidden_share(layer, box, view, instances, front)
+    share, plane_depth = shadow_layer(renderer, view, box)
+    share = received_share(share, plane_depth, renderer, view, box, front, instances, plane)
+    before = picture[box.slices]
+    after = _mixed(before, layer, hidden, share, look, box, seed)
+    out = picture.copy()
+    out[box.slices] = after
+    return Composed(out, _silhouette(layer.alpha, box), _visible(layer.alpha, hidden))
+
+
+def _mixed(
+    before: Picture,
+    layer: ObjectImage,
+    hidden: NDArray[np.float32],
+    share: NDArray[np.float32],
+    look: Look,
+    box: Box,
+    seed: int,
+) -> Picture:
+    light = decoded(before)
+    kept = (1 - hidden)[..., None]
+    covering = np.dstack([layer.colour * look.gain.astype(np.float32) * kept, layer.alpha[..., None] * kept])
+    covering = _blurred(covering, look.blur_px)
+    alpha = covering[..., 3:]
+    mixed = light * share * (1 - alpha) + covering[..., :3]
+    grey = encoded(mixed)
+    grey += grain(look, box, grey.mean(axis=-1), seed) * alpha
+    changed = (alpha[..., 0] > 1e-3) | ((1 - share).max(axis=-1) > 1e-3)
+    return np.where(changed[..., None], np.clip(np.rint(grey), 0, 255).astype(np.uint8), before)
+
+
+def _blurred(layer: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
+    """Blurred by the picture's own blur, less the renderer's."""
+    import cv2
+
+    rest = float(np.sqrt(max(sigma_px**2 - 0.35**2, 0.0)))
+    return np.asarray(cv2.GaussianBlur(layer, (0, 0), rest), dtype=np.float32) if rest > 0.15 else layer
+
+
+def _silhouette(alpha: NDArray[np.float32], box: Box) -> tuple[int, int, int, int] | None:
+    rows, columns = np.flatnonzero((alpha > 0.5).any(axis=1)), np.flatnonzero((alpha > 0.5).any(axis=0))
+    if not len(rows):
+        return None
+    x, y = box.x0 + int(columns[0]), box.y0 + int(rows[0])
+    return x, y, int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1
+
+
+def _visible(alpha: NDArray[np.float32], hidden: NDArray[np.float32]) -> float:
+    total = float(alpha.sum())
+    return float((alpha * (1 - hidden)).sum()) / total if total > 0 else 0.0
+
+
+def _nothing(box: Box) -> ObjectImage:
+    empty = np.zeros(box.shape, np.float32)
+    return ObjectImage(np.zeros((*box.shape, 3), np.float32), empty, np.full(box.shape, np.nan, np.float32))

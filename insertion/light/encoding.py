@@ -1,0 +1,39 @@
+"""The display encoding of pictures (sRGB, IEC 61966-2-1) and linear light."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["LUMINANCE", "decoded", "encoded", "luminance"]
+
+#: Weights of linear red, green and blue in luminance (Rec. 709).
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
+
+Picture = NDArray[np.uint8]
+Linear = NDArray[np.float32]
+
+
+def _curve() -> Linear:
+    srgb = np.arange(256, dtype=np.float64) / 255
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
+_CURVE = _curve()
+
+
+def decoded(picture: Picture) -> Linear:
+    """Linear light in 0 to 1 of an 8-bit sRGB picture of any shape."""
+    return np.asarray(_CURVE[picture])
+
+
+def encoded(linear: NDArray[np.floating]) -> Linear:
+    """SRGB values in 0 to 255, not rounded, of linear light; what is out of range is clipped."""
+    light = np.clip(linear, 0.0, 1.0)
+    srgb = np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+    return np.asarray(srgb * 255.0, dtype=np.float32)
+
+
+def luminance(linear: NDArray[np.floating]) -> Linear:
+    """Luminance of (..., 3) linear colours."""
+    return np.asarray(linear @ LUMINANCE, dtype=np.float32)

@@ -1,0 +1,49 @@
+"""An environment: the radiance that arrives at one place, as an equirectangular map about the vertical."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metric_base.arrays import FloatArray
+
+__all__ = ["HEIGHT", "WIDTH", "Environment", "map_directions", "solid_angles"]
+
+WIDTH, HEIGHT = 128, 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Environment:
+    """Radiance around a place.
+
+    radiance : (HEIGHT, WIDTH, 3) linear, rows from up to down, columns by the azimuth from -180 degrees about `basis`;
+    basis : (3, 3) rows two horizontal unit axes and up, in the scene; seen : (HEIGHT, WIDTH) share that the pictures
+    show, the rest is filled in.
+    """
+
+    radiance: NDArray[np.float32]
+    basis: FloatArray
+    seen: NDArray[np.float32]
+
+    def irradiance(self, normal: FloatArray) -> FloatArray:
+        """(3,) irradiance on a surface with this unit normal (3,): the integral of radiance times the cosine."""
+        cosine = np.maximum(map_directions() @ (self.basis @ normal), 0.0)  # (h, w)
+        weight = cosine * solid_angles()[:, None]
+        return np.asarray(np.einsum("hw,hwc->c", weight, self.radiance))
+
+
+def map_directions(height: int = HEIGHT, width: int = WIDTH) -> FloatArray:
+    """(h, w, 3) unit direction of every cell along the environment's own axes."""
+    polar = (np.arange(height) + 0.5) * np.pi / height
+    turn = (np.arange(width) + 0.5) * 2 * np.pi / width - np.pi
+    sine = np.sin(polar)[:, None]
+    flat = [sine * np.cos(turn), sine * np.sin(turn), np.broadcast_to(np.cos(polar)[:, None], (height, width))]
+    return np.stack(flat, axis=-1)
+
+
+def solid_angles(height: int = HEIGHT, width: int = WIDTH) -> FloatArray:
+    """(h,) solid angle in steradians of a cell in each row."""
+    edges = np.cos(np.arange(height + 1) * np.pi / height)
+    return np.asarray((edges[:-1] - edges[1:]) * 2 * np.pi / width)

@@ -1,0 +1,138 @@
+"""The environment at a place, from the pictures.
+
+Each still gives every pixel's direction from the place: by the depth of the cloud where it has points nearby, so that a
+wall two metres away shifts as it should. What no picture shows (mostly the ceiling behind the camera) is filled from
+the border of what they show, then raised until a white surface under this light would be as bright as the brightest
+ordinary surfaces of the pictures.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from insertion.light.encoding import decoded, luminance
+from insertion.light.environment import HEIGHT, WIDTH, Environment, map_directions, solid_angles
+from insertion.places.place import Place
+from insertion.scene.cloud import Cloud, even_rows, points_seen
+from insertion.scene.footage import Stills
+from insertion.scene.rays import camera_rays
+from metric_base.arrays import FloatArray
+
+__all__ = ["environment_at"]
+
+#: Stills that are looked at, and pixels between samples.
+MAX_STILLS, STEP = 24, 6
+#: The brightest ordinary surfaces are white paint, paper and tiles, which reflect this much ...
+WHITE_ALBEDO = 0.82
+#: ... and this share of the pixels is brighter than they are (lamps, windows, highlights).
+BRIGHTER_SHARE = 0.03
+#: A value at this level is clipped: the lamp behind it is brighter by an unknown factor.
+CLIPPED, CLIPPED_TIMES = 0.96, 6.0
+#: How far what no picture shows may be raised over the border of what they show.
+RAISED = (0.3, 8.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Samples:
+    """Directions (n, 3) in the place's basis and linear colours (n, 3)."""
+
+    directions: FloatArray
+    colours: NDArray[np.float32]
+
+
+def environment_at(place: Place, height: float, cloud: Cloud, stills: Stills) -> Environment:
+    """The environment around the middle of an object of this height (scene units) at the place."""
+    middle = place.position + 0.5 * height * place.basis[2]
+    samples = _samples(middle, place.basis, cloud, stills)
+    total, count = _splat(samples)
+    seen = np.clip(count / 2.0, 0.0, 1.0)
+    shown = total / np.maximum(count, 1e-6)[..., None]
+    shown = shown * (1 + (CLIPPED_TIMES - 1) * (shown.max(axis=-1, keepdims=True) > CLIPPED))
+    filled = _filled(shown, seen)
+    raised = _raised(filled, seen, _white_level(samples))
+    return Environment(raised.astype(np.float32), place.basis, seen.astype(np.float32))
+
+
+def _samples(middle: FloatArray, basis: FloatArray, cloud: Cloud, stills: Stills) -> _Samples:
+    directions, colours = [], []
+    for row in even_rows(stills.rows, MAX_STILLS):
+        view = stills.scene.views[row]
+        rays = camera_rays(view.camera)[STEP // 2 :: STEP, STEP // 2 :: STEP]
+        depth = _depth_grid(cloud, stills, row, rays.shape[:2])
+        local = np.concatenate([rays, np.ones((*rays.shape[:2], 1))], axis=-1) * depth[..., None]
+        places = (local.reshape(-1, 3) - view.translation) @ view.rotation
+        away = places - middle
+        away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
+        directions.append(away @ basis.T)
+        colours.append(decoded(stills.picture(row)[STEP // 2 :: STEP, STEP // 2 :: STEP]).reshape(-1, 3))
+    return _Samples(np.concatenate(directions), np.concatenate(colours))
+
+
+def _depth_grid(cloud: Cloud, stills: Stills, row: int, shape: tuple[int, ...]) -> FloatArray:
+    """(h, w) depth of each sample: that of the nearest point in the picture; without any, the cloud's own extent."""
+    from scipy.spatial import cKDTree
+
+    step = max(1, len(cloud.points) // 20_000)
+    _, pixels, depths = points_seen(stills.scene, row, cloud.points[::step])
+    if not len(pixels):
+        return np.full(shape, float(np.linalg.norm(np.ptp(cloud.points, axis=0))))
+    y, x = np.indices(shape) * STEP + STEP // 2
+    nearest = cKDTree(pixels).query(np.column_stack([x.ravel(), y.ravel()]))[1]
+    return np.asarray(depths[nearest].reshape(shape))
+
+
+def _splat(samples: _Samples) -> tuple[FloatArray, FloatArray]:
+    """(h, w, 3) sums of colour and (h, w) counts by direction."""
+    polar = np.arccos(np.clip(samples.directions[:, 2], -1, 1))
+    turn = np.arctan2(samples.directions[:, 1], samples.directions[:, 0])
+    row = np.minimum((polar / np.pi * HEIGHT).astype(np.int64), HEIGHT - 1)
+    column = np.minimum(((turn / (2 * np.pi) + 0.5) * WIDTH).astype(np.int64), WIDTH - 1)
+    cell = row * WIDTH + column
+    count = np.bincount(cell, minlength=HEIGHT * WIDTH).astype(float)
+    sums = [np.bincount(cell, samples.colours[:, c].astype(float), HEIGHT * WIDTH) for c in range(3)]
+    return np.asarray(np.stack(sums, axis=-1).reshape(HEIGHT, WIDTH, 3)), count.reshape(HEIGHT, WIDTH)
+
+
+def _filled(shown: FloatArray, seen: FloatArray) -> FloatArray:
+    """What is not seen, from ever wider neighbourhoods of what is (push and pull), half without its colour."""
+    from scipy.ndimage import gaussian_filter
+
+    area = solid_angles()[:, None]
+    result, known = shown * seen[..., None], seen.copy()
+    for sigma in (1.0, 2.0, 4.0, 8.0, 16.0, 48.0):
+        weight = gaussian_filter(seen * area, sigma, mode=("nearest", "wrap"))
+        colour = (
+            np.stack(
+                [gaussian_filter(shown[..., c] * seen * area, sigma, mode=("nearest", "wrap")) for c in range(3)],
+                axis=-1,
+            )
+            / np.maximum(weight, 1e-12)[..., None]
+        )
+        grey = luminance(colour)[..., None]
+        share = np.clip(weight / area * 4, 0, 1) * (1 - known)
+        result += share[..., None] * (0.5 * colour + 0.5 * grey)
+        known += share
+    return np.asarray(result / np.maximum(known, 1e-6)[..., None])
+
+
+def _white_level(samples: _Samples) -> float:
+    """Luminance of the brightest ordinary surfaces."""
+    bright = luminance(samples.colours)
+    return float(np.quantile(bright, 1 - BRIGHTER_SHARE))
+
+
+def _raised(filled: FloatArray, seen: FloatArray, white: float) -> FloatArray:
+    """The unseen upper part raised so that white under this light has the level `white`: E(up) = pi white / albedo."""
+    up = np.maximum(map_directions()[..., 2], 0.0) * solid_angles()[:, None]
+    hidden = (1 - seen) * (map_directions()[..., 2] > 0)
+    bright = luminance(filled)
+    wanted = np.pi * white / WHITE_ALBEDO
+    shown_part = float((up * (1 - hidden) * bright).sum())
+    hidden_part = float((up * hidden * bright).sum())
+    if hidden_part <= 1e-6 * max(shown_part, 1e-12):
+        return filled
+    factor = float(np.clip((wanted - shown_part) / hidden_part, *RAISED))
+    return np.asarray(filled * (1 + (factor - 1) * hidden[..., None]))

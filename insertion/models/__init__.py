@@ -1,0 +1,1 @@
+"""Models to insert: glTF reading and the size in metres."""

@@ -1,0 +1,182 @@
+"""glTF 2.0 and GLB files, read by trimesh.
+
+trimesh rounds colour factors to 8 bits, which halves or doubles a dark linear colour. So the materials' own numbers are
+read from the file's JSON: each material gets its index as a name before trimesh sees it.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from insertion.models.model import Material, Model, Part, Pixels
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault
+
+__all__ = ["read_model"]
+
+_MAGIC, _JSON = 0x46546C67, 0x4E4F534A
+#: What may be required of a reader and is not read here: compressed meshes and textures.
+_UNREAD = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu", "KHR_mesh_quantization")
+#: A larger model is not for insertion in video: at this many triangles one shadow map takes a second.
+MAX_TRIANGLES = 2_000_000
+
+
+def read_model(path: Path) -> Model:
+    """The model of a `.glb` or `.gltf` file. Raises InputFault for anything that cannot be read."""
+    if not path.is_file():
+        raise InputFault(
+            f"{path}: expected a glTF file (.glb or .gltf); found {'a folder' if path.is_dir() else 'none'}"
+        )
+    header, binary = _header(path)
+    _check(path, header)
+    try:
+        scene = _trimesh_scene(path, _numbered(header), binary)
+        parts = tuple(_parts(scene, header))
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError) as fault:
+        raise InputFault(f"{path}: expected a readable glTF 2.0 file; found {type(fault).__name__}: {fault}") from fault
+    _check_parts(path, parts)
+    return Model(path.name, parts, tuple(_warnings(header)))
+
+
+def _header(path: Path) -> tuple[dict[str, Any], bytes]:
+    """The JSON of the file, and the binary chunk that follows it in a GLB."""
+    data = path.read_bytes()
+    if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _MAGIC:
+        length, kind = struct.unpack_from("<II", data, 12)
+        if kind != _JSON or 20 + length > len(data):
+            raise InputFault(f"{path}: chunk 0: expected JSON of {length} bytes; found a file of {len(data)} bytes")
+        text, binary = data[20 : 20 + length], data[20 + length :]
+    else:
+        text, binary = data, b""
+    try:
+        header = json.loads(text)
+    except ValueError as fault:
+        raise InputFault(f"{path}: expected glTF 2.0 (.glb or .gltf); found neither: {fault}") from None
+    if not isinstance(header, dict) or not isinstance(header.get("asset"), dict):
+        raise InputFault(f"{path}: asset: expected the record of a glTF file; found none")
+    return header, binary
+
+
+def _check(path: Path, header: dict[str, Any]) -> None:
+    version = str(header["asset"].get("version"))
+    if not version.startswith("2."):
+        raise InputFault(f"{path}: asset.version: expected 2.x; found {version!r}")
+    unread = [name for name in header.get("extensionsRequired", []) if name in _UNREAD]
+    if unread:
+        raise InputFault(f"{path}: extensionsRequired: expected an uncompressed file; found {', '.join(unread)}")
+
+
+def _check_parts(path: Path, parts: tuple[Part, ...]) -> None:
+    triangles = sum(len(part.faces) for part in parts)
+    if not triangles:
+        raise InputFault(f"{path}: meshes: expected at least one triangle; found none")
+    if triangles > MAX_TRIANGLES:
+        raise InputFault(f"{path}: meshes: expected at most {MAX_TRIANGLES} triangles; found {triangles}")
+    if not all(np.isfinite(part.vertices).all() for part in parts):
+        raise InputFault(f"{path}: POSITION: expected finite numbers; found others")
+    corners = np.concatenate([part.vertices for part in parts])
+    if (corners.max(axis=0) - corners.min(axis=0)).max() <= 0:
+        raise InputFault(f"{path}: POSITION: expected a body with an extent; found a single point")
+
+
+def _warnings(header: dict[str, Any]) -> list[str]:
+    lines = []
+    if header.get("animations"):
+        lines.append(f"{len(header['animations'])} animation(s) are ignored: the object is inserted as it stands")
+    if header.get("skins"):
+        lines.append("skins are ignored: the mesh is inserted in its bind pose")
+    if any(p.get("targets") for mesh in header.get("meshes", []) for p in mesh.get("primitives", [])):
+        lines.append("morph targets are ignored")
+    return lines
+
+
+def _numbered(header: dict[str, Any]) -> dict[str, Any]:
+    """The header whose materials are named by their index."""
+    materials = [{**material, "name": str(row)} for row, material in enumerate(header.get("materials", []))]
+    return {**header, "materials": materials} if materials else header
+
+
+def _trimesh_scene(path: Path, header: dict[str, Any], binary: bytes) -> Any:
+    import trimesh
+    from trimesh.resolvers import FilePathResolver
+
+    text = json.dumps(header).encode()
+    resolver = FilePathResolver(str(path))
+    if not binary:
+        return trimesh.load_scene(io.BytesIO(text), file_type="gltf", resolver=resolver, process=False)
+    text += b" " * (-len(text) % 4)
+    total = 20 + len(text) + len(binary)
+    data = struct.pack("<IIIII", _MAGIC, 2, total, len(text), _JSON) + text + binary
+    return trimesh.load_scene(io.BytesIO(data), file_type="glb", resolver=resolver, process=False)
+
+
+def _parts(scene: Any, header: dict[str, Any]) -> list[Part]:
+    """One part for each mesh of each node, in the frame of the file."""
+    parts = []
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        mesh = scene.geometry[name]
+        if len(getattr(mesh, "faces", ())):
+            parts.append(_part(mesh, np.asarray(transform, dtype=np.float64), header))
+    return parts
+
+
+def _part(mesh: Any, transform: FloatArray, header: dict[str, Any]) -> Part:
+    linear = transform[:3, :3]
+    vertices = np.asarray(mesh.vertices, dtype=np.float64) @ linear.T + transform[:3, 3]
+    # normals turn with the inverse transpose
+    normals = np.asarray(mesh.vertex_normals, dtype=np.float64) @ np.linalg.pinv(linear)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    faces = np.asarray(mesh.faces, dtype=np.int64)
+    if np.linalg.det(linear) < 0:  # a mirror turns the faces inside out
+        faces = faces[:, ::-1]
+    uv = getattr(mesh.visual, "uv", None)
+    # trimesh counts v upwards, glTF downwards
+    coordinates = np.zeros((len(vertices), 2)) if uv is None else np.asarray(uv, dtype=np.float64) * [1, -1] + [0, 1]
+    return Part(vertices, normals, coordinates, faces, _material(mesh, header), _vertex_color(mesh))
+
+
+def _vertex_color(mesh: Any) -> FloatArray | None:
+    if getattr(mesh.visual, "kind", None) != "vertex":
+        return None
+    return np.asarray(mesh.visual.vertex_colors, dtype=np.float64) / 255.0
+
+
+def _material(mesh: Any, header: dict[str, Any]) -> Material:
+    """The mesh's material: numbers from the file's JSON, textures as trimesh decoded them."""
+    read = getattr(mesh.visual, "material", None)
+    name = getattr(read, "name", None)
+    rows = header.get("materials", [])
+    row = int(name) if name is not None and str(name).isdigit() and int(name) < len(rows) else None
+    if row is None:  # glTF's default material
+        return Material(np.ones(4), metallic=0.0, roughness=0.8)
+    stated = rows[row]
+    surface = stated.get("pbrMetallicRoughness", {})
+    glossy = stated.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
+    if glossy is not None and not surface:
+        surface = {"baseColorFactor": glossy.get("diffuseFactor", [1, 1, 1, 1]), "metallicFactor": 0.0,
+                   "roughnessFactor": 1.0 - glossy.get("glossinessFactor", 1.0)}  # fmt: skip
+    mode = stated.get("alphaMode", "OPAQUE")
+    return Material(
+        np.asarray(surface.get("baseColorFactor", [1, 1, 1, 1]), dtype=np.float64),
+        float(surface.get("metallicFactor", 1.0)),
+        float(surface.get("roughnessFactor", 1.0)),
+        np.asarray(stated.get("emissiveFactor", [0, 0, 0]), dtype=np.float64),
+        _pixels(getattr(read, "baseColorTexture", None)),
+        _pixels(getattr(read, "metallicRoughnessTexture", None)),
+        _pixels(getattr(read, "normalTexture", None)),
+        _pixels(getattr(read, "emissiveTexture", None)),
+        float(stated.get("alphaCutoff", 0.5)) if mode == "MASK" else None,
+        mode == "BLEND",
+    )
+
+
+def _pixels(image: Any) -> Pixels | None:
+    """(h, w, 4) uint8 of a PIL image, or None."""
+    return None if image is None else np.asarray(image.convert("RGBA"), dtype=np.uint8)

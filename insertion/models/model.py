@@ -1,0 +1,81 @@
+"""A model to insert: triangles with physically based materials, in the file's own metres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metric_base.arrays import FloatArray, IntArray
+
+__all__ = ["Material", "Model", "Part"]
+
+Pixels = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Material:
+    """A glTF 2.0 metallic-roughness material.
+
+    base_color : (4,) linear factor; metallic, roughness : factors; emissive : (3,) linear factor. Textures are
+    (h, w, 4) uint8 or None: base and emissive in sRGB, `surface` (roughness in green, metallic in blue) and `normal`
+    linear. alpha_cutoff : None unless the alpha mode is MASK; blend : whether the alpha mode is BLEND.
+    """
+
+    base_color: FloatArray
+    metallic: float = 1.0
+    roughness: float = 1.0
+    emissive: FloatArray = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # made an array below
+    base_texture: Pixels | None = None
+    surface_texture: Pixels | None = None
+    normal_texture: Pixels | None = None
+    emissive_texture: Pixels | None = None
+    alpha_cutoff: float | None = None
+    blend: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "base_color", np.asarray(self.base_color, dtype=np.float64))
+        object.__setattr__(self, "emissive", np.asarray(self.emissive, dtype=np.float64))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """Triangles of one material.
+
+    vertices : (n, 3) metres, +y up, +z the front (glTF's axes); normals : (n, 3) unit; uv : (n, 2) with v down, as
+    glTF has it; faces : (m, 3) rows of vertices; color : (n, 4) linear vertex colour, or None.
+    """
+
+    vertices: FloatArray
+    normals: FloatArray
+    uv: FloatArray
+    faces: IntArray
+    material: Material
+    color: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Model:
+    """A model: its file's name, its parts, and what was left out of the file."""
+
+    name: str
+    parts: tuple[Part, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def bounds(self) -> FloatArray:
+        """(2, 3) lowest and highest corner, metres of the file."""
+        used = [part.vertices[np.unique(part.faces)] for part in self.parts]
+        return np.array([np.min([v.min(axis=0) for v in used], axis=0), np.max([v.max(axis=0) for v in used], axis=0)])
+
+    @property
+    def extents(self) -> FloatArray:
+        """(3,) extents along x, y (up) and z, metres of the file."""
+        return np.asarray(self.bounds[1] - self.bounds[0])
+
+    @property
+    def size_m(self) -> dict[str, float]:
+        """Length and width (the longer and the shorter horizontal extent) and height, metres of the file."""
+        x, y, z = (float(v) for v in self.extents)
+        return {"length": max(x, z), "width": min(x, z), "height": y}

@@ -1,0 +1,252 @@
+"""From a request to a place: a point in a picture, a category, a plane with coordinates, or free space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt
+
+from estimator.geometry.planes import SupportPlane
+from estimator.reconstructions.cameras import pixels_in_view
+from estimator.records.scene import Instance, Scene, View
+from insertion.places.place import NoPlace, Place
+from insertion.places.supports import Supports, cell_centres, free_cells
+from insertion.scene.cloud import Cloud
+from insertion.scene.rays import ray_through
+from metric_base.arrays import BoolArray, FloatArray
+
+__all__ = ["Space", "candidates", "place_at_point", "place_on_category", "place_on_plane"]
+
+#: The cloud around the point that was clicked, in pixels, and how many of its points say what is there.
+NEAR_PX, NEAR_POINTS = 14.0, 4
+#: The hit on a plane and the cloud around the pixel agree within this share of the depth.
+SAME_DEPTH = 0.06
+#: A small level patch: its points rise and fall by no more than this share of their distance from the camera.
+LEVEL_SHARE = 0.008
+#: Candidates offered, and the share of the views that must see one.
+MAX_CANDIDATES, SEEN_SHARE = 8, 0.25
+#: An object smaller than this in the picture is not worth a place, larger hides the scene (share of the height).
+APPARENT = (0.04, 0.7)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Space:
+    """The scene as places are sought in it, and the object's radius and height in scene units."""
+
+    scene: Scene
+    cloud: Cloud
+    supports: Supports
+    radius: float
+    height: float
+
+
+def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
+    """Where the ray through a pixel meets what is level there. Raises NoPlace with the reason where nothing is."""
+    if not (0 <= x <= view.camera.width and 0 <= y <= view.camera.height):
+        size = f"{view.camera.width} x {view.camera.height}"
+        raise NoPlace(f"--at: expected a pixel of {view.name} ({size}); found x={x:g}, y={y:g}")
+    ray = ray_through(view, x, y)
+    around = _depth_around(space.cloud, view, x, y)
+    hits = [hit for plane in range(len(space.supports.planes)) if (hit := _hit(space, plane, view, ray)) is not None]
+    if around is not None:
+        near = [hit for hit in hits if abs(np.log(hit[0] / around)) < SAME_DEPTH]
+        if not near:
+            return _level_patch(space, view, x, y, ray)
+        hits = near
+    if not hits:
+        raise NoPlace(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; see --preview")
+    depth, plane = min(hits, key=lambda hit: hit[0] if around is None else abs(np.log(hit[0] / around)))
+    return _place(space, plane, view.centre + ray * depth, view.centre)
+
+
+def place_on_plane(space: Space, plane: int, at: FloatArray, camera: FloatArray) -> Place:
+    """A place on a plane, `at` (2,) scene units from the middle of what was seen of it, along its own axes."""
+    planes = space.supports.planes
+    if not 0 <= plane < len(planes):
+        raise NoPlace(f"--plane: expected 0 to {len(planes) - 1} (lowest first); found {plane}")
+    chosen = planes[plane]
+    local = np.append(_middle(chosen) + at, chosen.height)
+    if chosen.coverage(local[None, :2]) == 0:
+        raise NoPlace(f"--xy: expected a point on plane {plane}; found one beside what was seen of it")
+    return _place(space, plane, local @ chosen.basis, camera)
+
+
+def place_on_category(space: Space, category: str, instances: Sequence[Instance]) -> Place:
+    """Free space on the top of the things of a category. Raises NoPlace where there is none."""
+    named = [item for item in instances if item.category.lower() == category.lower()]
+    if not named:
+        names = ", ".join(sorted({item.category for item in instances})) or "no instance at all"
+        raise NoPlace(f"--on: expected a category of the instances ({names}); found {category!r}")
+    votes = _points_of(space, named)
+    if len(votes) < NEAR_POINTS:
+        raise NoPlace(f"--on: the cloud has no points on any {category}")
+    options = []
+    for number, plane in enumerate(space.supports.planes):
+        local = votes @ plane.basis.T
+        on_plane = np.abs(local[:, 2] - plane.height) < max(4 * plane.sigma, plane.cell / 2)
+        if np.count_nonzero(on_plane) >= max(NEAR_POINTS, 0.1 * len(votes)):
+            options.append((number, _mask_of(plane, local[on_plane, :2])))
+    # the highest plane that the things share is their top
+    found = [place for number, mask in reversed(options) for place in _free_places(space, number, mask)[:1]]
+    if not found:
+        raise NoPlace(f"--on: no free level space on any {category} for an object of this size")
+    return found[0][1]
+
+
+def candidates(space: Space) -> list[Place]:
+    """Free places on all planes, the best first: those that most views see, on the largest plane."""
+    scored = [item for plane in range(len(space.supports.planes)) for item in _free_places(space, plane)]
+    scored.sort(key=lambda item: -item[0])
+    return [place for _, place in scored[:MAX_CANDIDATES]]
+
+
+def _place(space: Space, plane: int, position: FloatArray, camera: FloatArray) -> Place:
+    chosen = space.supports.planes[plane]
+    return Place(np.asarray(position), chosen.basis, camera, f"plane {plane}", plane)
+
+
+def _hit(space: Space, number: int, view: View, ray: FloatArray) -> tuple[float, int] | None:
+    """Distance along the ray (in depths: the ray has z = 1 in the camera) to a plane where it was seen."""
+    plane = space.supports.planes[number]
+    toward = float(ray @ plane.basis[2])
+    rise = plane.height - float(view.centre @ plane.basis[2])
+    if abs(toward) < 1e-9 or rise / toward <= 0 or rise >= 0:  # from above only: nothing stands on a ceiling
+        return None
+    depth = rise / toward
+    local = (view.centre + depth * ray) @ plane.basis[:2].T
+    return (depth, number) if plane.coverage(local[None]) > 0 else None
+
+
+def _depth_around(cloud: Cloud, view: View, x: float, y: float) -> float | None:
+    """Median depth of the nearest surface around a pixel, None where the cloud is empty."""
+    depths = _near(cloud, view, x, y)[1]
+    return float(np.median(depths)) if len(depths) >= NEAR_POINTS else None
+
+
+def _near(cloud: Cloud, view: View, x: float, y: float) -> tuple[FloatArray, FloatArray]:
+    """Points and depths of the front surface around a pixel, the nearest pixels first."""
+    pixels, depths = pixels_in_view(view, cloud.points)
+    with np.errstate(invalid="ignore"):
+        distance = np.hypot(pixels[:, 0] - x, pixels[:, 1] - y)
+    reach = NEAR_PX * view.camera.width / 640
+    rows = np.flatnonzero(distance < reach)
+    rows = rows[np.argsort(distance[rows])][:40]
+    if len(rows):
+        rows = rows[depths[rows] < 1.1 * np.percentile(depths[rows], 20)]
+    return cloud.points[rows], depths[rows]
+
+
+def _level_patch(space: Space, view: View, x: float, y: float, ray: FloatArray) -> Place:
+    """A small level surface that is no support plane, such as the top of a box."""
+    points, depths = _near(space.cloud, view, x, y)
+    up = space.supports.up.vector
+    heights = points @ up
+    spread = float(1.4826 * np.median(np.abs(heights - np.median(heights))))
+    toward = float(ray @ up)
+    if spread > LEVEL_SHARE * float(np.median(depths)) or toward > -0.05:
+        raise NoPlace(f"--at: what is at x={x:g}, y={y:g} of {view.name} is not level; see --preview for free places")
+    depth = (float(np.median(heights)) - float(view.centre @ up)) / toward
+    if not 0.5 < depth / float(np.median(depths)) < 2:
+        raise NoPlace(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; see --preview")
+    basis = space.supports.planes[0].basis if space.supports.planes else _basis(up)
+    return Place(view.centre + depth * ray, basis, view.centre, "level patch")
+
+
+def _basis(up: FloatArray) -> FloatArray:
+    from estimator.geometry.planes import level_basis
+
+    return level_basis(up)
+
+
+def _middle(plane: SupportPlane) -> FloatArray:
+    return np.asarray(cell_centres(plane)[plane.cells].mean(axis=0))
+
+
+def _mask_of(plane: SupportPlane, local: FloatArray) -> BoolArray:
+    """(a, b) cells within the outline of points of the plane."""
+    import cv2
+
+    hull = cv2.convexHull(((local - plane.origin) / plane.cell).astype(np.float32))
+    mask = np.zeros(plane.cells.shape, np.uint8)
+    cv2.fillConvexPoly(mask, np.floor(hull[:, 0, ::-1]).astype(np.int32), 1)
+    return mask.astype(bool)
+
+
+def _points_of(space: Space, instances: Sequence[Instance]) -> FloatArray:
+    """(n, 3) points of the cloud in the masks of the instances and in front."""
+    from insertion.scene.cloud import points_seen
+
+    kept = []
+    for item in instances[:: max(1, len(instances) // 24)]:
+        rows, pixels, _ = points_seen(space.scene, item.view, space.cloud.points)
+        at = np.floor(pixels - item.origin).astype(np.int64)
+        inside = ((at >= 0) & (at < item.mask.shape[::-1])).all(axis=1)
+        rows, at = rows[inside], at[inside]
+        kept.append(rows[item.mask[at[:, 1], at[:, 0]]])
+    return space.cloud.points[np.unique(np.concatenate(kept))]
+
+
+def _free_places(space: Space, number: int, mask: BoolArray | None = None) -> list[tuple[float, Place]]:
+    """Up to two free places of a plane with a score: the share of views that see it, times the root of its area."""
+    plane = space.supports.planes[number]
+    free = free_cells(plane, space.cloud, space.radius, space.height)
+    if mask is not None:
+        free &= mask
+    room = distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
+    scored: list[tuple[float, Place]] = []
+    area = float(np.sqrt(plane.cells.sum())) * plane.cell
+    for _ in range(2):
+        if room.max() <= 0:
+            break
+        cells = np.argwhere(room > 0.6 * room.max())
+        cells = cells[:: max(1, len(cells) // 30)]
+        points = (
+            np.column_stack([plane.origin + (cells + 0.5) * plane.cell, np.full(len(cells), plane.height)])
+            @ plane.basis
+        )
+        shares, cameras = _visibility(space, points)
+        best = int(shares.argmax())
+        if shares[best] >= SEEN_SHARE:
+            scored.append((float(shares[best]) * area, _place(space, number, points[best], cameras[best])))
+        rows, columns = np.indices(room.shape)
+        apart = np.hypot(rows - cells[best][0], columns - cells[best][1]) > 3 * space.radius / plane.cell + 2
+        room = np.where(apart, room, 0.0)
+    return scored
+
+
+def _visibility(space: Space, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Share of the views in which an object at each of (k, 3) points is well seen, and (k, 3) the best such camera."""
+    up = space.supports.up.vector
+    good = np.zeros(len(points))
+    cameras = np.tile(space.scene.views[0].centre, (len(points), 1))
+    middle_best = np.full(len(points), np.inf)
+    for view in space.scene.views:
+        foot, depth = pixels_in_view(view, points)
+        top, _ = pixels_in_view(view, points + space.height * up)
+        with np.errstate(invalid="ignore"):
+            apparent = np.linalg.norm(top - foot, axis=1) / view.camera.height
+            seen = np.isfinite(foot[:, 0]) & np.isfinite(top[:, 0]) & (depth > 0)
+            seen &= (apparent > APPARENT[0]) & (apparent < APPARENT[1]) & ((view.centre - points) @ up > 0)
+            seen &= _unhidden(space, view, points + 0.5 * space.height * up)
+            centre = np.array([view.camera.width, view.camera.height]) / 2
+            off = np.linalg.norm((foot + top) / 2 - centre, axis=1)
+        better = seen & (off < middle_best)
+        cameras[better], middle_best[better] = view.centre, off[better]
+        good += seen
+    return good / len(space.scene.views), cameras
+
+
+def _unhidden(space: Space, view: View, points: FloatArray) -> BoolArray:
+    """(k,) whether little of the cloud lies clearly in front of each point in a view."""
+    step = max(1, len(space.cloud.points) // 6000)
+    pixels, depths = pixels_in_view(view, space.cloud.points[::step])
+    at, depth = pixels_in_view(view, points)
+    reach = 0.03 * view.camera.width
+    shown = np.ones(len(points), dtype=bool)
+    for row in np.flatnonzero(np.isfinite(at[:, 0])):
+        near = np.abs(pixels - at[row]).max(axis=1) < reach
+        if np.count_nonzero(near) >= NEAR_POINTS:
+            shown[row] = np.mean(depths[near] < 0.85 * depth[row]) < 0.5
+    return shown

@@ -1,0 +1,1 @@
+"""OpenGL on EGL: models under many lights through the recovered camera."""

@@ -1,0 +1,79 @@
+"""The parts of a body on the graphics card: vertex buffers and textures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from insertion.models.model import Material
+from insertion.render.body import BodyPart
+
+__all__ = ["LoadedPart", "load_part"]
+
+#: Names of the material's textures in the shader, and their texture units.
+_UNITS = {"base_texture": 3, "surface_texture": 4, "normal_texture": 5, "emissive_texture": 6}
+_LAYOUT = "3f 3f 2f 4f"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LoadedPart:
+    """One part: its vertex arrays for the picture and for shadows, its textures by name, its material."""
+
+    drawn: Any
+    cast: Any
+    textures: dict[str, Any]
+    material: Material
+    middle: NDArray[np.float64]
+
+    def bind(self, program: Any) -> None:
+        """Hand the material to the shader; what the shader does not use is skipped."""
+        for name, unit in _UNITS.items():
+            flag = "has_" + name.split("_", 1)[0]
+            if name in self.textures:
+                self.textures[name].use(unit)
+            _set(program, flag, name in self.textures)
+            _set(program, name, unit)
+        cutoff = self.material.alpha_cutoff
+        _set(program, "alpha_cutoff", -1.0 if cutoff is None else cutoff)
+        _set(program, "base_color", tuple(float(v) for v in self.material.base_color))
+        _set(program, "emissive", tuple(float(v) for v in self.material.emissive))
+        _set(program, "metallic", self.material.metallic)
+        _set(program, "roughness", self.material.roughness)
+
+
+def load_part(context: Any, picture_program: Any, shadow_program: Any, part: BodyPart) -> LoadedPart:
+    """Upload one part."""
+    rows = np.hstack([part.vertices, part.normals, part.uv, part.tint]).astype("f4")
+    vertices = context.buffer(rows.tobytes())
+    index = context.buffer(np.ascontiguousarray(part.faces, dtype="i4").tobytes())
+    names = ("place", "normal", "uv", "tint")
+    drawn = context.vertex_array(picture_program, [(vertices, _LAYOUT, *names)], index)
+    cast = context.vertex_array(shadow_program, [(vertices, "3f 12x 2f 16x", "place", "uv")], index)
+    material = part.material
+    stored = {
+        "base_texture": material.base_texture,
+        "surface_texture": material.surface_texture,
+        "normal_texture": material.normal_texture,
+        "emissive_texture": material.emissive_texture,
+    }
+    textures = {name: _texture(context, pixels) for name, pixels in stored.items() if pixels is not None}
+    return LoadedPart(drawn, cast, textures, material, part.vertices.mean(axis=0))
+
+
+def _texture(context: Any, pixels: NDArray[np.uint8]) -> Any:
+    """A repeating texture with mipmaps; glTF's first row is v = 0, as is OpenGL's."""
+    import moderngl
+
+    texture = context.texture((pixels.shape[1], pixels.shape[0]), 4, np.ascontiguousarray(pixels).tobytes())
+    texture.build_mipmaps()
+    texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+    texture.anisotropy = 4.0
+    return texture
+
+
+def _set(program: Any, name: str, value: object) -> None:
+    if name in program:
+        program[name].value = value

@@ -1,0 +1,39 @@
+"""The OpenGL context: EGL, so that no display is needed; software rendering (Mesa's llvmpipe) is enough."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from metric_base.faults import InputFault
+
+__all__ = ["NoRenderer", "gl_context", "shader"]
+
+_SHADERS = Path(__file__).parent / "shaders"
+
+
+class NoRenderer(InputFault):
+    """No OpenGL context can be made on this machine; the message says what to install."""
+
+
+def gl_context() -> Any:
+    """A moderngl context on EGL. Raises NoRenderer with the package to install."""
+    try:
+        import moderngl
+    except ImportError:
+        raise NoRenderer("insert-object: moderngl is not installed; run: pip install 'metric-tree[insert]'") from None
+    try:
+        settings: Any = {"backend": "egl"}  # moderngl's stub types this word as a mapping
+        return moderngl.create_context(standalone=True, require=330, **settings)
+    except Exception as fault:
+        reason = " ".join(str(fault).split())
+        message = f"insert-object: no OpenGL without a display ({reason}); run: apt-get install libegl1 libgl1-mesa-dri"
+        raise NoRenderer(message) from fault
+
+
+def shader(name: str, **constants: int) -> str:
+    """The text of a shader file; `constants` become `#define`s after its version line, `//!lights` the lights' code."""
+    version, _, body = (_SHADERS / name).read_text(encoding="utf-8").partition("\n")
+    body = body.replace("//!lights", (_SHADERS / "lights.glsl").read_text(encoding="utf-8"))
+    defines = "".join(f"#define {key} {value}\n" for key, value in constants.items())
+    return f"{version}\n{defines}{body}"

@@ -1,0 +1,217 @@
+"""One object under the light of its place, through one camera after another.
+
+Everything that does not depend on the camera (shadow maps, light on the plane, reflections) is made once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from insertion.light.environment import Environment
+from insertion.light.lights import directional_lights
+from insertion.light.reflections import LEVELS, reflection_levels
+from insertion.render.body import Body
+from insertion.render.buffers import load_part
+from insertion.render.context import shader
+from insertion.render.pinhole import Window
+from insertion.render.shadows import Caster, PlaneMap, light_axes, plane_map, shadow_atlas
+from metric_base.arrays import FloatArray
+
+__all__ = ["ObjectImage", "ObjectRenderer"]
+
+#: 2 ** cuts lights shade the object and other things; the map on the plane is made once and affords more.
+OBJECT_CUTS, PLANE_CUTS = 6, 9
+SAMPLES = 4
+#: Framebuffers are made in steps of this many pixels, so that a window that grows slowly does not make one each frame.
+_STEP = 64
+_ATLAS, _PLANE, _ENVIRONMENT = 0, 1, 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectImage:
+    """The object alone in a window.
+
+    colour : (h, w, 3) linear radiance times coverage; alpha : (h, w) coverage; depth : (h, w) along the optical axis
+    in scene units, NaN where there is no object.
+    """
+
+    colour: NDArray[np.float32]
+    alpha: NDArray[np.float32]
+    depth: NDArray[np.float32]
+
+
+class ObjectRenderer:
+    """One body in an OpenGL context (`gl_context`), which several may share."""
+
+    def __init__(self, context: Any, body: Body, environment: Environment) -> None:
+        self.body = body
+        self._context = context
+        lights = directional_lights(environment, OBJECT_CUTS)
+        self._program = self._context.program(
+            vertex_shader=shader("surface.vert"), fragment_shader=self._lit_shader("surface.frag", len(lights.power))
+        )
+        self._receive = self._context.program(
+            vertex_shader=shader("full.vert"), fragment_shader=self._lit_shader("receive.frag", len(lights.power))
+        )
+        caster_program = self._context.program(
+            vertex_shader=shader("depth_only.vert"), fragment_shader=shader("depth_only.frag")
+        )
+        self._parts = [load_part(self._context, self._program, caster_program, part) for part in body.parts]
+        corners = body.corners
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
+        self._atlas = shadow_atlas(self._context, caster_program, self._parts, lights, caster)
+        above = directional_lights(environment, PLANE_CUTS).above(body.basis[2])
+        self.plane: PlaneMap = plane_map(self._context, caster_program, self._parts, above, body.basis, corners)
+        for program in (self._program, self._receive):
+            _set_lights(program, lights, caster)
+        self._set_surroundings(environment)
+        self._targets: dict[tuple[int, int], tuple[Any, Any]] = {}
+        quad = self._context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
+        self._cover = self._context.vertex_array(self._receive, [(quad, "2f", "corner")])
+
+    def outline(
+        self, window: Window, rotation: FloatArray, translation: FloatArray, times: float
+    ) -> NDArray[np.float32]:
+        """(h, w) coverage of the object grown `times` about its foot, without light."""
+        self._program["flat_only"].value = True
+        grown = replace(self.body, unit=self.body.unit * times)
+        image = self._image(grown, window, rotation, translation)
+        self._program["flat_only"].value = False
+        return image.alpha
+
+    def image(self, window: Window, rotation: FloatArray, translation: FloatArray) -> ObjectImage:
+        """The object through the window of a camera; rotation (3, 3) and translation (3,) are world to camera."""
+        return self._image(self.body, window, rotation, translation)
+
+    def _image(self, body: Body, window: Window, rotation: FloatArray, translation: FloatArray) -> ObjectImage:
+        rotation, offset = body.camera(rotation, translation)
+        depths = self.body.corners @ rotation[2] + offset[2]
+        near = max(float(depths.min()) * 0.8, 1e-3)
+        clip = window.clip(rotation, offset, near, max(float(depths.max()) * 1.2, near * 2))
+        self._program["clip"].write(clip.T.astype("f4").tobytes())
+        self._program["depth_row"].value = (*(float(v) for v in rotation[2]), float(offset[2]))
+        self._program["eye"].value = tuple(float(v) for v in -rotation.T @ offset)
+        smooth, plain = self._target(window.width, window.height)
+        self._draw(smooth, window, -rotation.T @ offset)
+        self._context.copy_framebuffer(plain, smooth)
+        colour = _read(plain, window, 0, 4)
+        seen = _read(plain, window, 1, 2)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = np.where(seen[..., 1] > 0.01, seen[..., 0] / seen[..., 1], np.nan) * body.unit
+        return ObjectImage(colour[..., :3].copy(), np.clip(colour[..., 3], 0, 1), depth.astype(np.float32))
+
+    def received(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(h, w, 3) share of the light that still reaches other things.
+
+        places : (h, w, 4) in the local frame, the fourth 1 where a place is known; normals : (h, w, 3) unit.
+        """
+        height, width = places.shape[:2]
+        textures = [
+            self._context.texture((width, height), 4, np.ascontiguousarray(places, "f4").tobytes(), dtype="f4"),
+            self._context.texture((width, height), 3, np.ascontiguousarray(normals, "f4").tobytes(), dtype="f4"),
+        ]
+        result = self._context.texture((width, height), 4, dtype="f4")
+        target = self._context.framebuffer([result])
+        target.use()
+        self._context.disable(self._context.DEPTH_TEST | self._context.BLEND)
+        for unit, texture in enumerate(textures, start=3):
+            texture.filter = (self._context.NEAREST, self._context.NEAREST)
+            texture.use(unit)
+        self._receive["places"].value, self._receive["normals"].value = 3, 4
+        self._atlas.use(_ATLAS)
+        self._cover.render(mode=self._context.TRIANGLE_STRIP)
+        share = np.frombuffer(target.read(components=3, dtype="f4"), "f4").reshape(height, width, 3).copy()
+        for thing in (*textures, target, result):
+            thing.release()
+        return share
+
+    @staticmethod
+    def _lit_shader(name: str, n_lights: int) -> str:
+        return shader(name, N_LIGHTS=n_lights, TILES=int(np.ceil(np.sqrt(n_lights))))
+
+    def _set_surroundings(self, environment: Environment) -> None:
+        import moderngl
+
+        program, basis = self._program, self.body.basis
+        share = self.plane.share
+        self._plane_texture = self._context.texture(share.shape[1::-1], 3, share.tobytes(), dtype="f4")
+        levels = reflection_levels(environment)
+        self._environment = self._context.texture(levels[0].shape[1::-1], 3, levels[0].tobytes(), dtype="f4")
+        self._environment.build_mipmaps(0, LEVELS)
+        for level, picture in enumerate(levels):
+            self._environment.write(np.ascontiguousarray(picture).tobytes(), level=level)
+        self._environment.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        self._environment.repeat_y = False
+        for name, row in (("plane_one", 0), ("plane_two", 1), ("plane_up", 2)):
+            program[name].value = tuple(float(v) for v in basis[row])
+        program["map_radius"].value = self.plane.radius
+        program["plane_map"].value, program["environment"].value = _PLANE, _ENVIRONMENT
+        program["sharpest_level"].value, program["blurriest_level"].value = 0.0, float(LEVELS)
+
+    def _target(self, width: int, height: int) -> tuple[Any, Any]:
+        """Framebuffers of at least this size, with samples and without; only the last pair is kept."""
+        size = (-(-width // _STEP) * _STEP, -(-height // _STEP) * _STEP)
+        if size not in self._targets:
+            for old in self._targets.values():
+                for buffer in old:
+                    buffer.release()
+            self._targets.clear()
+            make = self._context.renderbuffer
+            smooth = self._context.framebuffer(
+                [make(size, 4, samples=SAMPLES, dtype="f2"), make(size, 4, samples=SAMPLES, dtype="f4")],
+                self._context.depth_renderbuffer(size, samples=SAMPLES),
+            )
+            plain = self._context.framebuffer([make(size, 4, dtype="f2"), make(size, 4, dtype="f4")])
+            self._targets[size] = (smooth, plain)
+        return self._targets[size]
+
+    def _draw(self, target: Any, window: Window, eye: FloatArray) -> None:
+        context = self._context
+        target.use()
+        target.viewport = (0, 0, window.width, window.height)
+        context.enable(context.DEPTH_TEST)
+        context.disable(context.BLEND)
+        target.clear()
+        self._atlas.use(_ATLAS)
+        self._plane_texture.use(_PLANE)
+        self._environment.use(_ENVIRONMENT)
+        solid = [part for part in self._parts if not part.material.blend]
+        clear = sorted((p for p in self._parts if p.material.blend), key=lambda p: -np.linalg.norm(p.middle - eye))
+        for part in solid:
+            part.bind(self._program)
+            part.drawn.render()
+        context.enable(context.BLEND)
+        context.blend_func = context.ONE, context.ONE_MINUS_SRC_ALPHA
+        target.depth_mask = False
+        for part in clear:
+            part.bind(self._program)
+            part.drawn.render()
+        target.depth_mask = True
+        context.disable(context.BLEND)
+
+
+def _read(target: Any, window: Window, attachment: int, components: int) -> NDArray[np.float32]:
+    box = (0, 0, window.width, window.height)
+    flat = np.frombuffer(target.read(viewport=box, components=components, attachment=attachment, dtype="f4"), "f4")
+    return flat.reshape(window.height, window.width, components)
+
+
+def _set_lights(program: Any, lights: Any, caster: Caster) -> None:
+    right, above = light_axes(lights, caster.radius)
+    rows = {
+        "light_direction": lights.directions,
+        "light_power": lights.power,
+        "light_right": right,
+        "light_up": above,
+    }
+    for name, values in rows.items():
+        if name in program:
+            program[name].write(np.ascontiguousarray(values, "f4").tobytes())
+    program["caster_centre"].value = tuple(float(v) for v in caster.centre)
+    program["caster_radius"].value = caster.radius
+    program["shadow_atlas"].value = _ATLAS

@@ -1,0 +1,22 @@
+#version 330
+// Places are in the object's local frame: scene axes, origin at the bottom centre, unit the object's largest extent.
+uniform mat4 clip;
+uniform vec4 depth_row;  // third row of local to camera: depth along the optical axis
+in vec3 place;
+in vec3 normal;
+in vec2 uv;
+in vec4 tint;
+out vec3 v_place;
+out vec3 v_normal;
+out vec2 v_uv;
+out vec4 v_tint;
+out float v_depth;
+
+void main() {
+    gl_Position = clip * vec4(place, 1.0);
+    v_place = place;
+    v_normal = normal;
+    v_uv = uv;
+    v_tint = tint;
+    v_depth = dot(depth_row.xyz, place) + depth_row.w;
+}

@@ -1,0 +1,107 @@
+"""The cloud with colours: the mean linear colour of each point over the stills that see it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.reconstructions.cameras import pixels_in_view
+from estimator.records.scene import Scene, View
+from insertion.light.encoding import decoded
+from insertion.scene.footage import Stills
+from metric_base.arrays import FloatArray, IntArray
+
+__all__ = ["Cloud", "FrontPoints", "coloured_cloud", "even_rows", "front_points", "points_seen"]
+
+#: More dense points than this add time and no light.
+MAX_POINTS = 400_000
+#: Stills that colour the cloud.
+MAX_STILLS = 40
+#: A point is hidden if another one within this many pixels lies nearer than this share of its depth.
+HIDDEN_PX, HIDDEN_SHARE = 4, 0.95
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cloud:
+    """The points of a scene.
+
+    points : (n, 3) in the scene; colours : (n, 3) linear, NaN where no still shows the point; dense : whether a dense
+    cloud is among them.
+    """
+
+    points: FloatArray
+    colours: NDArray[np.float32]
+    dense: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrontPoints:
+    """The points that one view sees.
+
+    rows : (m,) of the cloud; pixels : (m, 2); depths : (m,) scene units; dense : as the cloud's.
+    """
+
+    rows: IntArray
+    pixels: FloatArray
+    depths: FloatArray
+    dense: bool
+
+    def inside(self, x0: int, y0: int, x1: int, y1: int) -> FrontPoints:
+        """Those within a box of pixels, the ends not included."""
+        kept = ((self.pixels >= [x0, y0]) & (self.pixels < [x1, y1])).all(axis=1)
+        return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense)
+
+
+def front_points(view: View, cloud: Cloud) -> FrontPoints:
+    """The points of the cloud that a view sees and no other point hides."""
+    return FrontPoints(*_seen(view, cloud.points), cloud.dense)
+
+
+def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
+    """Sparse and dense points of the scene with their colours."""
+    points = scene.points
+    if scene.dense is not None:
+        step = max(1, -(-len(scene.dense.points) // MAX_POINTS))
+        points = np.concatenate([points, scene.dense.points[::step]])
+    total = np.zeros((len(points), 3))
+    count = np.zeros(len(points))
+    for row in even_rows(stills.rows, MAX_STILLS):
+        seen, pixels, _ = points_seen(scene, row, points)
+        at = pixels.astype(np.int64)
+        total[seen] += decoded(stills.picture(row)[at[:, 1], at[:, 0]])
+        count[seen] += 1
+    with np.errstate(invalid="ignore"):
+        colours = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)
+    return Cloud(points, colours.astype(np.float32), scene.dense is not None)
+
+
+def points_seen(scene: Scene, row: int, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Rows of the points that a view sees and no other point hides, their (m, 2) pixels and (m,) depths."""
+    return _seen(scene.views[row], points)
+
+
+def _seen(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    pixels, depths = pixels_in_view(view, points)
+    inside = np.flatnonzero(np.isfinite(pixels[:, 0]))
+    pixels, depths = pixels[inside], depths[inside]
+    kept = depths < _nearest(pixels, depths, view.camera.width, view.camera.height) / HIDDEN_SHARE
+    return inside[kept], pixels[kept], depths[kept]
+
+
+def even_rows(rows: tuple[int, ...], most: int) -> list[int]:
+    """At most `most` of the rows, evenly spread."""
+    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), most)).round().astype(np.int64))
+    return [rows[k] for k in chosen]
+
+
+def _nearest(pixels: FloatArray, depths: FloatArray, width: int, height: int) -> FloatArray:
+    """(m,) least depth in the neighbourhood of each point, from a coarse depth buffer."""
+    from scipy.ndimage import minimum_filter
+
+    shape = (height // HIDDEN_PX + 1, width // HIDDEN_PX + 1)
+    cells = (pixels // HIDDEN_PX).astype(np.int64)
+    buffer = np.full(shape, np.inf)
+    np.minimum.at(buffer, (cells[:, 1], cells[:, 0]), depths)
+    return np.asarray(minimum_filter(buffer, 3)[cells[:, 1], cells[:, 0]])

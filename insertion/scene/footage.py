@@ -1,0 +1,93 @@
+"""The pictures that are drawn on, each with its pose and time; and the stills that the reconstruction was made of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.instances.image_files import image_file, image_folders
+from estimator.records.scene import Scene, View
+from metric_base.faults import InputFault
+
+__all__ = ["Footage", "PictureFootage", "Shot", "Stills"]
+
+Picture = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shot:
+    """One picture of the output.
+
+    index : its number, from 0; name : the picture's file name; time_s : presentation time, None for stills; view : its
+    camera and pose, None where none is known; row : its row in `Scene.views`, None if it was not reconstructed.
+    """
+
+    index: int
+    name: str
+    time_s: float | None
+    view: View | None
+    row: int | None
+
+
+class Footage(Protocol):
+    """What is drawn on, in order."""
+
+    @property
+    def shots(self) -> tuple[Shot, ...]:
+        """All pictures in order."""
+        ...
+
+    def pictures(self) -> Iterator[tuple[Shot, Picture]]:
+        """Every shot with its (h, w, 3) uint8 RGB picture, upright; one at a time."""
+        ...
+
+
+class Stills:
+    """The pictures of a reconstruction's own views, read when they are asked for."""
+
+    def __init__(self, scene: Scene, folder: Path | None = None) -> None:
+        self.scene = scene
+        folders = image_folders(scene) if folder is None else (folder.resolve(),)
+        self._files = [image_file(folders, view) for view in scene.views]
+        self.rows = tuple(row for row, file in enumerate(self._files) if file is not None)
+        if not self.rows:
+            places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"
+            raise InputFault(
+                f"{scene.path}: pictures: expected the pictures of its views (--images DIR); found none in {places}"
+            )
+
+    def picture(self, row: int) -> Picture:
+        """(h, w, 3) uint8 RGB of a view. Raises InputFault for a file that is no picture or has another shape."""
+        import cv2
+
+        file, camera = self._files[row], self.scene.views[row].camera
+        pixels = cv2.imread(str(file), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        if pixels is None:
+            raise InputFault(f"{file}: picture: expected one that OpenCV reads; found none")
+        if pixels.shape[:2] != (camera.height, camera.width):
+            found = f"{pixels.shape[1]} x {pixels.shape[0]}"
+            raise InputFault(f"{file}: size: expected {camera.width} x {camera.height}, as its camera; found {found}")
+        return np.ascontiguousarray(pixels[..., ::-1])
+
+
+class PictureFootage:
+    """A scene whose own pictures are drawn on, in the order of their names."""
+
+    def __init__(self, stills: Stills) -> None:
+        views = stills.scene.views
+        rows = sorted(stills.rows, key=lambda row: views[row].name)
+        self._stills = stills
+        self.shots: tuple[Shot, ...] = tuple(
+            Shot(index, views[row].name, None, views[row], row) for index, row in enumerate(rows)
+        )
+
+    def pictures(self) -> Iterator[tuple[Shot, Picture]]:
+        """Every shot with its picture."""
+        for shot in self.shots:
+            assert shot.row is not None  # every shot is a view here
+            yield shot, self._stills.picture(shot.row)

@@ -1,0 +1,51 @@
+"""Rays through pixels, by COLMAP's own camera models."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.records.scene import Camera, View
+from metric_base.arrays import FloatArray
+
+__all__ = ["camera_rays", "normalized", "pixel_grid", "ray_through"]
+
+_PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
+
+
+def normalized(camera: Camera, pixels: FloatArray) -> FloatArray:
+    """(n, 2) x / z and y / z in the camera of (n, 2) pixels, the lens undone."""
+    if camera.model in _PINHOLES:
+        return np.asarray((pixels - camera.params[-2:]) / camera.params[:-2])
+    import zlib  # noqa: F401 - pycolmap breaks a zlib that is loaded after it
+
+    import pycolmap
+
+    lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
+    return np.asarray(lens.cam_from_img(np.ascontiguousarray(pixels, dtype=np.float64)), dtype=np.float64)[:, :2]
+
+
+def ray_through(view: View, x: float, y: float) -> FloatArray:
+    """(3,) direction in the scene of the ray through a pixel, of length 1 along the optical axis."""
+    flat = normalized(view.camera, np.array([[x, y]]))[0]
+    return np.asarray(np.append(flat, 1.0) @ view.rotation)
+
+
+def pixel_grid(x0: int, y0: int, width: int, height: int) -> FloatArray:
+    """(height * width, 2) centres of a box of pixels."""
+    x, y = np.meshgrid(x0 + np.arange(width) + 0.5, y0 + np.arange(height) + 0.5)
+    return np.column_stack([x.ravel(), y.ravel()])
+
+
+def camera_rays(camera: Camera) -> NDArray[np.float32]:
+    """(h, w, 2) x / z and y / z of every pixel's centre; made once for a camera."""
+    return _rays(camera.model, camera.width, camera.height, camera.params.tobytes())
+
+
+@lru_cache(maxsize=2)
+def _rays(model: str, width: int, height: int, params: bytes) -> NDArray[np.float32]:
+    camera = Camera(model, width, height, np.frombuffer(params, dtype=np.float64))
+    flat = normalized(camera, pixel_grid(0, 0, width, height))
+    return flat.reshape(height, width, 2).astype(np.float32)

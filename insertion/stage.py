@@ -1,0 +1,45 @@
+"""The scene made ready for insertion: cloud, support planes, masks by view, scale."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from estimator.records.scene import Instance, Scene
+from insertion.places.supports import Supports, supports_of
+from insertion.result import ScaleUsed
+from insertion.scene.cloud import Cloud, coloured_cloud
+from insertion.scene.footage import Footage, Shot, Stills
+
+__all__ = ["Stage", "make_stage"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Stage:
+    """Everything about the scene that does not depend on an object."""
+
+    scene: Scene
+    stills: Stills
+    footage: Footage
+    cloud: Cloud
+    supports: Supports
+    instances: tuple[Instance, ...]
+    scale: ScaleUsed
+    by_view: dict[int, list[Instance]]
+
+    def masks(self, shot: Shot) -> Sequence[Instance]:
+        """The instances of a shot; none where it was not annotated."""
+        return self.by_view.get(shot.row, []) if shot.row is not None else []
+
+
+def make_stage(
+    scene: Scene, stills: Stills, footage: Footage, instances: Sequence[Instance], scale: ScaleUsed
+) -> Stage:
+    """The stage of a scene; reads the stills once for the cloud's colours."""
+    by_view: dict[int, list[Instance]] = defaultdict(list)
+    for item in instances:
+        if not item.from_box:  # a box has no edge to hide behind
+            by_view[item.view].append(item)
+    cloud = coloured_cloud(scene, stills)
+    return Stage(scene, stills, footage, cloud, supports_of(scene), tuple(instances), scale, dict(by_view))

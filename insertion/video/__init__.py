@@ -1,0 +1,1 @@
+"""Video files in and out, with their rate, times, audio and rotation."""

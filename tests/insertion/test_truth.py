@@ -1,0 +1,118 @@
+"""An inserted object against the same mesh that stands in the made room itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insertion.insert import Placed, insert_objects, place_objects
+from insertion.request import ObjectRequest
+from insertion.result import InsertionResult
+from tests.made.insertions import FilmedRoom, added, film_room, stage_of, write_glb
+from tests.made.rooms.render import Renderer
+from tests.made.rooms.shapes import solid
+
+SIZE = np.array([0.42, 0.38, 0.75])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inserted:
+    room: FilmedRoom
+    placed: Placed
+    result: InsertionResult
+    pictures: dict[str, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> FilmedRoom:
+    return film_room("sitting room", 1003, tmp_path_factory.mktemp("room"))
+
+
+def _insert(room: FilmedRoom, scale_error: float = 1.0) -> Inserted:
+    stage = stage_of(room, scale_error)
+    model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
+    (placed,) = place_objects(stage, [ObjectRequest(model)])
+    pictures: dict[str, np.ndarray] = {}
+    (result,) = insert_objects(stage, [placed], lambda shot, picture: pictures.update({shot.name: picture}))
+    return Inserted(room, placed, result, pictures)
+
+
+@pytest.fixture(scope="module")
+def inserted(room: FilmedRoom) -> Inserted:
+    return _insert(room)
+
+
+def _true_masks(inserted: Inserted, alone: bool) -> list[np.ndarray]:
+    heading = inserted.placed.body.basis.T @ inserted.placed.body.basis @ _front(inserted)
+    world = added(inserted.room, solid("chair", SIZE), inserted.placed.place.position, heading, alone)
+    with Renderer(world) as renderer:
+        return [renderer.frame(k, colour=False).ids == len(world.objects) for k in range(len(world.poses))]
+
+
+def _front(inserted: Inserted) -> np.ndarray:
+    place = inserted.placed.place
+    up = place.basis[2]
+    toward = place.camera - place.position
+    toward = toward - (toward @ up) * up
+    return toward / np.linalg.norm(toward)
+
+
+def _whole_boxes(masks: list[np.ndarray], inserted: Inserted) -> list[tuple[tuple[int, int, int, int], tuple]]:
+    """Boxes of the truth and of the insertion where the object is wholly in the picture."""
+    pairs = []
+    for mask, frame in zip(masks, inserted.result.frames, strict=True):
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        if len(rows) and rows[0] > 1 and rows[-1] < 478 and columns[0] > 1 and columns[-1] < 638:
+            box = (int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1)
+            pairs.append((box, frame.silhouette))
+    return pairs
+
+
+def test_the_silhouette_is_as_high_as_the_true_one(inserted: Inserted) -> None:
+    pairs = _whole_boxes(_true_masks(inserted, alone=True), inserted)
+    assert len(pairs) >= 3
+    ratios = [ours[3] / true[3] for true, ours in pairs]
+    assert np.mean(ratios) == pytest.approx(1.0, abs=0.01)
+    for true, ours in pairs:
+        assert np.abs(np.subtract(true, ours)).max() <= 3  # up is estimated, so an edge may be a pixel or two off
+
+
+@pytest.mark.parametrize("error", [0.8, 1.25])
+def test_a_wrong_scale_shows_in_full(room: FilmedRoom, inserted: Inserted, error: float) -> None:
+    stage = stage_of(room, error)
+    placed = place_objects(stage, [inserted.placed.request])[0]
+    assert placed.body.unit * error == pytest.approx(inserted.placed.body.unit)
+    assert placed.size_m == inserted.placed.size_m
+
+
+def test_what_stands_in_front_hides_the_object(inserted: Inserted) -> None:
+    whole, seen = _true_masks(inserted, alone=True), _true_masks(inserted, alone=False)
+    for frame, all_of_it, rest in zip(inserted.result.frames, whole, seen, strict=True):
+        if all_of_it.sum() > 500:
+            assert frame.visible == pytest.approx(rest.sum() / all_of_it.sum(), abs=0.05)
+
+
+def test_far_pixels_do_not_change(inserted: Inserted) -> None:
+    import cv2
+
+    for name, picture in inserted.pictures.items():
+        before = cv2.imread(str(inserted.room.folder / "images" / name))[..., ::-1]
+        changed = np.abs(picture.astype(int) - before).max(axis=-1) > 0
+        assert changed.mean() < 0.5
+        assert changed.any()
+
+
+def test_twice_the_same(inserted: Inserted) -> None:
+    again = _insert(inserted.room)
+    for name, picture in inserted.pictures.items():
+        np.testing.assert_array_equal(picture, again.pictures[name])
+
+
+def test_sizes_are_metres_over_scale(inserted: Inserted, tmp_path: Path) -> None:
+    record = inserted.result.to_json()
+    for name, metres in zip(("length", "width", "height"), (0.42, 0.38, 0.75), strict=True):
+        assert record["size_m"][name] == pytest.approx(metres, rel=1e-5)
+        assert record["size_units"][name] == pytest.approx(metres * inserted.room.to_scene.scale, rel=1e-4)

@@ -49,7 +49,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def parser() -> argparse.ArgumentParser:
-    """The argument parser; its help is part of the contract."""
+    """The argument parser; `docs/reference/commands.md` shows its help."""
     from metric_base.terminal import version
 
     root = argparse.ArgumentParser(

@@ -1,4 +1,4 @@
-"""The size prior of a category: a log-normal mixture over millimetres (paper 3, methods.md "Priors").
+"""The size prior of a category: a log-normal mixture over millimetres (paper 3; docs/explanation/priors.md).
 
 The density of an object of an unknown source is, over x = ln(size in mm),
 

@@ -11,7 +11,7 @@ eta is under 0.7 for six of ten cut sides and one of ten whole ones (the paper's
     python -m benchmarks.estimator.simulation --tree data/release/X --scenes 300
 
 prints, for each setting and method, |s / s_true - 1|: median, mean, 90th percentile, over all scenes by the highest
-mode; coverage of the stated 90 % interval; and the share of scenes that the contract's rule refuses.
+mode; coverage of the stated 90 % interval; and the share of scenes that are refused.
 """
 
 from __future__ import annotations

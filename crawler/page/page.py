@@ -148,7 +148,7 @@ def canonical_url(url: str) -> str:
 
 
 def source_id(url: str) -> str:
-    """The id of a page that has none of its own: the sha256 of its canonical address (contracts.md, raw item)."""
+    """The id of a page that has none of its own: the sha256 of its canonical address."""
     return hashlib.sha256(canonical_url(url).encode()).hexdigest()
 
 

@@ -34,7 +34,7 @@ __all__ = ["ETA", "Mixture", "authors_lists", "fit_mixture", "paper_result"]
 #: The paper's threshold of a plausible dimension (section 4.2, example figure).
 ETA = 0.7
 
-#: One component for so many items (methods.md, "Priors").
+#: One component for so many items (the authors' released code).
 ITEMS_PER_COMPONENT = 3
 
 #: A class of more items is thinned, evenly by a fixed seed: the paper's 244 components for 734 laptops take 4 s to
@@ -111,7 +111,7 @@ def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], 
     """The authors' own lists by node id: dims and (n, d) sizes in mm.
 
     One file per class, without header: three columns are two sides and the height, two columns a lying thing's
-    sides, one column a height; dining chairs are in inches (methods.md). Which category a file is, the declaration
+    sides, one column a height; dining chairs are in inches. Which category a file is, the declaration
     of the same source among our data says.
     """
     if not folder.is_dir():

@@ -1,6 +1,6 @@
 """How the measured extents of one object may be its prior's axes, and what each way says about sides that are cut.
 
-Which axis is which (methods.md): with the vertical known both horizontal sides are sorted and the order matters only
+Which axis is which: with the vertical known both horizontal sides are sorted and the order matters only
 where one is cut or noisy; with the vertical unknown, or for a thing that also stands or lies otherwise, the density
 is the sum over the assignments that the pose allows. A cut side can only be short: its log extent is shifted by a
 mixture of amounts, of which one is wide.
@@ -19,7 +19,7 @@ from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["LOG_BOX", "SHIFTS", "Layout", "Variants", "variants"]
 
-#: Width of the flat density over log size that stands for "anything": sizes over a factor of 50 (methods.md).
+#: Width of the flat density over log size that stands for "anything": sizes over a factor of 50.
 LOG_BOX = math.log(50.0)
 
 #: Of a cut side: weight, mean and standard deviation of ln(true / measured). Half lose little, half any amount: a slab

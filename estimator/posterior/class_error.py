@@ -3,7 +3,7 @@
 Catalogues are not streets: the sizes of a class differ between sources by more than chance, alike for every object of
 one scene. With f(v) = prod_i p_i(v) the class says
 
-    L_c(u) = E_e[ f(u 1 - e) ]                                              (methods.md, "The posterior")
+    L_c(u) = E_e[ f(u 1 - e) ]                                              (docs/explanation/posterior.md)
 
 B splits without remainder into the part along 1, a shift of u with variance s^2 = 1 / (1' B^-1 1), and the rest,
 q = U z with z ~ N(0, I) and U U' = B - s^2 1 1', an error of the proportions (two numbers). Hence

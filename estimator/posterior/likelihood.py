@@ -3,7 +3,7 @@
 With y the log of an object's extents, u the log of the scale in metres per unit, e the error that the objects of a
 class share, and tree sizes in millimetres,
 
-    y + v ~ sum_k w_k N(m_k - ln 1000, S_k + R),    v = u 1 - e                         (methods.md, "The posterior")
+    y + v ~ sum_k w_k N(m_k - ln 1000, S_k + R),    v = u 1 - e                         (docs/explanation/posterior.md)
 
 so that each row below is N(v; r, S + R) with r = m - ln 1000 - y. On the line v = u 1 a row is the Gaussian
 N(u; u_hat, 1 / lam) times the evidence of the proportions. Everything is relative to the flat outlier density, whose

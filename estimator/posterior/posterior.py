@@ -1,4 +1,4 @@
-"""The posterior over u = log scale of all objects together (methods.md "The posterior"; paper 4.3, in log space).
+"""The posterior over u = log scale of all objects together (paper 4.3, in log space; docs/explanation/posterior.md).
 
     log p(u | y) = log p(u) + sum over classes of log L_c(u) + known lengths
 

@@ -75,7 +75,7 @@ def _object(path: Path, field: str, entry: dict[str, Any]) -> MeasuredObject:
     with np.errstate(invalid="ignore"):
         cut = cut | (confidence < PLAUSIBLE)
     notes: tuple[str, ...] = ()
-    if not free and extents[1] > extents[0]:  # the contract's length is the longer horizontal side
+    if not free and extents[1] > extents[0]:  # `length` is the longer horizontal side
         order = [1, 0, 2]
         extents, sigma, confidence, cut = extents[order], sigma[order], confidence[order], cut[order]
         notes = ("width was longer than length: exchanged",)

@@ -100,7 +100,7 @@ class ScaleResult:
         return 0 if self.status == "resolved" else 3
 
     def record(self) -> dict[str, Any]:
-        """The result as the contract's JSON object."""
+        """The result as a JSON object (`metric-tree/scale/1`)."""
         record: dict[str, Any] = {
             "schema": SCHEMA,
             "status": self.status,

@@ -17,5 +17,5 @@ class Finding:
 
     @property
     def is_error(self) -> bool:
-        """Whether the release breaks the contract."""
+        """Whether the release breaks the format."""
         return self.code.startswith("E")

@@ -41,7 +41,7 @@ CODES = {
     "E302": "two items with one id",
     "E303": "a size that no object has",
     "E304": "axes out of order: width over length, or extents not longest first",
-    "E305": "a kind that the contract does not know",
+    "E305": "a kind that the format does not know",
     "E306": "an item without licence, or of a source that the manifest does not name",
     "E307": "an item without any size",
     "W308": "identical rows make up much of a class",

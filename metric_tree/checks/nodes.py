@@ -24,7 +24,7 @@ CODES = {
     "E205": "a level that is not the parent's plus one",
     "E206": "a leaf that is not at level 5, or a node below it",
     "E207": "a path that is not the parent's path and the node's name",
-    "E208": "a pose or a dimension that the contract does not know",
+    "E208": "a pose or a dimension that the format does not know",
     "E209": "counts of items that disagree with those below",
     "E210": "siblings with one name",
     "W211": "an inner node with one child",

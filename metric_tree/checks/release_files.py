@@ -1,6 +1,6 @@
 """The coded checks of a release: every rule of `metric-tree/1`, each finding with its code.
 
-E is an error (the release breaks the contract), W a warning (a maintainer should look). Codes: 1xx files, 2xx tree,
+E is an error (the release breaks the format), W a warning (a maintainer should look). Codes: 1xx files, 2xx tree,
 3xx items, 4xx priors, 5xx pictures. Each code has a fixture in `tests/metric_tree/checks/test_checks.py`.
 """
 

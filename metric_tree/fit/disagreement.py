@@ -1,4 +1,4 @@
-"""How sources of one class disagree: a random effect per source and its covariance (methods.md, "Priors").
+"""How sources of one class disagree: a random effect per source and its covariance (docs/explanation/priors.md).
 
 Rows of source s scatter around mu + e_s with covariance W; e_s ~ N(0, B). For any weights a_s of the source means,
 with A = sum a_s and n_s the rows of a source (DerSimonian and Laird 1986, in matrix form),

@@ -26,7 +26,7 @@ __all__ = [
     "typical_nodes",
 ]
 
-#: Items from which a distribution can be told at all; the issue's own number.
+#: Fewer items than this say little about a distribution.
 ENOUGH = 10
 
 #: Categories of the figure, as in the paper's figure of size distributions, with others of everyday rooms and streets;

@@ -1,4 +1,4 @@
-"""Which categories are fit for instance segmentation and scale estimation (paper 3, the three rules; methods.md).
+"""Which categories are fit for instance segmentation and scale estimation (paper 3, the three rules).
 
 The paper chooses 43 by three rules: sizes diverge little, samples are enough, and other well-known data sets hold
 training pictures. Each rule has its figure here. The better figure is what they are for: how far one object of the

@@ -1,4 +1,4 @@
-"""`estimate-scale` as a user meets it: exit statuses, JSON by the contract, one line for a fault."""
+"""`estimate-scale` as a user meets it: exit statuses, JSON by its schema, one line for a fault."""
 
 from __future__ import annotations
 

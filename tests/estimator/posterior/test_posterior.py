@@ -1,4 +1,4 @@
-"""The posterior of whole scenes: against brute-force quadrature, known truths, and the contract's rules."""
+"""The posterior of whole scenes: against brute-force quadrature, known truths, and the rules of `unresolved`."""
 
 from __future__ import annotations
 

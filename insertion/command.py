@@ -103,19 +103,23 @@ def stage_of(options: argparse.Namespace) -> Stage:
     from estimator.reading import read_instances, read_scene
     from insertion.request import read_scale
     from insertion.scene.footage import PictureFootage, Stills
+    from insertion.scene.video_footage import video_footage
     from insertion.stage import make_stage
 
     scale = read_scale(options.scene, options.scale)
     scene = read_scene(options.scene, options.dense)
-    stills = Stills(scene, options.images)
+    frames = options.scene / "frames"
+    stills = Stills(scene, options.images or (frames if frames.is_dir() else None))
+    footage = video_footage(options.scene, scene) or PictureFootage(stills)
     default = any((options.scene / name).exists() for name in ("instances.json", "instances"))
     instances = read_instances(options.instances, scene) if options.instances or default else ()
-    return make_stage(scene, stills, PictureFootage(stills), instances, scale)
+    return make_stage(scene, stills, footage, instances, scale)
 
 
 def _run(options: argparse.Namespace) -> int:
     from insertion.insert import insert_objects, place_objects
     from insertion.outputs import output_kind, picture_writer
+    from insertion.scene.video_footage import VideoFootage
 
     output_kind(options.out)
     requests = requests_of(options)
@@ -123,8 +127,10 @@ def _run(options: argparse.Namespace) -> int:
     objects = place_objects(stage, requests, _tree(options))
     if options.preview is not None:
         _write_preview(stage, objects[0], options.preview)
-    with picture_writer(options.out) as write:
-        results = insert_objects(stage, objects, write, show_interval=options.show_interval)
+    film = stage.footage if isinstance(stage.footage, VideoFootage) else None
+    source, turned = (film.source, film.turned_deg) if film is not None else (None, 0)
+    with picture_writer(options.out, source, turned) as write:
+        results = insert_objects(stage, objects, write, show_interval=options.show_interval, film=film is not None)
     for result in results:
         for line in result.warnings:
             sys.stderr.write(f"{PROGRAM}: warning: {line}\n")

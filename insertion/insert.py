@@ -159,7 +159,7 @@ def _drawn(
     order = sorted(running, key=lambda item: -float(np.linalg.norm(view.centre - item.placed.body.position)))
     for number, item in enumerate(order):
         number_of_plane = item.placed.place.plane
-        plane = None if number_of_plane is None else stage.supports.planes[number_of_plane]
+        plane = None if number_of_plane is None else stage.supports.surfaces[number_of_plane]
         composed = compose(picture, view, item.renderer, front, masks, plane, look, shot.index * 16 + number)
         picture = composed.picture
         item.frames.append(FrameReport(shot.name, shot.time_s, composed.silhouette, composed.visible))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from estimator.records.scene import Instance, Scene
 from insertion.places.supports import Supports, supports_of
 from insertion.result import ScaleUsed
+from insertion.scene.carried_masks import MaskCarrier
 from insertion.scene.cloud import Cloud, coloured_cloud
 from insertion.scene.footage import Footage, Shot, Stills
 
@@ -26,11 +27,14 @@ class Stage:
     supports: Supports
     instances: tuple[Instance, ...]
     scale: ScaleUsed
-    by_view: dict[int, list[Instance]]
+    carrier: MaskCarrier
 
     def masks(self, shot: Shot) -> Sequence[Instance]:
-        """The instances of a shot; none where it was not annotated."""
-        return self.by_view.get(shot.row, []) if shot.row is not None else []
+        """The masks of a shot, carried over from the nearest annotated view where it has none of its own."""
+        if shot.view is None:
+            return ()
+        own = shot.view.camera.width == self.scene.views[0].camera.width
+        return self.carrier.masks(shot.row if own else None, shot.view)
 
 
 def make_stage(
@@ -42,4 +46,13 @@ def make_stage(
         if not item.from_box:  # a box has no edge to hide behind
             by_view[item.view].append(item)
     cloud = coloured_cloud(scene, stills)
-    return Stage(scene, stills, footage, cloud, supports_of(scene), tuple(instances), scale, dict(by_view))
+    return Stage(
+        scene,
+        stills,
+        footage,
+        cloud,
+        supports_of(scene, cloud),
+        tuple(instances),
+        scale,
+        MaskCarrier(scene, by_view, cloud),
+    )

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.geometry.planes import SupportPlane
 from estimator.records.scene import Instance, View
 from insertion.composite.boxes import Box, object_box, shadow_box
 from insertion.composite.layers import object_layer, shadow_layer
@@ -16,6 +15,7 @@ from insertion.composite.match import Look, grain
 from insertion.composite.occlusion import hidden_share
 from insertion.composite.received import received_share
 from insertion.light.encoding import decoded, encoded
+from insertion.places.surface import Surface
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.cloud import FrontPoints
 
@@ -43,7 +43,7 @@ def compose(
     renderer: ObjectRenderer,
     front: FrontPoints,
     instances: Sequence[Instance],
-    plane: SupportPlane | None,
+    plane: Surface | None,
     look: Look,
     seed: int,
 ) -> Composed:

@@ -30,8 +30,9 @@ NEARER, FARTHER = 0.75, 0.25
 CLEARLY = 0.012
 #: How far beyond the object's outline points of a thing are heard, in pixels at a width of 640.
 AROUND_PX = 12
-#: Points of a dense cloud within this many pixels that make an unmasked pixel hidden.
-DENSE_PX = 2.5
+#: Where there is no mask, this many nearest points of a dense cloud vote, no further than so many pixels at a width
+#: of 640: plain surfaces leave few points.
+DENSE_POINTS, DENSE_PX = 7, 24.0
 #: Edges of occluders are as soft as a lens makes them, one sigma in pixels.
 EDGE_PX = 0.6
 
@@ -59,7 +60,8 @@ def hidden_share(
         masked |= mask
         hidden |= _hidden_by(mask, around, behind, pixels, depths)
     if front.dense:
-        hidden |= ~masked & silhouette & _nearer_pixels(behind, pixels, depths, DENSE_PX)
+        reach_px = DENSE_PX * view.camera.width / 640
+        hidden |= _nearer_pixels(~masked & around, behind, pixels, depths, reach_px)
     return np.asarray(cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), EDGE_PX))
 
 
@@ -111,16 +113,17 @@ def _by_nearest_point(
 
 
 def _nearer_pixels(
-    behind: NDArray[np.float32], pixels: FloatArray, depths: FloatArray, radius: float
+    where: NDArray[np.bool_], behind: NDArray[np.float32], pixels: FloatArray, depths: FloatArray, reach: float
 ) -> NDArray[np.bool_]:
-    """Pixels with clearly nearer points all around: a surface, not a stray."""
-    import cv2
+    """Of the pixels `where`, those whose nearest points of the cloud are clearly nearer than the object."""
+    from scipy.ndimage import median_filter
+    from scipy.spatial import cKDTree
 
-    at = pixels.astype(np.int64)
-    nearer = depths < behind[at[:, 1], at[:, 0]] * (1 - 3 * CLEARLY)
-    hits = np.zeros(behind.shape, np.float32)
-    np.add.at(hits, (at[nearer, 1], at[nearer, 0]), 1.0)
-    others = np.zeros(behind.shape, np.float32)
-    np.add.at(others, (at[~nearer, 1], at[~nearer, 0]), 1.0)
-    hits, others = (cv2.GaussianBlur(count, (0, 0), radius) for count in (hits, others))
-    return np.asarray((hits > others) & (hits > 1.0 / (2 * np.pi * radius**2)))
+    result = np.zeros_like(where)
+    rows, columns = np.nonzero(where)
+    if not len(rows) or len(pixels) < DENSE_POINTS:
+        return result
+    distance, nearest = cKDTree(pixels).query(np.column_stack([columns, rows]) + 0.5, k=DENSE_POINTS)
+    nearer = depths[nearest] < behind[rows, columns, None] * (1 - 3 * CLEARLY)
+    result[rows, columns] = (nearer.mean(axis=1) > 0.5) & (distance[:, DENSE_POINTS // 2] < reach)
+    return np.asarray(median_filter(result, 5))

@@ -11,14 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.geometry.planes import SupportPlane
 from estimator.records.scene import Instance, View
 from insertion.composite.boxes import Box
 from insertion.composite.masks import mask_in_box
+from insertion.places.surface import Surface
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.cloud import FrontPoints
 from insertion.scene.rays import camera_rays
-from metric_base.arrays import BoolArray
 
 __all__ = ["received_share"]
 
@@ -40,7 +39,7 @@ def received_share(
     box: Box,
     front: FrontPoints,
     instances: Sequence[Instance],
-    plane: SupportPlane | None,
+    plane: Surface | None,
 ) -> NDArray[np.float32]:
     """(h, w, 3) share of the light that still reaches what each pixel shows.
 
@@ -103,16 +102,12 @@ def _nearest(
     return np.where(distance[:, 0] <= reach, np.median(depths[nearest], axis=1), np.nan)
 
 
-def _on_plane(plane: SupportPlane, view: View, box: Box, depth: NDArray[np.float32]) -> NDArray[np.bool_]:
+def _on_plane(plane: Surface, view: View, box: Box, depth: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Whether the plane was seen where the pixels' rays meet it."""
     rays = camera_rays(view.camera)[box.slices][::STEP, ::STEP]
     local = np.concatenate([rays, np.ones((*rays.shape[:2], 1), np.float32)], axis=-1) * depth[..., None]
-    flat = ((local.reshape(-1, 3) - view.translation) @ view.rotation) @ plane.basis[:2].T
-    with np.errstate(invalid="ignore"):
-        index = np.floor((np.nan_to_num(flat, nan=1e12) - plane.origin) / plane.cell)
-    inside: BoolArray = np.all((index >= 0) & (index < plane.cells.shape), axis=1)
-    index = np.where(inside[:, None], index, 0).astype(np.int64)
-    return np.asarray((inside & plane.cells[index[:, 0], index[:, 1]]).reshape(depth.shape))
+    flat = ((local.reshape(-1, 3) - view.translation) @ view.rotation) @ plane.plane.basis[:2].T
+    return plane.holds(flat).reshape(depth.shape)
 
 
 def _places(

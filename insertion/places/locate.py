@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt
 
-from estimator.geometry.planes import SupportPlane
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import Instance, Scene, View
 from insertion.places.place import NoPlace, Place
-from insertion.places.supports import Supports, cell_centres, free_cells
+from insertion.places.supports import Supports, free_cells
+from insertion.places.surface import Surface, cell_centres
 from insertion.scene.cloud import Cloud
 from insertion.scene.rays import ray_through
 from metric_base.arrays import BoolArray, FloatArray
@@ -49,7 +49,7 @@ def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
         raise NoPlace(f"--at: expected a pixel of {view.name} ({size}); found x={x:g}, y={y:g}")
     ray = ray_through(view, x, y)
     around = _depth_around(space.cloud, view, x, y)
-    hits = [hit for plane in range(len(space.supports.planes)) if (hit := _hit(space, plane, view, ray)) is not None]
+    hits = [hit for plane in range(len(space.supports.surfaces)) if (hit := _hit(space, plane, view, ray)) is not None]
     if around is not None:
         near = [hit for hit in hits if abs(np.log(hit[0] / around)) < SAME_DEPTH]
         if not near:
@@ -63,14 +63,14 @@ def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
 
 def place_on_plane(space: Space, plane: int, at: FloatArray, camera: FloatArray) -> Place:
     """A place on a plane, `at` (2,) scene units from the middle of what was seen of it, along its own axes."""
-    planes = space.supports.planes
+    planes = space.supports.surfaces
     if not 0 <= plane < len(planes):
         raise NoPlace(f"--plane: expected 0 to {len(planes) - 1} (lowest first); found {plane}")
     chosen = planes[plane]
-    local = np.append(_middle(chosen) + at, chosen.height)
-    if chosen.coverage(local[None, :2]) == 0:
+    local = np.append(_middle(chosen) + at, chosen.plane.height)
+    if not chosen.holds(local[None, :2])[0]:
         raise NoPlace(f"--xy: expected a point on plane {plane}; found one beside what was seen of it")
-    return _place(space, plane, local @ chosen.basis, camera)
+    return _place(space, plane, local @ chosen.plane.basis, camera)
 
 
 def place_on_category(space: Space, category: str, instances: Sequence[Instance]) -> Place:
@@ -83,11 +83,12 @@ def place_on_category(space: Space, category: str, instances: Sequence[Instance]
     if len(votes) < NEAR_POINTS:
         raise NoPlace(f"--on: the cloud has no points on any {category}")
     options = []
-    for number, plane in enumerate(space.supports.planes):
+    for number, surface in enumerate(space.supports.surfaces):
+        plane = surface.plane
         local = votes @ plane.basis.T
         on_plane = np.abs(local[:, 2] - plane.height) < max(4 * plane.sigma, plane.cell / 2)
         if np.count_nonzero(on_plane) >= max(NEAR_POINTS, 0.1 * len(votes)):
-            options.append((number, _mask_of(plane, local[on_plane, :2])))
+            options.append((number, _mask_of(surface, local[on_plane, :2])))
     # the highest plane that the things share is their top
     found = [place for number, mask in reversed(options) for place in _free_places(space, number, mask)[:1]]
     if not found:
@@ -97,26 +98,27 @@ def place_on_category(space: Space, category: str, instances: Sequence[Instance]
 
 def candidates(space: Space) -> list[Place]:
     """Free places on all planes, the best first: those that most views see, on the largest plane."""
-    scored = [item for plane in range(len(space.supports.planes)) for item in _free_places(space, plane)]
+    scored = [item for plane in range(len(space.supports.surfaces)) for item in _free_places(space, plane)]
     scored.sort(key=lambda item: -item[0])
     return [place for _, place in scored[:MAX_CANDIDATES]]
 
 
 def _place(space: Space, plane: int, position: FloatArray, camera: FloatArray) -> Place:
-    chosen = space.supports.planes[plane]
-    return Place(np.asarray(position), chosen.basis, camera, f"plane {plane}", plane)
+    chosen = space.supports.surfaces[plane]
+    return Place(np.asarray(position), chosen.plane.basis, camera, f"plane {plane}", plane)
 
 
 def _hit(space: Space, number: int, view: View, ray: FloatArray) -> tuple[float, int] | None:
     """Distance along the ray (in depths: the ray has z = 1 in the camera) to a plane where it was seen."""
-    plane = space.supports.planes[number]
+    surface = space.supports.surfaces[number]
+    plane = surface.plane
     toward = float(ray @ plane.basis[2])
     rise = plane.height - float(view.centre @ plane.basis[2])
     if abs(toward) < 1e-9 or rise / toward <= 0 or rise >= 0:  # from above only: nothing stands on a ceiling
         return None
     depth = rise / toward
     local = (view.centre + depth * ray) @ plane.basis[:2].T
-    return (depth, number) if plane.coverage(local[None]) > 0 else None
+    return (depth, number) if surface.holds(local[None])[0] else None
 
 
 def _depth_around(cloud: Cloud, view: View, x: float, y: float) -> float | None:
@@ -150,7 +152,7 @@ def _level_patch(space: Space, view: View, x: float, y: float, ray: FloatArray) 
     depth = (float(np.median(heights)) - float(view.centre @ up)) / toward
     if not 0.5 < depth / float(np.median(depths)) < 2:
         raise NoPlace(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; see --preview")
-    basis = space.supports.planes[0].basis if space.supports.planes else _basis(up)
+    basis = space.supports.surfaces[0].plane.basis if space.supports.surfaces else _basis(up)
     return Place(view.centre + depth * ray, basis, view.centre, "level patch")
 
 
@@ -160,16 +162,17 @@ def _basis(up: FloatArray) -> FloatArray:
     return level_basis(up)
 
 
-def _middle(plane: SupportPlane) -> FloatArray:
-    return np.asarray(cell_centres(plane)[plane.cells].mean(axis=0))
+def _middle(surface: Surface) -> FloatArray:
+    centres = cell_centres(surface.origin, surface.cell, surface.solid.shape)
+    return np.asarray(centres[surface.solid].mean(axis=0))
 
 
-def _mask_of(plane: SupportPlane, local: FloatArray) -> BoolArray:
+def _mask_of(surface: Surface, local: FloatArray) -> BoolArray:
     """(a, b) cells within the outline of points of the plane."""
     import cv2
 
-    hull = cv2.convexHull(((local - plane.origin) / plane.cell).astype(np.float32))
-    mask = np.zeros(plane.cells.shape, np.uint8)
+    hull = cv2.convexHull(((local - surface.origin) / surface.cell).astype(np.float32))
+    mask = np.zeros(surface.solid.shape, np.uint8)
     cv2.fillConvexPoly(mask, np.floor(hull[:, 0, ::-1]).astype(np.int32), 1)
     return mask.astype(bool)
 
@@ -190,28 +193,26 @@ def _points_of(space: Space, instances: Sequence[Instance]) -> FloatArray:
 
 def _free_places(space: Space, number: int, mask: BoolArray | None = None) -> list[tuple[float, Place]]:
     """Up to two free places of a plane with a score: the share of views that see it, times the root of its area."""
-    plane = space.supports.planes[number]
-    free = free_cells(plane, space.cloud, space.radius, space.height)
+    surface = space.supports.surfaces[number]
+    free = free_cells(surface, space.radius, space.height)
     if mask is not None:
         free &= mask
     room = distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
     scored: list[tuple[float, Place]] = []
-    area = float(np.sqrt(plane.cells.sum())) * plane.cell
+    area = float(np.sqrt(surface.solid.sum())) * surface.cell
     for _ in range(2):
         if room.max() <= 0:
             break
         cells = np.argwhere(room > 0.6 * room.max())
         cells = cells[:: max(1, len(cells) // 30)]
-        points = (
-            np.column_stack([plane.origin + (cells + 0.5) * plane.cell, np.full(len(cells), plane.height)])
-            @ plane.basis
-        )
+        flat = surface.origin + (cells + 0.5) * surface.cell
+        points = np.column_stack([flat, np.full(len(cells), surface.plane.height)]) @ surface.plane.basis
         shares, cameras = _visibility(space, points)
         best = int(shares.argmax())
         if shares[best] >= SEEN_SHARE:
             scored.append((float(shares[best]) * area, _place(space, number, points[best], cameras[best])))
         rows, columns = np.indices(room.shape)
-        apart = np.hypot(rows - cells[best][0], columns - cells[best][1]) > 3 * space.radius / plane.cell + 2
+        apart = np.hypot(rows - cells[best][0], columns - cells[best][1]) > 3 * space.radius / surface.cell + 2
         room = np.where(apart, room, 0.0)
     return scored
 

@@ -1,0 +1,180 @@
+"""From a video or a folder of pictures to a work folder with a reconstruction, stage by stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.capture.evidence import Evidence, Pair
+from estimator.capture.failures import CaptureFailure, Failure
+from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
+from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
+from estimator.capture.localisation import localised_frames
+from estimator.capture.progress import progress
+from estimator.capture.reconstruction import Lens, make_features, make_matches, make_model
+from estimator.capture.video import Video
+from estimator.capture.work_folder import WorkFolder, content_digest
+from estimator.reconstructions.cameras import CAMERA_MODELS
+from estimator.reconstructions.checked_files import json_of
+from estimator.reconstructions.colmap import colmap_scene
+from estimator.scene import BadScene, Camera, Scene
+
+__all__ = ["CaptureOptions", "reconstruct"]
+
+REPORT = "reconstruction.json"
+#: Features and matches, kept so that a later stage can be made again.
+DATABASES = "databases"
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureOptions:
+    """What the user asks for.
+
+    frames : how many to choose, None for as many as the motion asks for; focal_px : in pixels of the source;
+    camera_model : COLMAP's name.
+    """
+
+    frames: int | None = None
+    focal_px: float | None = None
+    camera_model: str = "SIMPLE_RADIAL"
+
+    def __post_init__(self) -> None:
+        if self.frames is not None and self.frames < 2:
+            raise BadScene.at("--frames", "number", "2 or more", self.frames)
+        if self.focal_px is not None and not 1 < self.focal_px < 1e6:
+            raise BadScene.at("--focal", "focal length", "pixels of the source, more than 1", self.focal_px)
+        if self.camera_model not in CAMERA_MODELS:
+            raise BadScene.at("--camera-model", "model", "one of COLMAP's, such as SIMPLE_RADIAL", self.camera_model)
+
+
+def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> tuple[str, ...]:
+    """Frames, `sparse/0` and `frame_poses.json` in the work folder, which the caller has locked; warnings.
+
+    Stages whose outputs are there, made from the same inputs, are not made again.
+
+    Raises
+    ------
+    CaptureFailure
+        The capture cannot be used, with a code and what to film instead.
+    BadScene
+        The video or the pictures cannot be read.
+    """
+    source = source_of(path)
+    inputs = {"source": content_digest(path) if path.is_file() else _folder_digest(source), "frames": options.frames}
+    frames_digest = work.stage(
+        "frames", inputs, ["frames", FRAMES_FILE], lambda part: make_frames(part, source, options.frames)
+    )
+    frames = read_frames(work.path)
+    lens = _lens(frames, options)
+    pictures = work.path / "frames"
+    databases = work.path / DATABASES
+    features_digest = work.stage(
+        "features",
+        {"frames": frames_digest, "lens": [lens.model, lens.focal_px, lens.one_camera]},
+        [f"{DATABASES}/features.db", f"{DATABASES}/features.json"],
+        lambda part: make_features(_made(part / DATABASES), pictures, frames.names, lens),
+    )
+    matches_digest = work.stage(
+        "matches",
+        {"features": features_digest},
+        [f"{DATABASES}/matches.db", f"{DATABASES}/matches.json"],
+        lambda part: make_matches(_made(part / DATABASES), databases, frames.names, isinstance(source, Video)),
+    )
+    model_digest = work.stage(
+        "model",
+        {"matches": matches_digest, "fixed": lens.fixed},
+        ["sparse", REPORT],
+        lambda part: make_model(part, databases, pictures, _evidence(databases, frames), lens),
+    )
+    failure = json_of(work.path / REPORT).get("failure")
+    if failure is not None:
+        raise CaptureFailure(Failure(failure["code"], failure["message"]))
+    work.stage(
+        "poses",
+        {"model": model_digest, "frames": frames_digest},
+        [FILE_NAME],
+        lambda part: _make_poses(part, source, frames, colmap_scene(work.path / "sparse" / "0")),
+    )
+    return _warnings(path, frames, options)
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+def _folder_digest(source: Source) -> list[str]:
+    assert not isinstance(source, Video)
+    return [f"{file.name}:{content_digest(file)}" for file in source.files]
+
+
+def _lens(frames: Frames, options: CaptureOptions) -> Lens:
+    """The focal length is given in pixels of the source; the frames may be smaller."""
+    given = options.focal_px if options.focal_px is not None else frames.focal_px
+    focal = None if given is None else given * frames.size[0] / frames.source_size[0]
+    width, height = frames.size
+    if not frames.one_size:  # the parameters of one size fit no other
+        return Lens(options.camera_model, None, False, False, width, height)
+    return Lens(options.camera_model, focal, options.focal_px is not None, True, width, height)
+
+
+def _evidence(databases: Path, frames: Frames) -> Evidence:
+    keypoints = json_of(databases / "features.json")["keypoints"]
+    pairs = tuple(_pair(row) for row in json_of(databases / "matches.json")["pairs"])
+    return Evidence(
+        frames.names, np.array(keypoints, dtype=np.int64), pairs, frames.size, frames.sharpness, frames.contrast
+    )
+
+
+def _pair(row: list[Any]) -> Pair:
+    first, second, matches, inliers, _, planar, moved, homography = row
+    matrix = None if homography is None else np.asarray(homography, dtype=np.float64)
+    return Pair(first, second, matches, inliers, planar, moved, matrix)
+
+
+def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene) -> None:
+    names = dict(zip(frames.indices, frames.names, strict=True))
+    if isinstance(source, Video):
+        with progress("poses of all frames", len(frames.times_s or ())) as told_done:
+            poses = []
+            for pose in localised_frames(source.frames(), scene, names, source.width):
+                poses.append(pose)
+                told_done(pose.index + 1, None)
+    else:
+        views = {view.name: view for view in scene.views}
+        poses = [_picture_pose(index, name, views.get(name)) for index, name in names.items()]
+    camera = _source_camera(scene.views[0].camera, frames) if frames.one_size else None
+    write_frame_poses(FramePoses(source.path.resolve(), camera, frames.turned_deg, tuple(poses)), part / FILE_NAME)
+
+
+def _picture_pose(index: int, name: str, view: Any) -> FramePose:
+    if view is None:
+        return FramePose(index, None, name, "none")
+    return FramePose(
+        index, None, name, "reconstructed", view.rotation, view.translation, n_points=len(view.point_index)
+    )
+
+
+def _source_camera(camera: Camera, frames: Frames) -> Camera:
+    """The camera at the source's full size: lengths in pixels grow with it, distortion stays."""
+    width, height = frames.source_size
+    factors = {"f": width / camera.width, "fx": width / camera.width, "fy": height / camera.height}
+    factors |= {"cx": width / camera.width, "cy": height / camera.height}
+    names = CAMERA_MODELS[camera.model][1]
+    params = np.array([value * factors.get(name, 1.0) for name, value in zip(names, camera.params, strict=True)])
+    return Camera(camera.model, width, height, params)
+
+
+def _warnings(path: Path, frames: Frames, options: CaptureOptions) -> tuple[str, ...]:
+    warnings = []
+    if frames.hdr is not None:
+        warnings.append(
+            f"{path}: an HDR video ({frames.hdr}); its frames are tone-mapped to an ordinary screen's range"
+        )
+    if not frames.one_size:
+        words = "; --focal is not used" if options.focal_px is not None else ""
+        warnings.append(f"{path}: pictures of several sizes; each has a camera of its own{words}")
+    return tuple(warnings)

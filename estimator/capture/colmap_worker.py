@@ -1,0 +1,210 @@
+"""Structure from motion in a process of its own, so that what aborts in C++ ends this process and no other.
+
+`python -m estimator.capture.colmap_worker STEP REQUEST.json` prints lines of JSON: `{"done": 3, "of": 40}` on the way
+and `{"result": ...}` at the end.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.capture.pair_choice import chosen_pairs, coarse_scores
+from estimator.capture.pycolmap_library import pycolmap
+
+Request = dict[str, Any]
+
+#: Pictures, and pairs, handled between two lines of progress.
+PICTURES_AT_ONCE = 8
+PAIRS_AT_ONCE = 150
+#: Linux's prctl(PR_SET_PDEATHSIG): this process ends with the one that started it, even if that was killed.
+_PARENT_DEATH_SIGNAL = 1
+
+
+def main(words: Sequence[str]) -> None:
+    """Run one step on its request."""
+    _end_with_parent()
+    step, file = words
+    request: Request = json.loads(Path(file).read_text(encoding="utf-8"))
+    pycolmap.logging.minloglevel = 1
+    result = STEPS[step](request)
+    _say({"result": result})
+
+
+def features(request: Request) -> dict[str, Any]:
+    """SIFT features of the named pictures into a new database; how many each has, and the cameras."""
+    extraction = pycolmap.FeatureExtractionOptions(num_threads=request["threads"], max_image_size=request["max_side"])
+    extraction.sift.max_num_features = request["max_features"]
+    extraction.sift.first_octave = 0
+    names: list[str] = request["names"]
+    camera_id = -1
+    for start in range(0, len(names), PICTURES_AT_ONCE):
+        reader = pycolmap.ImageReaderOptions(
+            camera_model=request["camera_model"],
+            default_focal_length_factor=request["focal_factor"],
+            camera_params=request["camera_params"],
+            existing_camera_id=camera_id,
+        )
+        pycolmap.extract_features(
+            request["database"],
+            request["pictures"],
+            image_names=names[start : start + PICTURES_AT_ONCE],
+            camera_mode=pycolmap.CameraMode.SINGLE if request["one_camera"] else pycolmap.CameraMode.PER_IMAGE,
+            reader_options=reader,
+            extraction_options=extraction,
+        )
+        _say({"done": min(start + PICTURES_AT_ONCE, len(names)), "of": len(names)})
+        if request["one_camera"] and camera_id < 0:
+            with pycolmap.Database.open(request["database"]) as database:
+                camera_id = database.read_all_cameras()[0].camera_id
+    with pycolmap.Database.open(request["database"]) as database:
+        images = sorted(database.read_all_images(), key=lambda image: names.index(image.name))
+        return {"keypoints": [int(database.num_keypoints_for_image(image.image_id)) for image in images]}
+
+
+def matches(request: Request) -> dict[str, Any]:
+    """Match the pairs that may overlap and verify them; each verified pair with what its geometry says."""
+    names: list[str] = request["names"]
+    with pycolmap.Database.open(request["database"]) as database:
+        ids = {image.name: image.image_id for image in database.read_all_images()}
+        described = [_strongest(database, ids[name]) for name in names]
+    scores = coarse_scores(described)
+    pairs = chosen_pairs(scores, request["in_order"])
+    listed = Path(request["database"]).with_suffix(".pairs.txt")
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = 0
+    matching = pycolmap.FeatureMatchingOptions(num_threads=request["threads"])
+    for start in range(0, len(pairs), PAIRS_AT_ONCE):
+        some = pairs[start : start + PAIRS_AT_ONCE]
+        listed.write_text("".join(f"{names[a]} {names[b]}\n" for a, b in some), encoding="utf-8")
+        pycolmap.match_image_pairs(
+            request["database"],
+            matching_options=matching,
+            pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed),
+            verification_options=verification,
+        )
+        _say({"done": min(start + PAIRS_AT_ONCE, len(pairs)), "of": len(pairs)})
+    listed.unlink(missing_ok=True)
+    with pycolmap.Database.open(request["database"]) as database:
+        rows = [_pair_row(database, ids[names[a]], ids[names[b]]) for a, b in pairs]
+    return {"pairs": [[a, b, *row] for (a, b), row in zip(pairs, rows, strict=True)]}
+
+
+def incremental(request: Request) -> dict[str, Any]:
+    """COLMAP's incremental mapper; the models are written to folders 0, 1, ... of the output, largest first."""
+    options = pycolmap.IncrementalPipelineOptions(
+        num_threads=request["threads"],
+        random_seed=request["seed"],
+        extract_colors=False,
+        min_model_size=3,
+        ba_refine_focal_length=request["refine_focal"],
+        ba_global_frames_ratio=1.3,
+        ba_global_points_ratio=1.3,
+        ba_global_max_refinements=3,
+    )
+    # the steps of a video are small; COLMAP's 16 degrees suit photographs
+    options.mapper.init_min_tri_angle = 6.0
+    options.mapper.abs_pose_refine_focal_length = request["refine_focal"]
+    if request["forward"]:  # driving is all forward motion, which COLMAP would rather not start from
+        options.mapper.init_max_forward_motion, options.mapper.init_min_tri_angle = 1.0, 3.0
+    total, placed = len(request["names"]), [2]
+
+    def placed_one() -> None:
+        placed[0] = min(placed[0] + 1, total)
+        _say({"done": placed[0], "of": total})
+
+    models = pycolmap.incremental_mapping(
+        request["database"], request["pictures"], request["scratch"], options=options, next_image_callback=placed_one
+    )
+    return _written(models, request)
+
+
+def global_(request: Request) -> dict[str, Any]:
+    """COLMAP's global mapper, with focal lengths calibrated from the pairs where none was given."""
+    options = pycolmap.GlobalPipelineOptions(num_threads=request["threads"], random_seed=request["seed"])
+    options.mapper.bundle_adjustment.refine_focal_length = request["refine_focal"]
+    models = pycolmap.global_mapping(request["database"], request["pictures"], request["scratch"], options=options)
+    return _written(models, request)
+
+
+STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
+    "features": features,
+    "matches": matches,
+    "incremental": incremental,
+    "global": global_,
+}
+
+
+def _written(models: dict[int, Any], request: Request) -> dict[str, Any]:
+    ordered = sorted(models.values(), key=lambda model: -model.num_reg_images())
+    rows = []
+    for number, model in enumerate(ordered):
+        if request["colours"]:
+            model.extract_colors_for_all_images(request["pictures"])
+        place = Path(request["output"]) / str(number)
+        place.mkdir(parents=True)
+        model.write_binary(str(place))
+        rows.append({"images": model.num_reg_images(), "points": model.num_points3D()})
+    return {"models": rows}
+
+
+def _strongest(database: Any, image_id: int) -> NDArray[np.float32]:
+    """(k, 128) unit descriptors of the features of largest scale."""
+    keypoints = np.asarray(database.read_keypoints(image_id))
+    descriptors = np.asarray(database.read_descriptors(image_id).data, dtype=np.float32)
+    if not len(keypoints):
+        return np.empty((0, 128), dtype=np.float32)
+    scale = np.hypot(keypoints[:, 2], keypoints[:, 4]) if keypoints.shape[1] >= 6 else keypoints[:, 2]
+    top = descriptors[np.argsort(-scale, kind="stable")[:128]]
+    return np.asarray(top / np.maximum(np.linalg.norm(top, axis=1, keepdims=True), 1e-6))
+
+
+def _pair_row(database: Any, first: int, second: int) -> list[Any]:
+    """Matches, inliers, kind of geometry, share of the inliers that one homography explains, motion in pixels, H."""
+    raw = len(database.read_matches(first, second)) if database.exists_matches(first, second) else 0
+    if not database.exists_two_view_geometry(first, second):
+        return [raw, 0, "none", 0.0, 0.0, None]
+    geometry = database.read_two_view_geometry(first, second)
+    inliers = np.asarray(geometry.inlier_matches)
+    if len(inliers) < 8:
+        return [raw, len(inliers), pycolmap.TwoViewGeometryConfiguration(geometry.config).name, 0.0, 0.0, None]
+    one = np.asarray(database.read_keypoints(first))[inliers[:, 0], :2]
+    two = np.asarray(database.read_keypoints(second))[inliers[:, 1], :2]
+    homography, share = _homography(one, two)
+    moved = float(np.median(np.linalg.norm(two - one, axis=1)))
+    return [raw, len(inliers), pycolmap.TwoViewGeometryConfiguration(geometry.config).name, share, moved, homography]
+
+
+def _homography(one: NDArray[np.float32], two: NDArray[np.float32]) -> tuple[list[list[float]] | None, float]:
+    """The homography between two pictures and the share of points within 2 px of it."""
+    import cv2
+
+    cv2.setRNGSeed(0)
+    matrix, inside = cv2.findHomography(one, two, cv2.RANSAC, 2.0, maxIters=500)
+    if matrix is None:
+        return None, 0.0
+    return matrix.tolist(), float(inside.mean())
+
+
+def _say(row: dict[str, Any]) -> None:
+    sys.stdout.write(json.dumps(row) + "\n")
+    sys.stdout.flush()
+
+
+def _end_with_parent() -> None:
+    try:
+        ctypes.CDLL(None, use_errno=True).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+    except (OSError, AttributeError):  # not Linux: an orphan works on in a part folder that the next run removes
+        return
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

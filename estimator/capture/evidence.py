@@ -1,0 +1,238 @@
+"""What the frames, their matches and the models say about whether a capture can be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.capture.frame_choice import Motion
+from estimator.reconstructions.cameras import projected
+from estimator.reconstructions.colmap import colmap_scene
+from estimator.scene import FloatArray, IntArray, Scene
+
+__all__ = ["Evidence", "ModelShape", "Pair", "model_disagreement", "model_shape"]
+
+#: Verified matches that make two frames belong together.
+LINKED = 30
+#: Points looked at for the angle of triangulation.
+SAMPLE = 2000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pair:
+    """Two frames that were matched.
+
+    matches : before verification; inliers : after it; planar : share of these that one homography explains;
+    moved_px : their median motion; homography : (3, 3) that one, or None.
+    """
+
+    first: int
+    second: int
+    matches: int
+    inliers: int
+    planar: float
+    moved_px: float
+    homography: FloatArray | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """Frames and their pairs.
+
+    names : files of the chosen frames in order; keypoints : (n,) features of each; motion : of all frames of a video,
+    None for pictures; size : (width, height) of the frames; rotation : share of the linked pairs that a rotation
+    alone explains, whatever the focal length.
+    """
+
+    names: list[str]
+    keypoints: IntArray
+    pairs: tuple[Pair, ...]
+    size: tuple[int, int]
+    sharpness: FloatArray
+    contrast: FloatArray
+    motion: Motion | None = None
+    in_order: bool = True
+
+    @property
+    def linked(self) -> tuple[Pair, ...]:
+        """Pairs with enough verified matches."""
+        return tuple(pair for pair in self.pairs if pair.inliers >= LINKED)
+
+    def groups(self) -> list[list[int]]:
+        """Frames connected by linked pairs, largest group first."""
+        parent = list(range(len(self.names)))
+
+        def root(frame: int) -> int:
+            while parent[frame] != frame:
+                parent[frame] = parent[parent[frame]]
+                frame = parent[frame]
+            return frame
+
+        for pair in self.linked:
+            parent[root(pair.first)] = root(pair.second)
+        members: dict[int, list[int]] = {}
+        for frame in range(len(self.names)):
+            members.setdefault(root(frame), []).append(frame)
+        return sorted(members.values(), key=len, reverse=True)
+
+    def rotation_share(self) -> float:
+        """Share of the linked pairs that move by a tenth of the picture or more and that a rotation alone explains."""
+        side = max(self.size)
+        moving = [pair for pair in self.linked if pair.moved_px > 0.1 * side]
+        if not moving:
+            return 0.0
+        planar = [pair for pair in moving if pair.planar > 0.9 and pair.homography is not None]
+        misfits = np.array(
+            [_rotation_misfit(pair.homography, self.size) for pair in planar if pair.homography is not None]
+        )
+        if not len(misfits):
+            return 0.0
+        # (m, f) misfit of each pair at each focal length: one focal length must do for all
+        best = int(np.median(misfits, axis=0).argmin())
+        return float((misfits[:, best] < 0.03).sum() / len(moving))
+
+    def summary(self) -> dict[str, Any]:
+        """Figures for the report."""
+        linked = self.linked
+        return {
+            "frames": len(self.names),
+            "keypoints": float(np.median(self.keypoints)) if len(self.keypoints) else 0.0,
+            "matched": len(self.pairs),
+            "linked": len(linked),
+            "groups": [len(group) for group in self.groups()][:5],
+            "planar": float(np.median([pair.planar for pair in linked])) if linked else None,
+            "rotation": self.rotation_share(),
+            "moved": float(max((pair.moved_px for pair in linked), default=0.0)) / max(self.size),
+            "sharpness": float(np.median(self.sharpness)) if len(self.sharpness) else None,
+            "contrast": float(np.median(self.contrast)) if len(self.contrast) else None,
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ModelShape:
+    """A model as the gates see it.
+
+    names : registered frames; centres : (v, 3); rotations : (v, 3, 3); points : how many; angle_deg : median over the
+    points of the widest angle between two views of it; error_px : median reprojection error; focal : over the longer
+    side; lens_bend : largest displacement by the lens within the picture, as a share of the longer side.
+    """
+
+    names: tuple[str, ...]
+    centres: FloatArray
+    rotations: FloatArray
+    points: int
+    angle_deg: float
+    error_px: float
+    focal: float
+    lens_bend: float
+
+    def summary(self) -> dict[str, Any]:
+        """Figures for the report."""
+        return {
+            "registered": len(self.names),
+            "points": self.points,
+            "angle_deg": self.angle_deg,
+            "error_px": self.error_px,
+            "focal": self.focal,
+            "lens_bend": self.lens_bend,
+        }
+
+
+def model_shape(folder: Path) -> ModelShape | None:
+    """The shape of a model on disk, None where there is none or it has no point."""
+    if not (folder / "images.bin").is_file():
+        return None
+    scene = colmap_scene(folder)
+    if not len(scene.points):
+        return None
+    camera = scene.views[0].camera
+    side = max(camera.width, camera.height)
+    return ModelShape(
+        tuple(view.name for view in scene.views),
+        np.array([view.centre for view in scene.views]),
+        np.array([view.rotation for view in scene.views]),
+        len(scene.points),
+        _median_angle(scene),
+        _median_error(scene),
+        float(camera.params[0]) / side,
+        _lens_bend(scene) / side,
+    )
+
+
+def model_disagreement(one: ModelShape, two: ModelShape | None) -> float | None:
+    """Root mean square distance between the camera centres of two models after alignment, over their extent.
+
+    None where they share fewer than half of the smaller model's frames.
+    """
+    if two is None:
+        return None
+    rows = {name: row for row, name in enumerate(two.names)}
+    shared = [(a, rows[name]) for a, name in enumerate(one.names) if name in rows]
+    if len(shared) < max(3, len(two.names) // 2):
+        return None
+    first, second = (np.array([model.centres[pair[k]] for pair in shared]) for k, model in enumerate((one, two)))
+    extent = float(np.sqrt(((first - first.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    moved = _aligned(second, first)
+    return float(np.sqrt(((moved - first) ** 2).sum(axis=1).mean()) / max(extent, 1e-12))
+
+
+def _aligned(source: FloatArray, target: FloatArray) -> FloatArray:
+    """Source (n, 3) under the similarity that brings it nearest to target (Umeyama 1991)."""
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    u, d, vt = np.linalg.svd(b.T @ a / len(a))
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
+    rotation = (u * sign) @ vt
+    scale = float((d * sign).sum() / max((a**2).sum(axis=1).mean(), 1e-30))
+    aligned: FloatArray = scale * a @ rotation.T + target.mean(axis=0)
+    return aligned
+
+
+def _median_angle(scene: Scene) -> float:
+    """Median over points of the widest angle between the rays of two views that see the point, degrees."""
+    rows = np.concatenate([view.point_index for view in scene.views])
+    views = np.concatenate([np.full(len(view.point_index), k) for k, view in enumerate(scene.views)])
+    order = np.argsort(rows, kind="stable")
+    rows, views = rows[order], views[order]
+    ids, starts = np.unique(rows, return_index=True)
+    chosen = np.unique(np.linspace(0, len(ids) - 1, min(len(ids), SAMPLE)).astype(np.int64))
+    ends = np.append(starts[1:], len(rows))
+    centres = np.array([view.centre for view in scene.views])
+    angles = []
+    for k in chosen:
+        rays = scene.points[ids[k]] - centres[views[starts[k] : ends[k]]]
+        rays /= np.maximum(np.linalg.norm(rays, axis=1, keepdims=True), 1e-12)
+        angles.append(np.degrees(np.arccos(np.clip((rays @ rays.T).min(), -1, 1))))
+    return float(np.median(angles))
+
+
+def _median_error(scene: Scene) -> float:
+    errors = []
+    for view in scene.views:
+        local = scene.points[view.point_index] @ view.rotation.T + view.translation
+        errors.append(np.linalg.norm(projected(view.camera, local) - view.keypoints, axis=1))
+    return float(np.nanmedian(np.concatenate(errors)))
+
+
+def _lens_bend(scene: Scene) -> float:
+    """Pixels by which the lens moves the corners of the picture from where a pinhole has them."""
+    camera = scene.views[0].camera
+    focal, centre = camera.params[0], np.array([camera.width / 2, camera.height / 2])
+    corners = np.array([[x, y] for x in (0, camera.width) for y in (0, camera.height)], dtype=np.float64)
+    rays = np.column_stack([(corners - centre) / focal, np.ones(4)])
+    return float(np.nan_to_num(np.linalg.norm(projected(camera, rays) - corners, axis=1), nan=1e9).max())
+
+
+def _rotation_misfit(homography: FloatArray, size: tuple[int, int]) -> FloatArray:
+    """(f,) how far K^-1 H K is from a rotation, at focal lengths of 0.4 to 3 times the longer side.
+
+    A rotation's singular values are equal: the misfit is the logarithm of the ratio of the largest to the smallest.
+    """
+    misfits = []
+    for focal in np.geomspace(0.4, 3.0, 25) * max(size):
+        k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
+        values = np.linalg.svd(np.linalg.inv(k) @ homography @ k, compute_uv=False)
+        misfits.append(np.log(values[0] / max(values[2], 1e-12)))
+    return np.array(misfits)

@@ -1,0 +1,45 @@
+"""The named ways in which a capture cannot be used, each with what to film instead."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["CODES", "CaptureFailure", "Failure", "failure"]
+
+#: What to do, by code; the message of a failure says first what was seen.
+ADVICE = {
+    "pure_rotation": "walk sideways or around the things while filming; turning on the spot shows no depth",
+    "static_camera": "move the camera: walk around the things, at least a step to each side",
+    "no_texture": "film things with visible detail, in good light; plain walls and floors cannot be matched",
+    "too_few_frames": "film for ten seconds or more, or take twenty pictures, each overlapping the next by two thirds",
+    "motion_blur": "move more slowly, hold the camera steadily, and use more light",
+    "several_places": "film one place in one go, without cuts, and come back over what was seen before",
+    "drift": "film a loop that comes back to its start, sideways rather than straight ahead, and more slowly",
+    "implausible_focal_length": "give the focal length with --focal, do not zoom, and walk around the things",
+}
+CODES = tuple(ADVICE)
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A code of the contract's list, and one line for a person."""
+
+    code: str
+    message: str
+
+    def json(self) -> dict[str, str]:
+        """The `failure` object of the result."""
+        return {"code": self.code, "message": self.message}
+
+
+class CaptureFailure(Exception):
+    """A capture that cannot be used."""
+
+    def __init__(self, failure: Failure) -> None:
+        super().__init__(failure.message)
+        self.failure = failure
+
+
+def failure(code: str, seen: str) -> Failure:
+    """The failure with what was seen and what to do about it."""
+    return Failure(code, f"{seen}; {ADVICE[code]}")

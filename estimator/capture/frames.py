@@ -1,0 +1,167 @@
+"""The frames stage: which frames of the source are used, written upright to `frames/`, and when each was shown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.capture.frame_choice import Motion, chosen_frames, motion_of
+from estimator.capture.pictures import PICTURE_SUFFIXES, PictureFolder, picture_files
+from estimator.capture.progress import progress
+from estimator.capture.video import VIDEO_SUFFIXES, Video, VideoFrame
+from estimator.reconstructions.checked_files import json_of
+from estimator.scene import BadScene, FloatArray, told
+
+__all__ = ["FRAMES_FILE", "Frames", "is_capture", "make_frames", "read_frames", "source_of"]
+
+FRAMES_FILE = "frames.json"
+SCHEMA = "metric-tree/frames/1"
+#: Longer side of the frames that are kept; features are looked for at half of it.
+MAX_SIDE = 1920
+JPEG_QUALITY = 95
+#: Fewest pictures that make a folder one of pictures.
+LEAST_PICTURES = 2
+
+Source = Video | PictureFolder
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frames:
+    """What the stage wrote.
+
+    names, indices : file in `frames/` and number in the source of each chosen frame; times_s : of all frames of the
+    source, None for pictures; sharpness, contrast : of the chosen frames; size : (width, height) of the first frame in
+    `frames/`; one_size : whether all are so; source_size : of the source, upright.
+    """
+
+    names: list[str]
+    indices: list[int]
+    times_s: list[float] | None
+    sharpness: FloatArray
+    contrast: FloatArray
+    size: tuple[int, int]
+    one_size: bool
+    source_size: tuple[int, int]
+    turned_deg: int
+    focal_px: float | None
+    hdr: str | None
+
+
+def is_capture(path: Path) -> bool:
+    """Whether a path is a video or a folder of pictures, rather than a reconstruction."""
+    if path.is_file():
+        return path.suffix.lower() in VIDEO_SUFFIXES
+    if not path.is_dir():
+        return path.suffix.lower() in VIDEO_SUFFIXES
+    from estimator.reconstructions.colmap import colmap_folder
+
+    if colmap_folder(path) is not None or (path / "reconstruction.json").is_file() or (path / FRAMES_FILE).is_file():
+        return False
+    return len(picture_files(path)) >= LEAST_PICTURES
+
+
+def source_of(path: Path) -> Source:
+    """The video or the folder of pictures.
+
+    Raises
+    ------
+    BadScene
+        It cannot be read.
+    """
+    return PictureFolder(path) if path.is_dir() else Video(path)
+
+
+def make_frames(part: Path, source: Source, wanted: int | None) -> None:
+    """`frames/` and `frames.json` in the part folder."""
+    (part / "frames").mkdir()
+    motion = _motion(source) if isinstance(source, Video) else None
+    n = len(motion.step) if motion is not None else source.n_frames
+    chosen = chosen_frames(motion, wanted) if motion is not None else _even(n, wanted)
+    rows = []
+    with progress("writing frames", n) as told_done:
+        for frame in source.frames():
+            told_done(frame.index, None)
+            if frame.index in set(chosen.tolist()):
+                rows.append(_written(part / "frames", frame, source))
+    document = {
+        "schema": SCHEMA,
+        "source": str(source.path.resolve()),
+        "size": [source.width, source.height],
+        "turned_deg": source.turned_deg,
+        "hdr": source.hdr,
+        "focal_px": source.focal_px if isinstance(source, PictureFolder) else None,
+        "times_s": None if motion is None else motion.times_s.tolist(),
+        "chosen": rows,
+    }
+    (part / FRAMES_FILE).write_text(json.dumps(document, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def read_frames(folder: Path) -> Frames:
+    """What `make_frames` wrote."""
+    document: dict[str, Any] = json_of(folder / FRAMES_FILE)
+    rows = document["chosen"]
+    sizes = {(row["width"], row["height"]) for row in rows}
+    return Frames(
+        [row["name"] for row in rows],
+        [row["index"] for row in rows],
+        document["times_s"],
+        np.array([row["sharpness"] for row in rows]),
+        np.array([row["contrast"] for row in rows]),
+        (rows[0]["width"], rows[0]["height"]),
+        len(sizes) == 1,
+        (document["size"][0], document["size"][1]),
+        document["turned_deg"],
+        document["focal_px"],
+        document["hdr"],
+    )
+
+
+def _motion(video: Video) -> Motion:
+    def pictures() -> Iterator[tuple[float, NDArray[np.uint8]]]:
+        with progress("reading the video", video.n_frames or None) as told_done:
+            for frame in video.frames():
+                told_done(frame.index + 1, None)
+                yield frame.time_s, frame.colour
+
+    motion = motion_of(pictures())
+    if not len(motion.step):
+        raise BadScene.at(video.path, "video", "at least one frame that can be decoded", told("none"))
+    return motion
+
+
+def _even(n: int, wanted: int | None) -> NDArray[np.int64]:
+    return np.unique(np.linspace(0, n - 1, min(wanted or n, n)).astype(np.int64))
+
+
+def _written(folder: Path, frame: VideoFrame, source: Source) -> dict[str, Any]:
+    """Write one frame, not larger than MAX_SIDE, and describe it."""
+    import cv2
+
+    from estimator.capture.frame_choice import contrast_of, sharpness_of
+
+    colour = frame.colour
+    factor = MAX_SIDE / max(colour.shape[:2])
+    if factor < 1:
+        size = (round(colour.shape[1] * factor), round(colour.shape[0] * factor))
+        colour = np.asarray(cv2.resize(colour, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    name = source.name_of(frame.index) if isinstance(source, PictureFolder) else f"{frame.index:06d}.jpg"
+    file = folder / name
+    assert file.suffix.lower() in PICTURE_SUFFIXES
+    quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+    if not cv2.imwrite(str(file), colour[:, :, ::-1], quality):
+        raise BadScene.at(file, "frame", "a place that can be written", told("none"))
+    return {
+        "index": frame.index,
+        "name": name,
+        "time_s": None if isinstance(source, PictureFolder) else frame.time_s,
+        "width": colour.shape[1],
+        "height": colour.shape[0],
+        "sharpness": sharpness_of(colour),
+        "contrast": contrast_of(colour),
+    }

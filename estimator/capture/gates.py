@@ -1,0 +1,117 @@
+"""When a capture cannot be used: the first named failure that the evidence shows, or none."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from estimator.capture.evidence import Evidence, ModelShape
+from estimator.capture.failures import Failure, failure
+
+__all__ = ["early_failure", "model_failure"]
+
+#: Five frames of a room gave two placed images, or a focal length that was wrong by a tenth.
+LEAST_FRAMES = 6
+#: A picture that nowhere moves by more than this share of its side was taken from one place.
+STATIC_SHARE = 0.015
+#: Features a frame below which a picture has nothing to match; an ordinary one has a thousand.
+LEAST_KEYPOINTS = 150
+#: Variance of the Laplacian over that of the picture, at 320 pixels across, below which frames are smeared: sharp
+#: rooms measure 0.3 to 0.5, a smear of a thirtieth of the width 0.05.
+SMEARED = 0.08
+#: Share of the moving pairs that a rotation explains: a turn on the spot 0.99, a walk through a room below 0.05.
+ROTATION_SHARE = 0.6
+#: A second group of so large a share of the frames is another place.
+SECOND_PLACE = 0.15
+#: Share of the frames that must be placed.
+PLACED_SHARE = 0.6
+#: Widest angle between two views of a point, median, below which depth is guessed.
+LEAST_ANGLE_DEG = 1.5
+#: Focal length over the longer side: 0.5 is 90 degrees across, 2 a telephoto lens.
+FOCAL_RANGE = (0.5, 2.0)
+#: A lens that moves the corners by more than this share of the side was invented to explain a wrong focal length.
+MOST_BEND = 0.2
+#: Camera centres of two mappers differ by this share of the path where the path is not settled; ordinary rooms 0.001.
+MOST_DISAGREEMENT = 0.05
+
+
+def early_failure(evidence: Evidence) -> Failure | None:
+    """What frames and matches show before anything is mapped."""
+    n = len(evidence.names)
+    if n < LEAST_FRAMES:
+        return failure("too_few_frames", f"there are {n} usable frames, and {LEAST_FRAMES} are the least")
+    return _static(evidence) or _unmatched(evidence) or _rotating(evidence)
+
+
+def model_failure(
+    evidence: Evidence, shape: ModelShape | None, disagreement: float | None, focal_given: bool
+) -> Failure | None:
+    """What the model shows; shape : None where the mapper made none; disagreement : None where it was not compared."""
+    n = len(evidence.names)
+    placed = 0 if shape is None else len(shape.names)
+    if shape is None or placed < max(LEAST_FRAMES, PLACED_SHARE * n):
+        return _unplaced(evidence, placed)
+    if shape.angle_deg < LEAST_ANGLE_DEG:
+        seen = f"the views of a point differ by {shape.angle_deg:.1f} degrees at most"
+        return failure("pure_rotation", seen)
+    low, high = FOCAL_RANGE
+    if not focal_given and not low <= shape.focal <= high:
+        seen = f"the focal length came out as {shape.focal:.2f} times the picture's longer side, not {low} to {high}"
+        return failure("implausible_focal_length", seen)
+    if shape.lens_bend > MOST_BEND:
+        seen = f"the lens came out so bent that it moves the corners by {100 * shape.lens_bend:.0f} % of the picture"
+        return failure("implausible_focal_length", seen)
+    if disagreement is not None and disagreement > MOST_DISAGREEMENT:
+        seen = f"two ways of computing the camera's path differ by {100 * disagreement:.0f} % of its extent"
+        return failure("drift", seen)
+    return None
+
+
+def _static(evidence: Evidence) -> Failure | None:
+    """The picture moves nowhere: neither over the video nor between any two frames that match."""
+    linked = [pair.moved_px for pair in evidence.linked]
+    moved = max(linked, default=np.inf) / max(evidence.size)
+    if moved < STATIC_SHARE and len(evidence.groups()[0]) > len(evidence.names) // 2:
+        return failure("static_camera", f"the picture moves by {100 * moved:.1f} % of its width at most")
+    return None
+
+
+def _unmatched(evidence: Evidence) -> Failure | None:
+    """Hardly a frame matches another: nothing to see, or smeared."""
+    largest = len(evidence.groups()[0])
+    if largest >= max(LEAST_FRAMES, len(evidence.names) // 4):
+        return _places(evidence)
+    return _unplaced(evidence, 0)
+
+
+def _places(evidence: Evidence) -> Failure | None:
+    groups = [len(group) for group in evidence.groups()]
+    if len(groups) > 1 and groups[1] >= max(LEAST_FRAMES, SECOND_PLACE * len(evidence.names)):
+        seen = f"the frames fall into groups of {groups[0]} and {groups[1]} that show nothing in common"
+        return failure("several_places", seen)
+    return None
+
+
+def _rotating(evidence: Evidence) -> Failure | None:
+    share = evidence.rotation_share()
+    if share > ROTATION_SHARE:
+        seen = f"{100 * share:.0f} % of the frames differ by a turn of the camera alone"
+        return failure("pure_rotation", seen)
+    return None
+
+
+def _unplaced(evidence: Evidence, placed: int) -> Failure:
+    """Why too few frames could be placed."""
+    keypoints = float(np.median(evidence.keypoints)) if len(evidence.keypoints) else 0.0
+    sharpness = float(np.median(evidence.sharpness)) if len(evidence.sharpness) else 1.0
+    n = len(evidence.names)
+    seen = f"{placed} of {n} frames could be placed"
+    if sharpness < SMEARED and not _plain(evidence):
+        return failure("motion_blur", f"{seen}, and the sharpest frames are smeared")
+    if keypoints < LEAST_KEYPOINTS or _plain(evidence):
+        return failure("no_texture", f"{seen}, and a frame shows {keypoints:.0f} distinct points")
+    return _places(evidence) or failure("too_few_frames", f"{seen}: most frames overlap too little with others")
+
+
+def _plain(evidence: Evidence) -> bool:
+    """Whether the frames have hardly any grey levels; a smear keeps them."""
+    return bool(len(evidence.contrast)) and float(np.median(evidence.contrast)) < 8.0

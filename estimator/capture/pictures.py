@@ -1,0 +1,108 @@
+"""A folder of pictures as a source of frames: upright, in the order of their names, with the lens that EXIF states."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.capture.video import VideoFrame
+from estimator.scene import BadScene, told
+
+__all__ = ["PICTURE_SUFFIXES", "PictureFolder", "picture_files"]
+
+#: Pictures that OpenCV and COLMAP both read.
+PICTURE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
+#: Pictures that neither reads.
+FOREIGN_SUFFIXES = frozenset({".heic", ".heif", ".dng", ".cr2", ".nef", ".arw", ".avif", ".jxl"})
+#: Diagonal in millimetres of the 35 mm frame that EXIF's equivalent focal length refers to (CIPA DCG-001).
+DIAGONAL_35MM = 43.2666
+_EXIF_IFD, _FOCAL_35MM, _ORIENTATION = 0x8769, 0xA405, 0x0112
+
+
+def picture_files(folder: Path) -> list[Path]:
+    """The pictures right in a folder, in the order of the numbers in their names."""
+    files = [file for file in folder.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file()]
+    return sorted((file for file in files if not file.name.startswith(".")), key=_natural)
+
+
+class PictureFolder:
+    """The pictures of a folder.
+
+    width, height : of the first picture, upright; sizes : every (width, height) that occurs; focal_px : the focal
+    length that EXIF states for the first picture, None where it states none.
+
+    Raises
+    ------
+    BadScene
+        No picture in it can be read.
+    """
+
+    turned_deg = 0
+    hdr: str | None = None
+    rate = 0.0
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.files = picture_files(path)
+        if not self.files:
+            foreign = sorted(file.name for file in path.iterdir() if file.suffix.lower() in FOREIGN_SUFFIXES)
+            words = f"{foreign[0]}; convert it to JPEG" if foreign else "none"
+            raise BadScene.at(path, "pictures", ", ".join(sorted(PICTURE_SUFFIXES)), told(words))
+        self.n_frames = len(self.files)
+        described = [_described(file) for file in self.files]
+        self.sizes = {(width, height) for width, height, _ in described}
+        self.width, self.height, self.focal_px = described[0]
+
+    def frames(self) -> Iterator[VideoFrame]:
+        """The pictures, upright; their times are their positions, for they have none."""
+        for index, file in enumerate(self.files):
+            yield VideoFrame(index, float(index), _colour(file))
+
+    def name_of(self, index: int) -> str:
+        """The file name of a picture."""
+        return self.files[index].name
+
+
+def _natural(file: Path) -> list[tuple[int, str]]:
+    """`IMG_9` before `IMG_10`."""
+    words = re.split(r"(\d+)", file.name.lower())
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
+
+
+def _described(file: Path) -> tuple[int, int, float | None]:
+    """Width, height and focal length in pixels of a picture as it is shown upright."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with Image.open(file) as picture:
+            exif = picture.getexif()
+            width, height = picture.size
+    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as fault:
+        raise BadScene.at(file, "picture", "a picture that can be read", told(type(fault).__name__)) from None
+    if exif.get(_ORIENTATION, 1) in (5, 6, 7, 8):
+        width, height = height, width
+    return width, height, _focal_px(exif.get_ifd(_EXIF_IFD).get(_FOCAL_35MM), width, height)
+
+
+def _focal_px(equivalent: Any, width: int, height: int) -> float | None:
+    try:
+        value = float(equivalent)
+    except (TypeError, ValueError):
+        return None
+    return value / DIAGONAL_35MM * float(np.hypot(width, height)) if 5 < value < 1000 else None
+
+
+def _colour(file: Path) -> NDArray[np.uint8]:
+    """(h, w, 3) RGB; OpenCV turns it as EXIF asks."""
+    import cv2
+
+    data = np.fromfile(file, dtype=np.uint8)
+    picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    if picture is None:
+        raise BadScene.at(file, "picture", "a picture that OpenCV reads", told("something else"))
+    return np.ascontiguousarray(picture[:, :, ::-1])

@@ -1,0 +1,137 @@
+"""The work folder: every stage's output whole or absent, with a stamp of what it was made from."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import json
+import shutil
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from estimator.scene import BadScene, told
+from metric_base.files import whole_file
+
+__all__ = ["WorkFolder", "content_digest"]
+
+#: Changed whenever a stage makes something else of the same inputs, so that old outputs are made again.
+VERSION = 1
+STAMPS = "stamps"
+_LOCK = ".lock"
+_CHUNK = 1 << 22
+
+
+class WorkFolder:
+    """A folder that one run at a time works in; a run that was killed leaves nothing half-made behind.
+
+    path : the folder; seconds : wall time of each stage that this run made, by name.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """Hold the folder; the system frees it when the process ends, however it ends.
+
+        Raises
+        ------
+        BadScene
+            Another run holds it, or it cannot be made.
+        """
+        try:
+            (self.path / STAMPS).mkdir(parents=True, exist_ok=True)
+            with (self.path / _LOCK).open("w") as lock:
+                try:
+                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                except BlockingIOError:
+                    raise BadScene.at(
+                        self.path, "--work", "a folder of its own", told("one in use by another run")
+                    ) from None
+                self._clear_leftovers()
+                yield
+        except OSError as fault:
+            words = fault.strerror or "an error"
+            raise BadScene.at(self.path, "--work", "a folder that can be written", told(words)) from None
+
+    def stage(self, name: str, inputs: Mapping[str, Any], outputs: Sequence[str], make: Callable[[Path], None]) -> str:
+        """Make the outputs of a stage unless they are there, made from the same inputs; their digest.
+
+        inputs : what the outputs depend on, as JSON; outputs : files and folders, relative to the work folder, that
+        `make` writes under the same names in the empty folder it is given. An output that it does not write is absent.
+        """
+        key = _digest_of(json.dumps([VERSION, name, inputs], sort_keys=True).encode())
+        stamp = self._stamp(name)
+        if stamp.get("key") == key and all((self.path / output).exists() for output in stamp["outputs"]):
+            return str(stamp["digest"])
+        started = time.perf_counter()
+        part = self.path / f".{name}.part"
+        shutil.rmtree(part, ignore_errors=True)
+        part.mkdir()
+        make(part)
+        self._stamp_file(name).unlink(missing_ok=True)
+        made = [output for output in outputs if (part / output).exists()]
+        for output in outputs:
+            _publish(part / output, self.path / output)
+        shutil.rmtree(part, ignore_errors=True)
+        digest = _digest_of(b"".join(content_digest(self.path / output).encode() for output in made))
+        self.seconds[name] = round(time.perf_counter() - started, 3)
+        row = {"key": key, "outputs": made, "digest": digest, "seconds": self.seconds[name]}
+        with whole_file(self._stamp_file(name)) as file:
+            file.write_text(json.dumps(row) + "\n", encoding="utf-8")
+        return digest
+
+    def stage_seconds(self) -> dict[str, float]:
+        """Wall time of every stage as its stamp states it, whichever run made it."""
+        rows = {file.stem: self._stamp(file.stem) for file in sorted((self.path / STAMPS).glob("*.json"))}
+        return {name: float(row["seconds"]) for name, row in rows.items() if "seconds" in row}
+
+    def _stamp_file(self, name: str) -> Path:
+        return self.path / STAMPS / f"{name}.json"
+
+    def _stamp(self, name: str) -> dict[str, Any]:
+        try:
+            row = json.loads(self._stamp_file(name).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return row if isinstance(row, dict) and isinstance(row.get("outputs"), list) else {}
+
+    def _clear_leftovers(self) -> None:
+        """What a killed run left: its parts, and nothing else."""
+        for folder in (self.path, self.path / STAMPS):
+            for entry in folder.glob(".*.part"):
+                if entry.is_dir():
+                    shutil.rmtree(entry, ignore_errors=True)
+                else:
+                    entry.unlink(missing_ok=True)
+
+
+def content_digest(path: Path) -> str:
+    """A digest of a file's bytes, or of a folder's files with their names."""
+    if path.is_file():
+        state = hashlib.sha256()
+        with path.open("rb") as file:
+            while chunk := file.read(_CHUNK):
+                state.update(chunk)
+        return state.hexdigest()
+    parts = [f"{file.relative_to(path)}:{content_digest(file)}" for file in sorted(path.rglob("*")) if file.is_file()]
+    return _digest_of("\n".join(parts).encode())
+
+
+def _digest_of(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _publish(made: Path, place: Path) -> None:
+    """Move what was made to its place, whole; what was there before goes first."""
+    if place.is_dir() and not place.is_symlink():
+        shutil.rmtree(place)
+    if not made.exists():
+        place.unlink(missing_ok=True)
+        return
+    place.parent.mkdir(parents=True, exist_ok=True)
+    made.replace(place)

@@ -1,0 +1,84 @@
+"""The process that runs pycolmap: started, followed and reported on."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+__all__ = ["WorkerFault", "finished_worker", "started_worker"]
+
+_MODULE = "estimator.capture.colmap_worker"
+
+
+class WorkerFault(RuntimeError):
+    """A step of the reconstruction ended without a result; the message says how, and where its log is."""
+
+
+def started_worker(step: str, request: dict[str, Any], scratch: Path) -> subprocess.Popen[str]:
+    """Start a step; its request and its log are in `scratch`."""
+    file = scratch / f"{step}.request.json"
+    file.write_text(json.dumps(request), encoding="utf-8")
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    with (scratch / f"{step}.log").open("w") as log:
+        return subprocess.Popen(
+            [sys.executable, "-m", _MODULE, step, str(file)],
+            stdout=subprocess.PIPE,
+            stderr=log,
+            text=True,
+            env=environment,
+        )
+
+
+def finished_worker(
+    process: subprocess.Popen[str], step: str, log: Path, told: Callable[[int, int | None], None] | None = None
+) -> Any:
+    """The result of a step, with its progress passed on.
+
+    Raises
+    ------
+    WorkerFault
+        It ended without a result.
+    """
+    result: Any = None
+    assert process.stdout is not None  # asked for
+    try:
+        for line in process.stdout:
+            row = _row(line)
+            if "result" in row:
+                result = row["result"]
+            elif told is not None and "done" in row:
+                told(row["done"], row.get("of"))
+        status = process.wait()
+    finally:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+    if status != 0 or result is None:
+        raise WorkerFault(f"the reconstruction step {step!r} {_ending(status)}: {_last_line(log)}")
+    return result
+
+
+def _row(line: str) -> dict[str, Any]:
+    """A line of progress; libraries may write to standard output, too."""
+    try:
+        row = json.loads(line)
+    except ValueError:
+        return {}
+    return row if isinstance(row, dict) else {}
+
+
+def _ending(status: int) -> str:
+    if status < 0:
+        return f"was ended by {signal.Signals(-status).name}"
+    return f"ended with status {status}"
+
+
+def _last_line(log: Path) -> str:
+    lines = log.read_text(encoding="utf-8", errors="replace").splitlines() if log.is_file() else []
+    return lines[-1][:300] if lines else "no log"

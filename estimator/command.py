@@ -60,7 +60,7 @@ def parser() -> argparse.ArgumentParser:
         allow_abbrev=False,
     )
     add = root.add_argument
-    add("scene", metavar="SCENE", nargs="?", type=Path, help="COLMAP model folder or OpenSfM dataset folder")
+    add("scene", metavar="SCENE", nargs="?", type=Path, help="COLMAP model or OpenSfM folder, a video, or pictures")
     add("--objects", metavar="FILE", type=Path, help="sizes measured elsewhere (metric-tree/objects/1), no geometry")
     add("--instances", metavar="FILE", type=Path, help="COCO dataset or results, or a folder of instance pictures")
     add("--categories", metavar="FILE", type=Path, help="COCO dataset that names categories and images, for results")
@@ -68,6 +68,10 @@ def parser() -> argparse.ArgumentParser:
     add("--detector", metavar="MODEL", help="ONNX Mask R-CNN in torchvision's form, or a registered name to download")
     add("--detector-labels", metavar="FILE", type=Path, help="its label names, one a line from label 1 (default: COCO)")
     add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
+    add("--work", metavar="DIR", type=Path, help="of a video or pictures: keeps every stage and resumes")
+    add("--frames", metavar="N", type=int, help="of a video or pictures: frames to use (default: by the motion)")
+    add("--focal", metavar="PX", type=float, help="of a video or pictures: focal length in pixels, not refined")
+    add("--camera-model", metavar="M", help="of a video or pictures: COLMAP's camera model (default: SIMPLE_RADIAL)")
     add("--tree", metavar="REF", help="release: a version or a folder (default: the newest at hand)")
     add("--method", choices=METHODS, default="default", help="estimator (default: %(default)s)")
     add(
@@ -100,13 +104,29 @@ def _run(words: Sequence[str]) -> int:
     # argparse takes "-1,2,3" for an option; with a blank before it, it is a value, and float() skips the blank
     options = parser().parse_args([f" {word}" if NEGATIVE.match(word) else word for word in words])
     _checked(options)
+    if (status := _capture_status(options)) is not None:
+        return status
     result = _objects_result(options) if options.objects is not None else _scene_result(options)
     for line in result.warnings:
         sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
-    if options.output is not None and result.exit_code == 0:
-        result.save(options.output)
+    for file in (options.output, options.work and options.work / "result.json"):
+        if file is not None and result.exit_code == 0:
+            result.save(file)
     _print(result, options.json)
     return result.exit_code
+
+
+def _capture_status(options: argparse.Namespace) -> int | None:
+    """The exit status of a video or pictures that cannot be used; None where there is a scene to go on with."""
+    from estimator.capture.preparation import failure_json, prepare_capture
+
+    failure = prepare_capture(options)
+    if failure is None:
+        return None
+    sys.stderr.write(f"{PROGRAM}: {failure.code}: {failure.message}\n")
+    if options.json:
+        sys.stdout.write(failure_json(failure) + "\n")
+    return 3
 
 
 def _checked(options: argparse.Namespace) -> None:
@@ -143,7 +163,7 @@ def _check_known_lengths(options: argparse.Namespace) -> None:
 
 
 def _check_detector(options: argparse.Namespace) -> None:
-    if (options.images is None) != (options.detector is None):
+    if options.work is None and (options.images is None) != (options.detector is None):
         found = "--images" if options.detector is None else "--detector"
         raise InputFault(f"arguments: expected --images and --detector together; found {found} alone")
     if options.detector_labels is not None and options.detector is None:

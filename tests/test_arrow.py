@@ -42,6 +42,7 @@ ROOMS = [
     "estimator.results",
     "estimator.baselines",
     "estimator.outputs",
+    "estimator.capture.mapping",
     "estimator.capture",
     "estimator",
 ]

@@ -8,19 +8,20 @@ from typing import Any
 
 import numpy as np
 
-from estimator.capture.evidence import Evidence, Pair
-from estimator.capture.failures import CaptureFailure, Failure
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from estimator.capture.localisation import localised_frames
-from estimator.capture.progress import progress
-from estimator.capture.reconstruction import Lens, make_features, make_matches, make_model
+from estimator.capture.mapping.evidence import Evidence, Pair
+from estimator.capture.mapping.failures import CaptureFailure, Failure
+from estimator.capture.mapping.progress import progress
+from estimator.capture.mapping.reconstruction import Lens, make_features, make_matches, make_model
 from estimator.capture.video import Video
 from estimator.capture.work_folder import WorkFolder, content_digest
 from estimator.reconstructions.cameras import CAMERA_MODELS
-from estimator.reconstructions.checked_files import json_of
-from estimator.reconstructions.colmap import colmap_scene
-from estimator.scene import BadScene, Camera, Scene
+from estimator.reconstructions.checked_files import read_json
+from estimator.reconstructions.colmap import read_colmap
+from estimator.records.scene import Camera, Scene
+from metric_base.faults import InputFault
 
 __all__ = ["CaptureOptions", "reconstruct"]
 
@@ -43,11 +44,11 @@ class CaptureOptions:
 
     def __post_init__(self) -> None:
         if self.frames is not None and self.frames < 2:
-            raise BadScene.at("--frames", "number", "2 or more", self.frames)
+            raise InputFault.at("--frames", "number", "2 or more", self.frames)
         if self.focal_px is not None and not 1 < self.focal_px < 1e6:
-            raise BadScene.at("--focal", "focal length", "pixels of the source, more than 1", self.focal_px)
+            raise InputFault.at("--focal", "focal length", "pixels of the source, more than 1", self.focal_px)
         if self.camera_model not in CAMERA_MODELS:
-            raise BadScene.at("--camera-model", "model", "one of COLMAP's, such as SIMPLE_RADIAL", self.camera_model)
+            raise InputFault.at("--camera-model", "model", "one of COLMAP's, such as SIMPLE_RADIAL", self.camera_model)
 
 
 def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> tuple[str, ...]:
@@ -59,7 +60,7 @@ def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> tuple[
     ------
     CaptureFailure
         The capture cannot be used, with a code and what to film instead.
-    BadScene
+    InputFault
         The video or the pictures cannot be read.
     """
     source = source_of(path)
@@ -89,14 +90,14 @@ def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> tuple[
         ["sparse", REPORT],
         lambda part: make_model(part, databases, pictures, _evidence(databases, frames), lens),
     )
-    failure = json_of(work.path / REPORT).get("failure")
+    failure = read_json(work.path / REPORT).get("failure")
     if failure is not None:
         raise CaptureFailure(Failure(failure["code"], failure["message"]))
     work.stage(
         "poses",
         {"model": model_digest, "frames": frames_digest},
         [FILE_NAME],
-        lambda part: _make_poses(part, source, frames, colmap_scene(work.path / "sparse" / "0")),
+        lambda part: _make_poses(part, source, frames, read_colmap(work.path / "sparse" / "0")),
     )
     return _warnings(path, frames, options)
 
@@ -122,8 +123,8 @@ def _lens(frames: Frames, options: CaptureOptions) -> Lens:
 
 
 def _evidence(databases: Path, frames: Frames) -> Evidence:
-    keypoints = json_of(databases / "features.json")["keypoints"]
-    pairs = tuple(_pair(row) for row in json_of(databases / "matches.json")["pairs"])
+    keypoints = read_json(databases / "features.json")["keypoints"]
+    pairs = tuple(_pair(row) for row in read_json(databases / "matches.json")["pairs"])
     return Evidence(
         frames.names, np.array(keypoints, dtype=np.int64), pairs, frames.size, frames.sharpness, frames.contrast
     )

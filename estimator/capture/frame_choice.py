@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.scene import FloatArray, IntArray
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["DEFAULT_FRAMES", "Motion", "chosen_frames", "contrast_of", "motion_of", "sharpness_of"]
 

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.frame_choice import Motion, chosen_frames, motion_of
+from estimator.capture.mapping.progress import progress
 from estimator.capture.pictures import PICTURE_SUFFIXES, PictureFolder, picture_files
-from estimator.capture.progress import progress
 from estimator.capture.video import VIDEO_SUFFIXES, Video, VideoFrame
-from estimator.reconstructions.checked_files import json_of
-from estimator.scene import BadScene, FloatArray, told
+from estimator.reconstructions.checked_files import read_json
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault, Words
 
 __all__ = ["FRAMES_FILE", "Frames", "is_capture", "make_frames", "read_frames", "source_of"]
 
@@ -71,7 +72,7 @@ def source_of(path: Path) -> Source:
 
     Raises
     ------
-    BadScene
+    InputFault
         It cannot be read.
     """
     return PictureFolder(path) if path.is_dir() else Video(path)
@@ -104,7 +105,7 @@ def make_frames(part: Path, source: Source, wanted: int | None) -> None:
 
 def read_frames(folder: Path) -> Frames:
     """What `make_frames` wrote."""
-    document: dict[str, Any] = json_of(folder / FRAMES_FILE)
+    document: dict[str, Any] = read_json(folder / FRAMES_FILE)
     rows = document["chosen"]
     sizes = {(row["width"], row["height"]) for row in rows}
     return Frames(
@@ -131,7 +132,7 @@ def _motion(video: Video) -> Motion:
 
     motion = motion_of(pictures())
     if not len(motion.step):
-        raise BadScene.at(video.path, "video", "at least one frame that can be decoded", told("none"))
+        raise InputFault.at(video.path, "video", "at least one frame that can be decoded", Words("none"))
     return motion
 
 
@@ -155,7 +156,7 @@ def _written(folder: Path, frame: VideoFrame, source: Source) -> dict[str, Any]:
     assert file.suffix.lower() in PICTURE_SUFFIXES
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
     if not cv2.imwrite(str(file), colour[:, :, ::-1], quality):
-        raise BadScene.at(file, "frame", "a place that can be written", told("none"))
+        raise InputFault.at(file, "frame", "a place that can be written", Words("none"))
     return {
         "index": frame.index,
         "name": name,

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from estimator.capture.absolute_pose import PosePoints, rays_of, refined_pose, residuals_px
 from estimator.capture.frame_poses import FramePose
 from estimator.capture.video import VideoFrame
-from estimator.scene import FloatArray, IntArray, Scene, View
+from estimator.records.scene import Scene, View
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["localised_frames"]
 

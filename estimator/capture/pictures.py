@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.video import VideoFrame
-from estimator.scene import BadScene, told
+from metric_base.faults import InputFault, Words
 
 __all__ = ["PICTURE_SUFFIXES", "PictureFolder", "picture_files"]
 
@@ -38,7 +38,7 @@ class PictureFolder:
 
     Raises
     ------
-    BadScene
+    InputFault
         No picture in it can be read.
     """
 
@@ -52,7 +52,7 @@ class PictureFolder:
         if not self.files:
             foreign = sorted(file.name for file in path.iterdir() if file.suffix.lower() in FOREIGN_SUFFIXES)
             words = f"{foreign[0]}; convert it to JPEG" if foreign else "none"
-            raise BadScene.at(path, "pictures", ", ".join(sorted(PICTURE_SUFFIXES)), told(words))
+            raise InputFault.at(path, "pictures", ", ".join(sorted(PICTURE_SUFFIXES)), Words(words))
         self.n_frames = len(self.files)
         described = [_described(file) for file in self.files]
         self.sizes = {(width, height) for width, height, _ in described}
@@ -83,7 +83,7 @@ def _described(file: Path) -> tuple[int, int, float | None]:
             exif = picture.getexif()
             width, height = picture.size
     except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as fault:
-        raise BadScene.at(file, "picture", "a picture that can be read", told(type(fault).__name__)) from None
+        raise InputFault.at(file, "picture", "a picture that can be read", Words(type(fault).__name__)) from None
     if exif.get(_ORIENTATION, 1) in (5, 6, 7, 8):
         width, height = height, width
     return width, height, _focal_px(exif.get_ifd(_EXIF_IFD).get(_FOCAL_35MM), width, height)
@@ -104,5 +104,5 @@ def _colour(file: Path) -> NDArray[np.uint8]:
     data = np.fromfile(file, dtype=np.uint8)
     picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
     if picture is None:
-        raise BadScene.at(file, "picture", "a picture that OpenCV reads", told("something else"))
+        raise InputFault.at(file, "picture", "a picture that OpenCV reads", Words("something else"))
     return np.ascontiguousarray(picture[:, :, ::-1])

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from estimator.scene import BadScene, told
+from metric_base.faults import InputFault, Words
 from metric_base.files import whole_file
 
 __all__ = ["WorkFolder", "content_digest"]
@@ -40,7 +40,7 @@ class WorkFolder:
 
         Raises
         ------
-        BadScene
+        InputFault
             Another run holds it, or it cannot be made.
         """
         try:
@@ -49,14 +49,14 @@ class WorkFolder:
                 try:
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError:
-                    raise BadScene.at(
-                        self.path, "--work", "a folder of its own", told("one in use by another run")
+                    raise InputFault.at(
+                        self.path, "--work", "a folder of its own", Words("one in use by another run")
                     ) from None
                 self._clear_leftovers()
                 yield
         except OSError as fault:
             words = fault.strerror or "an error"
-            raise BadScene.at(self.path, "--work", "a folder that can be written", told(words)) from None
+            raise InputFault.at(self.path, "--work", "a folder that can be written", Words(words)) from None
 
     def stage(self, name: str, inputs: Mapping[str, Any], outputs: Sequence[str], make: Callable[[Path], None]) -> str:
         """Make the outputs of a stage unless they are there, made from the same inputs; their digest.

@@ -8,15 +8,18 @@ from estimator.records.scene import Scene, View
 
 __all__ = ["image_file", "image_folders"]
 
-IMAGES = "images"
+#: Folders of pictures, by preference: COLMAP's and OpenSfM's, and that of a work folder of `estimate-scale`.
+IMAGES = ("images", "frames")
 #: How far above the model the images are looked for: `scene/dense/0/sparse` is the deepest usual place.
 _LEVELS_UP = 3
 
 
 def image_folders(scene: Scene) -> tuple[Path, ...]:
-    """The folders `images` beside or above the model, nearest first."""
+    """The folders `images` and `frames` beside or above the model, nearest first."""
     starts = [path.resolve() for path in (scene.path, scene.model_path) if path is not None]
-    places = [place / IMAGES for start in starts for place in (start, *list(start.parents)[:_LEVELS_UP])]
+    places = [
+        place / name for start in starts for place in (start, *list(start.parents)[:_LEVELS_UP]) for name in IMAGES
+    ]
     return tuple(dict.fromkeys(place for place in places if place.is_dir()))
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 __all__ = ["WorkerFault", "finished_worker", "started_worker"]
 
-_MODULE = "estimator.capture.colmap_worker"
+_MODULE = "estimator.capture.mapping.colmap_worker"
 
 
 class WorkerFault(RuntimeError):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.capture.evidence import Evidence, ModelShape
-from estimator.capture.failures import Failure, failure
+from estimator.capture.mapping.evidence import Evidence, ModelShape
+from estimator.capture.mapping.failures import Failure, failure
 
 __all__ = ["early_failure", "model_failure"]
 

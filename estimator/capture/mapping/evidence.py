@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from estimator.capture.frame_choice import Motion
-from estimator.reconstructions.cameras import projected
-from estimator.reconstructions.colmap import colmap_scene
-from estimator.scene import FloatArray, IntArray, Scene
+from estimator.reconstructions.cameras import project
+from estimator.reconstructions.colmap import read_colmap
+from estimator.records.scene import Scene
+from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["Evidence", "ModelShape", "Pair", "model_disagreement", "model_shape"]
 
@@ -42,9 +42,8 @@ class Pair:
 class Evidence:
     """Frames and their pairs.
 
-    names : files of the chosen frames in order; keypoints : (n,) features of each; motion : of all frames of a video,
-    None for pictures; size : (width, height) of the frames; rotation : share of the linked pairs that a rotation
-    alone explains, whatever the focal length.
+    names : files of the chosen frames in order; keypoints : (n,) features of each; size : (width, height) of the
+    frames; sharpness, contrast : (n,) of each frame.
     """
 
     names: list[str]
@@ -53,8 +52,6 @@ class Evidence:
     size: tuple[int, int]
     sharpness: FloatArray
     contrast: FloatArray
-    motion: Motion | None = None
-    in_order: bool = True
 
     @property
     def linked(self) -> tuple[Pair, ...]:
@@ -145,7 +142,7 @@ def model_shape(folder: Path) -> ModelShape | None:
     """The shape of a model on disk, None where there is none or it has no point."""
     if not (folder / "images.bin").is_file():
         return None
-    scene = colmap_scene(folder)
+    scene = read_colmap(folder)
     if not len(scene.points):
         return None
     camera = scene.views[0].camera
@@ -212,7 +209,7 @@ def _median_error(scene: Scene) -> float:
     errors = []
     for view in scene.views:
         local = scene.points[view.point_index] @ view.rotation.T + view.translation
-        errors.append(np.linalg.norm(projected(view.camera, local) - view.keypoints, axis=1))
+        errors.append(np.linalg.norm(project(view.camera, local) - view.keypoints, axis=1))
     return float(np.nanmedian(np.concatenate(errors)))
 
 
@@ -222,7 +219,7 @@ def _lens_bend(scene: Scene) -> float:
     focal, centre = camera.params[0], np.array([camera.width / 2, camera.height / 2])
     corners = np.array([[x, y] for x in (0, camera.width) for y in (0, camera.height)], dtype=np.float64)
     rays = np.column_stack([(corners - centre) / focal, np.ones(4)])
-    return float(np.nan_to_num(np.linalg.norm(projected(camera, rays) - corners, axis=1), nan=1e9).max())
+    return float(np.nan_to_num(np.linalg.norm(project(camera, rays) - corners, axis=1), nan=1e9).max())
 
 
 def _rotation_misfit(homography: FloatArray, size: tuple[int, int]) -> FloatArray:

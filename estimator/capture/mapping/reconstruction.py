@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.capture.evidence import Evidence, ModelShape, model_disagreement, model_shape
-from estimator.capture.failures import Failure
-from estimator.capture.gates import early_failure, model_failure
-from estimator.capture.progress import progress
-from estimator.capture.worker_process import finished_worker, started_worker
+from estimator.capture.mapping.evidence import Evidence, ModelShape, model_disagreement, model_shape
+from estimator.capture.mapping.failures import Failure
+from estimator.capture.mapping.gates import early_failure, model_failure
+from estimator.capture.mapping.progress import progress
+from estimator.capture.mapping.worker_process import finished_worker, started_worker
 
 __all__ = ["Lens", "make_features", "make_matches", "make_model"]
 

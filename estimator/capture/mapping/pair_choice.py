@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.scene import IntArray
+from metric_base.arrays import IntArray
 
 __all__ = ["EXHAUSTIVE", "chosen_pairs", "coarse_scores"]
 

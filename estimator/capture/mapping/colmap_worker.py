@@ -1,7 +1,7 @@
 """Structure from motion in a process of its own, so that what aborts in C++ ends this process and no other.
 
-`python -m estimator.capture.colmap_worker STEP REQUEST.json` prints lines of JSON: `{"done": 3, "of": 40}` on the way
-and `{"result": ...}` at the end.
+`python -m estimator.capture.mapping.colmap_worker STEP REQUEST.json` prints lines of JSON: `{"done": 3, "of": 40}`
+on the way and `{"result": ...}` at the end.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.capture.pair_choice import chosen_pairs, coarse_scores
-from estimator.capture.pycolmap_library import pycolmap
+from estimator.capture.mapping.pair_choice import chosen_pairs, coarse_scores
+from estimator.capture.mapping.pycolmap_library import pycolmap
 
 Request = dict[str, Any]
 

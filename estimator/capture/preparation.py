@@ -1,0 +1,130 @@
+"""What `estimate-scale` does with a video or pictures before it has a scene: reconstruct, find instances."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from argparse import Namespace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from estimator.capture.frames import is_capture
+from metric_base.faults import InputFault, Words
+
+if TYPE_CHECKING:
+    from estimator.capture.mapping.failures import Failure
+    from estimator.capture.work_folder import WorkFolder
+
+__all__ = ["INSTANCES", "RESULT", "failure_json", "prepare_capture"]
+
+INSTANCES, RESULT = "instances.json", "result.json"
+#: Options that mean something only for a video or pictures.
+_CAPTURE_OPTIONS = {"--work": "work", "--frames": "frames", "--focal": "focal", "--camera-model": "camera_model"}
+
+
+def prepare_capture(options: Namespace) -> Failure | None:
+    """Turn a video or a folder of pictures into a scene: `options` then names the work folder as SCENE.
+
+    Options of a reconstruction are left as they are. A capture that cannot be used gives its failure; the command
+    ends with status 3.
+
+    Raises
+    ------
+    InputFault
+        A video that cannot be read, an option that does not fit, or no instances.
+    """
+    options.dense = None if options.dense == "auto" else options.dense
+    if options.scene is None or not is_capture(options.scene):
+        for name, value in _CAPTURE_OPTIONS.items():
+            if getattr(options, value) is not None:
+                words = Words(str(options.scene or options.objects))
+                raise InputFault.at("arguments", name, "a video or a folder of pictures as SCENE", words)
+        return None
+    if options.work is None:
+        raise InputFault.at(options.scene, "--work", "a folder for frames, reconstruction and result", Words("none"))
+    return _prepare(options)
+
+
+def failure_json(failure: Failure) -> str:
+    """The result of a capture that cannot be used."""
+    record = {"schema": "metric-tree/scale/1", "status": "unresolved", "failure": failure.json()}
+    return json.dumps(record, indent=1, ensure_ascii=False)
+
+
+def _prepare(options: Namespace) -> Failure | None:
+    from estimator.capture.capture import CaptureOptions, reconstruct
+    from estimator.capture.mapping.failures import CaptureFailure
+    from estimator.capture.work_folder import WorkFolder
+
+    capture = CaptureOptions(options.frames, options.focal, options.camera_model or "SIMPLE_RADIAL")
+    work = WorkFolder(options.work)
+    with work.locked():
+        try:
+            warnings = reconstruct(options.scene, work, capture)
+        except CaptureFailure as refusal:
+            return refusal.failure
+        for line in warnings:
+            sys.stderr.write(f"estimate-scale: warning: {line}\n")
+        _prepare_instances(options, work)
+    options.scene = work.path
+    return None
+
+
+def _prepare_instances(options: Namespace, work: WorkFolder) -> None:
+    """`instances.json` in the work folder: given, detected, made before, or drawn on a page."""
+    beside = options.scene / INSTANCES
+    if options.detector is not None:
+        _detect(options, work)
+        options.detector = options.images = None
+    elif options.instances is not None or (options.scene.is_dir() and beside.is_file()):
+        file = options.instances or beside
+        if file.is_file() and options.categories is None:
+            _copy_dataset(file, work)
+            options.instances = None if (work.path / INSTANCES).is_file() else file
+    elif not (work.path / INSTANCES).is_file():
+        _draw(options, work)
+
+
+def _copy_dataset(file: Path, work: WorkFolder) -> None:
+    from estimator.capture.work_folder import content_digest
+    from estimator.reconstructions.checked_files import read_json
+
+    if not isinstance(read_json(file), dict):  # bare results need their categories: they are read where they are
+        (work.path / INSTANCES).unlink(missing_ok=True)
+        return
+    if file.resolve() != (work.path / INSTANCES).resolve():
+
+        def make(part: Path) -> None:
+            shutil.copyfile(file, part / INSTANCES)
+
+        work.stage("instances", {"file": content_digest(file)}, [INSTANCES], make)
+
+
+def _detect(options: Namespace, work: WorkFolder) -> None:
+    from estimator.capture.instances_file import write_instances
+    from estimator.capture.work_folder import content_digest
+    from estimator.instances.detector import detect_instances, load_detector
+    from estimator.reconstructions.colmap import read_colmap
+
+    def make(part: Path) -> None:
+        scene = read_colmap(work.path / "sparse" / "0")
+        detector = load_detector(options.detector, options.detector_labels)
+        instances, warnings = detect_instances(scene, work.path / "frames", detector)
+        for line in warnings:
+            sys.stderr.write(f"estimate-scale: warning: {line}\n")
+        write_instances(instances, scene, part / INSTANCES)
+
+    file, labels = Path(options.detector), options.detector_labels
+    inputs = {
+        "detector": content_digest(file) if file.is_file() else str(options.detector),
+        "labels": None if labels is None else labels.read_text(encoding="utf-8"),
+        "model": content_digest(work.path / "sparse"),
+    }
+    work.stage("instances", inputs, [INSTANCES], make)
+
+
+def _draw(options: Namespace, work: WorkFolder) -> None:
+    ways = "--instances FILE, --detector MODEL, or --draw to draw the things on a page in a browser"
+    words = f"none; the frames are in {work.path / 'frames'}"
+    raise InputFault.at(options.scene, "instances", ways, Words(words))

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
-from estimator.geometry.point_labels import PointLabels, PointVotes, dense_labels, point_votes, sparse_labels
+from estimator.geometry.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.geometry.standing import stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.geometry.tracks import Track, incremental_tracks, shared_tracks
@@ -131,7 +131,7 @@ def _stopwatch(timings: dict[str, float], stage: str) -> Iterator[None]:
 
 def _shapes(
     clouds: Sequence[PointLabels],
-    votes: Sequence[PointVotes],
+    votes: Sequence[Sequence[IntArray]],
     noise: Sequence[float],
     seen_from: Sequence[FloatArray],
     basis: FloatArray,
@@ -140,14 +140,14 @@ def _shapes(
     """The points and box of each track; `noise` of each cloud; `seen_from`: camera centres (v, 3) of each track."""
     shapes = []
     for number, eyes in enumerate(seen_from):
-        cloud, rows = _cloud_of([vote.rows[number] for vote in votes])
+        cloud, rows = _cloud_of([vote[number] for vote in votes])
         own = clouds[cloud].points.take(rows, axis=0)
         box = None
         if len(own) >= MIN_OBJECT_POINTS:
             left = inliers(own, basis, options.outliers)
             blur = _blur(eyes, left.level.mean(axis=0) @ basis, noise[cloud])
             box = dimensions(left, basis, blur, options.robust_footprint)
-        shapes.append(_Shape("dense" if cloud else "sparse", own, rows, box))
+        shapes.append(_Shape("dense" if cloud else "sparse", own, clouds[cloud].rows[rows], box))
     return shapes
 
 

@@ -8,18 +8,18 @@ visibility file says so or, without one, where no nearer part of the cloud cover
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from estimator.reconstructions.cameras import project
-from estimator.records.scene import Camera, Instance, Scene, View
+from estimator.reconstructions.cameras import PINHOLES, project
+from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["PointLabels", "PointVotes", "dense_labels", "point_votes", "sparse_labels", "view_labels", "visible_rows"]
+__all__ = ["PointLabels", "dense_labels", "point_votes", "sparse_labels", "view_labels", "visible_rows"]
 
 # A cell of the depth buffer should hold several points of a surface, else what lies behind shines through its gaps:
 # with 8 points expected a cell is empty once in 3,000 (Poisson).
@@ -41,72 +41,83 @@ MASK_SHARE = 0.6
 BOX_SHARE = 0.85
 
 
+# Most pairs of a view and a dense point that are looked at. A cloud that has more is thinned evenly, so that memory and
+# time are bounded: 500 views look at 120,000 of two million points, and a thing of a thousandth of the cloud keeps 120.
+MAX_PAIRS = 60_000_000
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PointLabels:
     """Labels of one cloud of n points seen by v views with m instances.
 
-    points : (n, 3); membership : (m, n) sparse, 1 where the point is seen inside the mask; visibility : (v, n) sparse,
-    1 where the view sees the point; looked : (v, n) sparse, 1 where the view looks at the point's place with nothing
-    before it, whether or not it was matched there; masked : (m, n) sparse, 1 where it does so inside the mask.
+    points : (n, 3) in the world, scene units; rows : (n,) which rows of the scene's cloud they are; membership : (m, n)
+    sparse, 1 where the point is seen inside the mask; visibility : (v, n) sparse, 1 where the view sees the point;
+    looked : (v, n) sparse, 1 where the view looks at the point's place with nothing before it, whether or not it was
+    matched there; masked : (m, n) sparse, 1 where it does so inside the mask.
     """
 
     points: FloatArray
+    rows: IntArray
     membership: csr_array
     visibility: csr_array
     looked: csr_array
     masked: csr_array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PointVotes:
-    """Rows of the cloud that each track owns (one array per track)."""
-
-    rows: tuple[IntArray, ...]
-
-
 def sparse_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     """Labels of the sparse points by their own observations: a keypoint inside a mask labels its point."""
-    pixels = [view.keypoints for view in scene.views]
-    rows = [view.point_index for view in scene.views]
-    seen = _Sight(scene.views, scene.points, rows, pixels)
-    return _labels(seen, seen, instances)
+
+    def sights() -> Iterator[_Sight]:
+        for view in scene.views:
+            rows = view.point_index
+            yield _Sight(rows, view.keypoints, scene.points[rows] @ view.rotation[2] + view.translation[2])
+
+    visibility, membership = _matrices(sights(), scene.views, instances, len(scene.points))
+    rows = np.arange(len(scene.points))
+    return PointLabels(scene.points, rows, membership, visibility, visibility, membership)
 
 
 def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     """Labels of the dense points by projection into the views that see them.
 
-    Raises ValueError where the scene has no dense cloud.
+    A cloud of more than `MAX_PAIRS` pairs of a view and a point is thinned evenly. ValueError if the scene has no dense
+    cloud.
     """
     if scene.dense is None:
         raise ValueError("the scene has no dense cloud")
-    points = scene.dense.points
-    visible = [visible_rows(view, points) for view in scene.views]
-    looked = _Sight(scene.views, points, [rows for rows, _ in visible], [pixels for _, pixels in visible])
-    listed = _rows_by_view(scene.dense.visible_offsets, scene.dense.visible_views, len(scene.views))
+    views, count = scene.views, len(scene.dense.points)
+    kept = np.arange(0, count, max(1, -(-len(views) * count // MAX_PAIRS)))
+    # coordinate by coordinate in memory: projection runs along one at a time
+    points = np.asfortranarray(scene.dense.points[kept])
+    looks = (_Sight(*_unhidden(view, points)) for view in views)
+    looked, masked = _matrices(looks, views, instances, len(points))
+    listed = _rows_by_view(scene.dense, kept, len(views))
     if listed is None:
-        return _labels(looked, looked, instances)
-    inside = [_inside_rows(view, points[rows]) for view, rows in zip(scene.views, listed, strict=True)]
-    rows = [given[within] for given, (within, _, _) in zip(listed, inside, strict=True)]
-    return _labels(_Sight(scene.views, points, rows, [pixels for _, pixels, _ in inside]), looked, instances)
+        return PointLabels(points, kept, masked, looked, looked, masked)
+    sights = (_listed_sight(view, points, rows) for view, rows in zip(views, listed, strict=True))
+    visibility, membership = _matrices(sights, views, instances, len(points))
+    return PointLabels(points, kept, membership, visibility, looked, masked)
 
 
-def point_votes(labels: PointLabels, instances: Sequence[Instance], tracks: Sequence[Sequence[int]]) -> PointVotes:
-    """Points of each track: a point goes to the track that the largest share of its views agrees on.
+def point_votes(
+    labels: PointLabels, instances: Sequence[Instance], tracks: Sequence[Sequence[int]]
+) -> tuple[IntArray, ...]:
+    """Rows of `labels.points` of each track: a point goes to the track that the largest share of its views agrees on.
 
-    For are the views that see the point inside the track's mask; against are those that look at its place with nothing
-    before it and have it outside. A view without a mask of the track is not asked: a missed detection is no vote
-    against. tracks : rows of `instances`, one sequence per track.
+    Views that see the point inside the track's mask vote for it; views that look at its place with nothing before it,
+    and have it outside the mask, vote against. A view without a mask of the track does not vote: a missed detection is
+    no evidence. tracks : rows of `instances`, one sequence per track.
     """
     count = labels.points.shape[0]
     best = np.zeros(count)
     owner = np.full(count, -1)
+    by_point = labels.looked.tocsc()
     for number, members in enumerate(tracks):
         inside = _column_counts(labels.membership, members, count)
         rows = np.flatnonzero(inside)
-        views = sorted({instances[member].view for member in members})
-        against = (
-            _column_counts(labels.looked, views, count)[rows] - _column_counts(labels.masked, members, count)[rows]
-        )
+        asked = np.zeros(by_point.shape[0], dtype=np.float32)
+        asked[[instances[member].view for member in members]] = 1
+        against = asked @ by_point[:, rows] - _column_counts(labels.masked, members, count)[rows]
         share = inside[rows] / (inside[rows] + np.maximum(against, 0))
         boxes = all(instances[member].from_box for member in members)
         # a hair per vote settles ties between masks that overlap: the more often seen, the surer
@@ -114,19 +125,24 @@ def point_votes(labels: PointLabels, instances: Sequence[Instance], tracks: Sequ
         wins = (share >= (BOX_SHARE if boxes else MASK_SHARE)) & (score > best[rows])
         best[rows[wins]] = score[wins]
         owner[rows[wins]] = number
-    return PointVotes(tuple(np.flatnonzero(owner == number) for number in range(len(tracks))))
+    return tuple(np.flatnonzero(owner == number) for number in range(len(tracks)))
 
 
 def view_labels(pixels: FloatArray, instances: Iterable[Instance]) -> list[IntArray]:
-    """Positions in `pixels` (n, 2) that fall inside each instance's mask; pixel (x, y) covers [x, x + 1)."""
-    columns = np.floor(pixels[:, 0]).astype(np.int32)
-    lines = np.floor(pixels[:, 1]).astype(np.int32)
+    """Positions in `pixels` (n, 2) that are inside each instance's mask; pixel (x, y) covers [x, x + 1)."""
+    columns, lines = np.floor(pixels.T).astype(np.int32)
+    # numbers of two bytes are sorted by radix
+    small = len(lines) and lines.min() >= -(2**15) and lines.max() < 2**15
+    order = np.argsort(lines.astype(np.int16) if small else lines, kind="stable")
+    columns, lines = columns[order], lines[order]
     members = []
     for instance in instances:
-        height, width = instance.mask.shape
-        x, y = columns - np.int32(instance.origin[0]), lines - np.int32(instance.origin[1])
-        near = np.flatnonzero((x >= 0) & (x < width) & (y >= 0) & (y < height))
-        members.append(near[instance.mask[y[near], x[near]]])
+        (height, width), (left, top) = instance.mask.shape, instance.origin
+        start, end = np.searchsorted(lines, [top, top + height])
+        x = columns[start:end] - np.int32(left)
+        near = np.flatnonzero((x >= 0) & (x < width))
+        inside = near[instance.mask[lines[start:end][near] - top, x[near]]]
+        members.append(np.sort(order[start:end][inside]))
     return members
 
 
@@ -136,17 +152,24 @@ def visible_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray]:
     The buffer's cells are as large as the cloud's density asks for; a point is kept when it lies within
     `DEPTH_TOLERANCE` of the nearest depth in its cell.
     """
+    return _unhidden(view, points)[:2]
+
+
+def _unhidden(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Rows of the points (n, 3) that no nearer point hides, their pixels (m, 2) and depths (m,)."""
     rows, pixels, depth = _inside_rows(view, points)
     if rows.size == 0:
-        return rows, pixels
+        return rows, pixels, depth
     cell = _cell_size(view.camera, rows.size)
     across = int(view.camera.width // cell) + 1
     columns, lines = (pixels.T * (1 / cell)).astype(np.int64)
     cells = lines * across + columns
-    nearest = np.full(int(cells.max()) + 1, np.inf)
-    np.minimum.at(nearest, cells, depth)
-    seen = depth <= nearest[cells] * (1 + DEPTH_TOLERANCE)
-    return rows[seen], pixels[seen]
+    # half the precision, and a twentieth of the time
+    near = depth.astype(np.float32)
+    nearest = np.full(int(cells.max()) + 1, np.inf, dtype=np.float32)
+    np.minimum.at(nearest, cells, near)
+    seen = np.flatnonzero(near <= nearest[cells] * np.float32(1 + DEPTH_TOLERANCE))
+    return rows[seen], pixels.take(seen, axis=0), depth[seen]
 
 
 def _cell_size(camera: Camera, count: int) -> float:
@@ -158,62 +181,78 @@ def _cell_size(camera: Camera, count: int) -> float:
 
 def _inside_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     """Rows of the points (n, 3) that project into the image, their pixels (m, 2) and depths (m,)."""
-    # a product this narrow is no work for BLAS, whose threads would wait for one another
-    camera_points = np.einsum("nj,ij->ni", points, view.rotation) + view.translation
-    pixels = project(view.camera, camera_points)
+    # (3, n); a product this narrow is no work for BLAS, whose threads would wait for one another
+    local = np.einsum("ij,jn->in", view.rotation, points.T) + view.translation[:, None]
+    rows = _perhaps_inside(view.camera, local)
+    local = local.take(rows, axis=1)
+    pixels = project(view.camera, local.T)
     x, y = pixels.T
     # NaN, behind the camera or beyond its lens, is not inside
-    rows = np.flatnonzero((x >= 0) & (x < view.camera.width) & (y >= 0) & (y < view.camera.height))
-    return rows, pixels[rows], camera_points[rows, 2]
+    inside = np.flatnonzero((x >= 0) & (x < view.camera.width) & (y >= 0) & (y < view.camera.height))
+    return rows[inside], pixels.take(inside, axis=0), local[2, inside]
 
 
-def _rows_by_view(offsets: IntArray | None, views: IntArray | None, count: int) -> list[IntArray] | None:
-    """Rows of the cloud that each view sees, from the compressed rows of a visibility file."""
-    if offsets is None or views is None:
+def _perhaps_inside(camera: Camera, local: FloatArray) -> IntArray:
+    """Rows of points (3, n) in the camera's frame that may project into the image; all ahead for a bent lens."""
+    if camera.model not in PINHOLES:
+        return np.flatnonzero(local[2] > 0)
+    *focal, centre_x, centre_y = camera.params
+    # tangents of the wider half of the image, and a hair for rounding
+    wide = (1 + 1e-9) * max(abs(centre_x), abs(camera.width - centre_x)) / focal[0]
+    high = (1 + 1e-9) * max(abs(centre_y), abs(camera.height - centre_y)) / focal[-1]
+    return np.flatnonzero((np.abs(local[0]) <= wide * local[2]) & (np.abs(local[1]) <= high * local[2]))
+
+
+def _rows_by_view(cloud: DenseCloud, kept: IntArray, views: int) -> list[IntArray] | None:
+    """Positions in `kept` that each view sees, by the cloud's visibility file; None without one."""
+    if cloud.visible_offsets is None or cloud.visible_views is None:
         return None
-    point_rows = np.repeat(np.arange(offsets.size - 1), np.diff(offsets))
-    order = np.argsort(views, kind="stable")
-    ends = np.searchsorted(views[order], np.arange(count + 1))
-    return [point_rows[order[start:end]] for start, end in pairwise(ends)]
+    lengths = np.diff(cloud.visible_offsets)[kept]
+    positions = np.repeat(np.arange(len(kept)), lengths)
+    # where each of the kept points' entries are in the file
+    entries = np.arange(len(positions)) + np.repeat(cloud.visible_offsets[kept] - np.cumsum(lengths) + lengths, lengths)
+    seen_by = cloud.visible_views[entries]
+    order = np.argsort(seen_by, kind="stable")
+    ends = np.searchsorted(seen_by[order], np.arange(views + 1))
+    return [positions[order[start:end]] for start, end in pairwise(ends)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sight:
-    """Which rows of points (n, 3) each of the views sees, and at which pixels."""
+    """What one view sees: rows (k,) of the points, their pixels (k, 2) and depths (k,)."""
 
-    views: Sequence[View]
-    points: FloatArray
-    rows: Sequence[IntArray]
-    pixels: Sequence[FloatArray]
-
-
-def _labels(seen: _Sight, looked: _Sight, instances: Sequence[Instance]) -> PointLabels:
-    """All four sparse matrices from what the views see and what they look at."""
-    count = len(seen.points)
-    membership, visibility = _indicator(_members(seen, instances), count), _indicator(seen.rows, count)
-    if looked is seen:
-        return PointLabels(seen.points, membership, visibility, visibility, membership)
-    looked_members = _indicator(_members(looked, instances), count)
-    return PointLabels(seen.points, membership, visibility, _indicator(looked.rows, count), looked_members)
+    rows: IntArray
+    pixels: FloatArray
+    depth: FloatArray
 
 
-def _members(sight: _Sight, instances: Sequence[Instance]) -> list[IntArray]:
-    """Rows of the points that each instance's view sees inside its mask and at its depth."""
-    members: list[IntArray] = [np.empty(0, dtype=np.int64)] * len(instances)
+def _listed_sight(view: View, points: FloatArray, rows: IntArray) -> _Sight:
+    """The sight of the listed rows (k,) of points (n, 3), less those that project outside the image."""
+    inside, pixels, depth = _inside_rows(view, np.asfortranarray(points[rows]))
+    return _Sight(rows[inside], pixels, depth)
+
+
+def _matrices(
+    sights: Iterable[_Sight], views: Sequence[View], instances: Sequence[Instance], count: int
+) -> tuple[csr_array, csr_array]:
+    """Sparse (v, n) of what the views see and (m, n) of what they see inside the masks; one view is open at a time."""
     by_view: dict[int, list[int]] = defaultdict(list)
     for number, instance in enumerate(instances):
         by_view[instance.view].append(number)
-    for index, here in by_view.items():
-        view, rows = sight.views[index], sight.rows[index]
-        depth = sight.points[rows] @ view.rotation[2] + view.translation[2]
-        inside = view_labels(sight.pixels[index], [instances[number] for number in here])
-        for number, positions in zip(here, inside, strict=True):
-            members[number] = rows[positions[_at_depth(depth[positions], instances[number], view.camera)]]
-    return members
+    seen: list[IntArray] = []
+    members: list[IntArray] = [np.empty(0, dtype=np.int32)] * len(instances)
+    for index, sight in enumerate(sights):
+        rows = sight.rows.astype(np.int32)
+        seen.append(rows)
+        here = [instances[number] for number in by_view[index]]
+        for number, inside in zip(by_view[index], view_labels(sight.pixels, here), strict=True):
+            near = _at_depth(sight.depth[inside], instances[number], views[index].camera)
+            members[number] = rows[inside[near]]
+    return _indicator(seen, count), _indicator(members, count)
 
 
 def _at_depth(depth: FloatArray, instance: Instance, camera: Camera) -> BoolArray:
-    """(n,) whether points of a mask lie near their median depth; all of a box, which is mostly background."""
+    """(n,) whether points of a mask are near their median depth; all of a box, which is mostly background."""
     if instance.from_box or not depth.size:
         return np.ones(depth.shape, dtype=bool)
     middle = float(np.median(depth))
@@ -226,11 +265,13 @@ def _indicator(rows: Sequence[IntArray], count: int) -> csr_array:
     """(len(rows), count) sparse matrix with 1 at the listed columns of each row."""
     lengths = np.fromiter((len(part) for part in rows), dtype=np.int64, count=len(rows))
     indptr = np.concatenate([[0], np.cumsum(lengths)])
-    indices = np.concatenate([*rows, np.empty(0, dtype=np.int64)]).astype(np.int64)
+    indices = np.concatenate([*rows, np.empty(0, dtype=np.int32)]).astype(np.int32)
+    if indptr[-1] < 2**31:
+        indptr = indptr.astype(np.int32)
     return csr_array((np.ones(indices.size, dtype=np.float32), indices, indptr), shape=(len(rows), count))
 
 
 def _column_counts(matrix: csr_array, rows: Sequence[int], count: int) -> IntArray:
-    """How often each column is set in the given rows."""
+    """(count,) how often each column is set in the given rows."""
     parts = [matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]] for row in rows]
-    return np.bincount(np.concatenate([*parts, np.empty(0, dtype=np.int64)]).astype(np.int64), minlength=count)
+    return np.bincount(np.concatenate([*parts, np.empty(0, dtype=np.int32)]), minlength=count)

@@ -12,7 +12,7 @@ from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault, Words
 
-__all__ = ["CAMERA_MODELS", "make_camera", "pixels_in_view", "project"]
+__all__ = ["CAMERA_MODELS", "PINHOLES", "make_camera", "pixels_in_view", "project"]
 
 #: COLMAP's camera models by name: number in binary files, parameters in file order (colmap/sensor/models.h).
 CAMERA_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
@@ -37,6 +37,9 @@ CAMERA_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
     "FISHEYE": (15, ("fx", "fy", "cx", "cy")),
     "EUCM": (16, ("fx", "fy", "cx", "cy", "alpha", "beta")),
 }
+
+#: Models without distortion.
+PINHOLES = frozenset({"PINHOLE", "SIMPLE_PINHOLE"})
 
 #: Longest side of an image that is believed: JPEG stops at 65,535 and stitched surveys at about as much.
 MAX_SIDE_PX = 100_000
@@ -79,6 +82,8 @@ def project(camera: Camera, points_camera: FloatArray) -> FloatArray:
     NaN behind the camera, and beyond the angle at which the lens polynomial turns back on itself: past it,
     points far outside the picture would be drawn inside it.
     """
+    if camera.model in PINHOLES:
+        return _pinhole_pixels(camera, points_camera)
     points = np.ascontiguousarray(points_camera, dtype=np.float64)
     if not len(points):
         return np.empty((0, 2))
@@ -103,12 +108,19 @@ def pixels_in_view(view: View, points: FloatArray) -> tuple[FloatArray, FloatArr
     return pixels, points_camera[:, 2]
 
 
+def _pinhole_pixels(camera: Camera, points: FloatArray) -> FloatArray:
+    """(n, 2) pixels of (n, 3) points, NaN behind the camera; x = f X / Z + c, coordinate by coordinate in memory."""
+    *focal, centre_x, centre_y = camera.params
+    x, y, z = np.asarray(points, dtype=np.float64).T
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        pixels = np.array([x / z * focal[0] + centre_x, y / z * focal[-1] + centre_y])
+        hidden = np.flatnonzero(~((z > 0) & np.isfinite(pixels[0]) & np.isfinite(pixels[1])))
+    pixels[:, hidden] = np.nan
+    return pixels.T
+
+
 def _raw_projected(camera: Camera, points: FloatArray) -> FloatArray:
     """(n, 2) pixels as COLMAP gives them; pycolmap is a heavy import, so pinholes do without."""
-    if camera.model in {"PINHOLE", "SIMPLE_PINHOLE"}:
-        focal, centre = camera.params[:-2], camera.params[-2:]
-        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            return points[:, :2] / points[:, 2:] * focal + centre
     import pycolmap
 
     lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
@@ -118,8 +130,6 @@ def _raw_projected(camera: Camera, points: FloatArray) -> FloatArray:
 @lru_cache(maxsize=256)
 def _widest_tangent(model: str, width: int, height: int, params: bytes) -> float:
     """Tangent of the widest angle up to which pixels move outwards with the angle, in every direction."""
-    if model in {"PINHOLE", "SIMPLE_PINHOLE"}:
-        return np.inf
     camera = Camera(model, width, height, np.frombuffer(params, dtype=np.float64))
     angles = np.linspace(0.0, _WIDEST, _STEPS)
     azimuths = np.linspace(0.0, 2 * np.pi, _DIRECTIONS, endpoint=False)

@@ -44,7 +44,7 @@ def test_overlapping_masks_both_label():
 def test_the_wall_behind_is_not_taken(made):
     labels = dense_labels(made.scene, made.instances)
     for name, members in tracks_of(made).items():
-        rows = point_votes(labels, made.instances, [members]).rows[0]
+        rows = point_votes(labels, made.instances, [members])[0]
         owner = made.owner[rows]
         assert (owner == int(name)).mean() > 0.97
         assert (owner == int(name)).sum() > 0.9 * (made.owner == int(name)).sum()
@@ -84,8 +84,8 @@ def test_a_missed_detection_is_no_vote_against(made):
     kept = [k for k in members if made.instances[k].view % 2 == 0]
     fewer = [instance for k, instance in enumerate(made.instances) if k not in set(members) - set(kept)]
     labels_fewer = dense_labels(made.scene, fewer)
-    rows = point_votes(labels, made.instances, [members]).rows[0]
-    rows_fewer = point_votes(labels_fewer, fewer, [[k for k, i in enumerate(fewer) if i.track == "1"]]).rows[0]
+    rows = point_votes(labels, made.instances, [members])[0]
+    rows_fewer = point_votes(labels_fewer, fewer, [[k for k, i in enumerate(fewer) if i.track == "1"]])[0]
     assert len(rows_fewer) > 0.85 * len(rows)
 
 

@@ -20,7 +20,7 @@ def mask(name, view, category="bottle", score=1.0):
 def labels_of(points, members, seen):
     """Labels of points whose masks hold `members` and whose views see `seen`."""
     inside, visible = _indicator(members, len(points)), _indicator(seen, len(points))
-    return PointLabels(points, inside, visible, visible, inside)
+    return PointLabels(points, np.arange(len(points)), inside, visible, visible, inside)
 
 
 def toy(shown, points_each=40, category="bottle"):

@@ -240,9 +240,9 @@ def _matrices(
     for number, instance in enumerate(instances):
         by_view[instance.view].append(number)
     seen: list[IntArray] = []
-    members: list[IntArray] = [np.empty(0, dtype=np.int32)] * len(instances)
+    members: list[IntArray] = [np.empty(0, dtype=np.int64)] * len(instances)
     for index, sight in enumerate(sights):
-        rows = sight.rows.astype(np.int32)
+        rows: IntArray = sight.rows.astype(np.int32)  # half the memory
         seen.append(rows)
         here = [instances[number] for number in by_view[index]]
         for number, inside in zip(by_view[index], view_labels(sight.pixels, here), strict=True):

@@ -11,10 +11,9 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
-from itertools import combinations
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from estimator.geometry.point_labels import PointLabels
 from estimator.geometry.proximity import Places, relative_distance
@@ -39,6 +38,8 @@ DOUBT_SHARE = 0.1
 NOT_CONTRADICTED_SHARE = 0.2
 # Clouds of fewer points have a spacing as large as themselves, and lie anywhere.
 MIN_PLACE_POINTS = 10
+# Points of one mask that say where it is.
+MAX_MASK_POINTS = 1000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,16 +59,23 @@ def shared_tracks(instances: Sequence[Instance], labels: Sequence[PointLabels]) 
     categories are joined afterwards by the union of both, so that a poster does not join its cabinet.
     """
     views = np.array([instance.view for instance in instances], dtype=np.int64)
-    shared, smaller, union, doubt = _overlaps(views, labels)
-    clouds = [np.concatenate([cloud.points[_members(cloud, row)] for cloud in labels]) for row in range(len(instances))]
+    overlaps = [_Overlap.of(cloud, views) for cloud in labels]
     groups: list[list[int]] = []
     for category in sorted({instance.category for instance in instances}):
-        rows = [row for row, instance in enumerate(instances) if instance.category == category]
-        alone = [[row] for row in rows]
-        joined = _merge_by_points(alone, views, shared, smaller + doubt, JOIN_SHARE)
-        groups += _merge_by_place(joined, instances, clouds, shared + doubt, smaller + doubt)
-    groups = _merge_by_points(groups, views, shared, union, JOIN_SHARE_ACROSS_CATEGORIES)
-    return _tracks(groups, instances)
+        rows = np.array([row for row, instance in enumerate(instances) if instance.category == category])
+        tables = overlaps[0].within(rows)
+        for overlap in overlaps[1:]:
+            tables += overlap.within(rows)
+        shared, smaller, doubt = tables
+        alone = [[number] for number in range(len(rows))]
+        joined = _merge_by_points(alone, views[rows], shared, smaller + doubt, JOIN_SHARE)
+        shared += doubt
+        smaller += doubt
+        own = [instances[row] for row in rows]
+        clouds = [_mask_points(labels, row) for row in rows]
+        groups += [[int(rows[k]) for k in group] for group in _merge_by_place(joined, own, clouds, shared, smaller)]
+    shared, union = np.sum([overlap.between(groups) for overlap in overlaps], axis=0)
+    return _tracks(_merge_by_points(groups, views, shared, union, JOIN_SHARE_ACROSS_CATEGORIES), instances)
 
 
 def incremental_tracks(instances: Sequence[Instance], labels: PointLabels) -> tuple[Track, ...]:
@@ -108,50 +116,110 @@ def _members(labels: PointLabels, row: int) -> IntArray:
     return np.asarray(matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]])
 
 
-def _overlaps(views: IntArray, labels: Sequence[PointLabels]) -> FloatArray:
-    """(4, m, m) points two masks share; the fewer, and the union, of those they hold that both views see; doubt."""
-    count = len(views)
-    shared, smaller, union, doubt = tables = np.zeros((4, count, count))
-    for cloud in labels:
-        both = (cloud.membership @ cloud.membership.T).toarray()
-        # (m, m): points of mask i that the view of mask j sees
-        seen = (cloud.membership @ cloud.visibility.T).toarray()[:, views]
-        shared += both
-        held = np.diff(cloud.membership.indptr).astype(float)
-        smaller += np.minimum(seen, seen.T)
-        doubt += DOUBT_SHARE * np.minimum(held[:, None], held[None, :])
-        union += seen + seen.T - both
-    return tables
+def _mask_points(labels: Sequence[PointLabels], row: int) -> FloatArray:
+    """(k, 3) points of one mask in all clouds, in world, at most `MAX_MASK_POINTS` of each cloud."""
+    rows = [_members(cloud, row) for cloud in labels]
+    thin = [own[:: max(1, -(-len(own) // MAX_MASK_POINTS))] for own in rows]
+    return np.concatenate([cloud.points[own] for cloud, own in zip(labels, thin, strict=True)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Overlap:
+    """What m masks share in one cloud.
+
+    both : (m, m) sparse, points that two masks share; seen : (m, v) points of a mask that a view sees; views : (m,) the
+    view of each mask; held : (m,) points of each mask.
+    """
+
+    both: csr_array
+    seen: FloatArray
+    views: IntArray
+    held: FloatArray
+
+    @classmethod
+    def of(cls, cloud: PointLabels, views: IntArray) -> _Overlap:
+        """The overlap of the masks of a cloud; views (m,) of the masks."""
+        members = cloud.membership
+        seen = (members @ cloud.visibility.T).toarray()
+        return cls((members @ members.T).tocsr(), seen, views, np.diff(members.indptr).astype(np.float32))
+
+    def within(self, rows: IntArray) -> FloatArray:
+        """(3, k, k) of masks `rows` (k,): points two share; the fewer they hold that both views see; doubt."""
+        seen = self.seen[np.ix_(rows, self.views[rows])]
+        tables: FloatArray = np.empty((3, len(rows), len(rows)), dtype=np.float32)
+        self.both[rows][:, rows].toarray(out=tables[0])
+        np.minimum(seen, seen.T, out=tables[1])
+        np.minimum.outer(DOUBT_SHARE * self.held[rows], DOUBT_SHARE * self.held[rows], out=tables[2])
+        return tables
+
+    def between(self, groups: Sequence[Sequence[int]]) -> FloatArray:
+        """(2, k, k) sums over the pairs of masks of k groups: points shared; the union of what both views see."""
+        lengths = [len(group) for group in groups]
+        rows = np.fromiter((row for group in groups for row in group), dtype=np.int64, count=sum(lengths))
+        ends = np.concatenate([[0], np.cumsum(lengths)])
+        chosen = csr_array((np.ones(len(rows)), rows, ends), shape=(len(groups), len(self.views)))
+        shared = (chosen @ self.both @ chosen.T).toarray()
+        counts = np.zeros((len(groups), self.seen.shape[1]))
+        np.add.at(counts, (np.repeat(np.arange(len(groups)), lengths), self.views[rows]), 1)
+        # sum over masks j of a group of what the view of j sees of i
+        seen = (chosen @ self.seen) @ counts.T
+        return np.array([shared, seen + seen.T - shared])
+
+
+def _sums(groups: Sequence[Sequence[int]], table: FloatArray) -> FloatArray:
+    """(k, k) sums of a table (m, m) over the pairs of k groups of its rows."""
+    order = np.concatenate([np.asarray(group, dtype=np.int64) for group in groups])
+    starts = np.concatenate([[0], np.cumsum([len(group) for group in groups])[:-1]])
+    return np.asarray(np.add.reduceat(np.add.reduceat(table[np.ix_(order, order)], starts, axis=0), starts, axis=1))
+
+
+def _share_a_view(groups: Sequence[Sequence[int]], views: IntArray) -> BoolArray:
+    """(k, k) whether two groups of masks have a view in common; `views` (m,) of the masks."""
+    seen = np.zeros((len(groups), int(views.max(initial=0)) + 1), dtype=np.float32)
+    for number, group in enumerate(groups):
+        seen[number, views[list(group)]] = 1
+    return np.asarray((seen @ seen.T) > 0)
 
 
 def _merge_by_points(
-    groups: Sequence[Sequence[int]], views: IntArray, shared: FloatArray, total: FloatArray, share: float
+    groups: Sequence[Sequence[int]], views: IntArray, over: FloatArray, under: FloatArray, share: float
 ) -> list[list[int]]:
-    """Groups after joining the best pair first while it reaches `share`; groups with a view in common never join."""
+    """Groups after joining the best pair first while it reaches `share`; groups with a view in common never join.
+
+    over, under : (k, k) points shared and their total between groups; both are used up. The best partner of every group
+    is kept, so that a step takes k operations and not k squared.
+    """
     members = [list(group) for group in groups]
-    count = len(members)
-    indicator = np.zeros((count, len(views)))
-    for number, group in enumerate(members):
-        indicator[number, group] = 1
-    over = indicator @ shared @ indicator.T
-    under = indicator @ total @ indicator.T
-    seen = np.zeros((count, int(views.max(initial=0)) + 1))
-    np.add.at(seen, (np.nonzero(indicator)[0], views[np.nonzero(indicator)[1]]), 1)
-    barred = (seen @ seen.T) > 0
+    if len(members) < 2:
+        return members
+    barred = _share_a_view(members, views)
     affinity = _affinity(over, under, barred)
-    while count > 1:
-        one, two = divmod(int(affinity.argmax()), count)
-        if affinity[one, two] < share:
-            break
+    partner, best = affinity.argmax(axis=1), affinity.max(axis=1)
+    while best.max() >= share:
+        one = int(best.argmax())
+        two = int(partner[one])
         members[one] += members[two]
         members[two] = []
         for table in (over, under, barred):
             table[one] += table[two]
-            table[:, one] += table[:, two]
+            table[:, one] = table[one]
         barred[two] = barred[:, two] = True
-        affinity[one] = affinity[:, one] = _affinity(over[one], under[one], barred[one])
+        affinity[one] = affinity[:, one] = row = _affinity(over[one], under[one], barred[one])
         affinity[two] = affinity[:, two] = 0
+        _renew(affinity, partner, best, row, one, two)
     return [group for group in members if group]
+
+
+def _renew(affinity: FloatArray, partner: IntArray, best: FloatArray, row: FloatArray, one: int, two: int) -> None:
+    """Bring the best partners up to date after group `two` went into `one`, whose affinities are now `row` (k,)."""
+    stale = (partner == two) | ((partner == one) & (row < best))
+    stale[[one, two]] = True
+    better = ~stale & ((row > best) | ((row == best) & (one < partner)))
+    partner[better], best[better] = one, row[better]
+    rows = np.flatnonzero(stale)
+    part = affinity[rows]
+    partner[rows] = part.argmax(axis=1)
+    best[rows] = part.max(axis=1)
 
 
 def _merge_by_place(
@@ -161,38 +229,41 @@ def _merge_by_place(
     shared: FloatArray,
     total: FloatArray,
 ) -> list[list[int]]:
-    """Groups of one category after joining those that lie in one place, nearest first, unless the views contradict it.
+    """Groups of one category after joining those in one place, nearest first, unless the views contradict it.
 
     A thing whose views share no points (a mask cut to a corner, a camera that came back) falls apart by points alone.
-    Boxes hold background and say nothing about place.
+    Boxes hold background and say nothing about place. clouds : points (k, 3) of each mask; shared, total : (m, m) what
+    two masks share, and their total.
     """
-    merged = [tuple(group) for group in groups]
+    views = np.array([instance.view for instance in instances])
+    merged: list[tuple[int, ...]] = [tuple(group) for group in groups]
     places = Places(clouds)
+    over, under = _sums(merged, shared), _sums(merged, total)
+    barred = _share_a_view(merged, views)
+    boxed = np.array([any(instances[row].from_box for row in group) for group in merged])
+    barred |= boxed[:, None] | boxed[None, :]
 
-    @cache
-    def distance(one: tuple[int, ...], two: tuple[int, ...]) -> float:
-        if not (_may_join(one, two, instances, shared, total) and _is_place_known(one, two, clouds)):
-            return np.inf
-        return relative_distance(places.of(one), places.of(two))
+    def distances(one: int) -> FloatArray:
+        """(k,) distance of group `one` from each other group that it may join, infinite for the rest."""
+        may = ~barred[one] & (over[one] >= NOT_CONTRADICTED_SHARE * under[one])
+        row = np.full(len(merged), np.inf)
+        for two in np.flatnonzero(may):
+            if two != one and _is_place_known(merged[one], merged[two], clouds):
+                row[two] = relative_distance(places.of(merged[one]), places.of(merged[two]))
+        return row
 
-    while True:
-        pairs = combinations(range(len(merged)), 2)
-        nearest, first, second = min(((distance(merged[a], merged[b]), a, b) for a, b in pairs), default=(np.inf, 0, 0))
-        if nearest >= 1:
-            return [list(group) for group in merged]
-        merged[first] += merged.pop(second)
-
-
-def _may_join(
-    one: Sequence[int], two: Sequence[int], instances: Sequence[Instance], shared: FloatArray, total: FloatArray
-) -> bool:
-    """Whether two groups have masks rather than boxes, no view in common, and no views that tell them apart."""
-    if any(instances[row].from_box for row in (*one, *two)):
-        return False
-    if {instances[row].view for row in one} & {instances[row].view for row in two}:
-        return False
-    pairs = np.ix_(one, two)
-    return bool(shared[pairs].sum() >= NOT_CONTRADICTED_SHARE * total[pairs].sum())
+    apart = np.array([distances(number) for number in range(len(merged))])
+    while apart.size and apart.min() < 1:
+        first, second = sorted(divmod(int(apart.argmin()), len(merged)))
+        merged[first] += merged[second]
+        merged[second] = ()
+        for table in (over, under, barred):
+            table[first] += table[second]
+            table[:, first] = table[first]
+        barred[second] = barred[:, second] = True
+        apart[second] = apart[:, second] = np.inf
+        apart[first] = apart[:, first] = distances(first)
+    return [list(group) for group in merged if group]
 
 
 def _is_place_known(one: Sequence[int], two: Sequence[int], clouds: Sequence[FloatArray]) -> bool:

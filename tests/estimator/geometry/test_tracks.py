@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from estimator.geometry.point_labels import PointLabels, _indicator, dense_labels, sparse_labels
-from estimator.geometry.tracks import incremental_tracks, shared_tracks, voted_category
+from estimator.geometry.tracks import _merge_by_points, incremental_tracks, shared_tracks, voted_category
 from estimator.records.scene import Instance
 from tests.made.shapes import box, cylinder, floor, made_scene, orbit
 
@@ -124,3 +126,35 @@ def test_scale_of_the_scene_does_not_matter(table):
     larger = replace(labels, points=labels.points * 1000)
     assert groups(incremental_tracks(table.instances, labels)) == groups(incremental_tracks(table.instances, larger))
     assert groups(shared_tracks(table.instances, [labels])) == groups(shared_tracks(table.instances, [larger]))
+
+
+def plainly_merged(views, over, under, share):
+    """The rule as it reads: all pairs are looked at again after every join."""
+    groups = [[row] for row in range(len(views))]
+    while True:
+        best, pair = 0.0, None
+        for one, first in enumerate(groups):
+            for two in range(one + 1, len(groups)):
+                pairs = np.ix_(first, groups[two])
+                free = not {views[row] for row in first} & {views[row] for row in groups[two]}
+                shared = over[pairs].sum()
+                affinity = shared / max(under[pairs].sum(), 1) if free and shared >= 3 else 0.0
+                if affinity > best:
+                    best, pair = affinity, (one, two)
+        if best < share:
+            return sorted(sorted(group) for group in groups)
+        groups[pair[0]] += groups.pop(pair[1])
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 14), share=st.floats(0.2, 0.9))
+@settings(max_examples=60, deadline=None)
+def test_the_kept_partners_give_what_looking_at_all_pairs_gives(seed, count, share):
+    random = np.random.default_rng(seed)
+    views = random.integers(0, max(2, count // 2), count)
+    over = random.integers(0, 20, (count, count)).astype(float)
+    over += over.T
+    under = over * random.uniform(1, 4, (count, count))
+    under += under.T
+    plain = plainly_merged(views, over, under, share)
+    quick = _merge_by_points([[row] for row in range(count)], views, over.copy(), under.copy(), share)
+    assert sorted(sorted(group) for group in quick) == plain

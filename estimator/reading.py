@@ -145,7 +145,7 @@ def _default_instances(scene: Scene) -> Path:
     for place in (scene.path / INSTANCES, scene.path / PICTURES):
         if place.exists():
             return place
-    ways = "--instances FILE, or --images DIR --detector MODEL (docs/how-to/training-sets.md lists detectors)"
+    ways = "--instances FILE, or --images DIR --detector MODEL (docs/how-to/detectors.md lists detectors)"
     raise InputFault.at(scene.path, "instances", f"{INSTANCES} or {PICTURES}/ in it, or {ways}", Words("none"))
 
 

@@ -135,7 +135,7 @@ def test_the_whole_command_needs_no_masks_file(
     assert main(words) == 2
     fault = capsys.readouterr().err
     assert "--detector" in fault
-    assert "docs/how-to/training-sets.md" in fault
+    assert "docs/how-to/detectors.md" in fault
     status = main(words + own)
     record = json.loads(capsys.readouterr().out)
     # the same masks from a file give the same answer

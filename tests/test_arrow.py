@@ -37,6 +37,7 @@ ROOMS = [
     "estimator.reconstructions",
     "estimator.checks",
     "estimator.instances",
+    "estimator.association",
     "estimator.geometry",
     "estimator.posterior",
     "estimator.results",

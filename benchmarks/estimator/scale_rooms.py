@@ -16,8 +16,8 @@ from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
-from estimator.geometry.point_labels import sparse_labels
-from estimator.geometry.tracks import incremental_tracks, shared_tracks
+from estimator.association.point_labels import sparse_labels
+from estimator.association.tracks import incremental_tracks, shared_tracks
 from estimator.reading import read_instances, read_scene
 from metric_tree.build.steps import Options as BuildOptions
 from metric_tree.build.steps import build_release, shipped_taxonomy

@@ -21,8 +21,8 @@ from pathlib import Path
 from statistics import median
 
 import metric_tree
+from estimator.association.point_labels import dense_labels, sparse_labels
 from estimator.geometry.measurement import measure_objects
-from estimator.geometry.point_labels import dense_labels, sparse_labels
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scene import Instance
 from estimator.results.estimate import scale_of_objects

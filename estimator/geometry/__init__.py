@@ -1,1 +1,1 @@
-"""Points and masks to measured objects in scene units (paper, sections 4.1 and 4.2)."""
+"""Measured objects in scene units, from the points and masks of one thing each (paper section 4.2)."""

@@ -10,12 +10,12 @@ from typing import Literal
 
 import numpy as np
 
+from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
+from estimator.association.tracks import Track, incremental_tracks, shared_tracks
 from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
-from estimator.geometry.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.geometry.standing import stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
-from estimator.geometry.tracks import Track, incremental_tracks, shared_tracks
 from estimator.geometry.truncation import Outline, Sides, Surroundings, outline, side_evidence
 from estimator.geometry.up import Up, camera_up
 from estimator.geometry.upright_box import Dimensions, dimensions, inliers

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimator.association.point_labels import PointLabels
 from estimator.geometry.extents import quantiles
-from estimator.geometry.point_labels import PointLabels
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray, IntArray
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from estimator.geometry.point_labels import PointLabels
+from estimator.association.point_labels import PointLabels
 from estimator.reconstructions.cameras import pixels_in_view, project
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import BoolArray, FloatArray

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from estimator.geometry.point_labels import sparse_labels
+from estimator.association.point_labels import sparse_labels
 from estimator.reading import read_instances, read_scene
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.quick import MadeScene, quick_scene

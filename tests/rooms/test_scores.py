@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import adjusted_rand_score
 
-from estimator.geometry.tracks import Track
+from estimator.association.tracks import Track
 from tests.made.rooms.quick import MadeScene
 from tests.made.rooms.scores import Score, adjusted_rand_index, association_score, height_error, summary
 from tests.made.rooms.sizes import TYPICAL_MM, drawn_sizes, plausible_sizes

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
+from estimator.association.point_labels import dense_labels
 from estimator.geometry.noise import depth_noise, sight_moment
-from estimator.geometry.point_labels import dense_labels
 from estimator.records.scene import Scene
 from tests.made.shapes import box, floor, made_scene, orbit
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.geometry.point_labels import dense_labels
+from estimator.association.point_labels import dense_labels
 from estimator.geometry.truncation import Surroundings, outline, side_evidence
 from estimator.records.scene import Instance
 from tests.made.shapes import box, cylinder, floor, made_scene, orbit, view_at

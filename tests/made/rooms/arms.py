@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.association.tracks import Track
 from estimator.baselines.paper import paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
 from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measure_objects
-from estimator.geometry.tracks import Track
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import Options, scale_of_objects

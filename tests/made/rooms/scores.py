@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.geometry.tracks import Track
+from estimator.association.tracks import Track
 from estimator.records.scene import Instance
 from metric_base.arrays import FloatArray
 from tests.made.rooms.truth import Truth

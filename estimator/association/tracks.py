@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from estimator.geometry.point_labels import PointLabels
-from estimator.geometry.proximity import Places, relative_distance
+from estimator.association.point_labels import PointLabels
+from estimator.association.proximity import Places, relative_distance
 from estimator.records.scene import Instance
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.geometry.point_labels import PointLabels, _indicator, dense_labels, sparse_labels
-from estimator.geometry.tracks import _merge_by_points, incremental_tracks, shared_tracks, voted_category
+from estimator.association.point_labels import PointLabels, _indicator, dense_labels, sparse_labels
+from estimator.association.tracks import _merge_by_points, incremental_tracks, shared_tracks, voted_category
 from estimator.records.scene import Instance
 from tests.made.shapes import box, cylinder, floor, made_scene, orbit
 

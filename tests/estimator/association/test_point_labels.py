@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.geometry.point_labels import dense_labels, point_votes, sparse_labels, view_labels, visible_rows
+from estimator.association.point_labels import dense_labels, point_votes, sparse_labels, view_labels, visible_rows
 from estimator.records.scene import DenseCloud, Instance
 from tests.made.shapes import box, floor, made_scene, orbit
 

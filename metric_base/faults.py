@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Self
+from typing import Self, TypeVar
 
-__all__ = ["InputFault", "Words"]
+__all__ = ["FieldFault", "InputFault", "Words", "at_field", "in_file"]
+
+Name = TypeVar("Name", bound=Path | str)
 
 #: How much of a strange value a fault shows: a line of a terminal, not a page.
 MAX_SHOWN = 120
@@ -29,3 +33,41 @@ class InputFault(ValueError):
         """The fault in one line; `found` is shown as Python would write it, or as `Words`, cut to a readable length."""
         shown = found if isinstance(found, Words) else repr(found)
         return cls(f"{file}: {field}: expected {expected}, found {shown[:MAX_SHOWN]}")
+
+
+class FieldFault(ValueError):
+    """A value is at fault, in a file that only a caller knows: `in_file` makes an `InputFault` of it.
+
+    field : where in the document, as far as is known; it may be empty. expected, found : as of `InputFault.at`.
+    """
+
+    def __init__(self, field: str, expected: str, found: object) -> None:
+        super().__init__(field, expected, found)
+        self.field, self.expected, self.found = field, expected, found
+
+
+class at_field:  # noqa: N801 - a context manager, as those of contextlib
+    """Within the block a `FieldFault` gets `field` before its own; a plain class, for it is entered once a record."""
+
+    __slots__ = ("field",)
+
+    def __init__(self, field: str) -> None:
+        self.field = field
+
+    def __enter__(self) -> None:
+        """Nothing to prepare."""
+
+    def __exit__(self, _kind: type[BaseException] | None, fault: BaseException | None, _trace: object) -> None:
+        """Add the field to a fault."""
+        if isinstance(fault, FieldFault):
+            gap = "" if not fault.field or fault.field[0] in ".[" else " "
+            raise FieldFault(f"{self.field}{gap}{fault.field}", fault.expected, fault.found) from None
+
+
+@contextmanager
+def in_file(file: Name) -> Iterator[Name]:
+    """Within the block a `FieldFault` becomes an `InputFault` of the file, which the block is given."""
+    try:
+        yield file
+    except FieldFault as fault:
+        raise InputFault.at(file, fault.field or "content", fault.expected, fault.found) from None

@@ -18,7 +18,7 @@ import numpy as np
 from estimator.reconstructions.checked_files import json_array, json_object, read_json
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault
+from metric_base.faults import InputFault, in_file
 
 __all__ = ["FILE_NAME", "FramePose", "FramePoses", "PoseOrigin", "read_frame_poses", "write_frame_poses"]
 
@@ -117,14 +117,14 @@ def read_frame_poses(file: Path) -> FramePoses:
         The file is missing, is of another kind or version, or a value in it is wrong.
     """
     file = file / FILE_NAME if file.is_dir() else file
-    document = json_object(file, "document", read_json(file))
+    with in_file(file):
+        document = json_object(read_json(file))
     if document.get("schema") != SCHEMA:
         raise InputFault.at(file, "schema", SCHEMA, document.get("schema"))
     try:
         camera = _camera(document["camera"])
-        frames = tuple(
-            _pose(json_object(file, "frames", row)) for row in json_array(file, "frames", document["frames"])
-        )
+        with in_file(file):
+            frames = tuple(_pose(json_object(row, "frames")) for row in json_array(document["frames"], "frames"))
         return FramePoses(Path(document["source"]), camera, int(document["turned_deg"]), frames)
     except (KeyError, TypeError, ValueError) as fault:
         if isinstance(fault, InputFault):

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from estimator.instances.crops import ViewNames, differs_in_aspect, joined_instances, mask_crop
+from estimator.instances.label_names import label_names
 from estimator.instances.masks import box_mask, coco_mask, picture_size
 from estimator.reconstructions.checked_files import json_array, json_object, read_json
 from estimator.records.scene import Instance, Scene
-from metric_base.faults import InputFault, Words
+from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
 
-__all__ = ["ignored_categories", "read_coco"]
+__all__ = ["category_names", "entries_by_id", "ignored_categories", "read_coco"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,18 +39,20 @@ def read_coco(scene: Scene, file: Path, categories: Path | None = None) -> tuple
     """The instances of a dataset or of results, and warnings.
 
     Results take names and images from the dataset `categories`, by default `<stem>_categories.json` beside the
-    file. Annotations of images that match no view, empty masks and crowds (many objects in one mask) are left out
+    file; without one, each entry states its `file_name` and its `category`, or an id of COCO's 91 categories.
+    Annotations of images that match no view, empty masks and crowds (many objects in one mask) are left out
     with a warning. A box without a mask stands in for one and is marked.
     """
-    frame, annotations = _document(scene, file, categories)
-    if not annotations:
-        raise InputFault.at(file, "annotations", "at least one", 0)
-    found = [_instance(file, row, annotation, frame, scene) for row, annotation in enumerate(annotations)]
+    frame, annotations, warnings = _document(scene, file, categories)
+    with in_file(file):
+        if not annotations:
+            raise FieldFault("annotations", "at least one", 0)
+        instances = [_instance(row, annotation, frame, scene) for row, annotation in enumerate(annotations)]
     names = [image.file_name for image in frame.images.values()]
-    warnings = _warnings(file, annotations, frame, scene, found)
+    warnings = [*warnings, *_warnings(file, annotations, frame, scene, instances)]
     if categories is not None and frame.file != categories:
         warnings.append(ignored_categories(categories, file, "is a dataset"))
-    return joined_instances(file, scene, names, found, warnings)
+    return joined_instances(file, scene, names, instances, warnings)
 
 
 def ignored_categories(categories: Path | str, instances: Path, what: str) -> str:
@@ -57,20 +60,54 @@ def ignored_categories(categories: Path | str, instances: Path, what: str) -> st
     return f"--categories {categories}: not read, for {instances} {what} with categories of its own"
 
 
-def _document(scene: Scene, file: Path, categories: Path | None) -> tuple[CocoFrame, list[Any]]:
+def _document(scene: Scene, file: Path, categories: Path | None) -> tuple[CocoFrame, list[Any], list[str]]:
+    """The frame, the annotations, and warnings."""
     document = read_json(file)
     if isinstance(document, dict):
-        return _frame(file, document, scene), json_array(file, "annotations", document.get("annotations"))
-    annotations = json_array(file, "document", document)
+        with in_file(file):
+            return _frame(file, document, scene), json_array(document.get("annotations"), "annotations"), []
+    with in_file(file):
+        annotations = json_array(document)
     named = categories or file.with_name(f"{file.stem}_categories.json")
+    if categories is None and not named.is_file() and _name_themselves(annotations):
+        return _own_frame(file, annotations, scene)
     if not named.is_file():
-        expected = "a dataset that names categories and images (--categories)"
+        expected = "a dataset that names categories and images (--categories), or entries with file_name and category"
         raise InputFault.at(file, "categories", expected, Words(f"no file {named.name} beside it"))
-    return _frame(named, json_object(named, "document", read_json(named)), scene), annotations
+    with in_file(named):
+        return _frame(named, json_object(read_json(named)), scene), annotations, []
+
+
+def _name_themselves(annotations: list[Any]) -> bool:
+    return bool(annotations) and all(isinstance(entry, dict) and "file_name" in entry for entry in annotations)
+
+
+def _own_frame(file: Path, annotations: list[Any], scene: Scene) -> tuple[CocoFrame, list[Any], list[str]]:
+    """The frame of results whose entries name their images; ids become those names, also in the annotations."""
+    rows, coco = ViewNames(scene), label_names("coco_91")
+    images: dict[Hashable, CocoImage] = {}
+    categories: dict[Hashable, str] = {}
+    entries, by_number = [], 0
+    for number, entry in enumerate(annotations):
+        with in_file(file), at_field(f"annotations[{number}]"):
+            image = _text("file_name", entry["file_name"])
+            name = next((entry[key] for key in ("category", "category_name", "label") if key in entry), None)
+            if name is None:
+                by_number += 1
+                key = _key("category_id", entry.get("category_id"))
+                name = coco[key] if isinstance(key, int) and 0 < key < len(coco) else ""
+                if not name:
+                    raise FieldFault("category", "a name, or a category_id of COCO's 91", entry.get("category_id"))
+            category = _text("category", name)
+        images.setdefault(image, CocoImage(image, None, rows.row(image)))
+        categories[category] = category
+        entries.append({**entry, "image_id": image, "category_id": category})
+    warning = f"{file}: {by_number} category ids without a name are read as COCO's own (1 person, 3 car, 62 chair ...)"
+    return CocoFrame(file, images, categories), entries, [warning] if by_number else []
 
 
 def _warnings(
-    file: Path, annotations: list[Any], frame: CocoFrame, scene: Scene, found: list[Instance | None]
+    file: Path, annotations: list[Any], frame: CocoFrame, scene: Scene, instances: list[Instance | None]
 ) -> list[str]:
     """One line for each kind of annotation that was left out or looks wrong."""
     warnings = []
@@ -79,7 +116,7 @@ def _warnings(
         warnings.append(f"{file}: {sum(crowds)} crowd annotations are left out")
     empty = sum(
         frame.images[annotation["image_id"]].view is not None and not crowd and instance is None
-        for annotation, crowd, instance in zip(annotations, crowds, found, strict=True)
+        for annotation, crowd, instance in zip(annotations, crowds, instances, strict=True)
     )
     if empty:
         warnings.append(f"{file}: {empty} masks without a pixel are left out")
@@ -99,68 +136,74 @@ def _turned(image: CocoImage, scene: Scene) -> bool:
 def _frame(file: Path, document: dict[str, Any], scene: Scene) -> CocoFrame:
     rows = ViewNames(scene)
     images: dict[Hashable, CocoImage] = {}
-    for field, key, image in _entries(file, "images", document):
-        name = _text(file, f"{field} file_name", image.get("file_name"))
-        size = (image.get("width"), image.get("height"))
-        stated = None if size == (None, None) else picture_size(file, f"{field} width and height", size)
+    for field, key, image in entries_by_id("images", document):
+        with at_field(field):
+            name = _text("file_name", image.get("file_name"))
+            size = (image.get("width"), image.get("height"))
+            with at_field("width and height"):
+                stated = None if size == (None, None) else picture_size(size)
         images[key] = CocoImage(name, stated, rows.row(name))
-    names = {
-        key: _text(file, f"{field} name", category.get("name"))
-        for field, key, category in _entries(file, "categories", document)
-    }
-    return CocoFrame(file, images, names)
+    return CocoFrame(file, images, category_names(document))
 
 
-def _entries(file: Path, part: str, document: dict[str, Any]) -> list[tuple[str, Hashable, dict[str, Any]]]:
-    """Field, id and object of each entry of a part; every id once."""
+def category_names(document: dict[str, Any]) -> dict[Hashable, str]:
+    """The names by id of a dataset's `categories`; FieldFault where one has none."""
+    names = {}
+    for field, key, category in entries_by_id("categories", document):
+        with at_field(field):
+            names[key] = _text("name", category.get("name"))
+    return names
+
+
+def entries_by_id(part: str, document: dict[str, Any]) -> list[tuple[str, Hashable, dict[str, Any]]]:
+    """Field, id and object of each entry of a part of a dataset; FieldFault where an id is there twice."""
     entries, seen = [], set()
-    for number, value in enumerate(json_array(file, part, document.get(part))):
+    for number, value in enumerate(json_array(document.get(part), part)):
         field = f"{part}[{number}]"
-        entry = json_object(file, field, value)
-        key = _key(file, f"{field} id", entry.get("id"))
-        if key in seen:
-            raise InputFault.at(file, f"{field} id", "each id once", Words(f"{key!r} twice"))
+        entry = json_object(value, field)
+        with at_field(field):
+            key = _key("id", entry.get("id"))
+            if key in seen:
+                raise FieldFault("id", "each id once", Words(f"{key!r} twice"))
         seen.add(key)
         entries.append((field, key, entry))
     return entries
 
 
-def _key(file: Path, field: str, value: object) -> Hashable:
+def _key(field: str, value: object) -> Hashable:
     if isinstance(value, bool) or not isinstance(value, int | str):
-        raise InputFault.at(file, field, "a number", value)
+        raise FieldFault(field, "a number", value)
     return value
 
 
-def _text(file: Path, field: str, value: object) -> str:
+def _text(field: str, value: object) -> str:
     if not isinstance(value, str) or not value.strip():
-        raise InputFault.at(file, field, "a name", value)
+        raise FieldFault(field, "a name", value)
     return value
 
 
-def _instance(file: Path, row: int, entry: object, frame: CocoFrame, scene: Scene) -> Instance | None:
+def _instance(row: int, entry: object, frame: CocoFrame, scene: Scene) -> Instance | None:
     """One annotation as an instance, or None where it has no view or no pixels."""
-    field = f"annotations[{row}]"
-    annotation = json_object(file, field, entry)
-    image_id = _key(file, f"{field} image_id", annotation.get("image_id"))
-    category_id = _key(file, f"{field} category_id", annotation.get("category_id"))
-    if image_id not in frame.images:
-        raise InputFault.at(file, f"{field} image_id", f"an image of {frame.file.name}", image_id)
-    if category_id not in frame.categories:
-        raise InputFault.at(file, f"{field} category_id", f"a category of {frame.file.name}", category_id)
-    score = 1.0 if annotation.get("score") is None else annotation["score"]
-    if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
-        raise InputFault.at(file, f"{field} score", "a number from 0 to 1", score)
-    image = frame.images[image_id]
-    if image.view is None or annotation.get("iscrowd"):
-        return None
-    camera = scene.views[image.view].camera
-    size = image.size or (camera.width, camera.height)
-    segmentation = annotation.get("segmentation")
-    if segmentation:
-        mask = coco_mask(file, field, segmentation, size)
-    else:
-        mask = box_mask(file, field, annotation.get("bbox"), size)
-    crop = mask_crop(mask, camera)
+    with at_field(f"annotations[{row}]"):
+        annotation = json_object(entry, "")
+        image_id = _key("image_id", annotation.get("image_id"))
+        category_id = _key("category_id", annotation.get("category_id"))
+        if image_id not in frame.images:
+            raise FieldFault("image_id", f"an image of {frame.file.name}", image_id)
+        if category_id not in frame.categories:
+            raise FieldFault("category_id", f"a category of {frame.file.name}", category_id)
+        score = 1.0 if annotation.get("score") is None else annotation["score"]
+        if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
+            raise FieldFault("score", "a number from 0 to 1", score)
+        image = frame.images[image_id]
+        if image.view is None or annotation.get("iscrowd"):
+            return None
+        camera = scene.views[image.view].camera
+        size = image.size or (camera.width, camera.height)
+        segmentation = annotation.get("segmentation")
+        crop = mask_crop(
+            coco_mask(segmentation, size) if segmentation else box_mask(annotation.get("bbox"), size), camera
+        )
     if crop is None:
         return None
     track = annotation.get("track_id")

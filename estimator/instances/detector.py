@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 
 from estimator.instances.crops import mask_crop
 from estimator.instances.image_files import image_file
+from estimator.instances.label_names import label_names
 from estimator.instances.registry import RegisteredDetector, download, registry_entry, registry_entry_of
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.faults import InputFault, Words
 from metric_base.terminal import progress
-from taxonomy.label_lists import vocabulary
 
-__all__ = ["Detections", "Detector", "InputForm", "detect_instances", "label_names", "load_detector"]
+__all__ = ["Detections", "Detector", "InputForm", "detect_instances", "load_detector"]
 
 InputForm = Literal["torchvision", "caffe"]
 
@@ -40,8 +40,6 @@ MASK_THRESHOLD = 0.5
 #: that a narrow picture may have), and the divisor their graph was traced with.
 CAFFE_MEANS = (102.9801, 115.9465, 122.7717)
 CAFFE_SHORT_SIDE, CAFFE_LONGEST_SIDE, CAFFE_DIVISOR = 800, 1333, 32
-#: COCO's category ids run to 90, of which these ten name nothing; torchvision's labels are these ids.
-COCO_91_GAPS = frozenset({12, 26, 29, 30, 45, 66, 68, 69, 71, 83})
 #: A box whose corner is this many pictures away, or no number, holds nothing that could be pasted.
 FAR_BOX = 10
 #: onnxruntime writes a device id under the user's cache unless this is set before its import.
@@ -172,14 +170,6 @@ def load_detector(ref: str | Path, labels: Path | None = None) -> Detector:
     else:
         names = label_names("coco_91" if entry is None else entry.labels)
     return Detector(path, names, _form(entry))
-
-
-def label_names(name: str) -> tuple[str, ...]:
-    """Names by label number: `coco_91` for COCO's own ids, else a shipped list counted from 1."""
-    if name != "coco_91":
-        return ("", *(label.label for label in vocabulary(name)))
-    remaining = iter(vocabulary("coco_80"))
-    return ("", *("" if number in COCO_91_GAPS else next(remaining).label for number in range(1, 91)))
 
 
 def detect_instances(scene: Scene, images: Path, detector: Detector) -> tuple[tuple[Instance, ...], tuple[str, ...]]:

@@ -25,13 +25,15 @@ from estimator.instances.masks import picture_size
 from estimator.reconstructions.checked_files import json_object, read_bytes, read_json
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
-from metric_base.faults import InputFault, Words
+from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
 
 __all__ = ["read_label_images"]
 
 CATEGORIES = "categories.json"
 #: A connected part smaller than this share of the largest of its value is a speck of the segmenter, not an object.
 MIN_PART_SHARE = 0.02
+#: Longest number that is looked at; Python itself stops at 4,300 digits.
+MAX_DIGITS = 10
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _CHUNK = struct.Struct(">I4s")
 
@@ -56,14 +58,15 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
 
 def _names(file: Path) -> dict[int, str]:
     names = {}
-    for key, name in json_object(file, "document", read_json(file)).items():
-        if not (key.isascii() and key.isdecimal() and int(key) < 1 << 16):
-            raise InputFault.at(file, "value", "a pixel value from 0 to 65535", key)
-        if not isinstance(name, str) or not name.strip():
-            raise InputFault.at(file, f"value {key}", "a name", name)
-        names[int(key)] = name
-    if not names:
-        raise InputFault.at(file, "document", "at least one value", 0)
+    with in_file(file):
+        for key, name in json_object(read_json(file)).items():
+            if not (key.isascii() and key.isdecimal() and len(key) <= MAX_DIGITS and int(key) < 1 << 16):
+                raise FieldFault("value", "a pixel value from 0 to 65535", key)
+            if not isinstance(name, str) or not name.strip():
+                raise FieldFault(f"value {key}", "a name", name)
+            names[int(key)] = name
+        if not names:
+            raise FieldFault("document", "at least one value", 0)
     return names
 
 
@@ -132,5 +135,6 @@ def _check_png(file: Path, data: bytes) -> None:
                 file, f"chunk {kind!r}", "a matching checksum", Words("another, or the end of the file")
             )
         if kind == b"IHDR":
-            picture_size(file, "size", struct.unpack_from(">II", data, place + _CHUNK.size))
+            with in_file(file), at_field("size"):
+                picture_size(struct.unpack_from(">II", data, place + _CHUNK.size))
         place = end + 4

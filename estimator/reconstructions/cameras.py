@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault, Words
+from metric_base.faults import FieldFault, Words
 
 __all__ = ["CAMERA_MODELS", "PINHOLES", "make_camera", "pixels_in_view", "project"]
 
@@ -51,28 +50,26 @@ _STEPS = 1024
 _DIRECTIONS = 16
 
 
-def make_camera(file: Path, field: str, model: str, size: tuple[int, int], params: Any) -> Camera:
-    """A camera whose every number was checked; `file` and `field` name it in a fault.
+def make_camera(model: str, size: tuple[int, int], params: Any) -> Camera:
+    """A camera whose every number was checked.
 
-    size : (width, height) in pixels. InputFault for an unknown model, a wrong number of parameters, sizes outside
+    size : (width, height) in pixels. FieldFault for an unknown model, a wrong number of parameters, sizes outside
     1 ... MAX_SIDE_PX, numbers that are not finite, or a focal length that is not positive.
     """
     if model not in CAMERA_MODELS:
-        raise InputFault.at(
-            file, f"{field} model", "one of COLMAP's, such as PINHOLE or OPENCV, and no panorama", model
-        )
+        raise FieldFault("model", "one of COLMAP's, such as PINHOLE or OPENCV, and no panorama", model)
     width, height = size
     if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX and width * height <= MAX_PIXELS):
-        raise InputFault.at(file, f"{field} size", f"sides of 1 to {MAX_SIDE_PX} pixels", Words(f"{width} x {height}"))
+        raise FieldFault("size", f"sides of 1 to {MAX_SIDE_PX} pixels", Words(f"{width} x {height}"))
     names = CAMERA_MODELS[model][1]
     values = np.asarray(params, dtype=np.float64)
     if values.shape != (len(names),):
-        raise InputFault.at(file, f"{field} parameters", f"{len(names)} numbers of {model}", Words(f"{values.size}"))
+        raise FieldFault("parameters", f"{len(names)} numbers of {model}", Words(f"{values.size}"))
     if not np.isfinite(values).all():
-        raise InputFault.at(file, f"{field} parameters", "finite numbers", values.tolist())
+        raise FieldFault("parameters", "finite numbers", values.tolist())
     focal = values[: 1 if names[0] == "f" else 2]
     if (focal <= 0).any():
-        raise InputFault.at(file, f"{field} focal length", "more than 0", focal.tolist())
+        raise FieldFault("focal length", "more than 0", focal.tolist())
     return Camera(model, width, height, values)
 
 

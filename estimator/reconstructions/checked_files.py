@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from metric_base.faults import InputFault, Words
+from metric_base.faults import FieldFault, InputFault, Words
 
 __all__ = ["ByteReader", "json_array", "json_object", "read_bytes", "read_json", "read_text"]
 
@@ -62,17 +62,17 @@ def read_json(path: Path) -> Any:
             gc.enable()
 
 
-def json_object(path: Path, field: str, value: object) -> dict[str, Any]:
+def json_object(value: object, field: str = "document") -> dict[str, Any]:
     """`value` if it is a JSON object."""
     if not isinstance(value, dict):
-        raise InputFault.at(path, field, "an object", Words(_JSON_KINDS.get(type(value), "something else")))
+        raise FieldFault(field, "an object", Words(_JSON_KINDS.get(type(value), "something else")))
     return value
 
 
-def json_array(path: Path, field: str, value: object) -> list[Any]:
+def json_array(value: object, field: str = "document") -> list[Any]:
     """`value` if it is a JSON array."""
     if not isinstance(value, list):
-        raise InputFault.at(path, field, "an array", Words(_JSON_KINDS.get(type(value), "something else")))
+        raise FieldFault(field, "an array", Words(_JSON_KINDS.get(type(value), "something else")))
     return value
 
 

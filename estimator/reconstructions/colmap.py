@@ -7,15 +7,16 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from estimator.reconstructions.colmap_binary import read_binary_model
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.reconstructions.colmap_text import read_text_model
 from estimator.records.scene import MAX_COORDINATE, Scene, View
-from metric_base.arrays import FloatArray, IntArray
+from metric_base.arrays import IntArray
 from metric_base.faults import InputFault, Words
 
-__all__ = ["colmap_folder", "read_colmap", "rotation_of"]
+__all__ = ["colmap_folder", "read_colmap"]
 
 #: Where a COLMAP workspace keeps its model, in the order of preference.
 MODEL_PLACES = (".", "sparse/0", "sparse", "0")
@@ -62,14 +63,6 @@ def read_colmap(folder: Path, path: Path | None = None) -> Scene:
         points=model.points,
         model_path=folder,
     )
-
-
-def rotation_of(quaternion: FloatArray) -> FloatArray:
-    """(3, 3) rotation of a unit quaternion (w, x, y, z): R = I + 2 w [v] + 2 [v]^2."""
-    w, x, y, z = quaternion / np.linalg.norm(quaternion)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    rotation: FloatArray = np.eye(3) + 2 * w * cross + 2 * cross @ cross
-    return rotation
 
 
 def _check_unique(file: Path, field: str, values: Iterable[object]) -> None:
@@ -128,5 +121,5 @@ def _view(file: Path, image: ColmapImage, model: ColmapModel, rows_of: Callable[
         raise InputFault.at(file, f"{field} point id", "a point of the model", found)
     if not np.isfinite(keypoints).all():
         raise InputFault.at(file, f"{field} keypoints", "finite pixels", Words("NaN or infinity"))
-    rotation = rotation_of(image.quaternion)
+    rotation = Rotation.from_quat(image.quaternion, scalar_first=True).as_matrix()
     return View(image.name, model.cameras[image.camera_id], rotation, image.translation, keypoints, rows)

@@ -16,7 +16,7 @@ from estimator.reconstructions.checked_files import ByteReader
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import InputFault, Words
+from metric_base.faults import InputFault, Words, at_field, in_file
 
 __all__ = ["image_places", "point_places", "read_binary_model"]
 
@@ -83,7 +83,8 @@ def _cameras(reader: ByteReader) -> dict[int, Camera]:
             raise InputFault.at(reader.path, "camera id", "each one once", Words(f"{camera_id} twice"))
         model, n_params = _MODEL_NAMES[model_number]
         params = reader.rows("<f8", n_params, f"{field} parameters")
-        cameras[camera_id] = make_camera(reader.path, field, model, (width, height), params)
+        with in_file(reader.path), at_field(field):
+            cameras[camera_id] = make_camera(model, (width, height), params)
     reader.end()
     return cameras
 

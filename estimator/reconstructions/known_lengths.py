@@ -11,7 +11,7 @@ import numpy as np
 from estimator.reconstructions.checked_files import read_text
 from estimator.records.scene import MAX_COORDINATE
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault, Words
+from metric_base.faults import FieldFault, Words, at_field, in_file
 
 __all__ = ["KnownLength", "parse_known_lengths"]
 
@@ -52,45 +52,50 @@ def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
     """
     if len(words) == 1:
         return _lengths_of(Path(words[0]))
-    if len(words) != 3:
-        raise InputFault.at("--known-length", "arguments", "A B metres, or a file", Words(" ".join(words)))
-    a, b = (_numbers("--known-length", "point", word, 3) for word in words[:2])
-    (metres,) = _numbers("--known-length", "metres", words[2], 1)
-    return (_length("--known-length", "length", np.array([*a, *b, metres])),)
+    with in_file("--known-length"):
+        if len(words) != 3:
+            raise FieldFault("arguments", "A B metres, or a file", Words(" ".join(words)))
+        with at_field("point"):
+            a, b = (_numbers(word, 3) for word in words[:2])
+        with at_field("metres"):
+            (metres,) = _numbers(words[2], 1)
+        return (_length(np.array([*a, *b, metres])),)
 
 
 def _lengths_of(file: Path) -> tuple[KnownLength, ...]:
     lines = [(number, line.partition("#")[0].strip()) for number, line in enumerate(read_text(file).split("\n"), 1)]
-    lengths = tuple(_line_length(file, f"line {number}", line) for number, line in lines if line)
-    if not lengths:
-        raise InputFault.at(file, "lengths", "at least one line", 0)
+    with in_file(file):
+        lengths = tuple(_line_length(number, line) for number, line in lines if line)
+        if not lengths:
+            raise FieldFault("lengths", "at least one line", 0)
     return lengths
 
 
-def _line_length(file: Path, field: str, line: str) -> KnownLength:
-    return _length(file, field, _numbers(file, field, line, 7, 8))
+def _line_length(number: int, line: str) -> KnownLength:
+    with at_field(f"line {number}"):
+        return _length(_numbers(line, 7, 8))
 
 
-def _length(file: Path | str, field: str, numbers: FloatArray) -> KnownLength:
+def _length(numbers: FloatArray) -> KnownLength:
     a, b, metres = numbers[:3], numbers[3:6], float(numbers[6])
     if not MIN_METRES <= metres <= MAX_METRES:
-        raise InputFault.at(file, f"{field} metres", f"{MIN_METRES:g} to {MAX_METRES:g}", metres)
+        raise FieldFault("metres", f"{MIN_METRES:g} to {MAX_METRES:g}", metres)
     if not np.linalg.norm(b - a) > 0:
-        raise InputFault.at(file, f"{field} points", "two points apart", a.tolist())
+        raise FieldFault("points", "two points apart", a.tolist())
     sigma = float(numbers[7]) / metres if len(numbers) > 7 else DEFAULT_SIGMA
     if not 0 < sigma < 1:
-        raise InputFault.at(file, f"{field} sigma", "more than 0 and less than the length itself", sigma * metres)
+        raise FieldFault("sigma", "more than 0 and less than the length itself", sigma * metres)
     return KnownLength(a, b, metres, sigma)
 
 
-def _numbers(file: Path | str, field: str, text: str, least: int, most: int | None = None) -> FloatArray:
+def _numbers(text: str, least: int, most: int | None = None) -> FloatArray:
     """Between `least` and `most` finite numbers, apart by blanks or commas."""
     parts = text.strip().strip("()[]").replace(",", " ").split()
     try:
         numbers = np.array([float(part) for part in parts])
     except ValueError:
-        raise InputFault.at(file, field, "numbers", text) from None
+        raise FieldFault("", "numbers", text) from None
     if not least <= len(numbers) <= (most or least) or not (np.abs(numbers) < MAX_COORDINATE).all():
         many = f"{least}" if most is None else f"{least} or {most}"
-        raise InputFault.at(file, field, f"{many} finite numbers", text)
+        raise FieldFault("", f"{many} finite numbers", text)
     return numbers

@@ -1,19 +1,19 @@
-"""Objects measured elsewhere: the reader of `metric-tree/objects/1` (docs/how-to/scenes.md, `--objects`)."""
+"""Objects measured elsewhere: the reader of `metric-tree/objects/1` (docs/reference/formats.md, `--objects`)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+import re
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
 
 from estimator.reconstructions.checked_files import json_array, json_object, read_json
 from estimator.records.measured_object import MeasuredObject
-from metric_base.arrays import BoolArray, FloatArray
-from metric_base.faults import InputFault, Words
-from metric_tree.axes import AXES
+from metric_base.arrays import FloatArray
+from metric_base.faults import FieldFault, Words, at_field, in_file
 
 __all__ = ["SCHEMA", "STATED_SIGMA", "parse_objects", "read_objects"]
 
@@ -27,7 +27,67 @@ STATED_SIGMA = 0.05
 #: that is thinly seen, so its extent can only be short: it is read as truncated.
 PLAUSIBLE = 0.7
 
-EXTENTS = ("extent1", "extent2", "extent3")
+_Positive = Annotated[float, msgspec.Meta(gt=0, lt=1e300)]
+_Zero = Annotated[float, msgspec.Meta(ge=0, lt=1e300)]
+
+
+class _Lengths(msgspec.Struct, forbid_unknown_fields=True):
+    length: _Positive | None = None
+    width: _Positive | None = None
+    height: _Positive | None = None
+
+
+class _Confidence(msgspec.Struct, forbid_unknown_fields=True):
+    length: _Zero | None = None
+    width: _Zero | None = None
+    height: _Zero | None = None
+
+
+class _FreeLengths(msgspec.Struct, forbid_unknown_fields=True):
+    extent1: _Positive | None = None
+    extent2: _Positive | None = None
+    extent3: _Positive | None = None
+
+
+class _FreeConfidence(msgspec.Struct, forbid_unknown_fields=True):
+    extent1: _Zero | None = None
+    extent2: _Zero | None = None
+    extent3: _Zero | None = None
+
+
+class _Entry(msgspec.Struct):
+    """What every object states; fields that we do not know are ignored."""
+
+    category: Annotated[str, msgspec.Meta(pattern=r"\S")]
+    id: str | int | None = None
+    score: Annotated[float, msgspec.Meta(ge=0, le=1)] | None = None
+
+
+class _Upright(_Entry, kw_only=True):
+    """An object whose vertical is known."""
+
+    dimensions: _Lengths
+    confidence: _Confidence = msgspec.field(default_factory=_Confidence)
+    sigma: _Lengths = msgspec.field(default_factory=_Lengths)
+    truncated: list[Literal["length", "width", "height"]] = []
+
+
+class _Free(_Entry, kw_only=True):
+    """An object of which only the sorted extents are known."""
+
+    extents: Annotated[list[_Positive], msgspec.Meta(min_length=1, max_length=3)]
+    confidence: _FreeConfidence = msgspec.field(default_factory=_FreeConfidence)
+    sigma: _FreeLengths = msgspec.field(default_factory=_FreeLengths)
+    truncated: list[Literal["extent1", "extent2", "extent3"]] = []
+
+
+#: What a field should hold, in words, for a fault in it; any other is a length.
+_EXPECTED = {
+    "category": "a name", "id": "text or a number", "extents": "one to three lengths", "truncated": "an array",
+    "score": "a number from 0 to 1", "dimensions": "an object", "confidence": "an object", "sigma": "an object",
+}  # fmt: skip
+_PLACE = re.compile(r" - at `\$(.*)`$")
+_NAMED = re.compile(r"(?:missing required|unknown) field `(\w+)`")
 
 
 def read_objects(path: Path) -> tuple[MeasuredObject, ...]:
@@ -43,100 +103,100 @@ def read_objects(path: Path) -> tuple[MeasuredObject, ...]:
 
 def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
     """The objects of a parsed document; `path` is for messages."""
-    record = json_object(path, "document", document)
-    if record.get("schema") != SCHEMA:
-        raise InputFault.at(path, "schema", SCHEMA, record.get("schema"))
-    objects = tuple(
-        _object(path, f"objects[{place}]", json_object(path, f"objects[{place}]", entry))
-        for place, entry in enumerate(json_array(path, "objects", record.get("objects")))
-    )
-    seen: set[str] = set()
-    for place, item in enumerate(objects):
-        if item.id in seen:
-            raise InputFault.at(path, f"objects[{place}].id", "an id of its own", item.id)
-        seen.add(item.id)
-    return objects
+    with in_file(path):
+        record = json_object(document)
+        if record.get("schema") != SCHEMA:
+            raise FieldFault("schema", SCHEMA, record.get("schema"))
+        objects = []
+        seen: set[str] = set()
+        for place, entry in enumerate(json_array(record.get("objects"), "objects")):
+            with at_field(f"objects[{place}]"):
+                item = _object(place, json_object(entry, ""))
+                if item.id in seen:
+                    raise FieldFault(".id", "an id of its own", item.id)
+            seen.add(item.id)
+            objects.append(item)
+    return tuple(objects)
 
 
-def _object(path: Path, field: str, entry: dict[str, Any]) -> MeasuredObject:
-    category = entry.get("category")
-    if not isinstance(category, str) or not category.strip():
-        raise InputFault.at(path, f"{field}.category", "a name", category)
-    identity = entry.get("id", field.removeprefix("objects[").removesuffix("]"))
-    if isinstance(identity, bool) or not isinstance(identity, str | int):
-        raise InputFault.at(path, f"{field}.id", "text or a number", identity)
-    free = "dimensions" not in entry
-    names = EXTENTS if free else AXES
-    extents = _extents(path, field, entry) if free else _by_name(path, f"{field}.dimensions", entry["dimensions"], AXES)
-    confidence = _by_name(path, f"{field}.confidence", entry.get("confidence", {}), names, zero=True)
-    sigma = _by_name(path, f"{field}.sigma", entry.get("sigma", {}), names)
+def _object(place: int, record: dict[str, Any]) -> MeasuredObject:
+    if "dimensions" not in record and "extents" not in record and "category" in record:
+        raise FieldFault(".dimensions", "dimensions or extents", None)
+    entry: _Upright | _Free = _converted(record, _Upright if "dimensions" in record else _Free)
+    names = entry.sigma.__struct_fields__
+    extents = _sorted_extents(entry.extents) if isinstance(entry, _Free) else _numbers(entry.dimensions)
+    confidence, sigma = _numbers(entry.confidence), _numbers(entry.sigma)
     sigma = np.where(np.isnan(sigma), STATED_SIGMA, sigma)
-    cut = _cut(path, f"{field}.truncated", entry.get("truncated", []), names)
     with np.errstate(invalid="ignore"):
-        cut = cut | (confidence < PLAUSIBLE)
+        truncated = np.array([name in entry.truncated for name in names]) | (confidence < PLAUSIBLE)
     notes: tuple[str, ...] = ()
-    if not free and extents[1] > extents[0]:  # `length` is the longer horizontal side
+    if isinstance(entry, _Upright) and extents[1] > extents[0]:  # length is the longer horizontal side
         order = [1, 0, 2]
-        extents, sigma, confidence, cut = extents[order], sigma[order], confidence[order], cut[order]
+        extents, sigma, confidence, truncated = extents[order], sigma[order], confidence[order], truncated[order]
         notes = ("width was longer than length: exchanged",)
     return MeasuredObject(
-        id=str(identity),
-        category=category,
+        id=str(place if entry.id is None else entry.id),
+        category=entry.category,
         extents=extents,
         sigma=sigma,
         confidence=confidence,
-        truncated=cut,
-        score=_score(path, f"{field}.score", entry.get("score", 1.0)),
-        vertical_known=not free,
+        truncated=truncated,
+        score=1.0 if entry.score is None else entry.score,
+        vertical_known=isinstance(entry, _Upright),
         notes=notes,
     )
 
 
-def _extents(path: Path, field: str, entry: dict[str, Any]) -> FloatArray:
-    if "extents" not in entry:
-        raise InputFault.at(path, f"{field}.dimensions", "dimensions or extents", None)
-    values = json_array(path, f"{field}.extents", entry["extents"])
-    if not 1 <= len(values) <= 3:
-        raise InputFault.at(path, f"{field}.extents", "one to three lengths", Words(f"{len(values)}"))
-    lengths = [_length(path, f"{field}.extents[{place}]", value) for place, value in enumerate(values)]
+def _converted(record: dict[str, Any], kind: type[_Upright | _Free]) -> _Upright | _Free:
+    """The record by its schema; FieldFault with the place of the first value that does not fit."""
+    try:
+        entry = msgspec.convert(record, kind)
+    except msgspec.ValidationError as fault:
+        raise _field_fault(record, str(fault)) from None
+    for field in ("dimensions", "confidence", "sigma"):
+        numbers = getattr(entry, field, None)
+        for name in () if numbers is None else numbers.__struct_fields__:
+            value = getattr(numbers, name)
+            if value is not None and math.isnan(value):  # no bound of a schema holds it back
+                raise FieldFault(f".{field}.{name}", "a positive number", value)
+    return entry
+
+
+def _field_fault(record: dict[str, Any], message: str) -> FieldFault:
+    """Msgspec's message as a fault, with what was found in the place that it names."""
+    match = _PLACE.search(message)
+    field = match[1] if match else ""
+    value: Any = record
+    for name in re.findall(r"\w+", field):
+        value = value[int(name) if isinstance(value, list) else name]
+    last = next((name for name in reversed(re.findall(r"\w+", field)) if not name.isdecimal()), "")
+    if named := _NAMED.search(message):
+        if last:  # an unknown name within an object of numbers
+            return FieldFault(field, f"some of {_names(last, record)}", named[1])
+        return FieldFault(f".{named[1]}", _EXPECTED[named[1]], None)
+    if field.endswith("]"):
+        expected = f"some of {_names(last, record)}" if last == "truncated" else "a positive number"
+    else:
+        expected = _EXPECTED.get(last, "a number of zero or more" if "confidence" in field else "a positive number")
+    huge = isinstance(value, int) and value.bit_length() > 1000
+    return FieldFault(field, expected, Words("a number of hundreds of digits") if huge else value)
+
+
+def _names(field: str, record: dict[str, Any]) -> str:
+    kind = _Lengths if field == "dimensions" or "dimensions" in record else _FreeLengths
+    return ", ".join(kind.__struct_fields__)
+
+
+def _sorted_extents(lengths: list[float]) -> FloatArray:
+    """(3,) extents, longest first, NaN where there are fewer."""
+    if not all(map(math.isfinite, lengths)):
+        raise FieldFault(".extents", "positive numbers", lengths)
     if lengths != sorted(lengths, reverse=True):
-        raise InputFault.at(path, f"{field}.extents", "the longest first", values)
+        raise FieldFault(".extents", "the longest first", lengths)
     return np.array(lengths + [math.nan] * (3 - len(lengths)))
 
 
-def _by_name(path: Path, field: str, value: object, names: Iterable[str], zero: bool = False) -> FloatArray:
-    """(3,) numbers by name, NaN where none is given; null counts as not given."""
-    given = json_object(path, field, value)
-    names = tuple(names)
-    for name in given:
-        if name not in names:
-            raise InputFault.at(path, field, f"some of {', '.join(names)}", name)
-    return np.array(
-        [_length(path, f"{field}.{n}", given[n], zero) if given.get(n) is not None else math.nan for n in names]
-    )
-
-
-def _length(path: Path, field: str, value: object, zero: bool = False) -> float:
-    number = value if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
-    try:
-        number = float(number)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number) or number < 0 or (number == 0 and not zero):
-        raise InputFault.at(path, field, "a number of zero or more" if zero else "a positive number", value)
-    return number
-
-
-def _cut(path: Path, field: str, value: object, names: tuple[str, ...]) -> BoolArray:
-    given = json_array(path, field, value)
-    for name in given:
-        if name not in names:
-            raise InputFault.at(path, field, f"some of {', '.join(names)}", name)
-    return np.array([name in given for name in names])
-
-
-def _score(path: Path, field: str, value: object) -> float:
-    score = 1.0 if value is None else _length(path, field, value, zero=True)
-    if score > 1:
-        raise InputFault.at(path, field, "a number from 0 to 1", value)
-    return score
+def _numbers(numbers: msgspec.Struct) -> FloatArray:
+    """(3,) numbers in the order of their names, NaN where none is given; null counts as not given."""
+    values = (getattr(numbers, name) for name in numbers.__struct_fields__)
+    return np.array([math.nan if value is None else value for value in values])

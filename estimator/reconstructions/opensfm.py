@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from estimator.reconstructions.cameras import make_camera, pixels_in_view
 from estimator.reconstructions.checked_files import json_array, json_object, read_json
 from estimator.reconstructions.opensfm_tracks import read_observations
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import InputFault, Words
+from metric_base.faults import FieldFault, Words, at_field, in_file
 
 __all__ = ["largest_reconstruction", "read_opensfm"]
 
@@ -44,12 +45,13 @@ def read_opensfm(folder: Path) -> Scene:
     """
     file = folder / RECONSTRUCTION
     document, warnings = largest_reconstruction(file)
-    cameras = _cameras(file, json_object(file, "cameras", document.get("cameras")))
-    names, points = _points(file, json_object(file, "points", document.get("points")))
-    shots = json_object(file, "shots", document.get("shots"))
-    if not shots:
-        raise InputFault.at(file, "shots", "at least one", 0)
-    views = tuple(_view(file, name, json_object(file, f"shot {name!r}", shot), cameras) for name, shot in shots.items())
+    with in_file(file):
+        cameras = _cameras(json_object(document.get("cameras"), "cameras"))
+        names, points = _points(json_object(document.get("points"), "points"))
+        shots = json_object(document.get("shots"), "shots")
+        if not shots:
+            raise FieldFault("shots", "at least one", 0)
+        views = tuple(_view(name, shot, cameras) for name, shot in shots.items())
     tracks = folder / TRACKS
     if tracks.is_file():
         views = _observed(tracks, views, names)
@@ -61,10 +63,11 @@ def read_opensfm(folder: Path) -> Scene:
 
 def largest_reconstruction(file: Path) -> tuple[dict[str, Any], tuple[str, ...]]:
     """The reconstruction with the most shots, then points, and a warning where there are several."""
-    found = json_array(file, "document", read_json(file))
-    if not found:
-        raise InputFault.at(file, "document", "at least one reconstruction", 0)
-    documents = [json_object(file, f"reconstruction {row}", document) for row, document in enumerate(found)]
+    with in_file(file):
+        entries = json_array(read_json(file))
+        if not entries:
+            raise FieldFault("document", "at least one reconstruction", 0)
+        documents = [json_object(entry, f"reconstruction {row}") for row, entry in enumerate(entries)]
     sizes = [(_length(document.get("shots")), _length(document.get("points"))) for document in documents]
     row = max(range(len(documents)), key=sizes.__getitem__)
     if len(documents) == 1:
@@ -77,31 +80,32 @@ def _length(value: object) -> int:
     return len(value) if isinstance(value, dict) else 0
 
 
-def _cameras(file: Path, documents: dict[str, Any]) -> dict[str, Camera]:
-    return {
-        name: _camera(file, f"camera {name!r}", json_object(file, f"camera {name!r}", document))
-        for name, document in documents.items()
-    }
+def _cameras(documents: dict[str, Any]) -> dict[str, Camera]:
+    cameras = {}
+    for name, document in documents.items():
+        with at_field(f"camera {name!r}"):
+            cameras[name] = _camera(json_object(document, ""))
+    return cameras
 
 
-def _camera(file: Path, field: str, document: dict[str, Any]) -> Camera:
+def _camera(document: dict[str, Any]) -> Camera:
     projection = document.get("projection_type", "perspective")
     if not isinstance(projection, str) or projection not in PROJECTIONS:
         expected = f"one of {', '.join(PROJECTIONS)} (cut a panorama into perspective views first)"
-        raise InputFault.at(file, f"{field} projection_type", expected, projection)
-    width, height = (_whole(file, f"{field} {side}", document.get(side)) for side in ("width", "height"))
+        raise FieldFault("projection_type", expected, projection)
+    width, height = (_whole(side, document.get(side)) for side in ("width", "height"))
     model, sources = PROJECTIONS[projection]
     side, half = max(width, height), {"x": width / 2, "y": height / 2}
     params = []
     for source in sources:
         name = source.lstrip("*+")
-        value = _number(file, f"{field} {name}", document.get(name), None if source in _FOCAL_NAMES else 0.0)
+        value = _number(name, document.get(name), None if source in _FOCAL_NAMES else 0.0)
         scaled = value * side if source[:1] in {"*", "+"} else value
         params.append(scaled + half[name[-1]] if source.startswith("+") else scaled)
-    return make_camera(file, field, model, (width, height), params)
+    return make_camera(model, (width, height), params)
 
 
-def _points(file: Path, documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
+def _points(documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
     try:
         points = np.array([point["coordinates"] for point in documents.values()], dtype=np.float64)
     except (TypeError, KeyError, ValueError, OverflowError):
@@ -109,7 +113,7 @@ def _points(file: Path, documents: dict[str, Any]) -> tuple[list[str], FloatArra
     if (documents and points.shape != (len(documents), 3)) or not (np.abs(points) < MAX_COORDINATE).all():
         name, found = _faulty_point(documents)
         expected = f"coordinates of three finite numbers below {MAX_COORDINATE:g}"
-        raise InputFault.at(file, f"point {name!r}", expected, found)
+        raise FieldFault(f"point {name!r}", expected, found)
     return list(documents), points.reshape(-1, 3)
 
 
@@ -126,24 +130,21 @@ def _believable(value: object) -> bool:
     return isinstance(value, int | float) and abs(value) < MAX_COORDINATE
 
 
-def _view(file: Path, name: str, shot: dict[str, Any], cameras: dict[str, Camera]) -> View:
-    field = f"shot {name!r}"
-    camera = shot.get("camera")
-    if not isinstance(camera, str) or camera not in cameras:
-        raise InputFault.at(file, f"{field} camera", "a camera of the reconstruction", camera)
-    rotation, translation = (_triple(file, f"{field} {part}", shot.get(part)) for part in ("rotation", "translation"))
-    return View(name, cameras[camera], _rotation(rotation), translation, np.empty((0, 2)), np.empty(0, np.int64))
-
-
-def _rotation(angle_axis: FloatArray) -> FloatArray:
-    """(3, 3) of an angle-axis vector, Rodrigues: R = I + sin a [k] + (1 - cos a) [k]^2."""
-    angle = float(np.linalg.norm(angle_axis))
-    if angle == 0:
-        return np.eye(3)
-    x, y, z = angle_axis / angle
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    rotation: FloatArray = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return rotation
+def _view(name: str, entry: object, cameras: dict[str, Camera]) -> View:
+    with at_field(f"shot {name!r}"):
+        shot = json_object(entry, "")
+        camera = shot.get("camera")
+        if not isinstance(camera, str) or camera not in cameras:
+            raise FieldFault("camera", "a camera of the reconstruction", camera)
+        rotation, translation = (_triple(part, shot.get(part)) for part in ("rotation", "translation"))
+    return View(
+        name,
+        cameras[camera],
+        Rotation.from_rotvec(rotation).as_matrix(),
+        translation,
+        np.empty((0, 2)),
+        np.empty(0, np.int64),
+    )
 
 
 def _observed(file: Path, views: tuple[View, ...], names: list[str]) -> tuple[View, ...]:
@@ -166,23 +167,23 @@ def _projected(view: View, points: FloatArray) -> View:
     return replace(view, keypoints=pixels[rows], point_index=rows)
 
 
-def _whole(file: Path, field: str, value: object) -> int:
+def _whole(field: str, value: object) -> int:
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     if not isinstance(value, int) or isinstance(value, bool):
-        raise InputFault.at(file, field, "a whole number of pixels", value)
+        raise FieldFault(field, "a whole number of pixels", value)
     return value
 
 
-def _number(file: Path, field: str, value: object, default: float | None) -> float:
+def _number(field: str, value: object, default: float | None) -> float:
     if value is None and default is not None:
         return default
     if not isinstance(value, int | float) or isinstance(value, bool) or not _believable(value):
-        raise InputFault.at(file, field, "a number", value)
+        raise FieldFault(field, "a number", value)
     return float(value)
 
 
-def _triple(file: Path, field: str, value: object) -> FloatArray:
+def _triple(field: str, value: object) -> FloatArray:
     if not (isinstance(value, list) and len(value) == 3 and all(map(_believable, value))):
-        raise InputFault.at(file, field, "three finite numbers", Words(str(value)))
+        raise FieldFault(field, "three finite numbers", Words(str(value)))
     return np.array(value, dtype=np.float64)

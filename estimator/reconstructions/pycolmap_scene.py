@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.reconstructions.cameras import make_camera
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
-from metric_base.faults import InputFault
+from metric_base.faults import InputFault, at_field, in_file
 
 if TYPE_CHECKING:
     from pycolmap import Reconstruction
@@ -45,7 +45,8 @@ def scene_of_reconstruction(reconstruction: Reconstruction) -> Scene:
 
 def _camera(number: int, camera: Any) -> Camera:
     size = (int(camera.width), int(camera.height))
-    return make_camera(SOURCE, f"camera {number}", camera.model.name, size, np.array(camera.params, dtype=float))
+    with in_file(SOURCE), at_field(f"camera {number}"):
+        return make_camera(camera.model.name, size, np.array(camera.params, dtype=float))
 
 
 def _view(image: Any, cameras: dict[int, Camera], point_ids: np.ndarray[Any, np.dtype[np.uint64]]) -> View:

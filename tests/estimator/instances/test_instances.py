@@ -17,7 +17,7 @@ from estimator.instances.crops import mask_crop
 from estimator.instances.masks import box_mask, coco_mask
 from estimator.reading import read_instances, read_instances_and_warnings
 from estimator.records.scene import Camera, Instance, Scene, View
-from metric_base.faults import InputFault
+from metric_base.faults import FieldFault, InputFault
 
 HERE = Path("instances.json")
 
@@ -64,7 +64,7 @@ def test_run_lengths_are_pycocotools(mask: np.ndarray, compressed: bool) -> None
     if not compressed:
         edges = np.flatnonzero(np.diff(mask.T.ravel().astype(int), prepend=0))
         counts = np.diff([0, *edges, mask.size]).tolist()
-    read = coco_mask(HERE, "a", {"size": [30, 40], "counts": counts}, (1, 1))
+    read = coco_mask({"size": [30, 40], "counts": counts}, (1, 1))
     np.testing.assert_array_equal(read, mask)
 
 
@@ -74,14 +74,14 @@ def test_polygons_are_pycocotools(seed: int, corners: int, parts: int) -> None:
     rng = np.random.default_rng(seed)
     polygons = [(rng.random((corners, 2)) * (40, 30)).ravel().tolist() for _ in range(parts)]
     runs = coco.merge(coco.frPyObjects(polygons, 30, 40))
-    np.testing.assert_array_equal(coco_mask(HERE, "a", polygons, (40, 30)), coco.decode(runs).astype(bool))
+    np.testing.assert_array_equal(coco_mask(polygons, (40, 30)), coco.decode(runs).astype(bool))
 
 
 def test_a_polygon_far_beyond_the_picture_is_cut_to_it() -> None:
-    everything = coco_mask(HERE, "a", [[-1e9, -1e9, 1e9, -1e9, 1e9, 1e9, -1e9, 1e9]], (40, 30))
+    everything = coco_mask([[-1e9, -1e9, 1e9, -1e9, 1e9, 1e9, -1e9, 1e9]], (40, 30))
     assert everything.all()
-    with pytest.raises(InputFault, match="outlines of at most"):
-        coco_mask(HERE, "a", [[0, 0, 50_000, 0] * 100 + [0, 9]], (50_000, 100))
+    with pytest.raises(FieldFault, match="outlines of at most"):
+        coco_mask([[0, 0, 50_000, 0] * 100 + [0, 9]], (50_000, 100))
 
 
 @pytest.mark.parametrize(
@@ -93,7 +93,7 @@ def test_boxes_hold_the_pixels_whose_centres_they_hold(
 ) -> None:
     expected = np.zeros((30, 40), dtype=bool)
     expected[slice(*rows), slice(*columns)] = True
-    np.testing.assert_array_equal(box_mask(HERE, "a", box, (40, 30)), expected)
+    np.testing.assert_array_equal(box_mask(box, (40, 30)), expected)
 
 
 def test_a_dataset_with_masks_boxes_scores_and_tracks(tmp_path: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pycolmap
 import pytest
@@ -12,7 +10,7 @@ from hypothesis import strategies as st
 
 from estimator.reconstructions.cameras import CAMERA_MODELS, make_camera, pixels_in_view, project
 from estimator.records.scene import Camera, View
-from metric_base.faults import InputFault
+from metric_base.faults import FieldFault
 
 MILD = {
     "k": 0.01,
@@ -46,7 +44,7 @@ def test_numbers_and_parameters_are_colmaps(model: str) -> None:
 @given(seed=st.integers(0, 2**32 - 1), width=st.integers(64, 4000), height=st.integers(64, 4000))
 def test_projects_as_colmap_does(model: str, seed: int, width: int, height: int) -> None:
     params = mild_params(model, width, height)
-    camera = make_camera(Path("x"), "camera", model, (width, height), params)
+    camera = make_camera(model, (width, height), params)
     lens = pycolmap.Camera(model=model, width=width, height=height, params=params)
     points = np.random.default_rng(seed).uniform([-0.4, -0.4, 0.9], [0.4, 0.4, 1.1], size=(20, 3)) * 7.0
     expected = np.array([lens.img_from_cam(point) for point in points])
@@ -98,5 +96,5 @@ def test_no_points_give_no_pixels() -> None:
     ],
 )
 def test_impossible_cameras_are_refused(model: str, size: tuple[int, int], params: list[float], named: str) -> None:
-    with pytest.raises(InputFault, match=named):
-        make_camera(Path("cameras.bin"), "camera 1", model, size, params)
+    with pytest.raises(FieldFault, match=named):
+        make_camera(model, size, params)

@@ -11,7 +11,7 @@ import pytest
 
 from estimator.reading import read_scene
 from estimator.reconstructions.cameras import CAMERA_MODELS, project
-from estimator.reconstructions.colmap import colmap_folder, read_colmap, rotation_of
+from estimator.reconstructions.colmap import colmap_folder, read_colmap
 from estimator.records.scene import Scene
 from metric_base.faults import InputFault
 from tests.estimator.reconstructions.test_cameras import mild_params
@@ -120,10 +120,3 @@ def test_a_point_count_is_not_believed_before_the_bytes_are_there(tmp_path: Path
     (tmp_path / "points3D.bin").write_bytes(struct.pack("<Q", 2**61))
     with pytest.raises(InputFault, match=r"points3D\.bin: number of points: expected at most 0"):
         read_scene(tmp_path)
-
-
-def test_rotation_of_a_quaternion_is_colmaps() -> None:
-    quaternion = np.array([0.3, -0.5, 0.7, 0.1])
-    quaternion /= np.linalg.norm(quaternion)
-    w, x, y, z = quaternion
-    np.testing.assert_allclose(rotation_of(quaternion), pycolmap.Rotation3d([x, y, z, w]).matrix(), atol=1e-12)

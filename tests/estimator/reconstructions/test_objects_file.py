@@ -98,7 +98,7 @@ def test_width_longer_than_length_is_exchanged(tmp_path: Path) -> None:
         (_document(CAR | {"dimensions": [1, 2, 3]}), "dimensions: expected an object"),
         (_document(CAR | {"score": 1.5}), "score: expected a number from 0 to 1"),
         (_document(CAR | {"truncated": "length"}), "truncated: expected an array"),
-        (_document(CAR | {"truncated": ["depth"]}), "truncated: expected some of"),
+        (_document(CAR | {"truncated": ["depth"]}), r"truncated\[0\]: expected some of length"),
         (_document(CAR | {"confidence": {"length": -1}}), "confidence.length"),
         (_document({"category": "x", "extents": [1, 2]}), "expected the longest first"),
         (_document({"category": "x", "extents": []}), "expected one to three lengths"),

@@ -37,6 +37,9 @@ Element: TypeAlias = etree._Element
 #: The largest page that is read, after decompression: ten times the largest product page we have seen (3.1 MB).
 MAXIMUM_BYTES = 32_000_000
 
+#: Parameters that only say where a visitor came from.
+_TRACKING = re.compile(r"utm_\w+|gclid|fbclid")
+
 _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
 
 
@@ -135,14 +138,21 @@ def web_address(url: str, field: str) -> str:
     return url
 
 
-def canonical_url(url: str) -> str:
-    """The address without fragment, port of the scheme, and tracking parameters; host in small letters."""
+def canonical_url(url: str, ignored: str = "") -> str:
+    """The address without fragment, port of the scheme, and tracking parameters; host in small letters.
+
+    Parameters
+    ----------
+    ignored : a regular expression of the names of further parameters that do not change the page.
+
+    Raises
+    ------
+    ValueError
+        The address is malformed: a port that is no number, a bracket that is not closed.
+    """
     parts = urlsplit(url)
-    kept = "&".join(
-        part
-        for part in parts.query.split("&")
-        if part and not re.match(r"(utm_\w+|ref_?|gclid|fbclid|psc|th|tag)=", part)
-    )
+    names = _TRACKING if not ignored else re.compile(f"{_TRACKING.pattern}|{ignored}")
+    kept = "&".join(part for part in parts.query.split("&") if part and not names.fullmatch(part.partition("=")[0]))
     host = (parts.hostname or "") + (f":{parts.port}" if parts.port and parts.port not in {80, 443} else "")
     return urlunsplit((parts.scheme.lower(), host, parts.path or "/", kept, ""))
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+from urllib.parse import urlsplit
+
 from crawler.items import RawItem
 from crawler.page.page import Page
 from crawler.page.raw_item import raw_item
@@ -16,7 +19,7 @@ from crawler.sites import (
 )
 from crawler.sites.site import Site
 
-__all__ = ["GENERIC", "SITES", "Site", "item_of", "site_of"]
+__all__ = ["GENERIC", "SITES", "Site", "canonical_url", "item_of", "site_of"]
 
 #: Any site: schema.org data, Open Graph, breadcrumbs, tables. We do not know its terms: whoever asks for pictures does.
 GENERIC = Site(name="generic", hosts=(), pictures="")
@@ -35,7 +38,23 @@ SITES: tuple[Site, ...] = (
 
 def site_of(url: str) -> Site:
     """The site that owns an address, else the generic one."""
-    return next((site for site in SITES if site.owns(url)), GENERIC)
+    return _site_of_host(urlsplit(url).hostname or "")
+
+
+@lru_cache(maxsize=4096)  # asked for every link of every page
+def _site_of_host(host: str) -> Site:
+    return next((site for site in SITES if site.owns_host(host)), GENERIC)
+
+
+def canonical_url(url: str) -> str:
+    """The address by which a page is known, by the rules of its site.
+
+    Raises
+    ------
+    ValueError
+        The address is malformed.
+    """
+    return site_of(url).canonical_url(url)
 
 
 def item_of(page: Page) -> RawItem:

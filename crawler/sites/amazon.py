@@ -11,6 +11,7 @@ SITE = Site(
     product_page=r"/(?:dp|gp/product)/[A-Z0-9]{10}(?:[/?]|$)",
     listing_page=r"/s\?|/b/|/b\?|/gp/bestsellers|/gp/browse|[?&]node=",
     templates=("https://www.amazon.com/s?k={query}", "https://www.amazon.com/b?node={category}"),
+    ignored_parameters="ref_?|tag|psc|th",
     # id() looks an id up; //*[@id=...] would walk through megabytes for each.
     title="id('productTitle ebooksProductTitle')",
     category="id('wayfinding-breadcrumbs_feature_div')//a",

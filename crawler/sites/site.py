@@ -10,7 +10,7 @@ from urllib.parse import quote, quote_plus, urljoin, urlsplit
 
 from lxml.etree import XPath
 
-from crawler.page.page import Page, squeeze
+from crawler.page.page import Page, canonical_url, squeeze
 from crawler.page.product import MAXIMUM_IMAGES, Product, product
 
 __all__ = ["Site"]
@@ -29,6 +29,7 @@ class Site:
         listings state none.
     pictures : a regular expression of the pictures' addresses that the site's terms allow to store; None where they
         allow none: then the links alone are kept. `data/sources/SITES.md` says why.
+    ignored_parameters : a regular expression of the names of query parameters that do not change a page of this site.
     """
 
     name: str
@@ -43,11 +44,19 @@ class Site:
     images: str = ""
     listed_order: str = ""
     pictures: str | None = None
+    ignored_parameters: str = ""
 
     def owns(self, url: str) -> bool:
         """Whether an address belongs to the site."""
-        host = (urlsplit(url).hostname or "").removeprefix("www.")
-        return any(re.fullmatch(pattern, host) for pattern in self.hosts)
+        return self.owns_host(urlsplit(url).hostname or "")
+
+    def owns_host(self, host: str) -> bool:
+        """Whether a host, with or without `www.`, belongs to the site."""
+        return any(re.fullmatch(pattern, host.removeprefix("www.")) for pattern in self.hosts)
+
+    def canonical_url(self, url: str) -> str:
+        """The address by which the site's page is known, `crawler.page.page.canonical_url`."""
+        return canonical_url(url, self.ignored_parameters)
 
     def is_product(self, url: str) -> bool:
         """Whether an address is a product's page."""

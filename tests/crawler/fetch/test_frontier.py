@@ -30,6 +30,8 @@ def test_what_is_known_is_not_added_again(tmp_path: Path) -> None:
         == 2
     )
     assert task_key("http://a.example/1#top") == task_key("http://a.example/1")
+    assert task_key("http://a.example/p?ref=1001") != task_key("http://a.example/p?ref=1002")
+    assert task_key("https://www.amazon.de/dp/B0ABCDEF01?th=1&ref=a") == task_key("https://www.amazon.de/dp/B0ABCDEF01")
     assert task_key("http://a.example/1", "picture") != task_key("http://a.example/1")
 
 

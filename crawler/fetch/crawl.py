@@ -7,12 +7,14 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier, has_no_result
 from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
 from crawler.fetch.segments import write_segments
+from crawler.fetch.watched import WatchedFrontier, storage_faults
 from crawler.page.page import web_address
 from metric_base.faults import InputFault
 
@@ -89,6 +91,8 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
 
     Raises
     ------
+    StorageFault
+        The frontier, a segment or a picture can no longer be written, or the server of a shared frontier is gone.
     InputFault
         The folder holds a crawl already and `resume` was not asked for, the spider is unknown, or nothing says where
         to begin. Nothing is written then.
@@ -96,18 +100,21 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
     from scrapy.crawler import CrawlerProcess
 
     from crawler.fetch.manners import settings
-    from crawler.fetch.scheduler import LIMIT_SETTING
+    from crawler.fetch.scheduler import LIMIT_SETTING, close_crawl
     from crawler.fetch.spiders import spider_class
 
     spider = spider_class(crawl.spider)
     for url in crawl.start:
         web_address(url, "--start-url")
-    frontier = _frontier(crawl, spider)
+    place = crawl.redis or str(crawl.folder / "frontier.sqlite")
+    with storage_faults(place):
+        frontier = WatchedFrontier(_frontier(crawl, spider), place)
     options = settings(contact=crawl.contact, cache=crawl.cache, private=crawl.private, delay=crawl.delay)
     options |= {"LOG_INSTALL_ROOT_HANDLER": False, LIMIT_SETTING: crawl.limit}
     process = CrawlerProcess(options | dict(crawl.overrides))
     crawler = process.create_crawler(spider)
     crawler.frontier = frontier
+    frontier.on_fault = partial(close_crawl, crawler, "storage")
     started = time.monotonic()
     _heartbeat(frontier, crawl.folder, crawler, progress)
     failures: list[Any] = []
@@ -122,9 +129,11 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
     gc.unfreeze()
     if failures:
         failures[0].raiseException()
-    write_segments(frontier, crawl.folder)
+    _write(frontier, crawl.folder)
     summary = _summary(crawler.stats.get_stats(), frontier, time.monotonic() - started)
     frontier.close()
+    if frontier.fault is not None:
+        raise frontier.fault
     return summary
 
 
@@ -177,7 +186,9 @@ def _open_frontier(crawl: Crawl, path: Path) -> Any:
     return SqliteFrontier(path)
 
 
-def _heartbeat(frontier: Any, folder: Path, crawler: Any, progress: Callable[[Mapping[str, Any]], None] | None) -> None:
+def _heartbeat(
+    frontier: WatchedFrontier, folder: Path, crawler: Any, progress: Callable[[Mapping[str, Any]], None] | None
+) -> None:
     """Once a second the progress, once a minute a segment, while the reactor runs."""
     from scrapy import signals
 
@@ -186,7 +197,7 @@ def _heartbeat(frontier: Any, folder: Path, crawler: Any, progress: Callable[[Ma
     def begin() -> None:
         from twisted.internet.task import LoopingCall  # asks for the reactor, which Scrapy must have chosen first
 
-        beats: list[tuple[float, Callable[[], object]]] = [(SEGMENT_SECONDS, lambda: write_segments(frontier, folder))]
+        beats: list[tuple[float, Callable[[], object]]] = [(SEGMENT_SECONDS, partial(_write, frontier, folder))]
         if progress is not None:
             beats.append((1.0, lambda: progress(crawler.stats.get_stats() | frontier.counts())))
         for seconds, beat in beats:
@@ -199,6 +210,10 @@ def _heartbeat(frontier: Any, folder: Path, crawler: Any, progress: Callable[[Ma
 
     crawler.signals.connect(begin, signals.spider_opened, weak=False)
     crawler.signals.connect(end, signals.spider_closed, weak=False)
+
+
+def _write(frontier: WatchedFrontier, folder: Path) -> None:
+    frontier.watch(partial(write_segments, frontier, folder), 0)
 
 
 def _summary(stats: Mapping[str, Any], frontier: Frontier, seconds: float) -> Summary:

@@ -11,7 +11,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from crawler.sites import canonical_url
 
@@ -104,6 +104,9 @@ class Frontier(Protocol):
 
     def start_over(self) -> None:
         """Forget all tasks: those of a crawl that came to nothing."""
+
+    def lines(self, after: int = 0, kind: Literal["items", "pictures"] = "items") -> Iterable[tuple[int, str]]:
+        """Numbers and JSON lines of this process's items or pictures behind a number, in the order they came."""
 
     def close(self) -> None:
         """Release files and connections."""

@@ -175,4 +175,9 @@ class _Transaction:
         self._connection.execute("BEGIN IMMEDIATE")
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
-        self._connection.execute("COMMIT" if kind is None else "ROLLBACK")
+        try:
+            if kind is None:
+                self._connection.execute("COMMIT")
+        finally:  # a full disk may have ended the transaction already, or refuse the commit
+            if self._connection.in_transaction:
+                self._connection.execute("ROLLBACK")

@@ -9,6 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, cast
 
+from crawler.fetch.watched import StorageFault
 from metric_base.files import whole_file
 
 __all__ = ["SCHEMA", "Picture", "Refusal", "decode_picture", "picture"]
@@ -100,6 +101,9 @@ def _refusal(image: Any) -> Refusal | None:
 def _store(path: Path, body: bytes) -> None:
     if path.exists():
         return
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as work:
-        work.write_bytes(body)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with whole_file(path) as work:
+            work.write_bytes(body)
+    except OSError as error:
+        raise StorageFault(f"{path}: expected room for a picture, found: {error.strerror}") from None

@@ -15,11 +15,12 @@ from scrapy.spidermiddlewares.httperror import HttpError
 from scrapy.statscollectors import StatsCollector
 from twisted.python.failure import Failure
 
-from crawler.fetch.frontier import Frontier, Outcome, Task, task_key
+from crawler.fetch.frontier import Outcome, Task, task_key
 from crawler.fetch.pictures import Picture
+from crawler.fetch.watched import FULL, StorageFault, WatchedFrontier
 from crawler.items import RawItem
 
-__all__ = ["KEY", "LIMIT_SETTING", "SITES", "CommitMiddleware", "FrontierScheduler", "frontier_of"]
+__all__ = ["KEY", "LIMIT_SETTING", "SITES", "CommitMiddleware", "FrontierScheduler", "close_crawl", "frontier_of"]
 
 #: The request's meta that holds the task's key.
 KEY = "frontier_key"
@@ -40,16 +41,24 @@ _SETTLED = "frontier_settled"
 _LASTING = ("depth", "retry_times", "redirect_times", "redirect_urls", "bans", "item")
 
 
-def frontier_of(crawler: Crawler) -> Frontier:
+def frontier_of(crawler: Crawler) -> WatchedFrontier:
     """The frontier that `crawler.fetch.crawl` hangs on a crawler; settings are copied deep, a connection cannot be."""
-    frontier: Frontier = crawler.frontier
+    frontier: WatchedFrontier = crawler.frontier
     return frontier
+
+
+def close_crawl(crawler: Crawler, reason: str) -> None:
+    """End a crawl that runs; what is in flight is waited for."""
+    from scrapy.utils.defer import deferred_from_coro
+
+    if crawler.engine is not None and crawler.engine.spider is not None:
+        deferred_from_coro(crawler.engine.close_spider_async(reason=reason))
 
 
 class FrontierScheduler(BaseScheduler):
     """Requests come from the frontier and go back to it; nothing waits in memory, so memory does not grow."""
 
-    def __init__(self, frontier: Frontier) -> None:
+    def __init__(self, frontier: WatchedFrontier) -> None:
         self._frontier = frontier
         self._spider: Spider | None = None
 
@@ -91,6 +100,9 @@ class FrontierScheduler(BaseScheduler):
 
     def _failed(self, failure: Failure) -> None:
         request: Request = failure.request
+        if isinstance(failure.value, OSError) and failure.value.errno in FULL:
+            self._frontier.fail(failure.value)  # the disk of the cache; the page is not to blame
+            return
         reason = _reason(failure.value)
         request.meta[_SETTLED] = True
         self._frontier.commit(Outcome(request.meta[KEY], failure=reason))
@@ -130,10 +142,12 @@ class CommitMiddleware:
                     pictures.append((part.identity, part.line()))
                 else:
                     self._count(f"dropped/{part}", 1, response.url)
+        except StorageFault as fault:
+            self._frontier.fail(fault)
         except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl
             failure = f"unreadable: {type(error).__name__}"
             items, pictures, tasks = [], [], []
-        if KEY in response.meta and not response.meta.get(_SETTLED):
+        if KEY in response.meta and not response.meta.get(_SETTLED) and self._frontier.fault is None:
             most = max(self._limit - self._accepted, 0) if self._limit else None
             outcome = Outcome(response.meta[KEY], items, tasks, failure, pictures, most)
             self._settle(outcome, _is_picture(response), response.url)
@@ -143,6 +157,8 @@ class CommitMiddleware:
     def _settle(self, outcome: Outcome, is_picture: bool, url: str) -> None:
         """Commit, count, and end the crawl with the last item that was asked for."""
         new = self._frontier.commit(outcome)
+        if self._frontier.fault is not None:
+            return
         if outcome.failure is None:
             _remember(getattr(self._crawler.spider, "known", None), list(outcome.tasks))
         else:
@@ -158,10 +174,8 @@ class CommitMiddleware:
 
     def _accept(self, new: int) -> None:
         before, self._accepted = self._accepted, self._accepted + new
-        if before < self._limit <= self._accepted and self._crawler.engine is not None:
-            from scrapy.utils.defer import deferred_from_coro
-
-            deferred_from_coro(self._crawler.engine.close_spider_async(reason="limit"))
+        if before < self._limit <= self._accepted:
+            close_crawl(self._crawler, "limit")
 
     def _count(self, name: str, count: int, url: str) -> None:
         _count(self._stats, name, count, url)

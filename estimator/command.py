@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from metric_base.escaping import visible_json
 from metric_base.faults import InputFault
 
 if TYPE_CHECKING:
@@ -101,6 +102,8 @@ def _use_one_thread() -> None:
 
 
 def _run(words: Sequence[str]) -> int:
+    from metric_base.terminal import warn
+
     # argparse takes "-1,2,3" for an option; with a blank before it, it is a value, and float() skips the blank
     options = parser().parse_args([f" {word}" if NEGATIVE.match(word) else word for word in words])
     _checked(options)
@@ -108,7 +111,7 @@ def _run(words: Sequence[str]) -> int:
         return status
     result = _objects_result(options) if options.objects is not None else _scene_result(options)
     for line in result.warnings:
-        sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
+        warn(line, PROGRAM)
     for file in (options.output, options.work and options.work / "result.json"):
         if file is not None and result.exit_code == 0:
             result.save(file)
@@ -252,7 +255,7 @@ def _asked(options: argparse.Namespace) -> Options:
 
 def _print(result: ScaleResult, as_json: bool) -> None:
     if as_json:
-        sys.stdout.write(result.json() + "\n")
+        sys.stdout.write(visible_json(result.json()) + "\n")
         return
     from estimator.outputs.table import result_text
 

@@ -13,6 +13,7 @@ from estimator.instances.arrays import MasksByImage, instances_of_masks
 from estimator.instances.coco import ignored_categories, read_coco
 from estimator.instances.label_images import read_label_images
 from estimator.reconstructions.cameras import pixels_in_view
+from estimator.reconstructions.checked_files import folder_entries
 from estimator.reconstructions.colmap import colmap_folder, read_colmap
 from estimator.reconstructions.ply import dense_file, read_dense_cloud
 from estimator.records.scene import DenseCloud, Instance, Scene
@@ -136,7 +137,7 @@ def _sparse_scene(path: Path) -> Scene:
         from estimator.reconstructions.opensfm import read_opensfm  # reads tracks with pyarrow, which COLMAP needs not
 
         return read_opensfm(path)
-    names = sorted(entry.name for entry in path.iterdir())
+    names = [entry.name for entry in folder_entries(path)]
     expected = f"images.bin or images.txt (also under sparse/0), or {RECONSTRUCTION}"
     raise InputFault.at(path, "scene", expected, Words(", ".join(names[:5]) or "an empty folder"))
 

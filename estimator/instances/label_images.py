@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.masks import picture_size
-from estimator.reconstructions.checked_files import json_object, read_bytes, read_json
+from estimator.reconstructions.checked_files import folder_entries, json_object, read_bytes, read_json
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
@@ -42,7 +42,7 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
     """The instances of every `<image>.png` of the folder, and warnings."""
     names = _names(folder / CATEGORIES)
     objects = len(set(names.values())) < len(names)
-    files = sorted(folder.glob("*.png"))
+    files = [file for file in folder_entries(folder) if file.suffix == ".png"]
     if not files:
         raise InputFault.at(folder, "pictures", "at least one <image>.png", 0)
     rows = ViewNames(scene)

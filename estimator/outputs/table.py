@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from estimator.records.result import Alternative, ObjectReport, ScaleResult
+from metric_base.escaping import visible
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -156,4 +157,4 @@ def _left_out_table(result: ScaleResult) -> Table:
 def _escaped(text: str | None) -> str:
     from rich.markup import escape
 
-    return escape(text or "")
+    return escape(visible(text or ""))

@@ -1,0 +1,95 @@
+"""What is read at all: regular files and pipes of bounded size; everything else is one line, at once."""
+
+from __future__ import annotations
+
+import os
+import socket
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from estimator.reconstructions import checked_files
+from estimator.reconstructions.checked_files import folder_entries, read_bytes, read_json
+from metric_base.faults import InputFault
+
+
+def test_a_pipe_is_read_while_it_is_written(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+
+    def write() -> None:
+        with pipe.open("wb") as file:
+            for _ in range(3):
+                file.write(b"x" * 100_000)
+                file.flush()
+                time.sleep(0.03)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    assert len(read_bytes(pipe)) == 300_000
+    writer.join(timeout=10)
+
+
+def test_a_pipe_without_a_writer_and_one_without_an_end_are_faults(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(checked_files, "PIPE_SECONDS", 0.1)
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(InputFault, match="zero bytes"):
+        read_bytes(pipe)
+    endless = os.open(pipe, os.O_RDWR)
+    os.set_blocking(endless, False)
+    stop = threading.Event()
+
+    def write() -> None:
+        while not stop.is_set():
+            try:
+                os.write(endless, b"x" * 4096)
+            except BlockingIOError:
+                time.sleep(0.001)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        with pytest.raises(InputFault, match="at most 100,000 bytes, found more"):
+            read_bytes(pipe, limit=100_000)
+    finally:
+        stop.set()
+        writer.join(timeout=10)
+        os.close(endless)
+
+
+@pytest.mark.parametrize("path", ["/dev/zero", "/dev/random", "/dev/null"])
+def test_devices_are_not_read(path: str) -> None:
+    with pytest.raises(InputFault, match="expected a regular file or a pipe, found a device"):
+        read_bytes(Path(path))
+
+
+def test_other_things_are_one_line(tmp_path: Path) -> None:
+    with pytest.raises(InputFault, match="a folder"):
+        read_bytes(tmp_path)
+    with pytest.raises(InputFault, match="a name of a file"):
+        read_bytes(Path("a\0b"))
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(InputFault, match="symbolic links"):
+        read_bytes(tmp_path / "loop")
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(tmp_path / "s"))
+        with pytest.raises(InputFault, match="a readable file"):
+            read_bytes(tmp_path / "s")
+    with (tmp_path / "huge").open("wb") as file:
+        file.truncate(1 << 40)  # a hole: no byte of it is on the disk
+    with pytest.raises(InputFault, match="at most"):
+        read_json(tmp_path / "huge")
+
+
+def test_folders_have_a_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in "cab":
+        (tmp_path / name).touch()
+    assert [path.name for path in folder_entries(tmp_path)] == ["a", "b", "c"]
+    monkeypatch.setattr(checked_files, "MAX_ENTRIES", 2)
+    with pytest.raises(InputFault, match="at most 2 entries"):
+        folder_entries(tmp_path)

@@ -73,6 +73,8 @@ def parser() -> argparse.ArgumentParser:
     add("--frames", metavar="N", type=int, help="of a video or pictures: frames to use (default: by the motion)")
     add("--focal", metavar="PX", type=float, help="of a video or pictures: focal length in pixels, not refined")
     add("--camera-model", metavar="M", help="of a video or pictures: COLMAP's camera model (default: SIMPLE_RADIAL)")
+    draw = "of a video or pictures: draw the instances on a page that is served on loopback"
+    add("--draw", metavar="PORT", nargs="?", const=0, type=int, help=draw)
     add("--tree", metavar="REF", help="release: a version or a folder (default: the newest at hand)")
     add("--method", choices=METHODS, default="default", help="estimator (default: %(default)s)")
     add(

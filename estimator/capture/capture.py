@@ -125,9 +125,7 @@ def _lens(frames: Frames, options: CaptureOptions) -> Lens:
 def _evidence(databases: Path, frames: Frames) -> Evidence:
     keypoints = read_json(databases / "features.json")["keypoints"]
     pairs = tuple(_pair(row) for row in read_json(databases / "matches.json")["pairs"])
-    return Evidence(
-        frames.names, np.array(keypoints, dtype=np.int64), pairs, frames.size, frames.sharpness, frames.contrast
-    )
+    return Evidence(frames.names, np.array(keypoints, dtype=np.int64), pairs, frames.size, frames.edges)
 
 
 def _pair(row: list[Any]) -> Pair:

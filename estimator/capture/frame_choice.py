@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["DEFAULT_FRAMES", "Motion", "chosen_frames", "contrast_of", "motion_of", "sharpness_of"]
+__all__ = ["DEFAULT_FRAMES", "Motion", "chosen_frames", "motion_of"]
 
 Grey = NDArray[np.uint8]
 
@@ -82,16 +82,6 @@ def chosen_frames(motion: Motion, wanted: int | None = None) -> IntArray:
     order = np.lexsort((-motion.sharpness, stretch))
     _, first = np.unique(stretch[order], return_index=True)
     return np.sort(order[first])
-
-
-def sharpness_of(colour: NDArray[np.uint8]) -> float:
-    """Variance of the Laplacian over the variance of the picture, at SIDE pixels across."""
-    return _sharpness(_small_grey(colour))
-
-
-def contrast_of(colour: NDArray[np.uint8]) -> float:
-    """Standard deviation of the grey levels, 0 to 128."""
-    return float(_small_grey(colour).std())
 
 
 def _count(path: float) -> int:

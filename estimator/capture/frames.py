@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from estimator.capture.frame_choice import Motion, chosen_frames, motion_of
 from estimator.capture.mapping.progress import progress
 from estimator.capture.pictures import PICTURE_SUFFIXES, PictureFolder, picture_files
+from estimator.capture.smear import edge_sharpness
 from estimator.capture.video import VIDEO_SUFFIXES, Video, VideoFrame
 from estimator.reconstructions.checked_files import read_json
 from metric_base.arrays import FloatArray
@@ -37,15 +38,14 @@ class Frames:
     """What the stage wrote.
 
     names, indices : file in `frames/` and number in the source of each chosen frame; times_s : of all frames of the
-    source, None for pictures; sharpness, contrast : of the chosen frames; size : (width, height) of the first frame in
-    `frames/`; one_size : whether all are so; source_size : of the source, upright.
+    source, None for pictures; edges : (n, 2) `edge_sharpness` of the chosen frames; size : (width, height) of the first
+    frame in `frames/`; one_size : whether all are so; source_size : of the source, upright.
     """
 
     names: list[str]
     indices: list[int]
     times_s: list[float] | None
-    sharpness: FloatArray
-    contrast: FloatArray
+    edges: FloatArray
     size: tuple[int, int]
     one_size: bool
     source_size: tuple[int, int]
@@ -112,8 +112,7 @@ def read_frames(folder: Path) -> Frames:
         [row["name"] for row in rows],
         [row["index"] for row in rows],
         document["times_s"],
-        np.array([row["sharpness"] for row in rows]),
-        np.array([row["contrast"] for row in rows]),
+        np.array([row["edges"] for row in rows], dtype=np.float64),
         (rows[0]["width"], rows[0]["height"]),
         len(sizes) == 1,
         (document["size"][0], document["size"][1]),
@@ -144,8 +143,6 @@ def _written(folder: Path, frame: VideoFrame, source: Source) -> dict[str, Any]:
     """Write one frame, not larger than MAX_SIDE, and describe it."""
     import cv2
 
-    from estimator.capture.frame_choice import contrast_of, sharpness_of
-
     colour = frame.colour
     factor = MAX_SIDE / max(colour.shape[:2])
     if factor < 1:
@@ -163,6 +160,5 @@ def _written(folder: Path, frame: VideoFrame, source: Source) -> dict[str, Any]:
         "time_s": None if isinstance(source, PictureFolder) else frame.time_s,
         "width": colour.shape[1],
         "height": colour.shape[0],
-        "sharpness": sharpness_of(colour),
-        "contrast": contrast_of(colour),
+        "edges": [None if np.isnan(value) else value for value in edge_sharpness(colour)],
     }

@@ -7,7 +7,7 @@ import shutil
 import sys
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NoReturn
 
 from estimator.capture.frames import is_capture
 from metric_base.faults import InputFault, Words
@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 __all__ = ["INSTANCES", "RESULT", "failure_json", "prepare_capture"]
 
 INSTANCES, RESULT = "instances.json", "result.json"
+#: What was drawn so far, kept over an interruption.
+DRAFT = "drawing.json"
 #: Options that mean something only for a video or pictures.
-_CAPTURE_OPTIONS = {"--work": "work", "--frames": "frames", "--focal": "focal", "--camera-model": "camera_model"}
+_CAPTURE_OPTIONS = ("--work", "--frames", "--focal", "--camera-model", "--draw")
 
 
 def prepare_capture(options: Namespace) -> Failure | None:
@@ -36,8 +38,8 @@ def prepare_capture(options: Namespace) -> Failure | None:
     """
     options.dense = None if options.dense == "auto" else options.dense
     if options.scene is None or not is_capture(options.scene):
-        for name, value in _CAPTURE_OPTIONS.items():
-            if getattr(options, value) is not None:
+        for name in _CAPTURE_OPTIONS:
+            if getattr(options, name.strip("-").replace("-", "_")) is not None:
                 words = Words(str(options.scene or options.objects))
                 raise InputFault.at("arguments", name, "a video or a folder of pictures as SCENE", words)
         return None
@@ -125,6 +127,25 @@ def _detect(options: Namespace, work: WorkFolder) -> None:
 
 
 def _draw(options: Namespace, work: WorkFolder) -> None:
+    """Instances that a person draws on a page; only where somebody is there to do it."""
+    if options.draw is None and not (sys.stdin.isatty() and sys.stderr.isatty()):
+        _say_what_is_missing(options, work)
+    from estimator.capture.mask_page import MaskPage, frames_to_draw
+    from estimator.reconstructions.colmap import read_colmap
+    from metric_base.files import whole_file
+    from taxonomy.label_lists import vocabulary
+
+    frames = frames_to_draw(read_colmap(work.path / "sparse" / "0"), work.path / "frames")
+    names = [label.label for label in vocabulary("coco_80")]
+    page = MaskPage(frames, names, work.path / DRAFT, options.draw or 0)
+    sys.stderr.write(f"estimate-scale: draw round the things and name them: {page.url} (Ctrl-C ends)\n")
+    sys.stderr.flush()
+    document = page.drawn()
+    with whole_file(work.path / INSTANCES, "--work") as file:
+        file.write_text(json.dumps(document) + "\n", encoding="utf-8")
+
+
+def _say_what_is_missing(options: Namespace, work: WorkFolder) -> NoReturn:
     ways = "--instances FILE, --detector MODEL, or --draw to draw the things on a page in a browser"
     words = f"none; the frames are in {work.path / 'frames'}"
     raise InputFault.at(options.scene, "instances", ways, Words(words))

@@ -43,15 +43,14 @@ class Evidence:
     """Frames and their pairs.
 
     names : files of the chosen frames in order; keypoints : (n,) features of each; size : (width, height) of the
-    frames; sharpness, contrast : (n,) of each frame.
+    frames; edges : (n, 2) steepness of the edges in the least and the most steep direction.
     """
 
     names: list[str]
     keypoints: IntArray
     pairs: tuple[Pair, ...]
     size: tuple[int, int]
-    sharpness: FloatArray
-    contrast: FloatArray
+    edges: FloatArray
 
     @property
     def linked(self) -> tuple[Pair, ...]:
@@ -91,6 +90,14 @@ class Evidence:
         best = int(np.median(misfits, axis=0).argmin())
         return float((misfits[:, best] < 0.03).sum() / len(moving))
 
+    def edge_sharpness(self) -> tuple[float, float] | tuple[None, None]:
+        """Median over the frames of their least and most steep edges; None where no frame has edges."""
+        seen = self.edges[np.isfinite(self.edges).all(axis=1)]
+        if not len(seen):
+            return None, None
+        low, high = np.median(seen, axis=0)
+        return float(low), float(high)
+
     def summary(self) -> dict[str, Any]:
         """Figures for the report."""
         linked = self.linked
@@ -103,8 +110,7 @@ class Evidence:
             "planar": float(np.median([pair.planar for pair in linked])) if linked else None,
             "rotation": self.rotation_share(),
             "moved": float(max((pair.moved_px for pair in linked), default=0.0)) / max(self.size),
-            "sharpness": float(np.median(self.sharpness)) if len(self.sharpness) else None,
-            "contrast": float(np.median(self.contrast)) if len(self.contrast) else None,
+            "edges": list(self.edge_sharpness()),
         }
 
 
@@ -227,9 +233,8 @@ def _rotation_misfit(homography: FloatArray, size: tuple[int, int]) -> FloatArra
 
     A rotation's singular values are equal: the misfit is the logarithm of the ratio of the largest to the smallest.
     """
-    misfits = []
-    for focal in np.geomspace(0.4, 3.0, 25) * max(size):
-        k = np.array([[focal, 0, size[0] / 2], [0, focal, size[1] / 2], [0, 0, 1.0]])
-        values = np.linalg.svd(np.linalg.inv(k) @ homography @ k, compute_uv=False)
-        misfits.append(np.log(values[0] / max(values[2], 1e-12)))
-    return np.array(misfits)
+    focals = np.geomspace(0.4, 3.0, 25) * max(size)
+    k = np.tile(np.array([[0, 0, size[0] / 2], [0, 0, size[1] / 2], [0, 0, 1.0]]), (len(focals), 1, 1))
+    k[:, 0, 0] = k[:, 1, 1] = focals
+    values = np.linalg.svd(np.linalg.inv(k) @ homography @ k, compute_uv=False)  # (f, 3)
+    return np.asarray(np.log(values[:, 0] / np.maximum(values[:, 2], 1e-12)))

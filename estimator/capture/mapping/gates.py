@@ -15,9 +15,9 @@ LEAST_FRAMES = 6
 STATIC_SHARE = 0.015
 #: Features a frame below which a picture has nothing to match; an ordinary one has a thousand.
 LEAST_KEYPOINTS = 150
-#: Variance of the Laplacian over that of the picture, at 320 pixels across, below which frames are smeared: sharp
-#: rooms measure 0.3 to 0.5, a smear of a thirtieth of the width 0.05.
-SMEARED = 0.08
+#: Steepness of edges below which frames are smeared, in the least and in the most steep direction: sharp rooms
+#: measure 0.19 and 0.22, smeared over a fortieth of the width 0.10 and 0.17, a plain room 0.02 and 0.35.
+SMEARED = (0.12, 0.19)
 #: Share of the moving pairs that a rotation explains: a turn on the spot 0.99, a walk through a room below 0.05.
 ROTATION_SHARE = 0.6
 #: A second group of so large a share of the frames is another place.
@@ -102,16 +102,15 @@ def _rotating(evidence: Evidence) -> Failure | None:
 def _unplaced(evidence: Evidence, placed: int) -> Failure:
     """Why too few frames could be placed."""
     keypoints = float(np.median(evidence.keypoints)) if len(evidence.keypoints) else 0.0
-    sharpness = float(np.median(evidence.sharpness)) if len(evidence.sharpness) else 1.0
     n = len(evidence.names)
     seen = f"{placed} of {n} frames could be placed"
-    if sharpness < SMEARED and not _plain(evidence):
+    if _smeared(evidence):
         return failure("motion_blur", f"{seen}, and the sharpest frames are smeared")
-    if keypoints < LEAST_KEYPOINTS or _plain(evidence):
+    if keypoints < LEAST_KEYPOINTS:
         return failure("no_texture", f"{seen}, and a frame shows {keypoints:.0f} distinct points")
     return _places(evidence) or failure("too_few_frames", f"{seen}: most frames overlap too little with others")
 
 
-def _plain(evidence: Evidence) -> bool:
-    """Whether the frames have hardly any grey levels; a smear keeps them."""
-    return bool(len(evidence.contrast)) and float(np.median(evidence.contrast)) < 8.0
+def _smeared(evidence: Evidence) -> bool:
+    low, high = evidence.edge_sharpness()
+    return low is not None and high is not None and low < SMEARED[0] and high < SMEARED[1]

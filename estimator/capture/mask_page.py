@@ -1,0 +1,228 @@
+"""A page on which a person draws round the things in a few frames and names them; offline, on loopback alone."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.records.scene import Scene
+from metric_base.faults import InputFault, Words
+from metric_base.files import whole_file
+
+__all__ = ["Drawing", "MaskPage", "frames_to_draw", "instances_document"]
+
+#: Frames to draw in: fewer leave things measured from one side, more tire.
+FRAMES = 5
+#: Most bytes of one answer: ten thousand corners.
+MOST_BYTES = 1 << 20
+LOOPBACK = "127.0.0.1"
+
+#: Things by the file name of a frame, each `{"name", "kind", "points"}`; kind is `box` or `polygon`, points are pixels.
+Drawing = dict[str, list[dict[str, Any]]]
+
+
+@dataclass(frozen=True, slots=True)
+class _Frame:
+    name: str
+    width: int
+    height: int
+    file: Path
+
+
+def frames_to_draw(scene: Scene, folder: Path) -> list[_Frame]:
+    """Frames spread over the capture, of each stretch the one that sees most points of the model."""
+    views = sorted(scene.views, key=lambda view: view.name)
+    parts = np.array_split(np.arange(len(views)), min(FRAMES, len(views)))
+    chosen = [max((views[k] for k in part), key=lambda view: len(view.point_index)) for part in parts]
+    return [_Frame(view.name, view.camera.width, view.camera.height, folder / view.name) for view in chosen]
+
+
+def instances_document(frames: list[_Frame], drawing: Mapping[str, list[dict[str, Any]]]) -> dict[str, Any]:
+    """The COCO dataset of a drawing: polygons as such, boxes as boxes."""
+    names = sorted({thing["name"] for things in drawing.values() for thing in things})
+    rows = [(k + 1, thing) for k, frame in enumerate(frames) for thing in drawing.get(frame.name, [])]
+    return {
+        "info": {"description": "drawn on the page of estimate-scale"},
+        "images": [
+            {"id": k + 1, "file_name": frame.name, "width": frame.width, "height": frame.height}
+            for k, frame in enumerate(frames)
+        ],
+        "categories": [{"id": k + 1, "name": name} for k, name in enumerate(names)],
+        "annotations": [
+            {"id": k + 1, "image_id": image, "category_id": names.index(thing["name"]) + 1, **_shape(thing)}
+            for k, (image, thing) in enumerate(rows)
+        ],
+    }
+
+
+class MaskPage:
+    """The page, served until the person is done.
+
+    url : where to open it; a secret part of it keeps other users of the machine and other pages out.
+    """
+
+    def __init__(self, frames: list[_Frame], names: list[str], draft: Path, port: int = 0) -> None:
+        self._frames, self._names, self._draft = frames, names, draft
+        self._finished = threading.Event()
+        self._drawing = _draft_of(draft, {frame.name for frame in frames})
+        self._secret = secrets.token_urlsafe(12)
+        try:
+            self._server = ThreadingHTTPServer((LOOPBACK, port), _handler(self))
+        except OSError as fault:
+            raise InputFault.at("--draw", "port", "one that is free", Words(fault.strerror or str(port))) from None
+        self._server.daemon_threads = True
+        self.url = f"http://{LOOPBACK}:{self._server.server_address[1]}/{self._secret}/"
+
+    def drawn(self) -> dict[str, Any]:
+        """Serve until the person is done; the COCO dataset of what was drawn."""
+        thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        thread.start()
+        try:
+            while not self._finished.wait(0.2):  # a wait without an end would not hear Ctrl-C
+                continue
+        finally:
+            self._server.shutdown()
+            self._server.server_close()
+        return instances_document(self._frames, self._drawing)
+
+    def start(self) -> dict[str, Any]:
+        """What the page begins with: frames, names to propose, and what was drawn before."""
+        frames = [
+            {"name": frame.name, "width": frame.width, "height": frame.height, "things": self._drawing[frame.name]}
+            for frame in self._frames
+        ]
+        return {"frames": frames, "names": self._names}
+
+    def save(self, document: Any) -> None:
+        """Keep what was drawn, and end the page if it says so.
+
+        Raises
+        ------
+        ValueError
+            It is not a drawing of these frames, or it is done and empty.
+        """
+        drawing = _checked(document, {frame.name: (frame.width, frame.height) for frame in self._frames})
+        with whole_file(self._draft) as file:
+            file.write_text(json.dumps(drawing), encoding="utf-8")
+        self._drawing = drawing
+        if document.get("done") is True:
+            if not any(drawing.values()):
+                raise ValueError("draw at least one thing first")
+            self._finished.set()
+
+    def answer(self, path: str) -> tuple[str, bytes] | None:
+        """Content type and body for a path below the secret one, or None."""
+        if path == "":
+            return "text/html; charset=utf-8", Path(__file__).with_suffix(".html").read_bytes()
+        if path == "start":
+            return "application/json", json.dumps(self.start()).encode()
+        number = path.removeprefix("frame/")
+        if path.startswith("frame/") and number.isdecimal() and int(number) < len(self._frames):
+            return "image/*", self._frames[int(number)].file.read_bytes()
+        return None
+
+    def below(self, path: str, host: str | None) -> str | None:
+        """The path below the secret one, None where the request is not for this page."""
+        port = self._server.server_address[1]
+        if host not in {f"{LOOPBACK}:{port}", f"localhost:{port}"}:  # a name of another site that resolves to us
+            return None
+        prefix = f"/{self._secret}/"
+        return path[len(prefix) :] if path.startswith(prefix) else None
+
+
+def _handler(page: MaskPage) -> Callable[..., BaseHTTPRequestHandler]:
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            path = page.below(self.path, self.headers.get("Host"))
+            answer = None if path is None else page.answer(path)
+            if answer is None:
+                self._send(404, "text/plain", b"no such page")
+            else:
+                self._send(200, *answer)
+
+        def do_POST(self) -> None:
+            path = page.below(self.path, self.headers.get("Host"))
+            length = self.headers.get("Content-Length", "")
+            if path != "save" or not length.isdecimal() or int(length) > MOST_BYTES:
+                self._send(404, "application/json", b'{"error": "no such page"}')
+                return
+            try:
+                page.save(json.loads(self.rfile.read(int(length))))
+            except (ValueError, RecursionError) as fault:
+                self._send(400, "application/json", json.dumps({"error": str(fault)}).encode())
+            else:
+                self._send(200, "application/json", b"{}")
+
+        def _send(self, status: int, kind: str, body: bytes) -> None:
+            self.send_response(status)
+            self.send_header("Content-Type", kind)
+            self.send_header("Content-Length", str(len(body)))
+            self.send_header("Cache-Control", "no-store")
+            self.send_header("X-Content-Type-Options", "nosniff")
+            policy = "default-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+            self.send_header("Content-Security-Policy", policy)
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: Any) -> None:
+            """The terminal is for the person."""
+
+    return Handler
+
+
+def _shape(thing: dict[str, Any]) -> dict[str, Any]:
+    points = np.array(thing["points"], dtype=np.float64)
+    (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
+    box = [float(left), float(top), float(right - left), float(bottom - top)]
+    row: dict[str, Any] = {"bbox": box, "area": box[2] * box[3], "iscrowd": 0}
+    if thing["kind"] == "polygon":
+        row["segmentation"] = [points.ravel().tolist()]
+    return row
+
+
+def _draft_of(file: Path, names: set[str]) -> Drawing:
+    """What an earlier page kept of the same frames."""
+    try:
+        kept = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        kept = {}
+    return {name: kept.get(name, []) if isinstance(kept, dict) else [] for name in names}
+
+
+def _checked(document: Any, sizes: Mapping[str, tuple[int, int]]) -> Drawing:
+    drawing: Drawing = {name: [] for name in sizes}
+    if not isinstance(document, dict) or not isinstance(document.get("images"), list):
+        raise ValueError("expected a list of images")
+    for image in document["images"]:
+        name = image.get("name") if isinstance(image, dict) else None
+        if not isinstance(name, str) or name not in sizes or not isinstance(image.get("things"), list):
+            raise ValueError("expected the frames of this page")
+        drawing[name] = [_checked_thing(thing, sizes[name]) for thing in image["things"]]
+    return drawing
+
+
+def _checked_thing(thing: Any, size: tuple[int, int]) -> dict[str, Any]:
+    if not isinstance(thing, dict) or thing.get("kind") not in ("box", "polygon"):
+        raise ValueError("expected a box or a polygon")
+    name = thing.get("name")
+    if not isinstance(name, str) or not name.strip() or len(name) > 200:
+        raise ValueError("every thing needs a name")
+    try:
+        points = np.array(thing.get("points"), dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected corners x, y") from None
+    least = 2 if thing["kind"] == "box" else 3
+    if points.ndim != 2 or points.shape[1] != 2 or len(points) < least or not np.isfinite(points).all():
+        raise ValueError(f"{name}: expected {least} or more corners x, y")
+    points = np.clip(points, 0, size)
+    if (points.max(axis=0) - points.min(axis=0)).min() < 2:
+        raise ValueError(f"{name}: it is smaller than two pixels")
+    return {"name": name.strip(), "kind": thing["kind"], "points": points.tolist()}

@@ -1,0 +1,159 @@
+"""The drawing page in a real browser, and what its server refuses."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+import pytest
+
+from estimator.capture.mask_page import MaskPage, frames_to_draw
+from estimator.records.scene import Camera, Scene, View
+from tests.made.browser import Browser
+
+NAMES = [f"{k:06d}.jpg" for k in range(8)]
+
+
+def _scene(folder: Path) -> Scene:
+    camera = Camera("PINHOLE", 320, 240, np.array([250.0, 250.0, 160.0, 120.0]))
+    folder.mkdir(exist_ok=True)
+    views = []
+    for k, name in enumerate(NAMES):
+        cv2.imwrite(str(folder / name), np.full((240, 320, 3), 20 * k, dtype=np.uint8))
+        seen = np.arange(k % 3 + 1)
+        views.append(View(name, camera, np.eye(3), np.zeros(3), np.zeros((len(seen), 2)), seen))
+    return Scene(folder, "memory", tuple(views), np.zeros((3, 3)))
+
+
+class _Served:
+    """A page that is served in a thread; `document` is what came of it."""
+
+    def __init__(self, folder: Path) -> None:
+        self.page = MaskPage(frames_to_draw(_scene(folder / "frames"), folder / "frames"), ["chair"], folder / "d.json")
+        self.document: dict[str, Any] | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        self.document = self.page.drawn()
+
+    def result(self) -> dict[str, Any]:
+        self._thread.join(30)
+        assert self.document is not None
+        return self.document
+
+    def request(self, path: str, body: str | None = None, host: str | None = None) -> tuple[int, str]:
+        url = urlsplit(self.page.url)
+        assert url.hostname is not None
+        connection = http.client.HTTPConnection(url.hostname, url.port, timeout=10)
+        headers = {} if host is None else {"Host": host}
+        connection.request("GET" if body is None else "POST", path, body=body, headers=headers)
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode("utf-8", "replace")
+
+    def at(self, path: str) -> str:
+        return urlsplit(self.page.url).path + path
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[_Served]:
+    served = _Served(tmp_path)
+    yield served
+    if served.document is None:
+        things = [{"name": "x", "kind": "box", "points": [[0, 0], [9, 9]]}]
+        images = [{"name": frame["name"], "things": things} for frame in served.page.start()["frames"]]
+        served.request(served.at("save"), json.dumps({"images": images, "done": True}))
+        served.result()
+
+
+def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> None:
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(served.page.url, "document.body.dataset.ready === 'yes'")
+        box = browser.run(
+            "(b => [b.left, b.top, b.width / 320])(document.getElementById('picture').getBoundingClientRect())"
+        )
+
+        def at(x: float, y: float) -> tuple[float, float]:
+            return box[0] + x * box[2], box[1] + y * box[2]
+
+        browser.drag(at(40, 30), at(140, 200))
+        browser.type("chair")
+        browser.press("Enter")
+        browser.wait("document.querySelectorAll('#things li').length === 1")
+        browser.run("document.querySelectorAll('#frames button')[2].click()")
+        browser.run("document.getElementById('polygon').click()")
+        for corner in ((10, 10), (100, 20), (60, 120)):
+            browser.click(at(*corner))
+        browser.press("Enter")
+        browser.type("<b>vase</b>")  # a name is text, whatever is in it
+        browser.press("Enter")
+        browser.wait("document.querySelectorAll('#things li').length === 1")
+        assert browser.run("document.querySelector('#things span').innerHTML") == "&lt;b&gt;vase&lt;/b&gt;"
+        browser.run("document.getElementById('done').click()")
+        browser.wait("document.body.textContent.startsWith('Thank you')")
+    document = served.result()
+    first, second = document["annotations"]
+    names = {row["id"]: row["name"] for row in document["categories"]}
+    assert [names[row["category_id"]] for row in (first, second)] == ["chair", "<b>vase</b>"]
+    np.testing.assert_allclose(first["bbox"], [40, 30, 100, 170], atol=1.5)
+    assert "segmentation" not in first
+    np.testing.assert_allclose(second["segmentation"][0], [10, 10, 100, 20, 60, 120], atol=1.5)
+    assert second["image_id"] == 3
+    assert len(document["images"]) == 5
+
+
+def test_frames_are_spread_and_see_much(tmp_path: Path) -> None:
+    frames = frames_to_draw(_scene(tmp_path / "frames"), tmp_path)
+    assert [frame.name for frame in frames] == ["000001.jpg", "000002.jpg", "000005.jpg", "000006.jpg", "000007.jpg"]
+
+
+def test_an_interrupted_drawing_is_kept(served: _Served, tmp_path: Path) -> None:
+    things = [{"name": "cup", "kind": "box", "points": [[5, 5], [50, 60]]}]
+    body = json.dumps({"images": [{"name": "000001.jpg", "things": things}], "done": False})
+    assert served.request(served.at("save"), body)[0] == 200
+    again = MaskPage(frames_to_draw(_scene(tmp_path / "frames"), tmp_path / "frames"), [], tmp_path / "d.json")
+    assert again.start()["frames"][0]["things"] == things
+    again._server.server_close()
+
+
+def _body(things: object, name: str = "000001.jpg") -> str:
+    return json.dumps({"images": [{"name": name, "things": things}]})
+
+
+@pytest.mark.parametrize(
+    ("body", "word"),
+    [
+        ("[]", "expected a list of images"),
+        ("{", ""),
+        (_body([], "../etc/passwd"), "frames of this page"),
+        (_body([{"kind": "box", "name": " "}]), "needs a name"),
+        (_body([{"kind": "box", "name": "a", "points": [[1, 1]]}]), "corners"),
+        (_body([{"kind": "box", "name": "a", "points": "x"}]), "corners"),
+        (_body([{"kind": "polygon", "name": "a", "points": [[1, 1], [9, 9]]}]), "3 or more corners"),
+        (_body([{"kind": "box", "name": "a", "points": [[1, 1], [2, 2]]}]), "smaller"),
+        (_body(3), "frames of this page"),
+        ('{"images": [], "done": true}', "at least one thing"),
+    ],
+)
+def test_what_is_no_drawing_is_refused(served: _Served, body: str, word: str) -> None:
+    status, answer = served.request(served.at("save"), body)
+    assert status == 400
+    assert word in json.loads(answer)["error"]
+    assert served.document is None
+
+
+def test_nobody_else_gets_in(served: _Served) -> None:
+    assert served.request("/")[0] == 404
+    assert served.request("/start")[0] == 404
+    assert served.request(served.at(""), host="evil.example")[0] == 404
+    assert served.request(served.at("frame/99"))[0] == 404
+    assert served.request(served.at("frame/../start"))[0] == 404
+    assert served.request(served.at("frame/1"))[0] == 200
+    assert served.page.url.startswith("http://127.0.0.1:")

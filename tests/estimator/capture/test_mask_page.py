@@ -75,7 +75,7 @@ def served(tmp_path: Path) -> Iterator[_Served]:
 
 def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> None:
     with Browser(tmp_path / "profile") as browser:
-        browser.open(served.page.url, "document.body.dataset.ready === 'yes'")
+        browser.open(served.page.url, "document.body?.dataset.ready === 'yes'")
         box = browser.run(
             "(b => [b.left, b.top, b.width / 320])(document.getElementById('picture').getBoundingClientRect())"
         )

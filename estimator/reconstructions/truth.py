@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.reconstructions.checked_files import read_json
+from estimator.records.scene import MAX_COORDINATE
 from metric_base.faults import InputFault
 
 __all__ = ["SceneTruth", "read_truth"]
@@ -31,27 +32,30 @@ def read_truth(folder: Path) -> SceneTruth:
         return SceneTruth()
     if not isinstance(document, dict):
         return SceneTruth()
-    scale = document.get("metres_per_unit")
+    entries = document.get("objects")
     sizes = {
-        str(entry["track_id"]): _dimensions({name: _value(told) for name, told in entry["truth_m"].items()})
-        for entry in document.get("objects") or []
+        str(entry["track_id"]): _dimensions({name: _number(value) for name, value in entry["truth_m"].items()})
+        for entry in (entries if isinstance(entries, list) else [])
         if isinstance(entry, dict) and isinstance(entry.get("truth_m"), dict) and "track_id" in entry
     }
-    return SceneTruth(scale if isinstance(scale, float) else None, sizes)
+    return SceneTruth(_number(document.get("metres_per_unit")), sizes)
 
 
-def _value(told: Any) -> float | None:
-    value = told.get("value") if isinstance(told, dict) else told
-    return float(value) if isinstance(value, int | float) else None
+def _number(stated: Any) -> float | None:
+    """The positive number that is stated, alone or as the `value` of an object, or None."""
+    value = stated.get("value") if isinstance(stated, dict) else stated
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < MAX_COORDINATE:
+        return None
+    return float(value)
 
 
-def _dimensions(told: Mapping[str, float | None]) -> dict[str, float]:
+def _dimensions(stated: Mapping[str, float | None]) -> dict[str, float]:
     """Length, width and height of what a person measured, whose words are edge, diameter, depth and thickness too.
 
     The longer horizontal size is the length whatever it was called; a thing without a height lies flat, so that
     its thickness is its height; a ball has its diameter in every direction.
     """
-    known = {name: value for name, value in told.items() if value is not None}
+    known = {name: value for name, value in stated.items() if value is not None}
     if "edge" in known:
         return dict.fromkeys(("length", "width", "height"), known["edge"])
     if "diameter" in known:

@@ -1,0 +1,66 @@
+"""Inputs that broke release 1.0.0: none is a fault of the program, and none overwrites or hides anything."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from estimator.command import main
+from estimator.instances.label_images import read_label_images
+from estimator.reading import read_scene
+from estimator.reconstructions.truth import read_truth
+from metric_base.faults import InputFault
+
+pytestmark = pytest.mark.shared
+
+DAMAGED = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "damaged"
+OBJECTS = ["ansi_objects.json", "five_persons_dims.json", "five_persons_extents.json", "objects_x1.json"]
+
+
+@pytest.fixture(autouse=True)
+def _collection() -> None:
+    if not DAMAGED.is_dir():
+        pytest.skip("needs ../shared/data/damaged")
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_objects_are_answered_without_control_characters(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for form in ([], ["--json"]):
+        assert main(["--objects", str(DAMAGED / name), *form]) in (0, 2, 3)
+        out, err = capsys.readouterr()
+        assert not any(sign in out + err for sign in "\x1b\x07\x9b\u202e")
+
+
+def test_an_overlay_never_leads_out_of_its_folder(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = tmp_path / "scene"
+    shutil.copytree(DAMAGED / "overlay_dotdot_scene", scene, copy_function=shutil.copyfile)
+    for path in [scene, *scene.rglob("*")]:
+        path.chmod(0o755 if path.is_dir() else 0o644)
+    before = {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in scene.rglob("*") if path.is_file()}
+    assert main([str(scene), "--overlay", str(tmp_path / "out" / "overlay")]) == 0, capsys.readouterr().err
+    after = {path: hashlib.sha256(path.read_bytes()).hexdigest() for path in scene.rglob("*") if path.is_file()}
+    assert after == before
+    assert len(list((tmp_path / "out" / "overlay").rglob("*.jpg"))) == len(list((scene / "images").iterdir()))
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["overlay"]
+
+
+@pytest.mark.parametrize("name", ["png_5000digit_categories.json", "fault_demo_png_2001190_categories.json"])
+def test_a_value_of_thousands_of_digits_is_one_line(name: str, tmp_path: Path) -> None:
+    scene = read_scene(Path(__file__).resolve().parents[2] / "data" / "scenes" / "demo_room")
+    shutil.copyfile(DAMAGED / name, tmp_path / "categories.json")
+    with pytest.raises(InputFault, match="a pixel value from 0 to 65535") as fault:
+        read_label_images(scene, tmp_path)
+    assert len(str(fault.value)) < 400
+
+
+@pytest.mark.parametrize(
+    "path", sorted(DAMAGED.glob("truth_fault*")) or [Path("truth_fault")], ids=lambda path: path.name
+)
+def test_a_truth_of_another_form_only_decorates(path: Path, tmp_path: Path) -> None:
+    shutil.copyfile(path, tmp_path / "truth.json")
+    stated = json.loads(path.read_text(encoding="utf-8"))["metres_per_unit"]
+    assert read_truth(tmp_path).scale in (None, stated)

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Placed", "insert_objects", "place_objects", "space_for"]
 
+#: This share of the cloud's points inside the object's box is no stray.
+TAKEN_SHARE = 3e-4
 Picture = NDArray[np.uint8]
 Writer = Callable[[Shot, Picture], None]
 
@@ -160,7 +162,8 @@ def _drawn(
     for number, item in enumerate(order):
         number_of_plane = item.placed.place.plane
         plane = None if number_of_plane is None else stage.supports.surfaces[number_of_plane]
-        composed = compose(picture, view, item.renderer, front, masks, plane, look, shot.index * 16 + number)
+        seed = shot.index * 16 + number
+        composed = compose(picture, view, item.renderer, stage.cloud, front, masks, plane, look, seed)
         picture = composed.picture
         item.frames.append(FrameReport(shot.name, shot.time_s, composed.silhouette, composed.visible))
         if show_interval:
@@ -168,10 +171,20 @@ def _drawn(
     return picture
 
 
+def _taken(stage: Stage, placed: Placed) -> list[str]:
+    """A warning where the cloud has things in the space of the object."""
+    local = (stage.cloud.points - placed.body.position) @ placed.body.basis.T / placed.body.unit
+    corners = placed.body.corners @ placed.body.basis.T
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    low[2] += 0.1 * (high[2] - low[2])
+    share = np.mean(np.all((local > low + 0.05) & (local < high - 0.05), axis=1))
+    return [f"{placed.model.name}: something else is in its place"] if share > TAKEN_SHARE else []
+
+
 def _result(stage: Stage, item: _Running, seconds: dict[str, float]) -> InsertionResult:
     placed = item.placed
     unposed = sum(shot.view is None for shot in stage.footage.shots)
-    warnings = [*placed.model.warnings, *placed.size.warnings]
+    warnings = [*placed.model.warnings, *placed.size.warnings, *_taken(stage, placed)]
     if unposed:
         warnings.append(f"{unposed} frame(s) have no known pose and are left as they are")
     return InsertionResult(

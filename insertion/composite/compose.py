@@ -17,11 +17,14 @@ from insertion.composite.received import received_share
 from insertion.light.encoding import decoded, encoded
 from insertion.places.surface import Surface
 from insertion.render.renderer import ObjectImage, ObjectRenderer
-from insertion.scene.cloud import FrontPoints
+from insertion.scene.cloud import Cloud, FrontPoints
+from metric_base.arrays import BoolArray
 
 __all__ = ["Composed", "compose"]
 
 Picture = NDArray[np.uint8]
+#: Points within this share of the object's size of the support plane belong to it.
+SUPPORT_SHARE = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +44,7 @@ def compose(
     picture: Picture,
     view: View,
     renderer: ObjectRenderer,
+    cloud: Cloud,
     front: FrontPoints,
     instances: Sequence[Instance],
     plane: Surface | None,
@@ -57,8 +61,10 @@ def compose(
         return Composed(picture, None, 0.0)
     box = dark_box.joined(body_box) if dark_box is not None else body_box
     assert box is not None  # one of the two is there
-    layer = object_layer(renderer, view, box) if body_box is not None else _nothing(box)
-    hidden = hidden_share(layer, box, view, instances, front)
+    layer = _nothing(box)
+    if body_box is not None:
+        layer = _within(object_layer(renderer, view, body_box), body_box, box)
+    hidden = hidden_share(layer, box, view, instances, front, _on_support(renderer, cloud, front))
     share, plane_depth = shadow_layer(renderer, view, box)
     share = received_share(share, plane_depth, renderer, view, box, front, instances, plane)
     before = picture[box.slices]
@@ -108,6 +114,25 @@ def _silhouette(alpha: NDArray[np.float32], box: Box) -> tuple[int, int, int, in
 def _visible(alpha: NDArray[np.float32], hidden: NDArray[np.float32]) -> float:
     total = float(alpha.sum())
     return float((alpha * (1 - hidden)).sum()) / total if total > 0 else 0.0
+
+
+def _on_support(renderer: ObjectRenderer, cloud: Cloud, front: FrontPoints) -> BoolArray:
+    """(m,) which points are on the support plane: what an object stands on never hides it."""
+    body = renderer.body
+    rise = (cloud.points[front.rows] - body.position) @ body.basis[2]
+    return np.asarray(np.abs(rise) < SUPPORT_SHARE * body.unit)
+
+
+def _within(layer: ObjectImage, inner: Box, outer: Box) -> ObjectImage:
+    """The layer of a box inside a larger one."""
+    whole = _nothing(outer)
+    rows = slice(inner.y0 - outer.y0, inner.y1 - outer.y0)
+    columns = slice(inner.x0 - outer.x0, inner.x1 - outer.x0)
+    for large, small in zip(
+        (whole.colour, whole.alpha, whole.depth), (layer.colour, layer.alpha, layer.depth), strict=True
+    ):
+        large[rows, columns] = small
+    return whole
 
 
 def _nothing(box: Box) -> ObjectImage:

@@ -17,7 +17,7 @@ from insertion.composite.boxes import Box
 from insertion.composite.masks import mask_in_box
 from insertion.render.renderer import ObjectImage
 from insertion.scene.cloud import FrontPoints
-from metric_base.arrays import FloatArray
+from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["hidden_share"]
 
@@ -32,21 +32,32 @@ CLEARLY = 0.012
 AROUND_PX = 12
 #: Where there is no mask, this many nearest points of a dense cloud vote, no further than so many pixels at a width
 #: of 640: plain surfaces leave few points.
-DENSE_POINTS, DENSE_PX = 7, 24.0
+DENSE_POINTS, DENSE_PX, DENSE_SHARE = 7, 24.0, 0.7
+#: Points this near to a mask belong to the thing in it: masks are drawn a little small. In pixels at a width of 640.
+BORDER_PX = 8
 #: Edges of occluders are as soft as a lens makes them, one sigma in pixels.
 EDGE_PX = 0.6
 
 
 def hidden_share(
-    layer: ObjectImage, box: Box, view: View, instances: Sequence[Instance], front: FrontPoints
+    layer: ObjectImage,
+    box: Box,
+    view: View,
+    instances: Sequence[Instance],
+    front: FrontPoints,
+    on_support: BoolArray,
 ) -> NDArray[np.float32]:
-    """(h, w) share of each pixel of the box in which something nearer hides the object."""
+    """(h, w) share of each pixel of the box in which something nearer hides the object.
+
+    on_support : (m,) the points of `front` that are on what the object stands on; they hide nothing.
+    """
     import cv2
 
     if not (layer.alpha > 0).any():
         return np.zeros(box.shape, np.float32)
     inside = front.inside(box.x0, box.y0, box.x1, box.y1)
-    pixels, depths = inside.pixels - [box.x0, box.y0], inside.depths
+    pixels = inside.pixels - [box.x0, box.y0]
+    depths = np.where(front.marked(on_support, box.x0, box.y0, box.x1, box.y1), np.inf, inside.depths)
     hidden = np.zeros(box.shape, dtype=bool)
     masked = np.zeros(box.shape, dtype=bool)
     silhouette = layer.alpha > 0.5
@@ -60,8 +71,11 @@ def hidden_share(
         masked |= mask
         hidden |= _hidden_by(mask, around, behind, pixels, depths)
     if front.dense:
-        reach_px = DENSE_PX * view.camera.width / 640
-        hidden |= _nearer_pixels(~masked & around, behind, pixels, depths, reach_px)
+        times = view.camera.width / 640
+        size = 2 * round(BORDER_PX * times) + 1
+        at = pixels.astype(np.int64)
+        free = ~(cv2.dilate(masked.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)[at[:, 1], at[:, 0]]
+        hidden |= _nearer_pixels(~masked & around, behind, pixels[free], depths[free], DENSE_PX * times)
     return np.asarray(cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), EDGE_PX))
 
 
@@ -125,5 +139,5 @@ def _nearer_pixels(
         return result
     distance, nearest = cKDTree(pixels).query(np.column_stack([columns, rows]) + 0.5, k=DENSE_POINTS)
     nearer = depths[nearest] < behind[rows, columns, None] * (1 - 3 * CLEARLY)
-    result[rows, columns] = (nearer.mean(axis=1) > 0.5) & (distance[:, DENSE_POINTS // 2] < reach)
+    result[rows, columns] = (nearer.mean(axis=1) > DENSE_SHARE) & (distance[:, DENSE_POINTS // 2] < reach)
     return np.asarray(median_filter(result, 5))

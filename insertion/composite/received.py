@@ -22,9 +22,11 @@ from insertion.scene.rays import camera_rays
 __all__ = ["received_share"]
 
 #: A pixel shows the plane if its depth is that of the plane within this share; the cloud is no better.
-SAME_DEPTH = 0.025
+SAME_DEPTH = 0.045
 #: Places are looked up for every second pixel: the cloud is coarser than that.
 STEP = 2
+#: Strays of the cloud are smaller than this many of those.
+SMOOTH_CELLS = 7
 #: Points that a thing's depth rests on.
 MIN_POINTS = 4
 #: A pixel without a mask takes the depth of a point no further than this, in pixels at a width of 640.
@@ -46,11 +48,12 @@ def received_share(
     share, plane_depth : as `shadow_layer` gives them; plane : the support plane with its extent, if it is known.
     """
     import cv2
+    from scipy.ndimage import median_filter
 
     depth = _depths(view, box, front, instances)  # coarse, NaN unknown
     coarse_plane = plane_depth[::STEP, ::STEP]
     with np.errstate(invalid="ignore"):
-        off = np.isfinite(depth) & ~(np.abs(depth / coarse_plane - 1) < SAME_DEPTH)
+        off = median_filter(np.isfinite(depth) & ~(np.abs(depth / coarse_plane - 1) < SAME_DEPTH), SMOOTH_CELLS)
     if plane is not None:
         beside = ~np.isfinite(depth) & ~_on_plane(plane, view, box, coarse_plane)
     else:

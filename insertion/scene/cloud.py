@@ -11,12 +11,12 @@ from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import Scene, View
 from insertion.light.encoding import decoded
 from insertion.scene.footage import Stills
-from metric_base.arrays import FloatArray, IntArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Cloud", "FrontPoints", "coloured_cloud", "even_rows", "front_points", "points_seen"]
 
 #: More dense points than this add time and no light.
-MAX_POINTS = 400_000
+MAX_POINTS = 150_000
 #: Stills that colour the cloud.
 MAX_STILLS = 40
 #: A point is hidden if another one within this many pixels lies nearer than this share of its depth.
@@ -50,8 +50,15 @@ class FrontPoints:
 
     def inside(self, x0: int, y0: int, x1: int, y1: int) -> FrontPoints:
         """Those within a box of pixels, the ends not included."""
-        kept = ((self.pixels >= [x0, y0]) & (self.pixels < [x1, y1])).all(axis=1)
+        kept = self._within(x0, y0, x1, y1)
         return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense)
+
+    def marked(self, marks: BoolArray, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
+        """The marks (m,) of the points that `inside` keeps."""
+        return marks[self._within(x0, y0, x1, y1)]
+
+    def _within(self, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
+        return np.asarray(np.all((self.pixels >= [x0, y0]) & (self.pixels < [x1, y1]), axis=1))
 
 
 def front_points(view: View, cloud: Cloud) -> FrontPoints:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,6 +66,12 @@ def parser() -> argparse.ArgumentParser:
     add = root.add_argument
     add("--out", metavar="OUT", type=Path, required=True, help="a video (OUT.mp4), or a new folder for one PNG a frame")
     add("--show-interval", action="store_true", help="draw the object's outline at both ends of the scale's interval")
+    add(
+        "--export",
+        metavar="DIR",
+        type=Path,
+        help="the scene in metres: glTF, USD, COLMAP, nerfstudio, masks, depth",
+    )
     add("--preview", metavar="FILE", type=Path, help="draw the free places into a picture, numbered, best first")
     add("--json", action="store_true", help="print the result as JSON (metric-tree/insertion/1)")
     add("--version", action="version", version=f"{PROGRAM} {version()}")
@@ -117,6 +124,7 @@ def stage_of(options: argparse.Namespace) -> Stage:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from insertion.exports.write import LayerWriter, write_exports
     from insertion.insert import insert_objects, place_objects
     from insertion.outputs import output_kind, picture_writer
     from insertion.scene.video_footage import VideoFootage
@@ -129,13 +137,30 @@ def _run(options: argparse.Namespace) -> int:
         _write_preview(stage, objects[0], options.preview)
     film = stage.footage if isinstance(stage.footage, VideoFootage) else None
     source, turned = (film.source, film.turned_deg) if film is not None else (None, 0)
-    with picture_writer(options.out, source, turned) as write:
-        results = insert_objects(stage, objects, write, show_interval=options.show_interval, film=film is not None)
+    with picture_writer(options.out, source, turned) as write, _exports(options.export) as folder:
+        layers = None if folder is None else LayerWriter(folder, stage.scale.metres_per_unit)
+        results = insert_objects(
+            stage, objects, write, show_interval=options.show_interval, film=film is not None, layers=layers
+        )
+        for line in write_exports(folder, stage, objects, results) if folder is not None else ():
+            sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
     for result in results:
         for line in result.warnings:
             sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
     _print(results, options.json)
     return 0
+
+
+@contextmanager
+def _exports(folder: Path | None) -> Iterator[Path | None]:
+    """The folder to export into, which appears whole; None where nothing is to be exported."""
+    if folder is None:
+        yield None
+        return
+    from metric_base.files import whole_folder
+
+    with whole_folder(folder, "--export") as temporary:
+        yield temporary
 
 
 def _request(stated: dict[str, Any]) -> ObjectRequest:

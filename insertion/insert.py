@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +29,12 @@ from insertion.result import FrameReport, InsertionResult
 from insertion.scene.cloud import front_points
 from insertion.scene.footage import Shot
 from insertion.stage import Stage
+from metric_base.arrays import FloatArray
 
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
-__all__ = ["Placed", "insert_objects", "place_objects", "space_for"]
+__all__ = ["LayerSink", "Placed", "insert_objects", "place_objects", "space_for"]
 
 #: This share of the cloud's points inside the object's box is no stray.
 TAKEN_SHARE = 3e-4
@@ -41,14 +42,25 @@ Picture = NDArray[np.uint8]
 Writer = Callable[[Shot, Picture], None]
 
 
+class LayerSink(Protocol):
+    """Takes what an insertion is made of, frame by frame."""
+
+    def picture(self, shot: Shot, picture: Picture) -> None:
+        """The frame without objects."""
+
+    def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
+        """Visible coverage (h, w) and depth (h, w) of one object."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """An object at its place, ready to be rendered."""
+    """An object at its place, ready to be rendered; front : (3,) horizontal unit direction of its front."""
 
     request: ObjectRequest
     model: Model
     size: Size
     place: Place
+    front: FloatArray
     heading_deg: float
     body: Body
 
@@ -56,6 +68,12 @@ class Placed:
     def size_m(self) -> dict[str, float]:
         """Length, width and height in metres as inserted."""
         return {name: value * self.size.factor for name, value in self.model.size_m.items()}
+
+    @property
+    def turn(self) -> FloatArray:
+        """(3, 3) rotation of the model's axes into the scene."""
+        up = self.place.basis[2]
+        return np.column_stack([np.cross(up, self.front), up, self.front])
 
 
 @dataclass(slots=True, eq=False)
@@ -73,11 +91,18 @@ def place_objects(stage: Stage, requests: Sequence[ObjectRequest], tree: Tree | 
 
 
 def insert_objects(
-    stage: Stage, objects: Sequence[Placed], write: Writer, *, show_interval: bool = False, film: bool = False
+    stage: Stage,
+    objects: Sequence[Placed],
+    write: Writer,
+    *,
+    show_interval: bool = False,
+    film: bool = False,
+    layers: LayerSink | None = None,
 ) -> list[InsertionResult]:
     """Draw the objects into every picture of the footage and hand each to `write`, one at a time.
 
     film : the pictures are one film, whose exposure and blur change slowly. Frames without a pose stay as they are.
+    layers : takes each frame as it was, and the coverage and depth of each object in it.
     """
     seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
     started = time.perf_counter()
@@ -87,7 +112,9 @@ def insert_objects(
     looks = Looks(smooth=film)
     for shot, picture in stage.footage.pictures():
         started = time.perf_counter()
-        out = _drawn(stage, running, shot, picture, looks, show_interval)
+        if layers is not None:
+            layers.picture(shot, picture)
+        out = _drawn(stage, running, shot, picture, looks, show_interval, layers)
         rendered = time.perf_counter()
         write(shot, out)
         seconds["render"] += rendered - started
@@ -110,7 +137,7 @@ def _placed(stage: Stage, request: ObjectRequest, tree: Tree | None) -> Placed:
     front, angle = heading(place, request.facing, stage.cloud)
     # metres divided by the scale, and nothing else
     body = body_of(model, place.position, place.basis, front, size.factor / stage.scale.metres_per_unit)
-    return Placed(request, model, size, place, angle, body)
+    return Placed(request, model, size, place, front, angle, body)
 
 
 def _place(stage: Stage, request: ObjectRequest, space: Space) -> Place:
@@ -147,7 +174,13 @@ def _renderer(context: Any, stage: Stage, item: Placed) -> ObjectRenderer:
 
 
 def _drawn(
-    stage: Stage, running: Sequence[_Running], shot: Shot, picture: Picture, looks: Looks, show_interval: bool
+    stage: Stage,
+    running: Sequence[_Running],
+    shot: Shot,
+    picture: Picture,
+    looks: Looks,
+    show_interval: bool,
+    layers: LayerSink | None,
 ) -> Picture:
     """The picture with all objects, the farthest first."""
     view = shot.view
@@ -155,7 +188,7 @@ def _drawn(
         for item in running:
             item.frames.append(FrameReport(shot.name, shot.time_s, None, 0.0))
         return picture
-    front = front_points(view, stage.cloud)
+    front = front_points(view, stage.cloud, shot.row)
     look = looks.next(picture, front, stage.cloud)
     masks = stage.masks(shot)
     order = sorted(running, key=lambda item: -float(np.linalg.norm(view.centre - item.placed.body.position)))
@@ -166,6 +199,8 @@ def _drawn(
         composed = compose(picture, view, item.renderer, stage.cloud, front, masks, plane, look, seed)
         picture = composed.picture
         item.frames.append(FrameReport(shot.name, shot.time_s, composed.silhouette, composed.visible))
+        if layers is not None:
+            layers.layers(shot, running.index(item), *composed.whole())
         if show_interval:
             picture = draw_interval(picture, view, item.renderer, stage.scale)
     return picture

@@ -9,7 +9,7 @@ import numpy as np
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Camera, View
 from insertion.render.body import Body
-from insertion.render.pinhole import Window
+from insertion.render.pinhole import Window, focal_lengths
 from insertion.render.shadows import PlaneMap
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray
@@ -66,7 +66,7 @@ def shadow_box(view: View, body: Body, plane: PlaneMap) -> Box | None:
 
 def window_behind(camera: Camera, box: Box) -> Window:
     """The part of the ideal (undistorted) picture that fills a box of the real one."""
-    fx, fy, cx, cy = _pinhole(camera)
+    fx, fy, cx, cy = focal_lengths(camera)
     rays = camera_rays(camera)[box.slices]
     low, high = rays.reshape(-1, 2).min(axis=0), rays.reshape(-1, 2).max(axis=0)
     limit = WIDEST * np.array([camera.width / fx, camera.height / fy])
@@ -74,14 +74,6 @@ def window_behind(camera: Camera, box: Box) -> Window:
     x0, y0 = int(np.floor(fx * low[0] + cx - 1.5)), int(np.floor(fy * low[1] + cy - 1.5))
     x1, y1 = int(np.ceil(fx * high[0] + cx + 1.5)), int(np.ceil(fy * high[1] + cy + 1.5))
     return Window(fx, fy, cx, cy, x0, y0, x1 - x0, y1 - y0)
-
-
-def _pinhole(camera: Camera) -> tuple[float, float, float, float]:
-    """Focal lengths and principal point of the ideal picture: the camera's own."""
-    from estimator.reconstructions.cameras import CAMERA_MODELS
-
-    values = dict(zip(CAMERA_MODELS[camera.model][1], camera.params.tolist(), strict=True))
-    return values.get("fx", values.get("f", 0.0)), values.get("fy", values.get("f", 0.0)), values["cx"], values["cy"]
 
 
 def _box_of(view: View, points: FloatArray) -> Box | None:

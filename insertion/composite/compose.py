@@ -32,12 +32,23 @@ class Composed:
     """A picture with an object.
 
     silhouette : the box of the object's own pixels (x, y, width, height), or None; visible : the share of them that
-    nothing hides.
+    nothing hides; box, alpha, depth : the object's visible coverage and its depth in a part of the picture.
     """
 
     picture: Picture
     silhouette: tuple[int, int, int, int] | None
     visible: float
+    box: Box | None = None
+    alpha: NDArray[np.float32] | None = None
+    depth: NDArray[np.float32] | None = None
+
+    def whole(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(h, w) visible coverage and depth (NaN where the object is not) over the whole picture."""
+        alpha = np.zeros(self.picture.shape[:2], np.float32)
+        depth = np.full(self.picture.shape[:2], np.nan, np.float32)
+        if self.box is not None and self.alpha is not None and self.depth is not None:
+            alpha[self.box.slices], depth[self.box.slices] = self.alpha, self.depth
+        return alpha, depth
 
 
 def compose(
@@ -71,7 +82,8 @@ def compose(
     after = _mixed(before, layer, hidden, share, look, box, seed)
     out = picture.copy()
     out[box.slices] = after
-    return Composed(out, _silhouette(layer.alpha, box), _visible(layer.alpha, hidden))
+    visible = _visible(layer.alpha, hidden)
+    return Composed(out, _silhouette(layer.alpha, box), visible, box, layer.alpha * (1 - hidden), layer.depth)
 
 
 def _mixed(

@@ -27,6 +27,8 @@ SAME_DEPTH = 0.045
 STEP = 2
 #: Strays of the cloud are smaller than this many of those.
 SMOOTH_CELLS = 7
+#: Beyond so many sizes of the object its shadow on other things is fainter than the cloud's noise makes it.
+REACH_SIZES = 1.6
 #: Points that a thing's depth rests on.
 MIN_POINTS = 4
 #: A pixel without a mask takes the depth of a point no further than this, in pixels at a width of 640.
@@ -63,12 +65,13 @@ def received_share(
     received = np.ones((*off.shape, 3), np.float32)
     if off.any():
         places, normals = _places(view, box, depth, renderer)
-        places[..., 3] = off
+        middle = renderer.body.corners.mean(axis=0)
+        places[..., 3] = off & (np.linalg.norm(places[..., :3] - middle, axis=-1) < REACH_SIZES)
         received = renderer.received(places, normals)
     weight = cv2.GaussianBlur((off | beside).astype(np.float32), (0, 0), 0.7)[..., None]
     size = (share.shape[1], share.shape[0])
     weight = cv2.resize(weight, size, interpolation=cv2.INTER_LINEAR)[..., None]
-    received = cv2.resize(cv2.GaussianBlur(received, (0, 0), 1.0), size, interpolation=cv2.INTER_LINEAR)
+    received = cv2.resize(cv2.GaussianBlur(received, (0, 0), 2.0), size, interpolation=cv2.INTER_LINEAR)
     return np.asarray(share * (1 - weight) + received * weight, dtype=np.float32)
 
 

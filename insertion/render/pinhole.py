@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.reconstructions.cameras import CAMERA_MODELS
+from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
 
-__all__ = ["Window"]
+__all__ = ["Window", "focal_lengths"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,3 +40,10 @@ class Window:
         view = np.eye(4)
         view[:3, :3], view[:3, 3] = rotation, translation
         return np.asarray(ahead @ view)
+
+
+def focal_lengths(camera: Camera) -> tuple[float, float, float, float]:
+    """fx, fy, cx, cy of the ideal picture: the camera's own, its lens left out."""
+    values = dict(zip(CAMERA_MODELS[camera.model][1], camera.params.tolist(), strict=True))
+    focal = values.get("f", 0.0)
+    return values.get("fx", focal), values.get("fy", focal), values["cx"], values["cy"]

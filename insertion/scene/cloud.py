@@ -28,12 +28,13 @@ class Cloud:
     """The points of a scene.
 
     points : (n, 3) in the scene; colours : (n, 3) linear, NaN where no still shows the point; dense : whether a dense
-    cloud is among them.
+    cloud is among them; seen_by : rows of the points that each view of the scene is known to see, or None.
     """
 
     points: FloatArray
     colours: NDArray[np.float32]
     dense: bool
+    seen_by: tuple[IntArray, ...] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,14 +62,21 @@ class FrontPoints:
         return np.asarray(np.all((self.pixels >= [x0, y0]) & (self.pixels < [x1, y1]), axis=1))
 
 
-def front_points(view: View, cloud: Cloud) -> FrontPoints:
-    """The points of the cloud that a view sees and no other point hides."""
-    return FrontPoints(*_seen(view, cloud.points), cloud.dense)
+def front_points(view: View, cloud: Cloud, row: int | None = None) -> FrontPoints:
+    """The points of the cloud that a view sees and no other point hides.
+
+    row : of the view in the scene, if it is one of the scene's: then its own visibility decides, where it is known.
+    """
+    if row is None or cloud.seen_by is None:
+        return FrontPoints(*_seen(view, cloud.points), cloud.dense)
+    known = cloud.seen_by[row]
+    rows, pixels, depths = _seen(view, cloud.points[known])
+    return FrontPoints(known[rows], pixels, depths, cloud.dense)
 
 
 def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
     """Sparse and dense points of the scene with their colours."""
-    points = scene.points
+    points, step = scene.points, 1
     if scene.dense is not None:
         step = max(1, -(-len(scene.dense.points) // MAX_POINTS))
         points = np.concatenate([points, scene.dense.points[::step]])
@@ -81,7 +89,22 @@ def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
         count[seen] += 1
     with np.errstate(invalid="ignore"):
         colours = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)
-    return Cloud(points, colours.astype(np.float32), scene.dense is not None)
+    return Cloud(points, colours.astype(np.float32), scene.dense is not None, _visibility(scene, step))
+
+
+def _visibility(scene: Scene, step: int) -> tuple[IntArray, ...] | None:
+    """Rows of the cloud's points by view: the sparse observations, and every `step`-th dense point's own list."""
+    dense = scene.dense
+    if dense is None or dense.visible_offsets is None or dense.visible_views is None:
+        return None
+    counts = np.diff(dense.visible_offsets)
+    owner = np.repeat(np.arange(len(counts)), counts)
+    kept = owner % step == 0
+    owner, views = owner[kept] // step + len(scene.points), dense.visible_views[kept]
+    order = np.argsort(views, kind="stable")
+    starts = np.searchsorted(views[order], np.arange(len(scene.views) + 1))
+    rows = [owner[order[starts[k] : starts[k + 1]]] for k in range(len(scene.views))]
+    return tuple(np.unique(np.concatenate([v.point_index, r])) for v, r in zip(scene.views, rows, strict=True))
 
 
 def points_seen(scene: Scene, row: int, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:

@@ -1,0 +1,75 @@
+"""The frame of the exports: metres, +y up, the first object's foot at the origin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.records.scene import View
+from insertion.insert import Placed
+from insertion.scene.footage import Shot
+from metric_base.arrays import FloatArray
+
+__all__ = ["CameraKey", "MetricFrame", "camera_keys", "metric_frame", "object_matrix"]
+
+#: Frames per second of pictures without times.
+STILLS_RATE = 6.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MetricFrame:
+    """x_metric = scale * rotation @ (x_scene - origin); rotation : (3, 3), its second row is up."""
+
+    scale: float
+    rotation: FloatArray
+    origin: FloatArray
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """(n, 3) points of the scene in metres."""
+        return np.asarray(self.scale * (points - self.origin) @ self.rotation.T)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraKey:
+    """The camera of one picture.
+
+    matrix : (4, 4) camera to metric frame with OpenGL's axes (x right, y up, looking along -z), as glTF, USD, Blender
+    and nerfstudio have them.
+    """
+
+    name: str
+    time_s: float
+    matrix: FloatArray
+
+
+def metric_frame(objects: Sequence[Placed], metres_per_unit: float) -> MetricFrame:
+    """The frame about the first object."""
+    place = objects[0].place
+    one, two, up = place.basis
+    return MetricFrame(metres_per_unit, np.stack([one, up, -two]), place.position)
+
+
+def camera_keys(shots: Sequence[Shot], frame: MetricFrame) -> list[CameraKey]:
+    """The cameras of all pictures with a known pose."""
+    return [_key(shot, shot.view, frame) for shot in shots if shot.view is not None]
+
+
+def object_matrix(placed: Placed, frame: MetricFrame) -> FloatArray:
+    """(4, 4) from the model's file (its own metres) to the metric frame: turned, sized and moved."""
+    low, high = placed.model.bounds
+    foot = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
+    matrix = np.eye(4)
+    matrix[:3, :3] = placed.size.factor * frame.rotation @ placed.turn
+    matrix[:3, 3] = frame(placed.place.position[None])[0] - matrix[:3, :3] @ foot
+    return matrix
+
+
+def _key(shot: Shot, view: View, frame: MetricFrame) -> CameraKey:
+    matrix = np.eye(4)
+    # COLMAP's camera looks along +z with y down
+    matrix[:3, :3] = frame.rotation @ view.rotation.T @ np.diag([1.0, -1.0, -1.0])
+    matrix[:3, 3] = frame(view.centre[None])[0]
+    time_s = shot.index / STILLS_RATE if shot.time_s is None else shot.time_s
+    return CameraKey(shot.name, time_s, matrix)

@@ -1,0 +1,85 @@
+"""`--export DIR`: the insertion for other programs, everything at 1 unit = 1 m."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.outputs.rescaled import write_scaled
+from insertion.exports.gltf_scene import write_gltf_scene
+from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
+from insertion.exports.nerfstudio import write_transforms
+from insertion.insert import Placed
+from insertion.result import InsertionResult
+from insertion.scene.footage import Shot
+from insertion.stage import Stage
+from metric_base.arrays import FloatArray
+
+__all__ = ["LayerWriter", "write_exports"]
+
+
+def write_exports(
+    folder: Path, stage: Stage, objects: Sequence[Placed], results: Sequence[InsertionResult]
+) -> list[str]:
+    """Write into an existing folder; what could not be written, one line each.
+
+    `scene.glb`, `scene.usda` with `textures/`, `transforms.json`, `colmap/`, `insertion.json` and `scene.json`, which
+    `insertion/exports/blender_scene.py` reads.
+    """
+    frame = metric_frame(objects, stage.scale.metres_per_unit)
+    keys = camera_keys(stage.footage.shots, frame)
+    camera = next(shot.view.camera for shot in stage.footage.shots if shot.view is not None)
+    write_gltf_scene(folder / "scene.glb", objects, keys, camera, frame)
+    write_transforms(folder / "transforms.json", keys, camera, "pictures")
+    write_scaled(stage.scene, stage.scale.metres_per_unit, folder / "colmap")
+    records = [result.to_json() for result in results]
+    (folder / "insertion.json").write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
+    lens = {"model": camera.model, "width": camera.width, "height": camera.height, "params": camera.params.tolist()}
+    document: dict[str, Any] = {
+        "objects": [_object(item, object_matrix(item, frame)) for item in objects],
+        "camera": lens,
+        "keys": [{"name": key.name, "time_s": key.time_s, "matrix": key.matrix.tolist()} for key in keys],
+    }
+    (folder / "scene.json").write_text(json.dumps(document) + "\n", encoding="utf-8")
+    try:
+        from insertion.exports.usd_scene import write_usd_scene
+
+        write_usd_scene(folder / "scene.usda", objects, keys, camera, frame)
+    except ModuleNotFoundError:
+        return ["scene.usda is not written: pip install 'metric-tree[usd]'"]
+    return []
+
+
+def _object(item: Placed, matrix: FloatArray) -> dict[str, Any]:
+    return {"file": str(item.request.model.resolve()), "matrix": matrix.tolist()}
+
+
+class LayerWriter:
+    """The pictures that the object was drawn on, and of every frame its depth in millimetres and its masks."""
+
+    def __init__(self, folder: Path, metres_per_unit: float) -> None:
+        self._folder, self._millimetres = folder, 1000 * metres_per_unit
+        for name in ("pictures", "depth", "mask"):
+            (folder / name).mkdir()
+
+    def picture(self, shot: Shot, picture: NDArray[np.uint8]) -> None:
+        """Keep the picture as it was, under the name that `transforms.json` gives it."""
+        import cv2
+
+        file = self._folder / "pictures" / shot.name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(file), picture[..., ::-1])
+
+    def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
+        """Write one object's visible coverage (h, w), 0 to 255, and its depth (h, w), 16 bits, 0 where it is not."""
+        import cv2
+
+        stem = f"{Path(shot.name).stem}_{number}.png"
+        cv2.imwrite(str(self._folder / "mask" / stem), np.rint(255 * alpha).astype(np.uint8))
+        deep = np.nan_to_num(depth * self._millimetres, nan=0.0)
+        cv2.imwrite(str(self._folder / "depth" / stem), np.clip(np.rint(deep), 0, 65535).astype(np.uint16))

@@ -1,0 +1,106 @@
+"""The exports say where the camera and the object are, in metres."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insertion.exports.gltf_scene import write_gltf_scene
+from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
+from insertion.exports.nerfstudio import write_transforms
+from insertion.exports.usd_scene import write_usd_scene
+from insertion.insert import Placed, place_objects
+from insertion.request import ObjectRequest
+from insertion.stage import Stage
+from tests.made.insertions import film_room, stage_of, write_glb
+from tests.made.rooms.shapes import solid
+
+HEIGHT = 0.8
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[Stage, Placed]:
+    room = film_room("bedroom", 1001, tmp_path_factory.mktemp("room"), views=4)
+    stage = stage_of(room)
+    model = write_glb(solid("chair", np.array([0.4, 0.4, HEIGHT])), room.folder / "chair.glb")
+    return stage, place_objects(stage, [ObjectRequest(model, facing=30.0)])[0]
+
+
+def _pixel(matrix: np.ndarray, focal: float, centre: tuple[float, float], point: np.ndarray) -> np.ndarray:
+    """A point of the metric frame through an OpenGL camera."""
+    local = np.linalg.inv(matrix) @ np.append(point, 1.0)
+    return np.array([centre[0] + focal * local[0] / -local[2], centre[1] - focal * local[1] / -local[2]])
+
+
+def test_a_metric_camera_sees_the_foot_where_the_scene_does(scene: tuple[Stage, Placed]) -> None:
+    stage, placed = scene
+    frame = metric_frame([placed], stage.scale.metres_per_unit)
+    for shot, key in zip(stage.footage.shots, camera_keys(stage.footage.shots, frame), strict=True):
+        view = shot.view
+        assert view is not None
+        local = view.rotation @ placed.place.position + view.translation
+        pixel = view.camera.params[0] * local[:2] / local[2] + view.camera.params[2:]
+        top = placed.place.position + placed.place.basis[2] * HEIGHT / stage.scale.metres_per_unit
+        assert _pixel(key.matrix, 500.0, (320.0, 240.0), np.zeros(3)) == pytest.approx(pixel, abs=1e-6)
+        assert frame(top[None])[0] == pytest.approx([0, HEIGHT, 0], abs=1e-9)
+
+
+def test_the_model_has_its_metres(scene: tuple[Stage, Placed]) -> None:
+    stage, placed = scene
+    matrix = object_matrix(placed, metric_frame([placed], stage.scale.metres_per_unit))
+    corners = np.concatenate([part.vertices for part in placed.model.parts]) @ matrix[:3, :3].T + matrix[:3, 3]
+    assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
+    assert corners[:, 1].min() == pytest.approx(0, abs=1e-6)
+    assert corners[:, 1].max() == pytest.approx(HEIGHT, abs=1e-5)
+
+
+def test_glb_has_an_animated_camera(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+    import trimesh
+
+    stage, placed = scene
+    frame = metric_frame([placed], stage.scale.metres_per_unit)
+    keys = camera_keys(stage.footage.shots, frame)
+    write_gltf_scene(tmp_path / "scene.glb", [placed], keys, stage.scene.views[0].camera, frame)
+    data = (tmp_path / "scene.glb").read_bytes()
+    header = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
+    assert header["cameras"][0]["perspective"]["yfov"] == pytest.approx(2 * np.arctan(240 / 500))
+    assert header["accessors"][header["animations"][0]["samplers"][0]["input"]]["count"] == len(keys)
+    extents = trimesh.load_scene(tmp_path / "scene.glb").extents
+    assert extents[1] == pytest.approx(HEIGHT, rel=1e-4)
+
+
+def test_usd_has_the_same_camera(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+    pxr = pytest.importorskip("pxr", reason="usd-core is not installed")
+    from pxr import Usd, UsdGeom
+
+    assert pxr is not None
+    stage, placed = scene
+    frame = metric_frame([placed], stage.scale.metres_per_unit)
+    keys = camera_keys(stage.footage.shots, frame)
+    write_usd_scene(tmp_path / "scene.usda", [placed], keys, stage.scene.views[0].camera, frame)
+    usd = Usd.Stage.Open(str(tmp_path / "scene.usda"))
+    assert UsdGeom.GetStageMetersPerUnit(usd) == 1.0
+    camera = UsdGeom.Xformable(usd.GetPrimAtPath("/World/camera"))
+    for key in keys:
+        matrix = np.array(camera.ComputeLocalToWorldTransform(key.time_s * 1000)).T
+        assert matrix == pytest.approx(key.matrix, abs=1e-9)
+    bounds = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"]).ComputeWorldBound(
+        usd.GetPrimAtPath("/World/object0")
+    )
+    assert bounds.ComputeAlignedRange().GetSize()[1] == pytest.approx(HEIGHT, rel=1e-4)
+
+
+def test_nerfstudio_counts_pixels_from_the_first_centre(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+    stage, placed = scene
+    keys = camera_keys(stage.footage.shots, metric_frame([placed], stage.scale.metres_per_unit))
+    write_transforms(tmp_path / "transforms.json", keys, stage.scene.views[0].camera, "pictures")
+    document = json.loads((tmp_path / "transforms.json").read_text())
+    assert (document["cx"], document["cy"], document["fl_x"]) == (319.5, 239.5, 500.0)
+    for frame, key in zip(document["frames"], keys, strict=True):
+        matrix = np.array(frame["transform_matrix"])
+        assert matrix[2, 3] == pytest.approx(key.matrix[1, 3])  # height along +z
+        assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)

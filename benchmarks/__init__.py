@@ -1,0 +1,1 @@
+"""Benchmarks: speed, accuracy, growth. Each is a command; none is a test."""

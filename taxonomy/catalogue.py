@@ -38,6 +38,7 @@ _LABELLING_LISTS = ("coco_80", "lvis_v1", "openimages_601", "objects365_v2", "su
 
 _LEAVES = ("node_id", "name", "parent_id", "hypernym", "pose", "dims", "aliases", "placed_by")
 _SYNSETS = ("synset", "parents", "lemmas")
+_ALIASES = ("node_id", "alias", "action")
 
 
 class Concepts(Protocol):
@@ -63,6 +64,14 @@ class Leaf:
     aliases: tuple[str, ...] = ()
     #: `rule` (the nearest kind) or `reader`.
     placed_by: str = "rule"
+
+
+@dataclass(frozen=True, slots=True)
+class ReviewedAliases:
+    """Aliases by node that a reviewer added (`added`), or that lead astray and were dropped (`dropped`)."""
+
+    added: Mapping[str, tuple[str, ...]]
+    dropped: Mapping[str, tuple[str, ...]]
 
 
 class SynsetTable:
@@ -103,6 +112,7 @@ class Catalogue:
     successors : ids that are gone, or synsets that mean the same thing, and the node that replaces each
     inserted : reviewed insertions, for their aliases
     labels : what detectors call a node.
+    reviewed : aliases that a reviewer added, and those of WordNet that a reviewer dropped, by node
     """
 
     def __init__(
@@ -113,6 +123,7 @@ class Catalogue:
         successors: Mapping[str, str] | None = None,
         inserted: Mapping[str, Insertion] | None = None,
         labels: Mapping[str, tuple[str, ...]] | None = None,
+        reviewed: ReviewedAliases | None = None,
     ) -> None:
         self.levels = levels
         self.leaves = {leaf.node_id: leaf for leaf in sorted(leaves, key=lambda leaf: leaf.node_id)}
@@ -120,6 +131,7 @@ class Catalogue:
         self._words = words
         self._inserted = dict(inserted or {})
         self._labels = dict(labels or {})
+        self._reviewed = reviewed or ReviewedAliases({}, {})
         for leaf in self.leaves.values():
             if leaf.parent_id not in {kind.node_id for kind in levels.kinds} or leaf.node_id in levels.nodes:
                 raise BadLevels(f"leaf {leaf.node_id}: expected a new id under a kind; found {leaf.parent_id!r}")
@@ -160,7 +172,13 @@ class Catalogue:
             if (kind := self.levels.kind_of(concept, words.hypernyms(concept)))
         ]
         return Catalogue(
-            self.levels, (*self.leaves.values(), *fresh), self._words, self.successors, self._inserted, self._labels
+            self.levels,
+            (*self.leaves.values(), *fresh),
+            self._words,
+            self.successors,
+            self._inserted,
+            self._labels,
+            self._reviewed,
         )
 
     @cached_property
@@ -228,8 +246,10 @@ class Catalogue:
     def _aliases(self, node_id: str, name: str, further: tuple[str, ...]) -> tuple[str, ...]:
         merged = (word for old, new in self.successors.items() if new == node_id for word in self._words.lemmas(old))
         inserted = self._inserted[node_id].aliases if node_id in self._inserted else ()
-        words = (*self._words.lemmas(node_id), *inserted, *further, *self._labels.get(node_id, ()), *merged)
-        return tuple(word for word in dict.fromkeys(words) if word.casefold() != name.casefold())
+        added = self._reviewed.added.get(node_id, ())
+        words = (*self._words.lemmas(node_id), *inserted, *further, *self._labels.get(node_id, ()), *merged, *added)
+        unwanted = {name.casefold(), *(word.casefold() for word in self._reviewed.dropped.get(node_id, ()))}
+        return tuple(word for word in dict.fromkeys(words) if word.casefold() not in unwanted)
 
 
 @cache
@@ -250,7 +270,25 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
     leaves = [_leaf(row, where) for where, row in table_rows(folder / "leaves.csv", _LEAVES)]
     inserted = insertions(folder / "insertions.jsonl")
     levels = frozen_levels(folder / "levels.csv")
-    return Catalogue(levels, leaves, words, replaced_ids(folder), inserted, _labels(directory))
+    return Catalogue(levels, leaves, words, replaced_ids(folder), inserted, _labels(directory), _reviewed(folder))
+
+
+def _reviewed(folder: Path) -> ReviewedAliases:
+    """The table `aliases.csv`; a folder without it has no reviewed aliases.
+
+    Raises
+    ------
+    BadLevels
+        An action that is neither `add` nor `drop`.
+    """
+    by_action: dict[str, dict[str, list[str]]] = {"add": {}, "drop": {}}
+    file = folder / "aliases.csv"
+    for where, row in table_rows(file, _ALIASES) if file.is_file() else ():
+        if row["action"] not in by_action:
+            raise BadLevels(f"{where}: action: expected add or drop; found {row['action']!r}")
+        by_action[row["action"]].setdefault(row["node_id"], []).append(row["alias"])
+    added, dropped = ({node: tuple(words) for node, words in rows.items()} for rows in by_action.values())
+    return ReviewedAliases(added, dropped)
 
 
 def _labels(directory: Path | None) -> dict[str, tuple[str, ...]]:

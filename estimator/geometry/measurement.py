@@ -13,6 +13,7 @@ import numpy as np
 from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.association.tracks import Track, incremental_tracks, shared_tracks
 from estimator.geometry.noise import depth_noise, sight_moment
+from estimator.geometry.own_frame import SortedScene, sorted_scene
 from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
 from estimator.geometry.standing import stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
@@ -70,9 +71,24 @@ class Measurements:
 def measure_objects(
     scene: Scene, instances: Sequence[Instance], options: MeasurementOptions | None = None
 ) -> Measurements:
-    """The objects of a scene in scene units, one for every track, by labels, tracks, up, planes and dimensions."""
+    """The objects of a scene in scene units, one for every track, by labels, tracks, up, planes and dimensions.
+
+    A copy of the scene in another frame or order gives the same, but for rounding (`own_frame`). ValueError for a scene
+    without views.
+    """
     options = options or MeasurementOptions()
     timings: dict[str, float] = {}
+    with _stopwatch(timings, "order"):
+        # Algorithm 1 goes through the frames as they were taken
+        world = sorted_scene(scene, instances, keep_views=options.association == "incremental")
+    inner = _measure(world.scene, world.instances, options, timings)
+    return _in_world(inner, world, timings, options)
+
+
+def _measure(
+    scene: Scene, instances: Sequence[Instance], options: MeasurementOptions, timings: dict[str, float]
+) -> Measurements:
+    """The measurements of a sorted scene, in its own frame."""
     with _stopwatch(timings, "labels"):
         clouds = [sparse_labels(scene, instances)]
         if options.dense and scene.dense is not None:
@@ -96,7 +112,7 @@ def measure_objects(
     with _stopwatch(timings, "noise"):
         noise = [depth_noise(scene.views, cloud) for cloud in clouds]
     with _stopwatch(timings, "dimensions"):
-        eyes = np.array([-view.rotation.T @ view.translation for view in scene.views])
+        eyes = np.array([view.centre for view in scene.views])
         seen_from = [eyes[_views_of(track, instances)] for track in tracks]
         shapes = _shapes(clouds, votes, noise, seen_from, basis, options)
     with _stopwatch(timings, "truncation"):
@@ -106,9 +122,27 @@ def measure_objects(
         sides = [_sides(track, shape, instances, outlines, around) for track, shape in zip(tracks, shapes, strict=True)]
     with _stopwatch(timings, "supports"):
         objects = tuple(
-            _object(str(number + 1), track, shape, seen, instances, ground, basis, up, options)
-            for number, (track, shape, seen) in enumerate(zip(tracks, shapes, sides, strict=True))
+            _object(track, shape, seen, instances, ground, basis, up, options)
+            for track, shape, seen in zip(tracks, shapes, sides, strict=True)
         )
+    return Measurements(objects, up, planes, tracks)
+
+
+def _in_world(
+    inner: Measurements, world: SortedScene, timings: dict[str, float], options: MeasurementOptions
+) -> Measurements:
+    """Measurements of the own frame in the world, in the order of the given masks."""
+    clouds = {"sparse": world.points, "dense": world.dense}
+    pairs = []
+    for track, thing in zip(inner.tracks, inner.objects, strict=True):
+        members = tuple(sorted(int(world.rows[member]) for member in track.members))
+        box = None if thing.box is None else world.frame.world_box(thing.box)
+        own = None if thing.point_rows is None else np.sort(clouds[thing.cloud][thing.point_rows])
+        pairs.append((Track(members, track.category), replace(thing, members=members, box=box, point_rows=own)))
+    pairs.sort(key=lambda pair: pair[0].members)
+    up, planes = world.frame.world_up(inner.up), tuple(world.frame.world_plane(plane) for plane in inner.planes)
+    objects = tuple(replace(thing, id=str(number + 1)) for number, (_, thing) in enumerate(pairs))
+    tracks = tuple(track for track, _ in pairs)
     return Measurements(objects, up, planes, tracks, timings, _warnings(up, planes, options))
 
 
@@ -182,7 +216,6 @@ def _sides(
 
 
 def _object(
-    name: str,
     track: Track,
     shape: _Shape,
     sides: Sides | None,
@@ -195,7 +228,7 @@ def _object(
     """One object as the posterior takes it."""
     masks = [instances[row] for row in track.members]
     record = MeasuredObject(
-        id=name,
+        id="",
         category=track.category,
         extents=np.full(3, np.nan),
         sigma=np.full(3, np.nan),

@@ -46,6 +46,8 @@ BELOW_FLOOR_SHARE = 0.05
 BELIEVED_SIGMAS = 3.0
 # The window about a plane cuts a tilted surface short, so each fit goes part of the way.
 ROUNDS = 12
+# Beyond this part along x a vertical counts as near the x axis.
+NEAR_X = 0.9
 # A peak twice as sharp outweighs a tilt of two and a half standard deviations.
 BELIEF_WEIGHT = 0.2
 
@@ -74,9 +76,13 @@ class SupportPlane:
 
 
 def level_basis(up: FloatArray) -> FloatArray:
-    """(3, 3) right-handed rows: two horizontal unit axes, then `up`."""
-    seed = np.eye(3)[int(np.abs(up).argmin())]
-    one = np.cross(seed, up)
+    """(3, 3) right-handed rows: two horizontal unit axes, then the unit vector `up` (3,).
+
+    The first is the x axis without its part along `up`, or the y axis where up is near x: no jump near any vertical of
+    a frame whose z is up.
+    """
+    seed = np.array([1.0, 0, 0]) if abs(up[0]) < NEAR_X else np.array([0, 1.0, 0])
+    one = seed - (seed @ up) * up
     one /= np.linalg.norm(one)
     return np.stack([one, np.cross(up, one), up])
 

@@ -1,0 +1,51 @@
+"""Two masks on one thing in one picture: the better one stays, or none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from estimator.association.duplicates import distinct_rows, overlap
+from estimator.records.scene import Instance
+
+
+def mask(x, y, width, height, category="chair", score=0.9, view=0):
+    return Instance("1", view, category, np.ones((height, width), dtype=bool), (x, y), score)
+
+
+def test_the_better_of_two_masks_stays():
+    assert distinct_rows([mask(0, 0, 20, 20, score=0.6), mask(1, 0, 20, 20, score=0.9)]).tolist() == [1]
+
+
+def test_of_equal_masks_the_first_stays():
+    assert distinct_rows([mask(0, 0, 20, 20), mask(0, 0, 20, 20)]).tolist() == [0]
+
+
+def test_of_two_names_with_equal_scores_neither_stays():
+    assert distinct_rows([mask(0, 0, 20, 20), mask(0, 0, 20, 20, "couch")]).tolist() == []
+
+
+def test_of_two_names_the_surer_one_stays():
+    assert distinct_rows([mask(0, 0, 20, 20), mask(0, 0, 20, 20, "couch", 0.95)]).tolist() == [1]
+
+
+@pytest.mark.parametrize("other", [mask(15, 0, 20, 20), mask(5, 5, 8, 8, "cup"), mask(0, 0, 20, 20, view=1)])
+def test_neighbours_parts_and_other_pictures_stay(other):
+    assert distinct_rows([mask(0, 0, 20, 20), other]).tolist() == [0, 1]
+
+
+@given(st.tuples(*[st.integers(0, 12)] * 2), st.tuples(*[st.integers(1, 12)] * 2))
+def test_overlap_is_symmetric_and_right_for_rectangles(place, size):
+    one, two = mask(3, 4, 8, 6), mask(*place, *size)
+    whole = np.zeros((2, 40, 40), dtype=bool)
+    for image, thing in zip(whole, (one, two), strict=True):
+        (x, y), (height, width) = thing.origin, thing.mask.shape
+        image[y : y + height, x : x + width] = True
+    assert overlap(one, two) == overlap(two, one) == (whole[0] & whole[1]).sum() / (whole[0] | whole[1]).sum()
+
+
+def test_empty_masks_overlap_nothing():
+    empty = replace(mask(0, 0, 4, 4), mask=np.zeros((4, 4), dtype=bool))
+    assert overlap(empty, empty) == 0

@@ -1,0 +1,210 @@
+"""A made video from file to scale by the real command, killed at every stage; poses and scale held to the truth."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from estimator.capture.frame_poses import read_frame_poses
+from estimator.command import main
+from estimator.reading import read_scene
+from metric_base.arrays import FloatArray
+from tests.made.rooms.masks import coco_dataset
+from tests.made.rooms.render import NoOpenGL
+from tests.made.rooms.similarity import similarity_between
+from tests.made.rooms.world import Pinhole, Pose
+from tests.made.videos import Lens, filmed, orbit, room, times_of, write_video
+
+LENS = Lens(320, 240, 250.0, k=-0.06)
+FRAMES = 36
+#: A third of the frames is reconstructed from, so that the others have to be localised.
+CHOSEN = 14
+COMMAND = "import sys; from estimator.command import main; sys.exit(main(sys.argv[1:]))"
+STAGES = ("frames", "features", "matches", "model", "poses")
+
+
+@dataclass(frozen=True)
+class Film:
+    """A made video with its truth."""
+
+    file: Path
+    instances: Path
+    times: FloatArray
+    poses: tuple[Pose, ...]
+
+
+@pytest.fixture(scope="module")
+def film(tmp_path_factory: pytest.TempPathFactory) -> Film:
+    """Filmed upright, stored turned, with variable frame rate and a lens that distorts."""
+    folder = tmp_path_factory.mktemp("film")
+    world = room("sitting room", 7, orbit(2.05, FRAMES, 7, degrees=50.0))
+    try:
+        frames = list(filmed(world, LENS))
+    except NoOpenGL as fault:
+        pytest.skip(str(fault))
+    times = times_of(FRAMES, variable=True)
+    write_video(folder / "room.mp4", [frame.colour for frame in frames], times, turned_deg=90)
+    seen = replace(world, camera=Pinhole(LENS.width, LENS.height, LENS.focal))
+    names = [f"{k:06d}.jpg" for k in range(FRAMES)]
+    (folder / "things.json").write_text(json.dumps(coco_dataset(seen, [frame.ids for frame in frames], names)))
+    return Film(folder / "room.mp4", folder / "things.json", times, tuple(frame.pose for frame in frames))
+
+
+@pytest.fixture(scope="module")
+def work(film: Film, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The work folder of a run that was killed with SIGKILL as each stage began, and then left alone."""
+    folder = tmp_path_factory.mktemp("work") / "w"
+    command = [sys.executable, "-c", COMMAND, *_words(film, folder)]
+    for stage in STAGES:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        _wait_for(process, folder / f".{stage}.part")
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert not (folder / "stamps" / f"{stage}.json").exists()
+    assert main(_words(film, folder)) == 0
+    return folder
+
+
+def _words(film: Film, folder: Path) -> list[str]:
+    words = [film.file, "--work", folder, "--instances", film.instances, "--frames", CHOSEN, "--json"]
+    return [str(word) for word in words]
+
+
+def _wait_for(process: subprocess.Popen[bytes], place: Path) -> None:
+    until = time.monotonic() + 120
+    while not place.exists():
+        assert process.poll() is None, f"it ended before {place.name}"
+        assert time.monotonic() < until, f"{place.name} never came"
+        time.sleep(0.005)
+
+
+def test_nothing_is_made_twice_and_nothing_is_left_over(film: Film, work: Path) -> None:
+    stamps = {file.name: file.stat().st_mtime_ns for file in (work / "stamps").iterdir()}
+    assert set(stamps) == {f"{stage}.json" for stage in (*STAGES, "instances")}
+    assert main(_words(film, work)) == 0
+    assert {file.name: file.stat().st_mtime_ns for file in (work / "stamps").iterdir()} == stamps
+    assert [entry for entry in work.iterdir() if entry.name.endswith(".part")] == []
+    expected = {"frames", "frames.json", "sparse", "frame_poses.json", "instances.json", "result.json"}
+    assert expected <= {entry.name for entry in work.iterdir()}
+
+
+def test_times_size_and_rotation_are_the_videos(film: Film, work: Path) -> None:
+    frames = json.loads((work / "frames.json").read_text())
+    assert (frames["size"], frames["turned_deg"]) == ([LENS.width, LENS.height], 90)
+    np.testing.assert_allclose(frames["times_s"], film.times, atol=1e-4)
+    assert len(frames["chosen"]) == CHOSEN == len(list((work / "frames").iterdir()))
+
+
+def test_every_frame_has_its_pose(film: Film, work: Path) -> None:
+    """Camera centres within 4 mm of the truth over a path of 1.8 m, and projections within a pixel."""
+    poses = read_frame_poses(work)
+    assert [pose.index for pose in poses.frames] == list(range(FRAMES))
+    np.testing.assert_allclose([pose.time_s for pose in poses.frames if pose.time_s is not None], film.times, atol=1e-4)
+    origins = [pose.origin for pose in poses.frames]
+    assert (origins.count("reconstructed"), origins.count("localised")) == (CHOSEN, FRAMES - CHOSEN)
+    assert max(pose.check_px for pose in poses.frames if pose.check_px is not None) < 1.0
+    centres = np.array([pose.centre for pose in poses.frames])
+    true = np.array([pose.centre for pose in film.poses])
+    to_scene = similarity_between(true, centres)
+    error = np.linalg.norm(to_scene.inverse(centres) - true, axis=1)
+    assert error.max() < 0.004
+    turns = [
+        pose.rotation @ to_scene.rotation @ truth.rotation.T
+        for pose, truth in zip(poses.frames, film.poses, strict=True)
+        if pose.rotation is not None
+    ]
+    assert np.degrees(Rotation.from_matrix(np.array(turns)).magnitude()).max() < 0.25
+    assert poses.camera is not None
+    assert poses.camera.params[0] == pytest.approx(LENS.focal, rel=0.01)
+    assert poses.camera.params[3] == pytest.approx(LENS.k, abs=0.02)
+
+
+def test_the_scale_is_true(film: Film, work: Path) -> None:
+    result = json.loads((work / "result.json").read_text())
+    assert (result["schema"], result["status"]) == ("metric-tree/scale/1", "resolved")
+    scene = read_scene(work)
+    centres = np.array([view.centre for view in scene.views])
+    true = np.array([film.poses[int(Path(view.name).stem)].centre for view in scene.views])
+    metres_per_unit = 1 / similarity_between(true, centres).scale
+    assert result["interval"]["low"] < metres_per_unit < result["interval"]["high"]
+    assert result["scale"] == pytest.approx(metres_per_unit, rel=0.25)
+
+
+def test_colmap_reads_the_model(work: Path) -> None:
+    code = (
+        "import zlib, pycolmap, sys; model = pycolmap.Reconstruction(sys.argv[1]);"
+        "print(model.num_reg_images(), all(point.color.any() for point in list(model.points3D.values())[:50]))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(work / "sparse" / "0")], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == [str(CHOSEN), "True"]
+
+
+def test_another_number_of_frames_is_another_reconstruction(film: Film, work: Path, tmp_path: Path) -> None:
+    import shutil
+
+    shutil.copytree(work, tmp_path / "w")
+    words = [str(word) for word in (film.file, "--work", tmp_path / "w", "--frames", 5, "--json")]
+    assert main(words) == 3  # five frames are refused, whatever stood in the folder before
+    assert not (tmp_path / "w" / "sparse").exists()
+
+
+def test_a_folder_of_its_frames_is_a_folder_of_pictures(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without instances the command says in one line what is missing; everything before is kept."""
+    import shutil
+
+    shutil.copytree(work / "frames", tmp_path / "pictures")
+    status = main([str(tmp_path / "pictures"), "--work", str(tmp_path / "w"), "--json"])
+    captured = capsys.readouterr()
+    assert (status, captured.out) == (2, "")
+    (line,) = captured.err.splitlines()
+    assert "--instances FILE, --detector MODEL, or --draw" in line
+    poses = read_frame_poses(tmp_path / "w")
+    assert [pose.origin for pose in poses.frames] == ["reconstructed"] * CHOSEN
+    assert [pose.time_s for pose in poses.frames] == [None] * CHOSEN
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["room.mp4"], "--work"),
+        (["room.mp4", "--work", "w", "--frames", "1"], "--frames"),
+        (["room.mp4", "--work", "w", "--focal", "-3"], "--focal"),
+        (["room.mp4", "--work", "w", "--camera-model", "BOX"], "--camera-model"),
+        (["empty.mp4", "--work", "w"], "empty.mp4: video"),
+        (["none.mp4", "--work", "w"], "none.mp4: video"),
+    ],
+)
+def test_what_does_not_fit_is_named(
+    film: Film,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    words: list[str],
+    told: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("room.mp4").symlink_to(film.file)
+    Path("empty.mp4").write_bytes(b"")
+    assert main(words) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert told in captured.err
+    assert len(captured.err.splitlines()) == 1
+
+
+def test_capture_options_belong_to_captures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["data/scenes/demo_room", "--work", str(tmp_path)]) == 2
+    assert "--work: expected a video or a folder of pictures as SCENE" in capsys.readouterr().err

@@ -1,0 +1,118 @@
+"""The work folder: stages are made once, again when an input changed, and never half."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from estimator.capture.work_folder import WorkFolder, content_digest
+from metric_base.faults import InputFault
+
+#: Two stages, the second from the first; `KILL` names the moment at which the process kills itself.
+SCRIPT = """
+import os, signal, sys
+from pathlib import Path
+from estimator.capture import work_folder
+from estimator.capture.work_folder import WorkFolder
+
+moment, text = sys.argv[2], sys.argv[3]
+seen = {"publish": 0}
+
+def die(now):
+    if now == moment:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+publish = work_folder._publish
+def counted(made, place):
+    die(f"before output {seen['publish']}")
+    publish(made, place)
+    seen["publish"] += 1
+    die(f"after output {seen['publish'] - 1}")
+work_folder._publish = counted
+
+def first(part):
+    print("first is made")
+    (part / "folder").mkdir()
+    die("within first")
+    (part / "folder" / "a.txt").write_text(text)
+    (part / "b.txt").write_text(text * 2)
+
+def second(part):
+    print("second is made")
+    (part / "c.txt").write_text((work.path / "folder" / "a.txt").read_text() + "!")
+    die("within second")
+
+work = WorkFolder(Path(sys.argv[1]))
+with work.locked():
+    digest = work.stage("first", {"text": text}, ["folder", "b.txt"], first)
+    work.stage("second", {"first": digest}, ["c.txt"], second)
+"""
+MOMENTS = ["within first", "before output 0", "after output 0", "after output 1", "within second", "after output 2"]
+
+
+def _run(folder: Path, moment: str, text: str) -> tuple[int, list[str]]:
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT, str(folder), moment, text], capture_output=True, text=True, check=False
+    )
+    return done.returncode, done.stdout.splitlines()
+
+
+def _content(folder: Path) -> dict[str, str]:
+    files = [folder / "folder" / "a.txt", folder / "b.txt", folder / "c.txt"]
+    return {file.name: file.read_text() for file in files if file.exists()}
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_kill_at_any_moment_leaves_whole_outputs_or_none(tmp_path: Path, moment: str) -> None:
+    _run(tmp_path / "w", "never", "old")
+    status, _ = _run(tmp_path / "w", moment, "new")
+    assert status == -signal.SIGKILL
+    between = _content(tmp_path / "w")
+    assert set(between.values()) <= {"old", "oldold", "old!", "new", "newnew", "new!"}
+    assert _run(tmp_path / "w", "never", "new")[0] == 0
+    assert _content(tmp_path / "w") == {"a.txt": "new", "b.txt": "newnew", "c.txt": "new!"}
+    assert sorted(entry.name for entry in (tmp_path / "w").iterdir()) == [".lock", "b.txt", "c.txt", "folder", "stamps"]
+    assert sorted(entry.name for entry in (tmp_path / "w" / "stamps").iterdir()) == ["first.json", "second.json"]
+
+
+def test_a_stage_is_made_once_and_again_when_its_input_or_output_changed(tmp_path: Path) -> None:
+    both = ["first is made", "second is made"]
+    assert _run(tmp_path, "never", "x") == (0, both)
+    assert _run(tmp_path, "never", "x") == (0, [])
+    assert _run(tmp_path, "never", "y") == (0, both)
+    (tmp_path / "c.txt").unlink()
+    assert _run(tmp_path, "never", "y") == (0, ["second is made"])
+    (tmp_path / "b.txt").unlink()
+    assert _run(tmp_path, "never", "y") == (0, ["first is made"])  # made the same again, so that what follows stands
+    (tmp_path / "stamps" / "first.json").write_text("{")
+    assert _run(tmp_path, "never", "y") == (0, ["first is made"])
+
+
+def test_one_run_at_a_time(tmp_path: Path) -> None:
+    one, two = WorkFolder(tmp_path / "w"), WorkFolder(tmp_path / "w")
+    with one.locked(), pytest.raises(InputFault, match="in use by another run"), two.locked():
+        pass
+    with two.locked():
+        pass
+
+
+def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
+    (tmp_path / "w").write_text("")
+    with pytest.raises(InputFault, match="--work"), WorkFolder(tmp_path / "w").locked():
+        pass
+
+
+def test_a_digest_is_of_names_and_bytes(tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "x").write_bytes(b"1")
+    before = content_digest(tmp_path / "a")
+    (tmp_path / "a" / "x").rename(tmp_path / "a" / "y")
+    assert content_digest(tmp_path / "a") != before
+    (tmp_path / "a" / "y").rename(tmp_path / "a" / "x")
+    assert content_digest(tmp_path / "a") == before
+    (tmp_path / "a" / "x").write_bytes(b"2")
+    assert content_digest(tmp_path / "a") != before

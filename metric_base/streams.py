@@ -11,7 +11,7 @@ from typing import TextIO
 
 __all__ = ["flush_or_silence", "make_streams_forgiving"]
 
-#: What stands for a sign of ours in an encoding that lacks it; everything else is written as an escape.
+#: A replacement for each of our signs in an encoding that lacks it; anything else is written as an escape.
 PLAIN = {"×": "x", "±": "+-", "–": "-", "−": "-", "…": "...", "→": "->", "≤": "<=", "≥": ">=", "°": " deg", "─": "-"}
 _HANDLER = "metric-base-plain"
 

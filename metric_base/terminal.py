@@ -82,7 +82,7 @@ def output_file(path: Path, option: str = "--out") -> Path:
     Raises
     ------
     InputFault
-        A folder bears the name, or there is no folder to write it in.
+        The path is a folder, or the folder to write it in does not exist.
     """
     if path.is_dir():
         raise InputFault(f"{option}: expected a file; found the folder {path}")

@@ -85,7 +85,7 @@ def collect_pictures(files: Sequence[Path], items: pa.Table, folder: Path) -> Ga
 
 
 def image_path(release: Path, row: Mapping[str, Any], column: str = "path") -> Path | None:
-    """The file of a row's picture (or `cutout_path`), None where there is none or where it leads out of the release."""
+    """The file of a row's picture (or `cutout_path`), or None if there is none inside the release."""
     if row[column] is None:
         return None
     path = (release / row[column]).resolve()

@@ -10,7 +10,7 @@ from crawler.items import RawItem
 
 __all__ = ["Category", "Match", "Pose", "Taxonomy"]
 
-#: Ordinary pose: `upright` stands with its height vertical, `flat` lies on its largest face, `any` has none.
+#: Ordinary pose: `upright` has its height vertical, `flat` rests on its largest face, `any` has no ordinary pose.
 Pose = Literal["upright", "flat", "any"]
 
 
@@ -32,7 +32,7 @@ class Category:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """The category of an item: `node_id` of a leaf, or None; `score` 0 to 1; `reason` for a reader."""
+    """The category of an item: `node_id` of a leaf, or None; `score` 0 to 1; `reason` for a reviewer."""
 
     node_id: str | None
     score: float

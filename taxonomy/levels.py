@@ -2,7 +2,7 @@
 
 A synset belongs to the nearest of its WordNet hypernyms that a kind (level 4) claims, itself first. Distance is counted
 in steps over all paths, and WordNet's own order breaks a tie, so that a place depends on the synset alone and never on
-what came in before it. What no kind claims waits for a reader.
+what came in before it. What no kind claims waits for a reviewer.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def frozen_levels(path: Path | None = None) -> Levels:
 
 @cache
 def replaced_ids(directory: Path | None = None) -> Mapping[str, str]:
-    """Ids that are gone, or synsets that mean the same thing, with the node that stands for each (`successors.csv`).
+    """Ids that are gone, or synsets that mean the same thing, with the node that replaced each (`successors.csv`).
 
     Raises
     ------

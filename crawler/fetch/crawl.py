@@ -20,7 +20,7 @@ from metric_base.faults import InputFault
 
 __all__ = ["Crawl", "Summary", "run_crawl"]
 
-#: Seconds between two writes of segments: what a reader of a running crawl waits for at most.
+#: Seconds between two writes of segments: the longest wait for the items of a running crawl.
 SEGMENT_SECONDS = 60.0
 
 #: Seconds after which another worker takes up a page, for crawls of sites that answer fast.

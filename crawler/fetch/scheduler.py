@@ -167,7 +167,7 @@ class CommitMiddleware:
             self._count("pictures", new, url)
             return
         self._count("items", new, url)
-        if outcome.is_whole(new):  # what is left over is no duplicate: whoever resumes fetches the page again
+        if outcome.is_whole(new):  # the rest is not a duplicate: a resumed crawl fetches the page again
             self._count("dropped/duplicate", len(outcome.items) - new, url)
         self._count("pages", 1, url)
         self._accept(new)

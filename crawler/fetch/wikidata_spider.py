@@ -118,7 +118,7 @@ class WikidataSpider(scrapy.Spider):
             yield self._page(last)
 
     def _page(self, offset: int) -> scrapy.Request:
-        # The offset stands in the query; it is repeated in the address because an answer does not say which page it is.
+        # The offset is in the query; it is repeated in the address because an answer does not say which page it is.
         return scrapy.Request(
             f"{self._endpoint}?format=json&query={quote(query(self._class, offset))}&offset={offset}",
             callback=self.parse,

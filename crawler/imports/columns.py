@@ -14,7 +14,7 @@ __all__ = ["FIELD", "MissingColumn", "expect_columns"]
 #: A column in a template, with its filter: `{brand}`, `{title|head}`.
 FIELD = re.compile(r"\{([^{}|]+)(?:\|(\w+))?\}")
 
-#: What stands for a column in every table.
+#: Names that mean a column in every table.
 _GIVEN = frozenset({"file", "row"})
 
 

@@ -160,7 +160,7 @@ class Table:
     id: str = "{file}-{row}"
     title: str = ""
     category: tuple[str, ...] = ()
-    #: What parts a breadcrumb that stands in one column, ` | `.
+    #: What separates the parts of a breadcrumb in one column, ` | `.
     category_separator: str = ""
     brand: str = ""
     url: str = ""

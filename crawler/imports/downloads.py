@@ -26,7 +26,7 @@ _PUBLIC = ".public"
 
 
 class NoInput(InputFault):
-    """The files of a source are neither at hand nor to be had."""
+    """The files of a source are neither here nor available for download."""
 
 
 def download(source: Source) -> Path:
@@ -70,7 +70,7 @@ def _store(source: Source) -> Any:
 
 
 def _keep(file: SourceFile, store: Any) -> None:
-    """See that the file lies in the cache with its sha256, downloaded if it does not."""
+    """Put the file into the cache, with the right sha256, unless it is there already."""
     if file.form == "same":
         store.fetch(file.path)
         return

@@ -19,7 +19,7 @@ columns are read, its traps and what is done about each. `crawler/imports/source
 those of a plain table. Where `--input` is missing, a source's files are downloaded, checked against their sha256 and
 cached; the last table says of which sources that holds, and what to fetch and to pass by `--input` for the others.
 
-What is known of the terms of crawled sites stands in [SITES.md](SITES.md).
+The terms of crawled sites, as far as they are known, are in [SITES.md](SITES.md).
 
 This page, and the raw items under `data/raw` whose terms allow to give them on, are made by
 

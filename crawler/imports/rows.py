@@ -54,7 +54,7 @@ def record_rows(table: Table, folder: Path) -> Iterator[Row]:
     Raises
     ------
     BadTable
-        There is none, or one of them is no JSON.
+        There is none, or one of them is not JSON.
     """
     paths = sorted(folder.glob(table.records)) if table.records and folder.is_dir() else []
     if not paths:
@@ -152,7 +152,7 @@ def _excel_text(cell: object) -> str:
 
 
 def _records(tree: Any, each: str) -> Iterator[Row]:
-    """The records that the path `each` reaches (`records/*`); the keys passed stand in `key`, `key2`, ..."""
+    """The records that the path `each` reaches (`records/*`); the keys on the way are in `key`, `key2`, ..."""
     reached: list[tuple[tuple[str, ...], Any]] = [((), tree)]
     for step in each.split("/") if each else []:
         if step == "*":

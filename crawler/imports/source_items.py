@@ -17,7 +17,7 @@ from crawler.items import RawItem
 
 __all__ = ["SAMPLED", "Import", "import_items", "readings"]
 
-#: Flag of items that stand for a larger set from which they were drawn.
+#: Flag of items that are a sample of a larger set.
 SAMPLED = "sampled"
 
 

@@ -45,7 +45,7 @@ class UnknownSource(BadDeclaration):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceFile:
-    """One file of a source: path in the source's folder, sha256 of the file read here, where it is to be had.
+    """One file of a source: path in the source's folder, sha256 of the file read here, where it is available.
 
     `form` says how the file is made of what lies at `url`; the sha256 is of what was made. `url` is empty where no
     public file yields it (`note` says how it was made): such a file cannot be downloaded and verified.
@@ -99,7 +99,7 @@ class Source:
     per_category: int | None = None
     #: Whether identical items (category, title, brand, sizes) become one with a count.
     collapse: bool = True
-    #: Whether a title is one thing: of several sizes under one title the middle one by volume stands for all.
+    #: Whether a title is one thing: of several sizes under one title the middle one by volume is taken for all.
     one_per_title: bool = False
 
     def __post_init__(self) -> None:

@@ -50,7 +50,7 @@ HAS_DIGIT = re.compile("[0-9¼½¾⅓-⅞]")
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """A label and what stands beside it; `section` is the heading above, `container` tells rows of one table."""
+    """A label and the value beside it; `section` is the heading above, `container` tells rows of one table."""
 
     label: str
     value: str

@@ -126,7 +126,7 @@ def web_address(url: str, field: str) -> str:
     Raises
     ------
     BadPage
-        The scheme is another than http and https, no host is named, or a blank stands in it.
+        The scheme is another than http and https, no host is named, or it has a blank.
     """
     try:
         parts = urlsplit(url)

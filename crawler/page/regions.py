@@ -60,7 +60,7 @@ class Regions:
         return known
 
     def is_elsewhere(self, element: Element) -> bool:
-        """Whether an element stands in a region of other products, opinions or navigation."""
+        """Whether an element is in a region of other products, opinions or navigation."""
         line = []
         here = element
         while here is not None and here not in self._elsewhere:

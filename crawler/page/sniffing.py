@@ -1,4 +1,4 @@
-"""What a file holds that was said to be a web page and is none."""
+"""What a file really holds that should be a web page and is not."""
 
 from __future__ import annotations
 

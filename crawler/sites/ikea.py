@@ -1,4 +1,4 @@
-"""IKEA: product numbers in the address; everything else stands in its structured data."""
+"""IKEA: product numbers in the address; everything else is in its structured data."""
 
 from crawler.sites.site import Site
 

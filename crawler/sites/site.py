@@ -25,7 +25,7 @@ class Site:
     templates : addresses to begin with, with `{query}` or `{category}` to be filled in.
     id : a regular expression on the address whose first group is the site's own id of the product.
     category, images : XPaths that yield texts and addresses; title, brand : XPaths of an element or text.
-    listed_order : the order of axes (`L x W x H`) of sizes that stand beside links on listing pages; empty where
+    listed_order : the order of axes (`L x W x H`) of sizes beside links on listing pages; empty where
         listings state none.
     pictures : a regular expression of the pictures' addresses that the site's terms allow to store; None where they
         allow none: then the links alone are kept. `data/sources/SITES.md` says why.

@@ -1,4 +1,4 @@
-"""Wayfair: overall, seat and base sizes stand in one definition list; the common reader keeps them apart."""
+"""Wayfair: overall, seat and base sizes are in one definition list; the common reader keeps them apart."""
 
 from crawler.sites.site import Site
 

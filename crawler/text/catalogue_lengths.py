@@ -1,6 +1,6 @@
 """Lengths in the cells of tables and in museum texts: `12 1/4 x 3 in (31 x 8 cm)`, `H: 4,5 cm; Diam. 3`, `5 ft 11 in`.
 
-A small reader for texts that hold little but lengths; free prose of web pages is another reader's work.
+A small reader for texts that hold little but lengths; `sizes` reads the free prose of web pages.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ _SPACES = re.compile(r"[\s\u00a0\u202f']")
 
 
 def number(text: str, decimal: Decimal = None) -> float | None:
-    """The number that `text` is, or None where it is none.
+    """The number that `text` is, or None if it is not a number.
 
     With `decimal` None a single comma before exactly three digits parts thousands (`1,234`), any other comma
     decimals (`33,5`), and a single point always decimals.

@@ -1,7 +1,7 @@
 """Free text to labelled lengths: `43'' H X 27'' W X 28'' D`, `Dimensões (LxAxP): 48,6 x 29,2 x 40,5 cm`.
 
 The text is read as groups: lengths joined by `x` or following each other with axis words. A group that a word calls a
-package, a part or a weight is kept apart from the whole. Nothing is guessed: a group without a unit is no size.
+package, a part or a weight is kept apart from the whole. Nothing is guessed: a group without a unit is not a size.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
 
 
 def names_unit(text: str) -> bool:
-    """Whether a text may name a unit of length; where neither text nor label does, there is no size."""
+    """Whether a text may name a unit of length; if neither text nor label names one, there is no size."""
     return bool(_UNIT.search(text))
 
 

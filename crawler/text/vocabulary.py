@@ -1,4 +1,4 @@
-"""Words of product pages in seven languages: axes, whole and part, package, what is no size at all.
+"""Words of product pages in seven languages: axes, whole and part, package, what is not a size.
 
 English, German, French, Italian, Spanish, Portuguese, Dutch. All words are in small letters without accents
 (`plain`), so that a page that drops its accents reads the same.
@@ -137,7 +137,7 @@ _WHOLE = re.compile(
     r")\b"
 )
 
-#: Parts of things, and what is measured beside the thing: their sizes never stand for the whole.
+#: Parts of things, and what is measured beside the thing: their sizes are never the size of the whole.
 _COMPONENT = re.compile(
     r"\b("
     r"seat\w*|arm\w*|foot ?(rest|board)s?|head ?(rest|board)s?|back ?(rest|plate|height|width|panel)?|backplate"

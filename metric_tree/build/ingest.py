@@ -130,7 +130,7 @@ def blocks(files: Iterable[Path]) -> Iterator[Block]:
 
 
 def block_of(items: Iterable[RawItem], name: str) -> Block:
-    """A block of items that stand in no raw file."""
+    """A block of items that are in no raw file."""
     return Block(name, 1, tuple(item.line().encode() for item in items))
 
 

@@ -8,7 +8,7 @@
 
 Steps 1, 2 and 4 are pure functions over an executor: this process, processes, or a Dask cluster. What they return is
 kept in a work folder until the release is published. The same input gives the same release to the byte, whatever the
-executor; the date is told from outside.
+executor; the caller gives the date.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from metric_base.terminal import exit_status, version
 
 __all__ = ["VERBS", "main", "parser_of"]
 
-#: Verb to module; what each does stands in its `HELP` and, in one line, here for the overview.
+#: Verb to module; `HELP` says what each does; this table has one line for the overview.
 VERBS = {
     "query": "a category: path, counts, sizes, prior",
     "list": "the available releases",
@@ -22,7 +22,7 @@ VERBS = {
     "crawl": "run a spider into a raw-item data set",
     "import": "an open data set into raw items",
     "build": "raw items to a release",
-    "review": "what waits for a reader; record a decision",
+    "review": "what waits for a reviewer; record a decision",
     "validate": "every rule of a release",
     "report": "a readable page about a release",
     "select": "the categories fit for segmentation and scale",

@@ -85,7 +85,7 @@ def _list(arguments: argparse.Namespace) -> None:
 
 
 def _unsettled_words(raw: Iterable[str]) -> Counter[tuple[str, str, str | None, str]]:
-    """Items by (source, words, concept below the threshold, rule) that the matcher leaves to a reader."""
+    """Items by (source, words, concept below the threshold, rule) that the matcher leaves to a reviewer."""
     from metric_tree.build.ingest import blocks, items_of, raw_files
     from taxonomy.matching.matcher import default_matcher
 

@@ -17,7 +17,7 @@ from metric_tree.cutouts.backend import RGB, Foreground
 
 __all__ = ["MODELS", "Network", "has_weights"]
 
-#: Open models that rembg knows, by name, with the licence of their weights. rembg's own default is none of them.
+#: Open models that rembg knows, by name, with the licence of their weights. rembg's own default is not one of them.
 MODELS = {"u2net": "Apache-2.0", "u2netp": "Apache-2.0", "isnet-general-use": "Apache-2.0", "silueta": "Apache-2.0"}
 
 #: Where rembg looks for weights; a custom file must lie inside it.
@@ -38,7 +38,7 @@ class Network:
         Raises
         ------
         InputFault
-            No such model or file, no network graph in it, or weights that are neither at hand nor to be had.
+            No such model or file, no network graph in it, or weights that are neither here nor available for download.
         """
         _check(model)
         rembg = _rembg()

@@ -2,7 +2,8 @@
 
 A release is never changed once published, so cutting publishes another. Each picture gives one row of
 `cutouts.parquet` and, unless it is set aside, one PNG with transparency, cropped to its box, whose alpha is the mask:
-`cutouts/aa/<sha256 of the picture>.png`. What is done lies in a work folder until then; an interrupted run takes it up.
+`cutouts/aa/<sha256 of the picture>.png`.
+Finished work waits in a work folder until then; an interrupted run continues from it.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ STRONG = frozenset({"product", "measured", "standard"})
 #: Kinds that are sizes of things one can put a rule to; a museum's are real, if rare or old.
 PHYSICAL = STRONG | {"museum"}
 
-#: Sets of kinds by which a release is counted; a curated range is none of them.
+#: Sets of kinds by which a release is counted; a curated range is not one of them.
 EVIDENCE = {"any": frozenset(KIND_WEIGHT) - {"curated"}, "physical": PHYSICAL, "strong": STRONG}
 
 #: With so many strong rows a class needs no other: three statuettes called `man` must not pull at the sizes of people.

@@ -18,7 +18,7 @@ from metric_tree.prior import Prior
 __all__ = ["belief_of", "commonness", "inner_priors", "reduce_mixture"]
 
 #: Rows that the parent's covariance counts in a child. Spreads of siblings are alike (a factor 1.5 or so between them),
-#: which is what a sample of about eight rows tells of a spread.
+#: which is how well a sample of about eight rows shows a spread.
 COVARIANCE_ROWS = 8.0
 
 #: Bounds on the rows that the parent's mean counts: siblings differ by far more than one class spreads, so that it is a

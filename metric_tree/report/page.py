@@ -42,7 +42,7 @@ from taxonomy.label_lists import vocabularies
 
 __all__ = ["page"]
 
-#: Rows of a table in which the reader looks for the worst.
+#: Rows of a table in which a person looks for the worst.
 SHOWN = 20
 
 #: Findings of one code that are shown: enough to see what it is about.

@@ -1,4 +1,4 @@
-"""ADE20K in the forms in which it is given out, told apart by what lies in the folder.
+"""ADE20K in all its published forms; the files in the folder show which form it is.
 
 | form | beside `<name>.jpg` | reader |
 |---|---|---|
@@ -6,7 +6,7 @@
 | full sets of 2016 and 2017 | `<name>_atr.txt`, `<name>_seg.png` | `ade20k_attributes` |
 | instance challenge of 2017 | `annotations_instance/*/<name>.png` (pictures: `images/*/`) | `ade20k_challenge` |
 
-The index of a full set (`index_ade20k.pkl`, `.mat`) repeats what stands beside the pictures and is not read: a pickle
+The index of a full set (`index_ade20k.pkl`, `.mat`) repeats the files beside the pictures and is not read: a pickle
 from elsewhere may run code. The scene parsing challenge's `annotations/` hold classes without instances: of two chairs
 side by side nobody can tell one from the other, so they are refused with the place where the instances are.
 """

@@ -43,7 +43,7 @@ def picture(file: Path) -> AnnotatedPicture:
     Raises
     ------
     BadAnnotations
-        It is no picture of three channels, or a class is none of the hundred.
+        The picture does not have three channels, or a class is not one of the hundred.
     """
     coded = coded_picture(file)
     classes, instances = coded[:, :, 0], coded[:, :, 1]

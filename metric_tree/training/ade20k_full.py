@@ -74,7 +74,7 @@ def _draw(polygon: dict[str, list[float]], size: tuple[int, int]) -> BoolArray:
 
 
 def _classes(file: Path, size: tuple[int, int]) -> NDArray[np.int64] | None:
-    """(h, w) class numbers of the picture of classes, or None where there is none."""
+    """(h, w) class numbers of the picture of classes, or None if there is no such picture."""
     path = file.with_name(f"{file.stem}_seg.png")
     if not path.is_file():
         return None

@@ -43,7 +43,7 @@ class Classes:
         return len(self.nodes)
 
     def of_node(self, node: Node | None) -> int | None:
-        """The class of a node: its own, or that of the chosen node above it; None where there is none."""
+        """The class of a node: its own, or that of the chosen node above it; None if no such node is chosen."""
         for one in [] if node is None else [node, *_above(node)]:
             if one.node_id in self._id:
                 return self._id[one.node_id]

@@ -185,7 +185,7 @@ def _visible(layers: list[_Layer], size: tuple[int, int]) -> tuple[Labels, list[
 
 
 def _window(layer: _Layer, size: tuple[int, int]) -> tuple[Picture, tuple[slice, slice]]:
-    """The part of a layer that lies in the picture, and where."""
+    """The part of a layer inside the picture, and its place."""
     h, w = layer.pixels.shape[:2]
     top, left = max(-layer.y, 0), max(-layer.x, 0)
     bottom, right = max(min(h, size[0] - layer.y), top), max(min(w, size[1] - layer.x), left)

@@ -78,7 +78,7 @@ def export_dataset(
     if out.exists():
         raise InputFault(f"{out}: expected a free path for a new data set; found something there")
     summary = Summary()
-    matched = list(_matching_pictures(others, classes, plan))  # first: a damaged file is told before the long work
+    matched = list(_matching_pictures(others, classes, plan))  # first: a damaged file is reported before the long work
     with _whole_folder(out) as work:
         parts: dict[str, list[tuple[dict[str, Any], list[dict[str, Any]]]]] = {split: [] for split in SPLITS}
         for split, image, annotations in progress(_made_pictures(work, cutouts, plan), plan.pictures if cutouts else 0):
@@ -266,7 +266,7 @@ def _whole_folder(out: Path) -> Iterator[Path]:
 
 
 def background_files(folder: Path) -> tuple[Path, ...]:
-    """The pictures of a folder, in the order of their paths; InputFault where there is none."""
+    """The pictures of a folder, in the order of their paths; InputFault if there are none."""
     files = tuple(path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES)
     if not files:
         raise InputFault(f"{folder}: expected pictures to paste on; found none")

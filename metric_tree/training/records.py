@@ -1,4 +1,4 @@
-"""What the readers of other data sets hand over, whatever their form: pictures with named masks."""
+"""What every reader of another data set returns: pictures with named masks."""
 
 from __future__ import annotations
 

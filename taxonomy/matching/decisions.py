@@ -199,7 +199,7 @@ def _by_subject(given: Iterable[Decision]) -> dict[tuple[str, str], dict[str, De
 
 
 def _settled(read: Sequence[Decision]) -> Decision | None:
-    """The decision that at least two reviewers share; with three different ones there is none."""
+    """The decision that at least two reviewers share, or None."""
     shares = Counter(decision.decision for decision in read)
     return next((decision for decision in read if shares[decision.decision] >= _READERS), None)
 

@@ -11,7 +11,7 @@ from metric_base.folders import taxonomy_directory
 
 __all__ = ["THRESHOLD", "Finding", "believed_reliability", "measured_reliability", "no_concept", "reliabilities"]
 
-#: Matches that are right less often than this wait for a reader. The target is 0.95 over all matches; a rule at
+#: Matches that are right less often than this wait for a reviewer. The target is 0.95 over all matches; a rule at
 #: 0.8 is still worth its coverage because most matches come from rules above 0.95 (docs/explanation/matching.md).
 THRESHOLD = 0.8
 
@@ -44,7 +44,7 @@ class Finding:
 
     @property
     def settled(self) -> bool:
-        """Whether no reviewer is needed: a concept above the threshold, or a decision that there is none."""
+        """Whether no reviewer is needed: a concept above the threshold, or a decision that there is no concept."""
         return self.score >= THRESHOLD
 
 

@@ -61,7 +61,7 @@ class Matcher:
     def finding(
         self, source: str, category_path: tuple[str, ...], title: str = "", synset: str | None = None
     ) -> Finding:
-        """The concept of an item, or why there is none.
+        """The concept of an item, or the reason why it has no concept.
 
         A reviewer's decision counts first, then the synset that the source itself names, then a whole class of the
         source (a museum's paintings), then the words.

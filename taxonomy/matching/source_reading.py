@@ -49,7 +49,7 @@ def readings(path: Path | None = None) -> Mapping[str, Reading]:
     Raises
     ------
     BadReading
-        A field that is none, an unknown domain or unknown words.
+        An unknown field, domain or word.
     """
     file = path or taxonomy_directory() / _FILE
     table = tomllib.loads(file.read_text(encoding="utf-8"))

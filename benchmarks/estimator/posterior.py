@@ -20,7 +20,7 @@ import numpy as np
 
 import metric_tree
 from benchmarks.estimator.simulation import Knobs, simulated, world
-from estimator.posterior.likelihood import Evidence
+from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import posterior
 
 __all__ = ["main", "milliseconds"]
@@ -31,7 +31,7 @@ COUNTS = (5, 20, 50, 200)
 TARGET_OBJECTS, TARGET_MS = 50, 2.0
 
 
-def milliseconds(evidence: Sequence[Evidence], runs: int) -> tuple[float, float]:
+def milliseconds(evidence: Sequence[ObjectEvidence], runs: int) -> tuple[float, float]:
     """Best and median milliseconds of the posterior; the first run, which fills the tables, does not count."""
     posterior(evidence)
     times = []
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for cut in (0.0, 0.2):
             knobs = Knobs(objects=count, cut=cut)
             _, objects = simulated(classes, knobs, np.random.default_rng(options.seed))
-            evidence = [Evidence(item, classes.priors[said], classes.nodes[said].pose) for said, item in objects]
+            evidence = [ObjectEvidence(item, classes.priors[said], classes.nodes[said].pose) for said, item in objects]
             best, median = milliseconds(evidence, options.runs)
             kinds = len({said for said, _ in objects})
             print(f"{count:>7} {cut:>5.0%} {kinds:>7} {best:>8.2f} {median:>9.2f}", flush=True)

@@ -30,7 +30,7 @@ import metric_tree
 from estimator.baselines.candidates import candidate_scales, estimate_on
 from estimator.baselines.paper import ETA, Mixture, fit_mixture
 from estimator.posterior.class_error import shared_error
-from estimator.posterior.likelihood import Evidence
+from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import Estimate, posterior
 from estimator.records.measured_object import MeasuredObject
 from metric_base.arrays import FloatArray
@@ -227,7 +227,9 @@ def _measured(
 def _estimate(world: World, objects: Sequence[tuple[int, MeasuredObject]], method: str) -> Estimate:
     if method in {"default", "height"}:
         priors = world.priors if method == "default" else world.heights
-        return posterior([Evidence(item, priors[said], world.nodes[said].pose) for said, item in objects], level=LEVEL)
+        return posterior(
+            [ObjectEvidence(item, priors[said], world.nodes[said].pose) for said, item in objects], level=LEVEL
+        )
     terms = []
     for said, item in objects:
         axes = np.flatnonzero(item.confidence >= ETA) if method == "paper" else np.arange(3)

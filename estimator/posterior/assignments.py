@@ -80,6 +80,15 @@ class Variants:
     log_weight: FloatArray
     gross: BoolArray
 
+    def of_reading(self, vertical: int) -> Variants:
+        """The variants whose vertical is this measured extent, as the distribution given that; all if there is none."""
+        chosen = self.measured[:, 2] == vertical
+        if not chosen.any():
+            return self
+        parts = (self.measured, self.active, self.shift, self.variance, self.log_weight, self.gross)
+        measured, active, shift, variance, log_weight, gross = (part[chosen] for part in parts)
+        return Variants(measured, active, shift, variance, log_weight + math.log(3), gross)
+
 
 @lru_cache(maxsize=1024)
 def variants(layout: Layout) -> Variants:

@@ -31,10 +31,10 @@ from numpy.typing import NDArray
 from estimator.posterior.axes import prior_axes
 from estimator.posterior.components import Rows
 from estimator.posterior.symmetric import dot, product, total
-from metric_base.arrays import FloatArray, IntArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.prior import Prior
 
-__all__ = ["NODES", "NODE_WEIGHTS", "Lines", "SharedError", "convolution", "lines", "shared_error"]
+__all__ = ["NODES", "NODE_WEIGHTS", "Lines", "SharedError", "convolution", "lines", "shared_error", "split_error"]
 
 #: Radon's seven-point rule for the standard Gaussian in the plane: exact for polynomials of degree 5.
 _ANGLES = np.arange(6) * np.pi / 3
@@ -70,6 +70,14 @@ class Lines:
     offset: FloatArray
     log_weight: FloatArray
 
+    def middle(self) -> Lines:
+        """The middle node's alone."""
+        return Lines(self.direction, self.offset[:, :1], self.log_weight[:, :1])
+
+    def of(self, kept: BoolArray) -> Lines:
+        """The lines of the classes of a mask (c,)."""
+        return Lines(self.direction[:, kept], self.offset[:, :, kept], self.log_weight[:, :, kept])
+
     def along(self, middle: FloatArray, half: FloatArray) -> Lines:
         """The same lines as functions of t, u' = middle + half t; middle, half : (c,)."""
         a, b, c = self.log_weight
@@ -81,9 +89,12 @@ class Lines:
 @lru_cache(maxsize=4096)
 def shared_error(prior: Prior) -> SharedError:
     """The shared error of a prior's class, floored, on the axes of `rows`."""
-    axes = prior_axes(prior)
+    return split_error(prior.disagreement(), prior_axes(prior))
+
+
+def split_error(b: FloatArray, axes: IntArray) -> SharedError:
+    """The shared error of covariance b (d, d) on the places `axes` (d,), split along 1 and across it."""
     d = len(axes)
-    b = prior.disagreement()  # (d, d)
     along = 1.0 / np.linalg.inv(b).sum()
     values, vectors = np.linalg.eigh(b - along)
     across = (vectors * np.sqrt(np.maximum(values, 0)))[:, ::-1][:, : min(d - 1, 2)]  # (d, d - 1)
@@ -93,7 +104,7 @@ def shared_error(prior: Prior) -> SharedError:
     return SharedError(covariance, float(np.sqrt(along)), padded)
 
 
-def lines(rows: Rows, group: IntArray, across: FloatArray) -> Lines:
+def lines(rows: Rows, group: IntArray, across: FloatArray, power: FloatArray) -> Lines:
     """The nodes' lines of c classes.
 
     Parameters
@@ -101,6 +112,7 @@ def lines(rows: Rows, group: IntArray, across: FloatArray) -> Lines:
     rows : components of the objects
     group : (m,) class of each row
     across : (c, 3, 2) U of each class
+    power : (m,) exponent of each row's object in the product
 
     Returns
     -------
@@ -109,7 +121,7 @@ def lines(rows: Rows, group: IntArray, across: FloatArray) -> Lines:
     """
     columns = across.transpose(1, 2, 0)  # (3, 2, c)
     share = _shares(rows, columns.take(group, axis=2))  # (m,)
-    weighted = rows.columns[[*range(6), *range(9, 12)]] * (share * TRUST)  # (9, m) Lam and Lam r
+    weighted = rows.columns[[*range(6), *range(9, 12)]] * (share * power * TRUST)  # (9, m) Lam and Lam r
     sums = weighted @ (group[:, None] == np.arange(len(across)))  # (9, c) L and h
     turned = product(sums[:6], columns)  # L U
     p00, p11 = 1 + dot(columns, turned)  # (c,)

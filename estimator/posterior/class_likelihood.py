@@ -10,17 +10,29 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.posterior.class_error import Lines, SharedError, convolution, lines
+from estimator.posterior.class_error import Lines, convolution, lines
 from estimator.posterior.components import Rows
+from estimator.posterior.sameness import READINGS, Hypothesis
 from estimator.posterior.symmetric import dot, product
-from metric_base.arrays import FloatArray, IntArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["ClassTerms", "joint_classes", "line_density", "single_classes"]
+__all__ = ["EFFECTIVE_OBJECTS", "JointTerms", "LoneTerms", "Ways", "joint_classes", "line_density", "lone_classes"]
+
+#: The objects of one class speak as this many at most. A prior is an approximation, and what n objects say of it grows
+#: with n, right or wrong: beyond this the product is taken to the power EFFECTIVE_OBJECTS / n (the coarsened posterior
+#: of Miller and Dunson 2019, with a bound).
+EFFECTIVE_OBJECTS = 25
+
+#: A hypothesis with this much less evidence (natural log) than the likeliest of its class is left out.
+IMPLAUSIBLE = 12.0
+
+#: Which of the sorted extents is the vertical one is not learned from more objects than this.
+READING_OBJECTS = 3
 
 
 #: Points of a class's own grid over u' = u less the part of its error along 1. The product of many objects is narrow:
 #: the class's own grid spans where it matters and no more.
-OWN_POINTS, MOST_OWN_POINTS = 64, 512
+OWN_POINTS, MOST_OWN_POINTS = 48, 512
 
 #: Step of the own grid in standard deviations of the kernel at most: the sum is then exact to 1e-4.
 KERNEL_STEPS = 1.5
@@ -30,80 +42,180 @@ DEEP = 25.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ClassTerms:
-    """Some classes' log likelihoods (c, g), and what the weights of their n objects need.
+class LoneTerms:
+    """Classes of one object each: log_likelihood (c, g) and the probability of an outlier at each scale (c, g)."""
 
-    outlier : (n, j, h) probability of being an outlier at each node and point of the own grid (j = 1 and h = g for
-    lone objects); class_of : (n,) row of its class. Of classes with a shared error: log_node : (c, j, h) log mass of
-    each node at u'; kernel : (c, g, h) density of u under u' over its peak.
-    """
-
-    classes: IntArray
     log_likelihood: FloatArray
     outlier: FloatArray
-    class_of: IntArray
-    log_node: FloatArray | None = None
-    kernel: NDArray[np.float32] | None = None
 
     def weights(self, mass: FloatArray) -> FloatArray:
-        """(n,) probability that each object is not an outlier under the posterior `mass` (g,)."""
-        if self.log_node is None or self.kernel is None:
-            return np.asarray(1 - self.outlier[:, 0] @ mass)
-        # the posterior less this class, seen from u'; where there is no mass the quotient means nothing
+        """(c,) probability that each object is not an outlier under the posterior `mass` (g,)."""
+        return np.asarray(1 - self.outlier @ mass)
+
+
+def lone_classes(components: Rows, u: FloatArray) -> LoneTerms:
+    """Classes of one object each; `components` hold the class error in their covariances."""
+    floor = np.exp(components.log_floor)[:, None]
+    density = line_density(components, u) + floor  # (n, g)
+    return LoneTerms(np.log(density), floor / density)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ways:
+    """The w hypotheses of several classes, and the e entries that the classes' objects make under them.
+
+    group : (w,) row of the class, rising; count : (w,) objects of that class; entry : (e,) hypothesis of each entry;
+    start : (n,) first entry of each object. The entries of an object are its class's hypotheses in order.
+    """
+
+    hypotheses: Sequence[Hypothesis]
+    group: IntArray
+    count: IntArray
+    entry: IntArray
+    start: IntArray
+
+    @property
+    def power(self) -> FloatArray:
+        """(w,) exponent of the product of a class's objects: what many objects say saturates."""
+        return np.minimum(1.0, EFFECTIVE_OBJECTS / self.count)
+
+    @property
+    def along_sd(self) -> FloatArray:
+        """(w,) standard deviation of the shared error along 1."""
+        return np.array([way.error.along_sd for way in self.hypotheses])
+
+    @property
+    def readings(self) -> IntArray:
+        """(w,) the reading of each, -1 without."""
+        return np.array([way.reading for way in self.hypotheses])
+
+    def of(self, kept: BoolArray) -> Ways:
+        """Those of a mask (w,) that leaves every class one."""
+        chosen = kept[self.entry]
+        numbers = np.cumsum(kept) - 1
+        before = np.append(0, np.cumsum(chosen))
+        rest = [way for way, keep in zip(self.hypotheses, kept.tolist(), strict=True) if keep]
+        return Ways(rest, self.group[kept], self.count[kept], numbers[self.entry[chosen]], before[self.start])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointTerms:
+    """Classes of several objects: log_likelihood (c, g), and what the weights of their n objects need.
+
+    log_node : (w, j, h) log mass of each node at u' on the hypothesis's own grid; kernel : (w, g, h) density of u
+    under u' over its peak; outlier : (e, j, h) probability of each entry's being one.
+    """
+
+    log_likelihood: FloatArray
+    ways: Ways
+    log_node: FloatArray
+    kernel: NDArray[np.float32]
+    outlier: NDArray[np.float32]
+
+    def weights(self, mass: FloatArray) -> FloatArray:
+        """(n,) probability that each object is what its label says, under the posterior `mass` (g,)."""
+        group, entry = self.ways.group, self.ways.entry
+        foreign = np.array([way.foreign for way in self.ways.hypotheses])
+        # the posterior less the class, seen from u'; where there is no mass the quotient means nothing
         relative = np.maximum(self.log_likelihood - self.log_likelihood.max(axis=1, keepdims=True), -600)
         others = np.where(mass > 1e-12 * mass.max(), mass / np.exp(relative), 0.0)  # (c, g)
         others /= others.max(axis=1, keepdims=True)
-        at_own = (others.astype(np.float32)[:, None, :] @ self.kernel)[:, 0]  # (c, h)
-        joint = np.exp(self.log_node - self.log_node.max(axis=(1, 2), keepdims=True)) * at_own[:, None, :]
-        total = joint.sum(axis=(1, 2), keepdims=True)
+        at_own = (others.astype(np.float32)[group][:, None, :] @ self.kernel)[:, 0]  # (w, h)
+        first = np.flatnonzero(np.diff(group, prepend=-1))
+        top = np.maximum.reduceat(self.log_node.max(axis=(1, 2)), first)[group]
+        joint = np.exp(self.log_node - top[:, None, None]) * at_own[:, None, :]
+        total = np.add.reduceat(joint.sum(axis=(1, 2)), first)[group]
         seen = total > 0  # a known length so far off that no node sees it: all of the class are outliers
-        joint /= np.where(seen, total, 1.0)
-        joint = joint.astype(np.float32)[self.class_of]
-        weight = 1 - (self.outlier * joint).sum(axis=(1, 2))
-        return np.asarray(np.where(seen[self.class_of, 0, 0], weight, 0.0), dtype=float)
+        joint = (joint / np.where(seen, total, 1.0)[:, None, None]).astype(np.float32)
+        believed = (joint.sum(axis=(1, 2)) * ~foreign)[entry]
+        doubted = (self.outlier * joint[entry]).sum(axis=(1, 2)) * ~foreign[entry]
+        return np.asarray(np.add.reduceat(believed - doubted, self.ways.start), dtype=float).clip(0.0, 1.0)
 
 
-def single_classes(components: Rows, group: IntArray, u: FloatArray) -> ClassTerms:
-    """Classes of one object each; `components` hold the class error in their covariances, group (n,) is the class."""
-    floor = np.exp(components.log_floor)[:, None]
-    density = line_density(components, u) + floor  # (n, g)
-    return ClassTerms(group, np.log(density), (floor / density)[:, None, :], np.arange(len(group)))
+def joint_classes(components: Rows, ways: Ways, u: FloatArray) -> JointTerms:
+    """Classes of several objects under their hypotheses, integrated over what their objects share.
 
-
-def joint_classes(components: Rows, group: IntArray, errors: Sequence[SharedError], u: FloatArray) -> ClassTerms:
-    """Classes of several objects, integrated over their shared errors: group (n,) is the class, errors its B.
+    Parameters
+    ----------
+    components : of every entry of `ways`
+    u : (g,) grid
 
     With v = u' a - b on the line of a node, each component is the exponential of a quadratic in u'. The middle node
-    on the common grid u (g,) shows where each class's product matters; there all nodes are evaluated.
+    on the common grid shows where each hypothesis's product matters, and which hypotheses do; there all nodes are
+    evaluated.
     """
-    classes, first, class_of = np.unique(group, return_index=True, return_inverse=True)
-    nodes = lines(components, class_of[components.object], np.array([errors[i].across for i in first]))
-    middle_node = Lines(nodes.direction, nodes.offset[:, :1], nodes.log_weight[:, :1])
-    log_first, _ = _log_products(components, middle_node, class_of, np.broadcast_to(u, (len(classes), len(u))))
-    middle, half = _spans(log_first[:, 0], u)  # (c,)
-    along_sd = np.array([errors[i].along_sd for i in first])
+    of_row = ways.entry[components.object]
+    nodes = lines(components, of_row, np.array([way.error.across for way in ways.hypotheses]), ways.power[of_row])
+    common = np.broadcast_to(u, (len(ways.hypotheses), len(u)))
+    log_first = _log_products(components, nodes.middle(), ways, common)[0][:, 0]  # (w, g)
+    middle, half = _spans(log_first, u)  # (w,)
+    kept = _plausible(ways, log_first.max(axis=1), half)
+    if not kept.all():
+        components, ways, nodes = components.of(np.flatnonzero(kept[ways.entry])), ways.of(kept), nodes.of(kept)
+        middle, half = middle[kept], half[kept]
+    along_sd = ways.along_sd
     needed = math.ceil(float((2 * half / (KERNEL_STEPS * along_sd)).max()))
-    own = middle[:, None] + half[:, None] * _unit_powers(min(max(OWN_POINTS, needed), MOST_OWN_POINTS))[1]  # (c, h)
-    log_node, outlier = _log_products(components, nodes, class_of, own)
-    top = log_node.max(axis=(1, 2))[:, None]  # (c, 1)
-    value = np.exp(log_node - top[:, None]).sum(axis=1)  # (c, h)
+    own = middle[:, None] + half[:, None] * _unit_powers(min(max(OWN_POINTS, needed), MOST_OWN_POINTS))[1]  # (w, h)
+    log_node, outlier = _log_products(components, nodes, ways, own)
+    log_node += np.array([way.log_weight for way in ways.hypotheses])[:, None, None]
+    top = log_node.max(axis=(1, 2))[:, None]  # (w, 1)
+    value = np.exp(log_node - top[:, None]).sum(axis=1)  # (w, h)
     smooth, kernel = convolution(value, own, u, along_sd)
-    return ClassTerms(classes, np.log(np.maximum(smooth, 1e-300)) + top, outlier, class_of, log_node, kernel)
+    log_way = np.log(np.maximum(smooth, 1e-300)) + top  # (w, g)
+    correction = _reading_correction(ways, log_way)
+    # what a node weighs in the convolution: its mass, its step, the height of its kernel
+    log_node += (correction + np.log((own[:, 1] - own[:, 0]) / along_sd))[:, None, None]
+    return JointTerms(_log_sums(log_way + correction[:, None], ways.group), ways, log_node, kernel, outlier)
+
+
+def _plausible(ways: Ways, top: FloatArray, half: FloatArray) -> BoolArray:
+    """(w,) hypotheses that are not far less likely than the likeliest of their class and reading.
+
+    top : (w,) log of the product's peak at the middle node; half : (w,) half width of where it matters. The shared
+    error spreads a narrow product out, which lowers its peak by about the ratio of their widths.
+    """
+    weight = np.array([way.log_weight for way in ways.hypotheses])
+    evidence = top + weight + np.log(np.minimum(1.0, half / (3 * ways.along_sd)))
+    group = ways.group * (len(READINGS) + 1) + ways.readings + 1
+    best = np.full(int(group.max()) + 1, -np.inf)
+    np.maximum.at(best, group, evidence)
+    return np.asarray(evidence > best[group] - IMPLAUSIBLE)
+
+
+def _log_sums(log_values: FloatArray, group: IntArray) -> FloatArray:
+    """(c, g) log of the sums of exponentials of (w, g) over each group; group (w,) rises from 0."""
+    first = np.flatnonzero(np.diff(group, prepend=-1))
+    top = np.maximum.reduceat(log_values, first, axis=0)
+    return np.asarray(np.log(np.add.reduceat(np.exp(log_values - top[group]), first, axis=0)) + top)
+
+
+def _reading_correction(ways: Ways, log_way: FloatArray) -> FloatArray:
+    """(w,) what is added to each hypothesis so that its reading of the axes counts as `READING_OBJECTS` would.
+
+    The height of a reading's likelihood is what n objects say of it; the priors know too little of how sizes vary in
+    one place to believe a preference to the power n.
+    """
+    reading = ways.readings
+    group = ways.group * len(READINGS) + np.maximum(reading, 0)
+    height = np.full(int(group.max()) + 1, -np.inf)
+    np.maximum.at(height, group, log_way.max(axis=1))
+    kept = np.minimum(1.0, READING_OBJECTS / np.minimum(ways.count, EFFECTIVE_OBJECTS))
+    return np.asarray(np.where(reading >= 0, -(1 - kept) * height[group], 0.0))
 
 
 def _log_products(
-    components: Rows, nodes: Lines, class_of: IntArray, grids: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Log of weight and product of each class at its nodes, (c, j, h), and outlier probabilities, (n, j, h).
+    components: Rows, nodes: Lines, ways: Ways, grids: FloatArray
+) -> tuple[FloatArray, NDArray[np.float32]]:
+    """Log of weight and product of each hypothesis at its nodes, (w, j, h), and outlier probabilities, (e, j, h).
 
-    grids : (c, h) uniform. Each is brought to t in [-1, 1], so that all share the powers of t.
+    grids : (w, h) uniform. Each is brought to t in [-1, 1], so that all share the powers of t.
     """
     nodes = nodes.along(0.5 * (grids[:, 0] + grids[:, -1]), 0.5 * (grids[:, -1] - grids[:, 0]))
     powers = _unit_powers(grids.shape[1])
     floor = np.exp(components.log_floor).astype(np.float32)[:, None, None]
-    density = _summed(_quadratics(components, nodes, class_of[components.object]), powers, components) + floor
+    density = _summed(_quadratics(components, nodes, ways.entry[components.object]), powers, components) + floor
     n, j, h = density.shape
-    indicator = (class_of == np.arange(len(grids))[:, None]).astype(np.float32)  # (c, n)
+    indicator = ((ways.entry == np.arange(len(grids))[:, None]) * ways.power[:, None]).astype(np.float32)  # (w, e)
     log_product = (indicator @ np.log(density).reshape(n, j * h)).reshape(-1, j, h)
     return log_product + nodes.log_weight.T @ powers, floor / density
 
@@ -113,11 +225,11 @@ def _quadratics(components: Rows, nodes: Lines, of_row: IntArray) -> NDArray[np.
     a = nodes.direction.take(of_row, axis=1)  # (3, m)
     off = nodes.offset.take(of_row, axis=2) + components.residual[:, None]  # (3, j, m)
     turned = product(components.precision, off)
-    found = np.empty((len(of_row), off.shape[1], 3), dtype=np.float32)
-    found[:, :, 0] = -0.5 * dot(a, product(components.precision, a))[:, None]
-    found[:, :, 1] = dot(a, turned).T
-    found[:, :, 2] = (components.log_weight - 0.5 * dot(off, turned)).T
-    return found
+    coefficients = np.empty((len(of_row), off.shape[1], 3), dtype=np.float32)
+    coefficients[:, :, 0] = -0.5 * dot(a, product(components.precision, a))[:, None]
+    coefficients[:, :, 1] = dot(a, turned).T
+    coefficients[:, :, 2] = (components.log_weight - 0.5 * dot(off, turned)).T
+    return coefficients
 
 
 def _spans(log_product: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:

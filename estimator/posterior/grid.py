@@ -10,10 +10,12 @@ import numpy as np
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["BOX", "curve", "evidence_grid", "interval", "modes"]
+__all__ = ["ROOM", "curve", "evidence_grid", "interval", "modes"]
 
-#: The prior on u: flat from 0.1 mm to 10 km per scene unit, eight decades. Proper, as the outliers ask for.
-BOX = (math.log(1e-4), math.log(1e4))
+#: The prior on u is flat from so far below what any object or length speaks for to so far above it, natural log: a
+#: factor of e. It follows the evidence, so that the unit of the scene has no part in the answer, and is proper, as the
+#: outliers ask for. A wider one fills the interval of an object alone with the case that its label is wrong.
+ROOM = 1.0
 
 #: Half-width of a component's support in its standard deviations; beyond it the outlier's floor is all there is.
 SUPPORT_SD = 4.0
@@ -25,8 +27,8 @@ UNSEEN = 0.02
 #: then smooth between points and cubic interpolation is off by less than 1e-3.
 WIDEST_STEP, FINEST_STEP, STEP_SD = 0.06, 0.004, 0.6
 
-#: A first grid beyond this is a scene of wild outliers: widen the step rather than wait. One of fewer has no shape.
-LEAST_POINTS, MOST_POINTS = 8, 640
+#: Bounds of the first grid's size: objects over twenty decades still have their step; one of fewer has no shape.
+LEAST_POINTS, MOST_POINTS = 8, 4096
 
 #: Points of the refined grid per step of the first, and the log density under the peak where refining stops to matter.
 REFINEMENT = 8
@@ -41,19 +43,19 @@ LEAST_MASS = 0.005
 def evidence_grid(centre: FloatArray, sd: FloatArray, reach: FloatArray) -> FloatArray:
     """A uniform grid (g,) over the union of centre +- reach of Gaussians, each (m,), fine enough for every sd.
 
-    Where nothing reaches, it lies in the middle of the prior's box.
+    Where nothing reaches, it is about one metre per unit.
     """
     if not len(centre):
         return np.linspace(-1.0, 1.0, LEAST_POINTS)
-    low = max(float((centre - reach).min()), BOX[0])
-    high = max(min(float((centre + reach).max()), BOX[1]), low + 1e-6)
+    low = float((centre - reach).min())
+    high = max(float((centre + reach).max()), low + 1e-6)
     step = min(max(STEP_SD * float(sd.min()), FINEST_STEP), WIDEST_STEP)
     size = int(min(max(math.ceil((high - low) / step) + 1, LEAST_POINTS), MOST_POINTS))
     return np.linspace(low, high, size)
 
 
 def curve(grid: FloatArray, log_density: FloatArray, known: FloatArray) -> Curve:
-    """The posterior on a finer grid, normalised together with the flat rest of the prior's box.
+    """The posterior on a finer grid, normalised together with the flat rest of the prior.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ def curve(grid: FloatArray, log_density: FloatArray, known: FloatArray) -> Curve
         log_ends = log_ends - 0.5 * ((ends - mean) / sd) ** 2
     top = float(log_fine.max())
     density = np.exp(log_fine - top)
-    width = np.array([max(grid[0] - BOX[0], 0.0), max(BOX[1] - grid[-1], 0.0)])
+    width = np.full(2, ROOM)
     if len(known):  # beyond the grid a known length leaves nothing: it is what placed the grid
         width[:] = 0.0
     rest = np.exp(np.minimum(log_ends - top, 0.0)) * width
@@ -88,9 +90,9 @@ def interval(posterior: Curve, level: float) -> tuple[float, float]:
     inside = np.interp(targets, cumulative, posterior.log_scale)
     low, high = (float(value) for value in inside)
     if posterior.below >= targets[0]:  # a flat tail: its own quantile
-        low = BOX[0] + (posterior.log_scale[0] - BOX[0]) * targets[0] / posterior.below
+        low = posterior.log_scale[0] - ROOM * (1 - targets[0] / posterior.below)
     if posterior.above >= 1 - targets[1]:
-        high = BOX[1] - (BOX[1] - posterior.log_scale[-1]) * (1 - targets[1]) / posterior.above
+        high = posterior.log_scale[-1] + ROOM * (1 - (1 - targets[1]) / posterior.above)
     return math.exp(low), math.exp(high)
 
 

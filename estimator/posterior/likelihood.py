@@ -23,13 +23,14 @@ from estimator.posterior.assignments import Layout, Variants, variants
 from estimator.posterior.axes import is_sorted, prior_axes
 from estimator.posterior.class_error import shared_error
 from estimator.posterior.components import Rows
+from estimator.posterior.sameness import Hypothesis
 from estimator.posterior.symmetric import DIAGONAL, dot, inverse, pack, product, row_sums, total
 from estimator.records.measured_object import MeasuredObject
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 
-__all__ = ["OUTLIER", "Evidence", "rows", "usable"]
+__all__ = ["OUTLIER", "Measured", "ObjectEvidence", "has_readings", "hypothesis_rows", "measured", "rows", "usable"]
 
 #: Probability that an object is not what its label says, or not measured as its sigma says. In
 #: `benchmarks/estimator/simulation.py --outlier` the medians for 0.02 to 0.1 agree within 0.4 %; with 20 % wrong
@@ -54,7 +55,7 @@ LOG_MM_PER_M = math.log(1000.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class ObjectEvidence:
     """An object beside the prior of its class. `pose` is the node's; `prior.dims` the axes that count."""
 
     object: MeasuredObject
@@ -62,7 +63,7 @@ class Evidence:
     pose: str
 
 
-def usable(evidence: Sequence[Evidence]) -> BoolArray:
+def usable(evidence: Sequence[ObjectEvidence]) -> BoolArray:
     """(n, 3) bool: the measured extents that the priors can judge, in each object's own order."""
     there = np.isfinite([item.object.extents for item in evidence]).reshape(-1, 3)
     judged = [_judged(item.prior, item.object.vertical_known) for item in evidence]
@@ -76,15 +77,24 @@ def _judged(prior: Prior, vertical_known: bool) -> tuple[bool, ...]:
     return tuple(axis in prior.dims for axis in AXES)
 
 
-def rows(evidence: Sequence[Evidence], alone: BoolArray) -> Rows:
-    """The components of every object.
+@dataclass(frozen=True, slots=True, eq=False)
+class Measured:
+    """The numbers of n objects, extents in falling order where the prior's are.
 
-    Parameters
-    ----------
-    evidence : n objects with at least one usable extent each
-    alone : (n,) bool, the only one of its class: its class error is added to its own covariance, which integrates it
-        out in closed form
+    evidence : the objects; y, sigma : (n, 3) log extents and their standard deviations, 0 where missing; code : (n,)
+    what is missing, truncated, free or too close to order, eight bits; outlier : (n,) its probability before the
+    sizes are seen.
     """
+
+    evidence: Sequence[ObjectEvidence]
+    y: FloatArray
+    sigma: FloatArray
+    code: Sequence[int]
+    outlier: FloatArray
+
+
+def measured(evidence: Sequence[ObjectEvidence]) -> Measured:
+    """The numbers of n objects with at least one usable extent each."""
     extents = np.array([item.object.extents for item in evidence])  # (n, 3)
     sigma = np.array([item.object.sigma for item in evidence])  # (n, 3)
     cut = np.array([item.object.truncated for item in evidence], dtype=bool)  # (n, 3)
@@ -97,13 +107,39 @@ def rows(evidence: Sequence[Evidence], alone: BoolArray) -> Rows:
             order = np.argsort(-np.where(missing[i], -np.inf, y[i]), kind="stable")
             y[i], sigma[i], cut[i], missing[i] = y[i, order], sigma[i, order], cut[i, order], missing[i, order]
     codes = np.packbits(np.column_stack([missing, cut, close, free]), axis=1, bitorder="little")[:, 0].tolist()
-    tables = [
-        _table(item.prior, item.pose, code, lone)
-        for item, code, lone in zip(evidence, codes, alone.tolist(), strict=True)
-    ]
     score = np.array([item.object.score for item in evidence])
     outlier = OUTLIER + (1 - OUTLIER) * SCORE_SLOPE * (1 - np.clip(score, 0.0, 1.0))  # (n,)
-    return _flat(tables, np.nan_to_num(y), np.nan_to_num(sigma), outlier)
+    return Measured(evidence, np.nan_to_num(y), np.nan_to_num(sigma), codes, outlier)
+
+
+def rows(objects: Measured) -> Rows:
+    """The components of every object by itself: its class error is in its covariance, which integrates it out."""
+    tables = [
+        _table(item.prior, item.pose, code, -1, True) for item, code in zip(objects.evidence, objects.code, strict=True)
+    ]
+    return _rows_of(tables, objects.y, objects.sigma, objects.outlier)
+
+
+def hypothesis_rows(objects: Measured, chosen: IntArray, ways: Sequence[Sequence[Hypothesis]]) -> Rows:
+    """The components of objects under each hypothesis of their class, without its shared error.
+
+    Parameters
+    ----------
+    chosen : (m,) places of the objects
+    ways : the hypotheses of each; the entries of the result are these of the first object, those of the second, ...
+    """
+    tables = [
+        _table(way.prior, objects.evidence[i].pose, objects.code[i], way.reading, False)
+        for i, own in zip(chosen.tolist(), ways, strict=True)
+        for way in own
+    ]
+    place = np.repeat(chosen, [len(own) for own in ways])
+    return _rows_of(tables, objects.y[place], objects.sigma[place], objects.outlier[place])
+
+
+def has_readings(item: ObjectEvidence) -> bool:
+    """Whether it is open which of the object's extents is its prior's vertical one."""
+    return not item.object.vertical_known and not is_sorted(item.prior)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,10 +172,13 @@ def _layout(prior: Prior, pose: str, code: int) -> Layout:
     )
 
 
-@lru_cache(maxsize=4096)
-def _table(prior: Prior, pose: str, code: int, alone: bool) -> _Table:
+@lru_cache(maxsize=16384)
+def _table(prior: Prior, pose: str, code: int, reading: int, alone: bool) -> _Table:
+    """The table of a layout; `reading` keeps the variants whose vertical is that extent, -1 all of them."""
     layout = _layout(prior, pose, code)
     ways: Variants = variants(layout)
+    if reading >= 0 and not layout.vertical_known:
+        ways = ways.of_reading(reading)
     axes = prior_axes(prior)
     k, v = len(prior.weights), len(ways.log_weight)
     mean = np.zeros((k, 3))
@@ -166,7 +205,7 @@ def _table(prior: Prior, pose: str, code: int, alone: bool) -> _Table:
     return _Table(np.concatenate(columns), np.tile(ways.measured, (k, 1)).T)
 
 
-def _flat(tables: Sequence[_Table], y: FloatArray, sigma: FloatArray, outlier: FloatArray) -> Rows:
+def _rows_of(tables: Sequence[_Table], y: FloatArray, sigma: FloatArray, outlier: FloatArray) -> Rows:
     """The rows of n objects: log extents and their standard deviations (n, 3), probability of an outlier (n,)."""
     counts = [table.measured.shape[1] for table in tables]
     owner = np.repeat(np.arange(len(tables)), counts)  # (m,)

@@ -16,12 +16,13 @@ from typing import Literal
 import numpy as np
 
 from estimator.posterior import grid
-from estimator.posterior.class_error import shared_error
-from estimator.posterior.class_likelihood import ClassTerms, joint_classes, line_density, single_classes
+from estimator.posterior.class_likelihood import JointTerms, LoneTerms, Ways, joint_classes, line_density, lone_classes
 from estimator.posterior.components import Rows
-from estimator.posterior.likelihood import Evidence, rows
+from estimator.posterior.likelihood import Measured, ObjectEvidence, has_readings, hypothesis_rows, measured, rows
+from estimator.posterior.sameness import hypotheses
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray, IntArray
+from metric_tree.prior import Prior
 
 __all__ = [
     "FAR_MASS",
@@ -45,6 +46,10 @@ FAR_MODE, FAR_MASS = 1.25, 0.1
 
 #: Two known-length observations of no stated error cannot be better than the reconstruction: 0.1 % at least.
 LEAST_KNOWN_SD = 1e-3
+
+#: Of a class with more objects this many, evenly spaced by size, are integrated over: they count as
+#: `EFFECTIVE_OBJECTS` anyhow, and time and memory stay linear in the number of classes.
+MOST_OBJECTS = 100
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -83,7 +88,7 @@ class Posterior(Estimate):
         return left, grid.modes(left), grid.interval(left, self.level)
 
 
-def posterior(evidence: Sequence[Evidence], known: FloatArray | None = None, level: float = 0.9) -> Posterior:
+def posterior(evidence: Sequence[ObjectEvidence], known: FloatArray | None = None, level: float = 0.9) -> Posterior:
     """The posterior of n objects and of known lengths.
 
     Parameters
@@ -100,22 +105,17 @@ def posterior(evidence: Sequence[Evidence], known: FloatArray | None = None, lev
     known = np.zeros((0, 2)) if known is None else np.maximum(known, [-np.inf, LEAST_KNOWN_SD])
     if not evidence and not len(known):
         raise ValueError("posterior: expected an object or a known length; found neither")
-    classes = _classes(evidence, known)
+    classes = _classes(evidence, known) if evidence else _no_classes(known)
     total = classes.log_likelihood.sum(axis=0)
     answer = grid.curve(classes.grid, total, known)
-    mass = _mass(classes.grid, total, known)
-    weights = np.zeros(len(evidence))
-    for part, terms in classes.terms:
-        weights[part] = terms.weights(mass)
-    found = grid.modes(answer)
-    bounds = grid.interval(answer, level)
+    modes, bounds = grid.modes(answer), grid.interval(answer, level)
     return Posterior(
         curve=answer,
-        modes=found,
+        modes=modes,
         interval=bounds,
-        status=status_of(found, bounds),
-        weight=weights,
-        own_scale=classes.own_scale,
+        status=status_of(modes, bounds),
+        weight=_weights(classes, _mass(classes.grid, total, known), len(evidence)),
+        own_scale=np.exp(_own_centres(classes.base)),
         classes=classes.names,
         coarse=classes.grid,
         class_log_likelihood=classes.log_likelihood,
@@ -131,62 +131,121 @@ def status_of(found: Sequence[Mode], bounds: tuple[float, float]) -> Status:
     return "unresolved" if far or bounds[1] / bounds[0] > RATIO_LIMIT else "resolved"
 
 
-def object_curves(evidence: Sequence[Evidence], log_scale: FloatArray) -> FloatArray:
+def object_curves(evidence: Sequence[ObjectEvidence], log_scale: FloatArray) -> FloatArray:
     """Each object's own likelihood over log scale relative to the outlier's, (n, g); for figures."""
-    components = rows(evidence, np.ones(len(evidence), dtype=bool))
+    components = rows(measured(evidence))
     density = line_density(components, log_scale)
     return np.asarray(density + np.exp(components.log_floor)[:, None])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Classes:
-    """The classes of a scene on one grid: log_likelihood (c, g), grid (g,); terms : objects' places and their terms."""
+    """The classes of a scene on one grid: log_likelihood (c, g), grid (g,); terms : objects' places and their terms.
+
+    base : the objects one by one; quiet : places of the objects of a large class that only the others speak for.
+    """
 
     names: tuple[str, ...]
     grid: FloatArray
     log_likelihood: FloatArray
-    terms: tuple[tuple[IntArray, ClassTerms], ...]
-    own_scale: FloatArray
+    terms: tuple[tuple[IntArray, LoneTerms | JointTerms], ...]
+    base: Rows
+    quiet: IntArray
 
 
-def _classes(evidence: Sequence[Evidence], known: FloatArray) -> _Classes:
-    centre, sd = known[:, 0], np.maximum(known[:, 1], grid.FINEST_STEP)
-    if not evidence:
-        u = grid.evidence_grid(centre, sd, grid.SUPPORT_SD * sd)
-        return _Classes((), u, np.zeros((0, len(u))), (), np.zeros(0))
+def _classes(evidence: Sequence[ObjectEvidence], known: FloatArray) -> _Classes:
+    objects = measured(evidence)
+    base = rows(objects)
+    u = _grid(base, known)
     names = sorted({item.prior.node_id for item in evidence})
     place = {name: number for number, name in enumerate(names)}
     group = np.array([place[item.prior.node_id] for item in evidence])
-    alone = np.bincount(group)[group] == 1  # (n,)
-    errors = [shared_error(item.prior) for item in evidence]
-    joint_sd = np.where(alone, 0.0, [error.along_sd for error in errors])
-    components = rows(evidence, alone)
-    spread = np.sqrt(1 / components.line_precision + joint_sd[components.object] ** 2)
-    over = components.line_log_peak - components.log_floor[components.object]  # ln of peak over the outlier's floor
+    count = np.bincount(group)
+    lone = np.flatnonzero(count[group] == 1)
+    speaking = _speaking(objects, group, count)
+    joint = speaking[count[group[speaking]] > 1]
+    terms: list[tuple[IntArray, LoneTerms | JointTerms]] = []
+    log_likelihood = np.zeros((len(names), len(u)))
+    if len(lone):
+        terms.append((lone, lone_classes(base.of(lone), u)))
+        log_likelihood[group[lone]] = terms[-1][1].log_likelihood
+    if len(joint):
+        classes, solved = _joint(objects, joint, group, count, u)
+        terms.append((joint, solved))
+        log_likelihood[classes] = solved.log_likelihood
+    quiet = np.setdiff1d(np.arange(len(evidence)), speaking)
+    return _Classes(tuple(names), u, log_likelihood, tuple(terms), base, quiet)
+
+
+def _grid(base: Rows, known: FloatArray) -> FloatArray:
+    """(g,) the common grid: where objects and known lengths speak."""
+    centre, sd = known[:, 0], np.maximum(known[:, 1], grid.FINEST_STEP)
+    spread = np.sqrt(1 / base.line_precision)
+    over = base.line_log_peak - base.log_floor[base.object]  # ln of peak over the outlier's floor
     reach = np.minimum(np.sqrt(2 * np.maximum(over + math.log(1 / grid.UNSEEN), 0.0)), grid.SUPPORT_SD) * spread
     seen = reach > 0
-    u = grid.evidence_grid(
-        np.concatenate([centre, components.line_centre[seen]]),
+    return grid.evidence_grid(
+        np.concatenate([centre, base.line_centre[seen]]),
         np.concatenate([sd, spread[seen]]),
         np.concatenate([grid.SUPPORT_SD * sd, reach[seen]]),
     )
-    terms = []
-    if alone.any():
-        part = np.flatnonzero(alone)
-        terms.append((part, single_classes(components.of(part), group[part], u)))
-    if not alone.all():
-        part = np.flatnonzero(~alone)
-        terms.append((part, joint_classes(components.of(part), group[part], [errors[i] for i in part], u)))
-    log_likelihood = np.zeros((len(names), len(u)))
-    for _, solved in terms:
-        log_likelihood[solved.classes] = solved.log_likelihood
-    own = np.exp(_own_centres(components))
-    return _Classes(tuple(names), u, log_likelihood, tuple(terms), own)
+
+
+def _speaking(objects: Measured, group: IntArray, count: IntArray) -> IntArray:
+    """Places of the objects that are integrated over: of a class of very many, so many evenly spaced by size."""
+    if count.max() <= MOST_OBJECTS:
+        return np.arange(len(group))
+    size = objects.y.sum(axis=1)
+    chosen = []
+    for number in range(len(count)):
+        of_class = np.flatnonzero(group == number)
+        ordered = of_class[np.argsort(size[of_class], kind="stable")]
+        chosen.append(ordered[np.unique(np.linspace(0, len(ordered) - 1, min(MOST_OBJECTS, len(ordered))).astype(int))])
+    return np.sort(np.concatenate(chosen))
+
+
+def _joint(
+    objects: Measured, chosen: IntArray, group: IntArray, count: IntArray, u: FloatArray
+) -> tuple[IntArray, JointTerms]:
+    """The classes (c,) of the objects `chosen` (n,), each of several, and their terms."""
+    classes, class_of = np.unique(group[chosen], return_inverse=True)
+    free = np.zeros(len(classes), dtype=bool)
+    priors: list[Prior] = [objects.evidence[i].prior for i in chosen[np.unique(class_of, return_index=True)[1]]]
+    for i, number in zip(chosen.tolist(), class_of.tolist(), strict=True):
+        free[number] |= has_readings(objects.evidence[i])
+    by_class = [hypotheses(prior, is_free) for prior, is_free in zip(priors, free.tolist(), strict=True)]
+    size = np.array([len(own) for own in by_class])
+    group = np.repeat(np.arange(len(classes)), size)
+    first_way = np.cumsum(size) - size
+    entries = size[class_of]  # (n,) of each object
+    start = np.cumsum(entries) - entries
+    entry = np.arange(entries.sum()) + np.repeat(first_way[class_of] - start, entries)
+    ways = Ways([way for own in by_class for way in own], group, count[classes][group], entry, start)
+    components = hypothesis_rows(objects, chosen, [by_class[number] for number in class_of])
+    return classes, joint_classes(components, ways, u)
+
+
+def _no_classes(known: FloatArray) -> _Classes:
+    nothing, none = np.zeros(0), np.zeros(0, dtype=np.int64)
+    u = _grid(Rows.of_objects(np.zeros((16, 0)), none, nothing), known)
+    return _Classes((), u, np.zeros((0, len(u))), (), Rows.of_objects(np.zeros((16, 0)), none, nothing), none)
+
+
+def _weights(classes: _Classes, mass: FloatArray, count: int) -> FloatArray:
+    """(n,) probability that each object is what its label says."""
+    weights = np.zeros(count)
+    for part, terms in classes.terms:
+        weights[part] = terms.weights(mass)
+    if len(classes.quiet):
+        weights[classes.quiet] = lone_classes(classes.base.of(classes.quiet), classes.grid).weights(mass)
+    return weights
 
 
 def _own_centres(components: Rows) -> FloatArray:
     """Log scale of each object's own highest peak, (n,)."""
     peak, owner = components.line_log_peak, components.object
+    if not len(peak):
+        return np.zeros(0)
     highest = np.flatnonzero(peak == np.maximum.reduceat(peak, components.start)[owner])
     own = np.empty(len(components.start))
     own[owner[highest]] = components.line_centre[highest]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from estimator.posterior.likelihood import Evidence
+from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import Posterior, posterior
 from estimator.results.verdicts import verdict
 
@@ -44,7 +44,7 @@ class Contradiction:
         return f"the known lengths contradict the objects: {scales}, and {count}; {check}"
 
 
-def contradiction_of(found: Posterior, evidence: Sequence[Evidence]) -> Contradiction | None:
+def contradiction_of(found: Posterior, evidence: Sequence[ObjectEvidence]) -> Contradiction | None:
     """How known lengths contradict the n objects of the posterior `found`; None where they do not."""
     if not evidence or not len(found.known):
         return None

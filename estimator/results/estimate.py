@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.posterior.likelihood import Evidence, usable
+from estimator.posterior.likelihood import ObjectEvidence, usable
 from estimator.posterior.posterior import (
     FAR_MASS,
     FAR_MODE,
@@ -103,14 +103,14 @@ def scale_of_objects(
 
 def evidence_of(
     objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning]
-) -> tuple[dict[int, Evidence], list[str | None]]:
+) -> tuple[dict[int, ObjectEvidence], list[str | None]]:
     """The objects that can speak, by place, and per object the reason why it cannot, or None."""
     reasons = [item.skipped or by_name[item.category].reason for item in objects]
-    stated: dict[int, Evidence] = {}
+    stated: dict[int, ObjectEvidence] = {}
     for place, item in enumerate(objects):
         meaning = by_name[item.category]
         if reasons[place] is None and meaning.node is not None and meaning.prior is not None:
-            stated[place] = Evidence(item, meaning.prior, meaning.node.pose)
+            stated[place] = ObjectEvidence(item, meaning.prior, meaning.node.pose)
     for place, there in zip(list(stated), usable(list(stated.values())).tolist(), strict=True):
         if not any(there):
             reasons[place] = f"none of its extents is among {', '.join(stated.pop(place).prior.dims)}"
@@ -166,7 +166,7 @@ def _report(
         used, said = answer.used[row], verdict(weight)
         if said == "outlier" and meaning.prior is not None:
             pose = meaning.node.pose if meaning.node is not None else "upright"
-            reason = outlier_reason(Evidence(item, meaning.prior, pose), answer.estimate.modes[0].scale, own)
+            reason = outlier_reason(ObjectEvidence(item, meaning.prior, pose), answer.estimate.modes[0].scale, own)
     return ObjectReport(
         id=item.id,
         category=item.category,
@@ -185,7 +185,7 @@ def _report(
     )
 
 
-def _used(evidence: Sequence[Evidence]) -> list[tuple[str, ...]]:
+def _used(evidence: Sequence[ObjectEvidence]) -> list[tuple[str, ...]]:
     """The dimensions of each object that count in full: there, known to the prior, not cut."""
     return [
         _names(item.object, there & ~np.asarray(item.object.truncated, dtype=bool))
@@ -221,7 +221,7 @@ def _without_support(
     return Alternative("without_support", found.modes[0].scale, *found.interval, len(evidence))
 
 
-def _left_out(found: Posterior, evidence: Sequence[Evidence]) -> tuple[Alternative, ...]:
+def _left_out(found: Posterior, evidence: Sequence[ObjectEvidence]) -> tuple[Alternative, ...]:
     """The scale without each class in turn, the most influential first."""
     if len(found.classes) + len(found.known) < 2:
         return ()

@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 
 from estimator.posterior.axes import is_sorted
-from estimator.posterior.likelihood import Evidence
+from estimator.posterior.likelihood import ObjectEvidence
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Verdict
 from metric_base.arrays import FloatArray
@@ -35,7 +35,7 @@ def dimension_names(item: MeasuredObject) -> tuple[str, str, str]:
     return (AXES[0], AXES[1], AXES[2]) if item.vertical_known else EXTENTS
 
 
-def outlier_reason(item: Evidence, scale: float, own_scale: float) -> str:
+def outlier_reason(item: ObjectEvidence, scale: float, own_scale: float) -> str:
     """The dimension that lies furthest from the class's usual sizes at `scale`, else that the proportions do."""
     names, sizes = _judged(item, scale)
     off = [
@@ -49,7 +49,7 @@ def outlier_reason(item: Evidence, scale: float, own_scale: float) -> str:
     return f"proportions unlike its class; alone it says scale {own_scale:.3g}"
 
 
-def _judged(item: Evidence, scale: float) -> tuple[tuple[str, ...], list[float]]:
+def _judged(item: ObjectEvidence, scale: float) -> tuple[tuple[str, ...], list[float]]:
     """The prior's dimensions and the object's sizes on them in mm; a free box is judged by its sorted extents."""
     extents = np.asarray(item.object.extents) * scale * 1000
     if is_sorted(item.prior):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.posterior.likelihood import Evidence
+from estimator.posterior.likelihood import ObjectEvidence
 from estimator.records.measured_object import MeasuredObject
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
@@ -48,7 +48,7 @@ def evidence(
     vertical_known: bool = True,
     score: float = 1.0,
     name: str = "1",
-) -> Evidence:
+) -> ObjectEvidence:
     """One object in scene units beside its prior."""
     item = MeasuredObject(
         id=name,
@@ -59,4 +59,4 @@ def evidence(
         score=score,
         vertical_known=vertical_known,
     )
-    return Evidence(item, of, pose)
+    return ObjectEvidence(item, of, pose)

@@ -14,14 +14,13 @@ from scipy.stats import multivariate_normal
 
 from estimator.posterior import assignments, likelihood
 from estimator.posterior.assignments import LOG_BOX, SHIFTS, VERTICAL, Layout, variants
-from estimator.posterior.likelihood import OUTLIER, rows, usable
+from estimator.posterior.likelihood import OUTLIER, measured, rows, usable
 from estimator.posterior.posterior import object_curves
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 from tests.made.priors import evidence, prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
-JOINT = np.zeros(1, dtype=bool)
 
 
 @pytest.fixture
@@ -142,8 +141,8 @@ def test_shifts_sum_to_one() -> None:
 
 
 def test_a_low_score_makes_an_outlier_likelier() -> None:
-    sure = rows([evidence(CHAIR, (0.6, 0.5, 1.0))], JOINT)
-    unsure = rows([evidence(CHAIR, (0.6, 0.5, 1.0), score=0.3)], JOINT)
+    sure = rows(measured([evidence(CHAIR, (0.6, 0.5, 1.0))]))
+    unsure = rows(measured([evidence(CHAIR, (0.6, 0.5, 1.0), score=0.3)]))
     assert unsure.log_floor[0] > sure.log_floor[0]
 
 

@@ -1,0 +1,137 @@
+"""How alike the objects of one class in one scene are: hypotheses that the posterior mixes over.
+
+Ten office chairs in one office are often one kind of chair; ten tables need not be. With m_k, S_k the components of a
+class's prior, B its error between sources and rho the share of the spread within a source that the scene's objects
+have in common, a scene's class is one of
+
+    assorted   x_i ~ sum_k w_k N(m_k + e, S_k),            e ~ N(0, B)
+    related    x_i ~ sum_k w_k N(m_k + e, (1 - rho) S_k),  e ~ N(0, B + rho sum_k w_k S_k),   rho = RELATED
+    one kind   x_i ~ N(m_k + e, (1 - rho) S_k),            e ~ N(0, B + rho S_k),             rho = ALIKE, k ~ w
+    foreign    as assorted, or alike (one component, the prior's moments), with e ~ N(0, B + FOREIGN_SD^2 I): the label
+               means another thing in this scene
+
+Each is a class with a shared error, so that `class_error` integrates all alike; their evidence decides. For one object
+they say nearly the same, and `assorted` alone is used.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from estimator.posterior.axes import prior_axes
+from estimator.posterior.class_error import SharedError, shared_error, split_error
+from metric_base.arrays import FloatArray
+from metric_tree.fit.em import Mixture
+from metric_tree.fit.inner_priors import reduce_mixture
+from metric_tree.prior import Prior
+
+__all__ = ["FOREIGN", "READINGS", "Hypothesis", "hypotheses"]
+
+#: Probabilities of assorted, related, one kind: in ScanNet's rooms (`python -m benchmarks.estimator.sameness`) the
+#: shares of the log extents within classes are near 0, 0.5 and 0.9 in so many parts.
+KIND_WEIGHTS = (0.3, 0.4, 0.3)
+
+#: Shares of the spread within a source that a scene's objects have in common.
+RELATED, ALIKE = 0.5, 0.9
+
+#: Probability that a label with several objects means another thing in this scene, and by how far sizes are then off,
+#: one standard deviation of the natural log: a factor of two.
+FOREIGN, FOREIGN_SD = 0.03, 0.7
+
+#: A scene's one kind is one of so many: components of a prior are merged to at most this number.
+MOST_KINDS = 3
+
+#: The objects of a class whose vertical is unknown are read alike: which of the sorted extents is vertical.
+READINGS = (0, 1, 2)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hypothesis:
+    """One way in which a class's objects are alike.
+
+    prior : what each object adds of its own; error : what all share; log_weight : of the hypothesis; reading : which of
+    the three sorted extents is vertical, -1 where each object decides; foreign : the label means another thing here.
+    """
+
+    prior: Prior
+    error: SharedError
+    log_weight: float
+    reading: int = -1
+    foreign: bool = False
+
+
+@lru_cache(maxsize=1024)
+def hypotheses(prior: Prior, free: bool = False) -> tuple[Hypothesis, ...]:
+    """The hypotheses of a class of several objects; their weights sum to one.
+
+    free : some object's vertical is unknown, so that each hypothesis comes with each reading of the axes.
+    """
+    plain = [*_assorted(prior), *_one_kind(prior), *_foreign(prior)]
+    if not free:
+        return tuple(plain)
+    third = math.log(len(READINGS))
+    return tuple(
+        replace(one, reading=reading, log_weight=one.log_weight - third) for reading in READINGS for one in plain
+    )
+
+
+def _assorted(prior: Prior) -> list[Hypothesis]:
+    between = prior.disagreement()
+    within = np.einsum("k,kij->ij", prior.weights, prior.covariances)
+    assorted, related, _ = _kind_weights(prior)
+    own = replace(prior, covariances=(1 - RELATED) * prior.covariances)
+    return [
+        Hypothesis(prior, shared_error(prior), math.log(assorted * (1 - FOREIGN))),
+        Hypothesis(own, _error(prior, between + RELATED * within), math.log(related * (1 - FOREIGN))),
+    ]
+
+
+def _foreign(prior: Prior) -> list[Hypothesis]:
+    between = prior.disagreement()
+    error = _error(prior, between + FOREIGN_SD**2 * np.eye(len(between)))
+    whole = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), 1)
+    alike = replace(prior, weights=np.ones(1), means=whole.means, covariances=(1 - ALIKE) * whole.covariances)
+    half = math.log(FOREIGN / 2)
+    return [Hypothesis(own, error, half, foreign=True) for own in (prior, alike)]
+
+
+def _one_kind(prior: Prior) -> list[Hypothesis]:
+    between, weight = prior.disagreement(), _kind_weights(prior)[2] * (1 - FOREIGN)
+    kinds = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), MOST_KINDS)
+    return [
+        Hypothesis(
+            replace(prior, weights=np.ones(1), means=mean[None], covariances=(1 - ALIKE) * covariance[None]),
+            _error(prior, between + ALIKE * covariance),
+            math.log(max(weight * share, 1e-300)),
+        )
+        for share, mean, covariance in zip(
+            kinds.weights / kinds.weights.sum(), kinds.means, kinds.covariances, strict=True
+        )
+    ]
+
+
+def _kind_weights(prior: Prior) -> FloatArray:
+    """(3,) probabilities of assorted, related, one kind.
+
+    Where the release states the mean share of a class (`sameness`), the weights are tilted to have that mean.
+    """
+    weights = np.array(KIND_WEIGHTS)
+    stated = getattr(prior, "sameness", None)
+    if stated is None or not np.isfinite(stated):
+        return weights
+    shares = np.array([0.0, RELATED, ALIKE])
+    target = float(np.clip(stated, 0.05, ALIKE - 0.05))
+    low, high = -40.0, 40.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        tilted = weights * np.exp(middle * shares)
+        low, high = (middle, high) if tilted @ shares / tilted.sum() < target else (low, middle)
+    return np.asarray(tilted / tilted.sum())
+
+
+def _error(prior: Prior, covariance: FloatArray) -> SharedError:
+    return split_error(covariance, prior_axes(prior))

@@ -1,0 +1,167 @@
+"""Objects of one class: what they share, how much many of them know, and what must not change the answer."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator.posterior.likelihood import ObjectEvidence
+from estimator.posterior.posterior import MOST_OBJECTS, Posterior, posterior
+from estimator.posterior.sameness import ALIKE, RELATED, _kind_weights, hypotheses
+from metric_tree.prior import Prior
+from tests.made.priors import evidence, prior
+
+CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
+DESK = prior("desk.n.01", [(1300, 680, 740)], spread=0.1)
+BOTTLE = prior("bottle.n.01", [(85, 80, 260), (75, 73, 200), (95, 90, 330)], spread=0.08, shared=0.1)
+PERSON = prior("person.n.01", [(1700,)], spread=0.06, shared=0.04, dims=("height",))
+
+
+def drawn(of: Prior, n: int, seed: int, share: float = 0.0, sigma: float = 0.03) -> list[ObjectEvidence]:
+    """Objects at scale one; `share` of the spread within the class is common to them."""
+    generator = np.random.default_rng(seed)
+    kind = generator.choice(len(of.weights), p=of.weights)
+    lower = np.linalg.cholesky(of.covariances[kind])
+    common = generator.standard_normal(len(of.dims)) * math.sqrt(share)
+    error = generator.multivariate_normal(np.zeros(len(of.dims)), of.shared_covariance)
+    items = []
+    for number in range(n):
+        own = generator.standard_normal(len(of.dims)) * math.sqrt(1 - share)
+        x = of.means[kind] + error + lower @ (common + own) + generator.normal(0, sigma, len(of.dims))
+        sizes = np.exp(x) / 1000
+        sizes[:2] = np.sort(sizes[:2])[::-1]
+        items.append(evidence(of, sizes, sigma=sigma, name=str(number)))
+    return items
+
+
+def width(answer: Posterior) -> float:
+    return math.log(answer.interval[1] / answer.interval[0])
+
+
+def test_hypotheses_are_a_distribution() -> None:
+    for free in (False, True):
+        ways = hypotheses(BOTTLE, free)
+        assert sum(math.exp(way.log_weight) for way in ways) == pytest.approx(1)
+        for way in ways:
+            assert way.prior.weights.sum() == pytest.approx(1)
+            assert np.linalg.eigvalsh(way.error.covariance).min() > 0
+
+
+def test_hypotheses_keep_the_spread_of_one_object() -> None:
+    """Moving spread from the objects to what they share changes nothing for an object alone."""
+
+    def spread(prior_of: Prior, shared: np.ndarray) -> np.ndarray:
+        mean = prior_of.weights @ prior_of.means
+        offset = prior_of.means - mean
+        return np.asarray(
+            np.einsum("k,kij->ij", prior_of.weights, prior_of.covariances)
+            + np.einsum("k,ki,kj->ij", prior_of.weights, offset, offset)
+            + shared
+        )
+
+    assorted, related, *kinds = [way for way in hypotheses(BOTTLE) if not way.foreign]
+    plain = spread(BOTTLE, assorted.error.covariance)
+    assert spread(related.prior, related.error.covariance) == pytest.approx(plain)
+    weights = np.exp([way.log_weight for way in kinds])
+    means = np.array([way.prior.means[0] for way in kinds])
+    offset = means - weights @ means / weights.sum()
+    covariances = [way.prior.covariances[0] + way.error.covariance for way in kinds]
+    mixed = np.einsum("k,kij->ij", weights, covariances) + np.einsum("k,ki,kj->ij", weights, offset, offset)
+    assert mixed / weights.sum() == pytest.approx(plain)
+
+
+@pytest.mark.parametrize("stated", [0.1, 0.4, 0.8])
+def test_a_stated_sameness_is_the_mean_share(stated: float) -> None:
+    class Stated:
+        sameness = stated
+
+    weights = _kind_weights(Stated())  # type: ignore[arg-type]
+    assert weights.sum() == pytest.approx(1)
+    assert weights @ [0.0, RELATED, ALIKE] == pytest.approx(stated, abs=1e-6)
+
+
+def test_identical_objects_know_little_more_than_one() -> None:
+    """Ten copies of one bottle say what one says, but for the noise of its measurement."""
+    can = prior("can.n.01", [(80, 78, 200)], spread=0.2, shared=0.03)
+    one = drawn(can, 1, seed=3)
+    copies = [replace(one[0], object=replace(one[0].object, id=str(n))) for n in range(10)]
+    independent = drawn(can, 10, seed=4)
+    assert width(posterior(copies)) > 0.5 * width(posterior(one))
+    assert width(posterior(independent)) < 0.95 * width(posterior(copies))
+
+
+@pytest.mark.parametrize("count", [40, 400])
+def test_many_objects_do_not_make_certainty(count: int) -> None:
+    few, many = posterior(drawn(CHAIR, 25, seed=1)), posterior(drawn(CHAIR, count, seed=1))
+    assert width(many) > 0.7 * width(few)
+    assert len(many.weight) == count
+    assert (many.weight > 0.3).mean() > 0.9
+
+
+@pytest.mark.parametrize("count", [1, 5, 100])
+def test_a_reading_of_the_axes_is_not_learned_from_numbers(count: int) -> None:
+    """Which side of a free box is a person's height stays open, however many persons there are."""
+    generator = np.random.default_rng(2)
+    sizes = np.array([1.7, 0.5, 0.3]) * np.exp(generator.normal(0, [0.06, 0.05, 0.04], (count, 3)))
+    items = [evidence(PERSON, size, vertical_known=False, name=str(n)) for n, size in enumerate(sizes)]
+    answer = posterior(items)
+    assert answer.status == "unresolved"
+    assert max(mode.mass for mode in answer.modes) < 0.9
+
+
+def test_a_wrong_sense_does_not_rule_the_scene() -> None:
+    """Eight 'desks' that are toys, half the size and all alike, against three chairs and two bottles."""
+    right = [*drawn(CHAIR, 3, 0), *drawn(BOTTLE, 2, 1)]
+    toys = [evidence(DESK, np.array([1.3, 0.68, 0.74]) * 0.4, name=f"toy {n}") for n in range(8)]
+    answer = posterior([*right, *toys])
+    assert answer.modes[0].scale == pytest.approx(posterior(right).modes[0].scale, rel=0.05)
+    assert answer.weight[-8:].max() < 0.1
+
+
+def test_coverage_when_a_scene_has_one_kind() -> None:
+    """Twelve classes of scenes, nine tenths of the spread shared: the interval is honest (0.61 without sameness)."""
+    inside = 0
+    for seed in range(60):
+        low, high = posterior(drawn(BOTTLE, 10, seed, share=0.9)).interval
+        inside += low <= 1 <= high
+    assert inside >= 48
+
+
+@given(st.floats(-20, 20), st.integers(0, 30), st.permutations(range(7)))
+@settings(max_examples=30)
+def test_unit_and_order_do_not_matter(log_scale: float, seed: int, order: list[int]) -> None:
+    items = [*drawn(CHAIR, 4, seed), *drawn(DESK, 1, seed), *drawn(BOTTLE, 2, seed)]
+    moved = [evidence(items[i].prior, items[i].object.extents / math.exp(log_scale), name=str(i)) for i in order]
+    here, there = posterior(items), posterior(moved)
+    assert math.log(there.modes[0].scale) - log_scale == pytest.approx(math.log(here.modes[0].scale), abs=0.005)
+    assert math.log(there.interval[0]) - log_scale == pytest.approx(math.log(here.interval[0]), abs=0.01)
+    assert there.weight == pytest.approx(here.weight[order], abs=0.02)
+
+
+@given(st.integers(0, 30))
+@settings(max_examples=15)
+def test_an_object_named_twice_says_little_more(seed: int) -> None:
+    """Every object once more: the copies share all, so the answer keeps its place within the interval."""
+    items = [*drawn(CHAIR, 2, seed), *drawn(BOTTLE, 2, seed)]
+    once, twice = posterior(items), posterior([*items, *items])
+    assert abs(math.log(twice.modes[0].scale / once.modes[0].scale)) < 0.2 * width(once)
+    assert width(twice) > 0.6 * width(once)
+
+
+def test_an_object_alone_resolves_where_its_class_is_tight() -> None:
+    tight = prior("ball.n.01", [(220, 219, 221)], spread=0.01, shared=0.03)
+    assert posterior([evidence(tight, (0.44, 0.44, 0.44), sigma=0.02)]).status == "resolved"
+    by_height = posterior([evidence(PERSON, (math.nan, math.nan, 1.7))])
+    assert by_height.status == "resolved"
+    assert by_height.weight[0] > 0.8
+
+
+def test_large_classes_are_thinned_alike_in_any_order() -> None:
+    items = drawn(CHAIR, 3 * MOST_OBJECTS, seed=5)
+    there, here = posterior(items[::-1]), posterior(items)
+    assert there.modes[0].scale == pytest.approx(here.modes[0].scale, rel=1e-6)

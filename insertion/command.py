@@ -65,6 +65,7 @@ def parser() -> argparse.ArgumentParser:
     add_scene_arguments(root)
     add = root.add_argument
     add("--out", metavar="OUT", type=Path, required=True, help="a video (OUT.mp4), or a new folder for one PNG a frame")
+    add("--renderer", choices=("embedded", "blender"), default="embedded", help="Blender's Cycles, if it is installed")
     add("--show-interval", action="store_true", help="draw the object's outline at both ends of the scale's interval")
     add(
         "--export",
@@ -124,12 +125,16 @@ def stage_of(options: argparse.Namespace) -> Stage:
 
 
 def _run(options: argparse.Namespace) -> int:
+    from insertion.blender.process import blender_program
+    from insertion.blender.tracing import traced_layers
     from insertion.exports.write import LayerWriter, write_exports
     from insertion.insert import insert_objects, place_objects
     from insertion.outputs import output_kind, picture_writer
     from insertion.scene.video_footage import VideoFootage
 
     output_kind(options.out)
+    if options.renderer == "blender":
+        blender_program()  # said before the work is done, not after
     requests = requests_of(options)
     stage = stage_of(options)
     objects = place_objects(stage, requests, _tree(options))
@@ -140,7 +145,13 @@ def _run(options: argparse.Namespace) -> int:
     with picture_writer(options.out, source, turned) as write, _exports(options.export) as folder:
         layers = None if folder is None else LayerWriter(folder, stage.scale.metres_per_unit)
         results = insert_objects(
-            stage, objects, write, show_interval=options.show_interval, film=film is not None, layers=layers
+            stage,
+            objects,
+            write,
+            show_interval=options.show_interval,
+            film=film is not None,
+            layers=layers,
+            tracer=traced_layers if options.renderer == "blender" else None,
         )
         for line in write_exports(folder, stage, objects, results) if folder is not None else ():
             sys.stderr.write(f"{PROGRAM}: warning: {line}\n")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -11,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import View
-from insertion.composite.compose import compose
+from insertion.composite.compose import Composed, compose, compose_traced
 from insertion.composite.ghost import draw_interval
-from insertion.composite.match import Looks
+from insertion.composite.match import Look, Looks
+from insertion.light.environment import Environment
 from insertion.light.estimate import environment_at
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
@@ -26,7 +28,7 @@ from insertion.render.context import gl_context
 from insertion.render.renderer import ObjectRenderer
 from insertion.request import ObjectRequest
 from insertion.result import FrameReport, InsertionResult
-from insertion.scene.cloud import front_points
+from insertion.scene.cloud import FrontPoints, front_points
 from insertion.scene.footage import Shot
 from insertion.stage import Stage
 from metric_base.arrays import FloatArray
@@ -76,6 +78,10 @@ class Placed:
         return np.column_stack([np.cross(up, self.front), up, self.front])
 
 
+#: Opens another renderer: from a shot to its (h, w, 4) layer of linear light.
+Tracer = Callable[[Stage, Sequence[Placed], Environment], AbstractContextManager[Callable[[Shot], NDArray[np.float32]]]]
+
+
 @dataclass(slots=True, eq=False)
 class _Running:
     """An object during the run over the frames."""
@@ -83,6 +89,18 @@ class _Running:
     placed: Placed
     renderer: ObjectRenderer
     frames: list[FrameReport] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Run:
+    """What stays the same over the frames."""
+
+    stage: Stage
+    objects: list[_Running]
+    looks: Looks
+    show_interval: bool
+    layers: LayerSink | None
+    traced: Callable[[Shot], NDArray[np.float32]] | None
 
 
 def place_objects(stage: Stage, requests: Sequence[ObjectRequest], tree: Tree | None = None) -> list[Placed]:
@@ -98,27 +116,30 @@ def insert_objects(
     show_interval: bool = False,
     film: bool = False,
     layers: LayerSink | None = None,
+    tracer: Tracer | None = None,
 ) -> list[InsertionResult]:
     """Draw the objects into every picture of the footage and hand each to `write`, one at a time.
 
     film : the pictures are one film, whose exposure and blur change slowly. Frames without a pose stay as they are.
     layers : takes each frame as it was, and the coverage and depth of each object in it.
+    tracer : draws the objects in place of the embedded renderer.
     """
     seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
     started = time.perf_counter()
     context = gl_context()
     running = [_Running(item, _renderer(context, stage, item)) for item in objects]
-    seconds["light"] = time.perf_counter() - started
-    looks = Looks(smooth=film)
-    for shot, picture in stage.footage.pictures():
-        started = time.perf_counter()
-        if layers is not None:
-            layers.picture(shot, picture)
-        out = _drawn(stage, running, shot, picture, looks, show_interval, layers)
-        rendered = time.perf_counter()
-        write(shot, out)
-        seconds["render"] += rendered - started
-        seconds["encode"] += time.perf_counter() - rendered
+    with nullcontext(None) if tracer is None else tracer(stage, objects, running[0].renderer.environment) as traced:
+        run = _Run(stage, running, Looks(smooth=film), show_interval, layers, traced)
+        seconds["light"] = time.perf_counter() - started
+        for shot, picture in stage.footage.pictures():
+            started = time.perf_counter()
+            if layers is not None:
+                layers.picture(shot, picture)
+            out = _drawn(run, shot, picture)
+            rendered = time.perf_counter()
+            write(shot, out)
+            seconds["render"] += rendered - started
+            seconds["encode"] += time.perf_counter() - rendered
     context.release()
     return [_result(stage, item, seconds) for item in running]
 
@@ -173,37 +194,43 @@ def _renderer(context: Any, stage: Stage, item: Placed) -> ObjectRenderer:
     return ObjectRenderer(context, item.body, environment_at(item.place, height, stage.cloud, stage.stills))
 
 
-def _drawn(
-    stage: Stage,
-    running: Sequence[_Running],
-    shot: Shot,
-    picture: Picture,
-    looks: Looks,
-    show_interval: bool,
-    layers: LayerSink | None,
-) -> Picture:
+def _drawn(run: _Run, shot: Shot, picture: Picture) -> Picture:
     """The picture with all objects, the farthest first."""
     view = shot.view
     if view is None:
-        for item in running:
+        for item in run.objects:
             item.frames.append(FrameReport(shot.name, shot.time_s, None, 0.0))
         return picture
-    front = front_points(view, stage.cloud, shot.row)
-    look = looks.next(picture, front, stage.cloud)
-    masks = stage.masks(shot)
-    order = sorted(running, key=lambda item: -float(np.linalg.norm(view.centre - item.placed.body.position)))
-    for number, item in enumerate(order):
-        number_of_plane = item.placed.place.plane
-        plane = None if number_of_plane is None else stage.supports.surfaces[number_of_plane]
-        seed = shot.index * 16 + number
-        composed = compose(picture, view, item.renderer, stage.cloud, front, masks, plane, look, seed)
-        picture = composed.picture
+    front = front_points(view, run.stage.cloud, shot.row)
+    look = run.looks.next(picture, front, run.stage.cloud)
+    order = sorted(run.objects, key=lambda item: -float(np.linalg.norm(view.centre - item.placed.body.position)))
+    picture, each = _composed(run, shot, view, picture, front, look, order)
+    for item, composed in zip(order, each, strict=True):
         item.frames.append(FrameReport(shot.name, shot.time_s, composed.silhouette, composed.visible))
-        if layers is not None:
-            layers.layers(shot, running.index(item), *composed.whole())
-        if show_interval:
-            picture = draw_interval(picture, view, item.renderer, stage.scale)
+        if run.layers is not None:
+            run.layers.layers(shot, run.objects.index(item), *composed.whole())
+        if run.show_interval:
+            picture = draw_interval(picture, view, item.renderer, run.stage.scale)
     return picture
+
+
+def _composed(
+    run: _Run, shot: Shot, view: View, picture: Picture, front: FrontPoints, look: Look, order: Sequence[_Running]
+) -> tuple[Picture, list[Composed]]:
+    stage, masks = run.stage, run.stage.masks(shot)
+    if run.traced is not None:
+        renderers = [item.renderer for item in order]
+        layer = run.traced(shot)
+        return compose_traced(picture, view, renderers, layer, stage.cloud, front, masks, look, shot.index * 16)
+    each: list[Composed] = []
+    for number, item in enumerate(order):
+        plane = item.placed.place.plane
+        surface = None if plane is None else stage.supports.surfaces[plane]
+        seed = shot.index * 16 + number
+        composed = compose(picture, view, item.renderer, stage.cloud, front, masks, surface, look, seed)
+        picture = composed.picture
+        each.append(composed)
+    return picture, each
 
 
 def _taken(stage: Stage, placed: Placed) -> list[str]:

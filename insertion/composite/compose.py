@@ -20,7 +20,7 @@ from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.cloud import Cloud, FrontPoints
 from metric_base.arrays import BoolArray
 
-__all__ = ["Composed", "compose"]
+__all__ = ["Composed", "compose", "compose_traced"]
 
 Picture = NDArray[np.uint8]
 #: Points within this share of the object's size of the support plane belong to it.
@@ -84,6 +84,39 @@ def compose(
     out[box.slices] = after
     visible = _visible(layer.alpha, hidden)
     return Composed(out, _silhouette(layer.alpha, box), visible, box, layer.alpha * (1 - hidden), layer.depth)
+
+
+def compose_traced(
+    picture: Picture,
+    view: View,
+    renderers: Sequence[ObjectRenderer],
+    traced: NDArray[np.float32],
+    cloud: Cloud,
+    front: FrontPoints,
+    instances: Sequence[Instance],
+    look: Look,
+    seed: int,
+) -> tuple[Picture, list[Composed]]:
+    """The picture with all objects as another renderer drew them together, and what each of them covers.
+
+    traced : (h, w, 4) linear light, premultiplied, of the objects and their shadows on the support, through the lens.
+    """
+    whole = Box(0, 0, view.camera.width, view.camera.height)
+    hidden = np.zeros(whole.shape, np.float32)
+    each = []
+    for renderer in renderers:
+        box = object_box(view, renderer.body)
+        if box is None:
+            each.append(Composed(picture, None, 0.0))
+            continue
+        layer = _within(object_layer(renderer, view, box), box, whole)
+        covered = hidden_share(layer, whole, view, instances, front, _on_support(renderer, cloud, front))
+        hidden = np.maximum(hidden, covered)
+        silhouette, alpha = _silhouette(layer.alpha, whole), layer.alpha * (1 - covered)
+        each.append(Composed(picture, silhouette, _visible(layer.alpha, covered), whole, alpha, layer.depth))
+    flat = np.ones((*whole.shape, 3), np.float32)
+    layer = ObjectImage(traced[..., :3], traced[..., 3], np.full(whole.shape, np.nan, np.float32))
+    return _mixed(picture, layer, hidden, flat, look, whole, seed), each
 
 
 def _mixed(

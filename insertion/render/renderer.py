@@ -48,7 +48,7 @@ class ObjectRenderer:
     """One body in an OpenGL context (`gl_context`), which several may share."""
 
     def __init__(self, context: Any, body: Body, environment: Environment) -> None:
-        self.body = body
+        self.body, self.environment = body, environment
         self._context = context
         lights = directional_lights(environment, OBJECT_CUTS)
         self._program = self._context.program(

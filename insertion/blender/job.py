@@ -1,0 +1,74 @@
+"""What Blender is asked to do, in metres with +y up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.records.scene import Camera
+from insertion.composite.boxes import Box, window_behind
+from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
+from insertion.insert import Placed
+from insertion.light.environment import Environment
+from insertion.render.pinhole import Window
+
+__all__ = ["SAMPLES", "full_window", "insertion_job", "support_albedo", "write_environment"]
+
+#: Paths a pixel; the denoiser does the rest.
+SAMPLES = 32
+#: Half the side of the square that catches shadows, in sizes of the object.
+CATCHER_SIZES = 8.0
+
+
+def full_window(camera: Camera) -> Window:
+    """The ideal picture behind the whole picture."""
+    return window_behind(camera, Box(0, 0, camera.width, camera.height))
+
+
+def insertion_job(
+    objects: Sequence[Placed],
+    keys: Sequence[CameraKey],
+    camera: Camera,
+    frame: MetricFrame,
+    environment: Environment,
+    folder: Path,
+) -> dict[str, Any]:
+    """Objects on a shadow catcher under the environment; nothing is written yet (`out`, `blend`)."""
+    window = full_window(camera)
+    largest = max(placed.body.unit for placed in objects) * frame.scale
+    return {
+        "objects": [_object(item, frame) for item in objects],
+        "catcher": {"half": CATCHER_SIZES * largest, "albedo": support_albedo(environment)},
+        "environment": str(write_environment(environment, folder / "environment.hdr")),
+        "window": {
+            "width": window.width, "height": window.height, "fx": window.fx, "fy": window.fy,
+            "cx": window.cx - window.x0, "cy": window.cy - window.y0,
+        },
+        "keys": [
+            {"stem": f"{number:06d}", "time_s": key.time_s, "matrix": key.matrix.tolist()}
+            for number, key in enumerate(keys)
+        ],
+        "samples": SAMPLES,
+    }  # fmt: skip
+
+
+def _object(item: Placed, frame: MetricFrame) -> dict[str, Any]:
+    return {"file": str(item.request.model.resolve()), "matrix": object_matrix(item, frame).tolist()}
+
+
+def support_albedo(environment: Environment) -> list[float]:
+    """(3,) what the support reflects: the radiance below the object over the irradiance above it, 0.05 to 0.9."""
+    below = environment.radiance[-8:].mean(axis=(0, 1))
+    above = environment.irradiance(environment.basis[2])
+    return [float(v) for v in np.clip(np.pi * below / np.maximum(above, 1e-6), 0.05, 0.9)]
+
+
+def write_environment(environment: Environment, file: Path) -> Path:
+    """The environment as a Radiance picture; Blender counts the azimuth the other way."""
+    import cv2
+
+    cv2.imwrite(str(file), np.ascontiguousarray(environment.radiance[:, ::-1, ::-1]))
+    return file

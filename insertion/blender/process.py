@@ -1,0 +1,48 @@
+"""Where Blender is, and one run of it.
+
+Blender is GPL and wants an exact Python: it never runs in our process. `METRIC_TREE_BLENDER` names a `blender` program
+or the Python of an environment that has `bpy`; without it, `blender` on PATH is used.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from metric_base.faults import InputFault
+
+__all__ = ["VARIABLE", "blender_program", "run_blender"]
+
+VARIABLE = "METRIC_TREE_BLENDER"
+_SCRIPT = Path(__file__).with_name("script.py")
+
+
+def blender_program() -> list[str]:
+    """The words that run a script in Blender. Raises InputFault where there is no Blender."""
+    stated = os.environ.get(VARIABLE)
+    program = shutil.which(stated or "blender")
+    if program is None:
+        how = f"install Blender, or set {VARIABLE} to the Python of an environment with bpy (pip install bpy)"
+        found = f"found no program {stated!r}" if stated else "found no blender on PATH"
+        raise InputFault(f"--renderer blender: {found}; {how}")
+    if "python" in Path(program).name:
+        return [program, str(_SCRIPT)]
+    return [program, "--background", "--factory-startup", "--python", str(_SCRIPT), "--"]
+
+
+def run_blender(job: Mapping[str, Any], folder: Path) -> None:
+    """Run one job (`script.py` says what is in it); `folder` takes its files. Raises InputFault if Blender fails."""
+    file = folder / "job.json"
+    file.write_text(json.dumps(job), encoding="utf-8")
+    # Blender's Python must not see our packages
+    clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    done = subprocess.run([*blender_program(), str(file)], capture_output=True, text=True, env=clean, check=False)
+    log = done.stdout + done.stderr
+    if done.returncode != 0 or "Traceback" in log:
+        last = next((line for line in reversed(log.splitlines()) if line.strip()), "no word")
+        raise InputFault(f"--renderer blender: Blender ended with status {done.returncode}: {last.strip()}")

@@ -1,0 +1,155 @@
+"""Run by Blender's own Python, never imported: `blender -b -P script.py -- JOB.json`, or `python script.py JOB.json`.
+
+The job (see `job.py`) names models with matrices, cameras, lights and what to write. Its frame is metres with +y up;
+Blender's is +z up.
+"""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+#: From +y up to +z up, as Blender's glTF importer turns it.
+TURN = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=float)
+
+
+def main(job: dict[str, Any]) -> None:
+    """Build the scene, then save and render what the job asks for."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    scene = bpy.context.scene
+    for item in job["objects"]:
+        add_model(item)
+    for light in job.get("lights", []):
+        add_light(light)
+    if job.get("catcher"):
+        add_catcher(job["catcher"])
+    set_world(scene, job.get("environment"))
+    camera = add_camera(scene, job)
+    if job.get("blend"):
+        bpy.ops.wm.save_as_mainfile(filepath=job["blend"], compress=True)
+    if job.get("out"):
+        render(scene, camera, job)
+
+
+def add_model(item: dict[str, Any]) -> None:
+    """Import a glTF file and put it at its matrix."""
+    before = set(bpy.data.objects)
+    bpy.ops.import_scene.gltf(filepath=item["file"])
+    new = [thing for thing in bpy.data.objects if thing not in before]
+    anchor = bpy.data.objects.new("anchor", None)
+    bpy.context.scene.collection.objects.link(anchor)
+    for thing in new:
+        if thing.animation_data:
+            thing.animation_data_clear()
+        if thing.parent is None:
+            thing.parent = anchor
+    anchor.matrix_world = Matrix((TURN @ np.array(item["matrix"]) @ np.linalg.inv(TURN)).tolist())
+
+
+def add_light(light: dict[str, Any]) -> None:
+    """A square area light; matrix : its place, shining along its -z; power in watts."""
+    data = bpy.data.lights.new("lamp", "AREA")
+    data.shape, data.size, data.energy = "SQUARE", light["size"], light["power"]
+    data.color = light.get("colour", (1, 1, 1))
+    thing = bpy.data.objects.new("lamp", data)
+    thing.matrix_world = Matrix((TURN @ np.array(light["matrix"])).tolist())
+    bpy.context.scene.collection.objects.link(thing)
+
+
+def add_catcher(catcher: dict[str, Any]) -> None:
+    """A square on y = 0 that shows nothing but shadows; albedo : what it reflects onto the object."""
+    half = catcher["half"]
+    mesh = bpy.data.meshes.new("support")
+    mesh.from_pydata([(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)], [], [(0, 1, 2, 3)])
+    material = bpy.data.materials.new("support")
+    material.use_nodes = True
+    surface = material.node_tree.nodes["Principled BSDF"]
+    surface.inputs["Base Color"].default_value = (*catcher["albedo"], 1)
+    surface.inputs["Roughness"].default_value = 0.9
+    mesh.materials.append(material)
+    thing = bpy.data.objects.new("support", mesh)
+    thing.is_shadow_catcher = True
+    bpy.context.scene.collection.objects.link(thing)
+
+
+def set_world(scene: Any, file: str | None) -> None:
+    """An equirectangular picture as the light of the world, or black."""
+    world = bpy.data.worlds.new("world")
+    scene.world = world
+    world.use_nodes = True
+    nodes, links = world.node_tree.nodes, world.node_tree.links
+    background = nodes["Background"]
+    if file is None:
+        background.inputs["Color"].default_value = (0, 0, 0, 1)
+        return
+    picture = nodes.new("ShaderNodeTexEnvironment")
+    picture.image = bpy.data.images.load(file)
+    picture.image.colorspace_settings.name = "Linear Rec.709"
+    links.new(picture.outputs["Color"], background.inputs["Color"])
+
+
+def add_camera(scene: Any, job: dict[str, Any]) -> Any:
+    """The ideal camera of the job's window with a key for each picture."""
+    window = job["window"]
+    data = bpy.data.cameras.new("recovered camera")
+    data.sensor_fit = "HORIZONTAL"
+    data.sensor_width = 36.0
+    data.lens = 36.0 * window["fx"] / window["width"]
+    data.shift_x = (window["width"] / 2 - window["cx"]) / window["width"]
+    data.shift_y = (window["cy"] - window["height"] / 2) / window["width"]
+    data.clip_start, data.clip_end = 0.01, 1000.0
+    camera = bpy.data.objects.new("recovered camera", data)
+    camera.rotation_mode = "QUATERNION"
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    render = scene.render
+    render.resolution_x, render.resolution_y, render.resolution_percentage = window["width"], window["height"], 100
+    render.pixel_aspect_y = window["fx"] / window["fy"] if window["fx"] > window["fy"] else 1.0
+    render.pixel_aspect_x = window["fy"] / window["fx"] if window["fy"] > window["fx"] else 1.0
+    rate = job.get("rate", 6.0)
+    render.fps, render.fps_base = max(round(rate * 100), 1), 100.0
+    start = job["keys"][0]["time_s"]
+    for key in job["keys"]:
+        camera.matrix_world = Matrix((TURN @ np.array(key["matrix"])).tolist())
+        frame = 1 + (key["time_s"] - start) * rate
+        camera.keyframe_insert("location", frame=frame)
+        camera.keyframe_insert("rotation_quaternion", frame=frame)
+    scene.frame_start, scene.frame_end = 1, max(1, round(1 + (job["keys"][-1]["time_s"] - start) * rate))
+    return camera
+
+
+def render(scene: Any, camera: Any, job: dict[str, Any]) -> None:
+    """One `.npy` (h, w, 4) of linear light per key, premultiplied, rows from the top."""
+    scene.render.engine = "CYCLES"
+    cycles = scene.cycles
+    cycles.device, cycles.samples, cycles.use_denoising = "CPU", job["samples"], True
+    cycles.use_adaptive_sampling, cycles.max_bounces, cycles.seed = True, 6, 0
+    scene.render.threads_mode, scene.render.threads = "FIXED", job.get("threads", 2)
+    scene.render.film_transparent = job.get("transparent", True)
+    scene.render.use_persistent_data = True
+    settings = scene.render.image_settings
+    settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGBA", "32"
+    camera.animation_data_clear()
+    for key in job["keys"]:
+        if key.get("skip"):
+            continue
+        camera.matrix_world = Matrix((TURN @ np.array(key["matrix"])).tolist())
+        file = f"{job['out']}/{key['stem']}.exr"
+        scene.render.filepath = file
+        bpy.ops.render.render(write_still=True)
+        image = bpy.data.images.load(file)
+        pixels = np.empty(len(image.pixels), np.float32)
+        image.pixels.foreach_get(pixels)
+        height, width = image.size[1], image.size[0]
+        np.save(f"{job['out']}/{key['stem']}.npy", pixels.reshape(height, width, 4)[::-1].astype(np.float16))
+        Path(file).unlink()
+        bpy.data.images.remove(image)
+
+
+if __name__ == "__main__":
+    arguments = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
+    main(json.loads(Path(arguments[0]).read_text(encoding="utf-8")))

@@ -1,0 +1,66 @@
+"""The objects drawn by Cycles for every picture, and `.blend` files."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.records.scene import Camera
+from insertion.blender.job import full_window, insertion_job
+from insertion.blender.process import run_blender
+from insertion.exports.metric_frame import camera_keys, metric_frame
+from insertion.insert import Placed
+from insertion.light.environment import Environment
+from insertion.scene.footage import Shot
+from insertion.scene.rays import camera_rays
+from insertion.stage import Stage
+
+__all__ = ["traced_layers", "write_blend"]
+
+Layer = NDArray[np.float32]
+
+
+@contextmanager
+def traced_layers(
+    stage: Stage, objects: Sequence[Placed], environment: Environment
+) -> Iterator[Callable[[Shot], Layer]]:
+    """A function from a shot to its (h, w, 4) layer through the lens; all are rendered first, in one run."""
+    frame = metric_frame(objects, stage.scale.metres_per_unit)
+    shots = [shot for shot in stage.footage.shots if shot.view is not None]
+    camera = _camera(shots)
+    with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
+        folder = Path(name)
+        job = insertion_job(objects, camera_keys(shots, frame), camera, frame, environment, folder)
+        run_blender(job | {"out": str(folder)}, folder)
+        stems = {shot.index: f"{number:06d}" for number, shot in enumerate(shots)}
+        yield lambda shot: _bent(np.load(folder / f"{stems[shot.index]}.npy").astype(np.float32), camera)
+
+
+def write_blend(file: Path, stage: Stage, objects: Sequence[Placed], environment: Environment) -> None:
+    """The scene with its animated camera as a `.blend` file."""
+    frame = metric_frame(objects, stage.scale.metres_per_unit)
+    shots = [shot for shot in stage.footage.shots if shot.view is not None]
+    with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
+        folder = Path(name)
+        job = insertion_job(objects, camera_keys(shots, frame), _camera(shots), frame, environment, folder)
+        run_blender(job | {"blend": str(file.resolve())}, folder)
+
+
+def _camera(shots: Sequence[Shot]) -> Camera:
+    return next(shot.view.camera for shot in shots if shot.view is not None)
+
+
+def _bent(ideal: Layer, camera: Camera) -> Layer:
+    """The ideal picture through the lens."""
+    import cv2
+
+    window = full_window(camera)
+    rays = camera_rays(camera)
+    x = rays[..., 0] * np.float32(window.fx) + np.float32(window.cx - window.x0 - 0.5)
+    y = rays[..., 1] * np.float32(window.fy) + np.float32(window.cy - window.y0 - 0.5)
+    return np.asarray(cv2.remap(ideal, x, y, cv2.INTER_LINEAR), dtype=np.float32)

@@ -12,9 +12,9 @@ import numpy as np
 from estimator.instances.arrays import MasksByImage, instances_of_masks
 from estimator.instances.coco import ignored_categories, read_coco
 from estimator.instances.label_images import read_label_images
-from estimator.reconstructions.cameras import pixels_in_view
+from estimator.reconstructions.cameras import pixels_in_view, projected_views
 from estimator.reconstructions.checked_files import folder_entries
-from estimator.reconstructions.colmap import colmap_folder, read_colmap
+from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_colmap
 from estimator.reconstructions.ply import dense_file, read_dense_cloud
 from estimator.records.scene import DenseCloud, Instance, Scene
 from metric_base.arrays import IntArray
@@ -30,6 +30,9 @@ MEMORY = Path("memory")
 RECONSTRUCTION = "reconstruction.json"
 INSTANCES = "instances.json"
 PICTURES = "instances"
+CATEGORIES = "categories.json"
+#: How far above the model its instances are looked for: `scene/dense/0/sparse` is the deepest usual place.
+LEVELS_UP = 3
 #: Points looked at to see whether the visibility file numbers the images as we do.
 VISIBILITY_SAMPLE = 2000
 #: A point that an image sees projects into it, but for those at its border; with the images in another order
@@ -124,30 +127,48 @@ def read_instances_and_warnings(
 
 
 def _sparse_scene(path: Path) -> Scene:
-    if path.name == RECONSTRUCTION and path.is_file():
+    if path.is_file() and (path.name == RECONSTRUCTION or model_suffix(path.parent)):
         path = path.parent
-    if not path.is_dir():
-        raise InputFault.at(
-            path, "scene", "a COLMAP model folder or an OpenSfM dataset folder", Words("no such folder")
-        )
     folder = colmap_folder(path)
     if folder is not None:
-        return read_colmap(folder, path)
+        return _with_observations(read_colmap(folder, path))
     if (path / RECONSTRUCTION).is_file():
         from estimator.reconstructions.opensfm import read_opensfm  # reads tracks with pyarrow, which COLMAP needs not
 
         return read_opensfm(path)
+    from estimator.exports.forms import EXPORT_NAMES, advice_on_file, export_file, read_export
+
+    export = export_file(path)
+    if export is not None:
+        return read_export(*export)
+    expected = f"a reconstruction: images.bin or images.txt (also under sparse/0), {RECONSTRUCTION}, {EXPORT_NAMES}"
+    if not path.exists():
+        raise InputFault.at(path, "scene", expected, Words("no such file or folder"))
+    if not path.is_dir():
+        raise InputFault.at(path, "scene", expected, Words(advice_on_file(path)))
     names = [entry.name for entry in folder_entries(path)]
-    expected = f"images.bin or images.txt (also under sparse/0), or {RECONSTRUCTION}"
     raise InputFault.at(path, "scene", expected, Words(", ".join(names[:5]) or "an empty folder"))
 
 
+def _with_observations(scene: Scene) -> Scene:
+    """The scene; where no view states an observation (learned reconstructions), points are projected into the views."""
+    if not len(scene.points) or any(len(view.point_index) for view in scene.views):
+        return scene
+    warning = f"{scene.path}: it states no observations, so points are projected into every view that could see them"
+    views = projected_views(scene.views, scene.points)
+    return replace(scene, views=views, warnings=(*scene.warnings, warning))
+
+
 def _default_instances(scene: Scene) -> Path:
-    for place in (scene.path / INSTANCES, scene.path / PICTURES):
-        if place.exists():
-            return place
+    starts = [path.resolve() for path in (scene.path, scene.model_path) if path is not None]
+    folders = dict.fromkeys(folder for start in starts for folder in (start, *list(start.parents)[:LEVELS_UP]))
+    for folder in folders:
+        for place in (folder / INSTANCES, folder / PICTURES):
+            if place.is_file() or (place.is_dir() and (place / CATEGORIES).is_file()):
+                return place
     ways = "--instances FILE, or --images DIR --detector MODEL (docs/how-to/detectors.md lists detectors)"
-    raise InputFault.at(scene.path, "instances", f"{INSTANCES} or {PICTURES}/ in it, or {ways}", Words("none"))
+    expected = f"{INSTANCES} or {PICTURES}/ in it or above it, or {ways}"
+    raise InputFault.at(scene.path, "instances", expected, Words("none"))
 
 
 def _with_dense(scene: Scene, file: Path | None) -> Scene:

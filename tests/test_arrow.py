@@ -35,6 +35,7 @@ ROOMS = [
     "metric_tree.report",
     "estimator.records",
     "estimator.reconstructions",
+    "estimator.exports",
     "estimator.checks",
     "estimator.instances",
     "estimator.association",

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.outputs.colmap_model import write_colmap_model
 from estimator.outputs.rescaled_colmap import write_scaled_colmap
 from estimator.reconstructions.checked_files import read_bytes
 from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction
@@ -46,6 +47,8 @@ def _write_all(scene: Scene, model_path: Path, scale: float, folder: Path) -> No
     target.mkdir(parents=True, exist_ok=True)
     if scene.format == "opensfm":
         _write_opensfm(model_path, scale, target)
+    elif scene.format not in {"colmap-binary", "colmap-text"}:
+        write_colmap_model(scene, scale, target)
     else:
         write_scaled_colmap(model_path, ".bin" if scene.format == "colmap-binary" else ".txt", scale, target)
     if scene.dense is not None and scene.dense.path is not None:

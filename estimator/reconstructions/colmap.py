@@ -16,10 +16,12 @@ from estimator.records.scene import MAX_COORDINATE, Scene, View
 from metric_base.arrays import IntArray
 from metric_base.faults import InputFault, Words
 
-__all__ = ["colmap_folder", "read_colmap"]
+__all__ = ["colmap_folder", "model_suffix", "read_colmap"]
 
 #: Where a COLMAP workspace keeps its model, in the order of preference.
-MODEL_PLACES = (".", "sparse/0", "sparse", "0")
+MODEL_PLACES = (
+    ".", "sparse/0", "sparse", "0", "colmap/sparse/0", "colmap/sparse", "colmap", "dense/sparse", "dense/0/sparse",
+)  # fmt: skip
 #: A unit quaternion may have lost some digits in a text file; one of another length is not a rotation.
 QUATERNION_TOLERANCE = 1e-2
 #: COLMAP counts points from 1 and deletes some: while the largest id is at most this many times their number, a

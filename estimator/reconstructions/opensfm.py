@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.reconstructions.cameras import make_camera, pixels_in_view
+from estimator.reconstructions.cameras import make_camera, projected_views
 from estimator.reconstructions.checked_files import json_array, json_object, read_json
 from estimator.reconstructions.opensfm_tracks import read_observations
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
@@ -56,7 +56,7 @@ def read_opensfm(folder: Path) -> Scene:
     if tracks.is_file():
         views = _observed(tracks, views, names)
     else:
-        views = tuple(_projected(view, points) for view in views)
+        views = projected_views(views, points)
         warnings = (*warnings, f"{folder}: no {TRACKS}, so points are projected into every view that could see them")
     return Scene(folder, "opensfm", views, points, warnings=warnings, model_path=folder)
 
@@ -158,13 +158,6 @@ def _observed(file: Path, views: tuple[View, ...], names: list[str]) -> tuple[Vi
 def _with_keypoints(view: View, normalised: FloatArray, tracks: IntArray) -> View:
     size = np.array([view.camera.width, view.camera.height], dtype=np.float64)
     return replace(view, keypoints=normalised * size.max() + size / 2, point_index=tracks)
-
-
-def _projected(view: View, points: FloatArray) -> View:
-    """The view with every point that falls inside its picture."""
-    pixels, _ = pixels_in_view(view, points)
-    rows = np.flatnonzero(np.isfinite(pixels[:, 0]))
-    return replace(view, keypoints=pixels[rows], point_index=rows)
 
 
 def _whole(field: str, value: object) -> int:

@@ -12,7 +12,7 @@ from estimator.records.scene import MAX_COORDINATE, DenseCloud
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.faults import InputFault, Words
 
-__all__ = ["dense_file", "ply_layout", "read_dense_cloud", "read_visibility", "visibility_bytes"]
+__all__ = ["dense_file", "ply_layout", "read_dense_cloud", "read_points", "read_visibility", "visibility_bytes"]
 
 #: Where reconstructions keep their dense cloud, in the order of preference: COLMAP's and OpenSfM's places.
 DENSE_PLACES = (
@@ -55,7 +55,7 @@ def dense_file(*folders: Path) -> Path | None:
 
 def read_dense_cloud(path: Path, n_views: int) -> tuple[DenseCloud, tuple[str, ...]]:
     """The cloud with its visibility where `<path>.vis` exists, and warnings; points without a position are dropped."""
-    points = _points(path)
+    points = read_points(path)
     beside = path.with_name(f"{path.name}.vis")
     offsets, views = read_visibility(beside, len(points), n_views) if beside.is_file() else (None, None)
     good = (np.abs(points) < MAX_COORDINATE).all(axis=1)
@@ -172,7 +172,7 @@ def _record(path: Path, form: str, properties: list[tuple[str | None, str]]) -> 
     return np.dtype([(name, _BYTE_ORDERS[form] + str(kind)) for kind, name in properties])
 
 
-def _points(path: Path) -> FloatArray:
+def read_points(path: Path) -> FloatArray:
     """(n, 3) positions of the vertices."""
     reader = ByteReader(path)
     layout = ply_layout(path, reader.data)

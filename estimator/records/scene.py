@@ -111,6 +111,20 @@ class Instance:
     track: str | None = None
 
 
+#: Where a scene comes from.
+Format = Literal[
+    "colmap-binary",
+    "colmap-text",
+    "opensfm",
+    "memory",
+    "nerfstudio",
+    "bundler",
+    "metashape",
+    "realitycapture",
+    "meshroom",
+]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scene:
     """A reconstruction.
@@ -120,7 +134,7 @@ class Scene:
     """
 
     path: Path
-    format: Literal["colmap-binary", "colmap-text", "opensfm", "memory"]
+    format: Format
     views: tuple[View, ...]
     points: FloatArray
     dense: DenseCloud | None = None

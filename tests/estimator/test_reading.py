@@ -33,7 +33,7 @@ def test_paths_may_be_text(small: Path) -> None:
 
 
 def test_no_such_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputFault, match="no such folder"):
+    with pytest.raises(InputFault, match="no such file or folder"):
         read_scene(tmp_path / "nowhere")
     (tmp_path / "file").write_text("x", encoding="utf-8")
     with pytest.raises(InputFault, match="file: scene: expected a COLMAP model folder"):

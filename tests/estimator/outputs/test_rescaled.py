@@ -13,6 +13,7 @@ from estimator.outputs.rescaled import TRANSFORM, write_scaled
 from estimator.reading import read_scene
 from estimator.records.scene import Scene
 from metric_base.faults import InputFault
+from tests.made.exports import write_export
 from tests.made.small_scene import small_model, write_small_scene
 
 SCALE = 0.37897
@@ -143,3 +144,17 @@ def test_an_existing_folder_and_impossible_scales_are_refused(small: Path, tmp_p
     for scale in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InputFault, match="a positive number"):
             write_scaled(scene, scale, tmp_path / "metric")
+
+
+def test_a_scene_of_another_program_becomes_a_colmap_model(small: Path, tmp_path: Path) -> None:
+    write_export(read_scene(small / "colmap", "none"), "meshroom", tmp_path / "meshroom")
+    scene = read_scene(tmp_path / "meshroom")
+    write_scaled(scene, SCALE, tmp_path / "metric")
+    scaled = read_scene(tmp_path / "metric")
+    assert scaled.format == "colmap-text"
+    np.testing.assert_allclose(scaled.points, scene.points * SCALE, rtol=1e-12)
+    for view, other in zip(scene.views, scaled.views, strict=True):
+        np.testing.assert_allclose(other.rotation, view.rotation, atol=1e-12)
+        np.testing.assert_allclose(other.centre, view.centre * SCALE, atol=1e-9)
+        np.testing.assert_array_equal(other.point_index, view.point_index)
+    pycolmap.Reconstruction(str(tmp_path / "metric"))

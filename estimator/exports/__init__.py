@@ -1,0 +1,1 @@
+"""Reconstructions of other programs: nerfstudio, Bundler, Metashape, RealityCapture, Meshroom."""

@@ -1,0 +1,80 @@
+"""RealityCapture's "Internal/External camera parameters", a CSV file, with points in a PLY file beside it.
+
+Columns `#name, x, y, alt, heading, pitch, roll, f, px, py, k1 ... k4, t1, t2`: the position; heading, pitch and roll in
+degrees about up, right and forward; focal length and principal point in millimetres of a film 36 mm wide.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from estimator.exports.posed_views import (
+    FLIP,
+    number_of,
+    picture_size,
+    pinhole_camera,
+    points_beside,
+    posed_view,
+)
+from estimator.reconstructions.cameras import projected_views
+from estimator.reconstructions.checked_files import read_text
+from estimator.records.scene import Scene, View
+from metric_base.faults import FieldFault, at_field, in_file
+
+__all__ = ["is_realitycapture", "read_realitycapture"]
+
+PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "point_cloud.ply")
+COLUMNS = ("#name", "x", "y", "alt", "heading", "pitch", "roll", "f")
+FILM_MM = 36.0
+
+
+def is_realitycapture(head: str) -> bool:
+    """Whether the first line of a CSV file has this form's columns."""
+    return {word.strip() for word in head.split(",")} >= set(COLUMNS)
+
+
+def read_realitycapture(file: Path) -> Scene:
+    """The scene of a CSV file; sizes are read from the pictures, which it does not state.
+
+    Raises
+    ------
+    InputFault
+        The file is damaged, or a picture is missing.
+    """
+    with in_file(file):
+        rows = csv.DictReader(io.StringIO(read_text(file)), skipinitialspace=True)
+        if not set(rows.fieldnames or ()) >= set(COLUMNS):
+            raise FieldFault("columns", ", ".join(COLUMNS), list(rows.fieldnames or ()))
+        views: list[View] = []
+        for row in rows:
+            with at_field(f"line {rows.line_num}"):
+                views.append(_view(file, {name: value for name, value in row.items() if isinstance(name, str)}))
+        if not views:
+            raise FieldFault("lines", "at least one camera", 0)
+    points = points_beside(file, (f"{file.stem}.ply", *PLY_FILES))
+    warning = f"{file}: it states no observations, so points are projected into every view that could see them"
+    return Scene(file.parent, "realitycapture", projected_views(views, points), points, None, (warning,), file.parent)
+
+
+def _view(file: Path, row: dict[str, str]) -> View:
+    name = row["#name"].strip() if row["#name"] else ""
+    if not name:
+        raise FieldFault("#name", "a name", row["#name"])
+    size = picture_size(file, name)
+    pixels = max(size) / FILM_MM
+    focal = number_of(row, "f") * pixels
+    centre = (size[0] / 2 + number_of(row, "px", 0.0) * pixels, size[1] / 2 + number_of(row, "py", 0.0) * pixels)
+    distortion = {name: number_of(row, name, 0.0) for name in ("k1", "k2", "k3")}
+    tangential = {"p1": number_of(row, "t1", 0.0), "p2": number_of(row, "t2", 0.0)}
+    if number_of(row, "k4", 0.0):
+        raise FieldFault("k4", "0; export with the distortion model Brown 3", row["k4"])
+    camera = pinhole_camera(size, (focal, focal), centre, distortion | tangential)
+    angles = [-number_of(row, "heading"), number_of(row, "pitch"), number_of(row, "roll")]
+    # camera to world, axes right, up, back: R = Rz(-heading) Rx(pitch) Ry(roll)
+    rotation = Rotation.from_euler("ZXY", angles, degrees=True).as_matrix() @ FLIP
+    return posed_view(name, camera, rotation.T, np.array([number_of(row, axis) for axis in ("x", "y", "alt")]))

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.outputs.colmap_model import write_colmap_model
+from estimator.outputs.colmap_writer import write_colmap_model
 from estimator.outputs.rescaled_colmap import write_scaled_colmap
 from estimator.reconstructions.checked_files import read_bytes
 from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction

@@ -157,7 +157,7 @@ def test_leave_one_class_out(tmp_path: Path, tree: Path, capsys: pytest.CaptureF
         ([], "expected a SCENE or --objects FILE; found neither"),
         (["scene", "--objects", "x.json"], "found both"),
         (["--objects", "nowhere.json"], "nowhere.json: file: expected a readable file"),
-        (["nowhere"], "nowhere: scene: expected a COLMAP model folder or an OpenSfM dataset folder"),
+        (["nowhere"], "nowhere: scene: expected a reconstruction"),
         (["--objects", "x.json", "--level", "1.5"], "--level: expected a number between 0 and 1"),
         (["--objects", "x.json", "--overlay", "f"], "--overlay: expected a SCENE"),
         (

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from argparse import Namespace
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from estimator.capture.frames import is_capture
 from metric_base.faults import InputFault, Words
@@ -89,18 +88,40 @@ def _prepare_instances(options: Namespace, work: WorkFolder) -> None:
 
 
 def _copy_dataset(file: Path, work: WorkFolder) -> None:
+    """The part of a dataset that is about the chosen frames: one of a video may name every frame of it."""
+    from estimator.capture.frames import read_frames
     from estimator.capture.work_folder import content_digest
     from estimator.reconstructions.checked_files import read_json
 
-    if not isinstance(read_json(file), dict):  # bare results need their categories: they are read where they are
+    document = read_json(file)
+    if not isinstance(document, dict):  # bare results need their categories: they are read where they are
         (work.path / INSTANCES).unlink(missing_ok=True)
         return
-    if file.resolve() != (work.path / INSTANCES).resolve():
+    if file.resolve() == (work.path / INSTANCES).resolve():
+        return
+    names = read_frames(work.path).names
 
-        def make(part: Path) -> None:
-            shutil.copyfile(file, part / INSTANCES)
+    def make(part: Path) -> None:
+        kept = json.dumps(_of_frames(document, set(names)))
+        (part / INSTANCES).write_text(kept + "\n", encoding="utf-8")
 
-        work.stage("instances", {"file": content_digest(file)}, [INSTANCES], make)
+    work.stage("instances", {"file": content_digest(file), "frames": names}, [INSTANCES], make)
+
+
+def _of_frames(document: dict[str, Any], names: set[str]) -> dict[str, Any]:
+    """The dataset without images of other frames; as it is where that would leave nothing, or it is no dataset."""
+    images, annotations = document.get("images"), document.get("annotations")
+    if not isinstance(images, list) or not isinstance(annotations, list):
+        return document
+    if not all(isinstance(row, dict) for row in (*images, *annotations)):
+        return document
+    kept = [image for image in images if str(image.get("file_name", "")).replace("\\", "/").split("/")[-1] in names]
+    ids = [image.get("id") for image in kept]
+    if not kept or not all(isinstance(number, int | str) for number in ids):
+        return document
+    others = [image.get("id") for image in images if image not in kept]
+    about = [annotation for annotation in annotations if annotation.get("image_id") not in others]
+    return document | {"images": kept, "annotations": about}
 
 
 def _detect(options: Namespace, work: WorkFolder) -> None:

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import argparse
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -18,10 +20,13 @@ from metric_base.arrays import FloatArray, IntArray
 from tests.made.rooms.furnish import furnished_room
 from tests.made.rooms.kinds import KINDS
 from tests.made.rooms.knobs import Knobs
+from tests.made.rooms.masks import coco_dataset
 from tests.made.rooms.render import Renderer
+from tests.made.rooms.similarity import Similarity
+from tests.made.rooms.truth import truth_of
 from tests.made.rooms.world import Pinhole, Pose, World, pose_towards
 
-__all__ = ["Lens", "MadeFrame", "filmed", "orbit", "panning", "room", "still", "times_of", "write_video"]
+__all__ = ["Lens", "MadeFrame", "filmed", "made_video", "orbit", "panning", "room", "still", "times_of", "write_video"]
 
 Picture = NDArray[np.uint8]
 #: Denominator of the presentation times that are written: a common time base of MP4 files.
@@ -155,6 +160,40 @@ def write_video(
         container.mux(stream.encode())
 
 
+def made_video(world: World, lens: Lens, folder: Path, rate: float = 20.0) -> None:
+    """`video.mp4`, `instances.json` with the masks of every frame, and `truth.json` in a folder.
+
+    The truth is in metres with z up: camera, pose and time of every frame, and each object's size.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    frames = list(filmed(world, lens))
+    times = times_of(len(frames), rate)
+    write_video(folder / "video.mp4", [frame.colour for frame in frames], times, quality=20)
+    seen = replace(world, camera=Pinhole(lens.width, lens.height, lens.focal))
+    names = [f"{index:06d}.jpg" for index in range(len(frames))]
+    dataset = coco_dataset(seen, [frame.ids for frame in frames], names)
+    (folder / "instances.json").write_text(json.dumps(dataset) + "\n")
+    truth = {
+        "camera": {
+            "model": "SIMPLE_RADIAL",
+            "width": lens.width,
+            "height": lens.height,
+            "params": [lens.focal, lens.width / 2, lens.height / 2, lens.k],
+        },
+        "frames": [
+            {
+                "index": index,
+                "time_s": float(time),
+                "rotation": frame.pose.rotation.tolist(),
+                "translation": frame.pose.translation.tolist(),
+            }
+            for index, (time, frame) in enumerate(zip(times, frames, strict=True))
+        ],
+        "objects": truth_of(world, Similarity(1.0, np.eye(3), np.zeros(3))).json()["objects"],
+    }
+    (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n")
+
+
 def _ideal_pixels(lens: Lens, wide: Pinhole) -> NDArray[np.float32] | None:
     """(h, w, 2) where each pixel of the lens is in the wide picture, or None without distortion."""
     if lens.k == 0:
@@ -193,3 +232,19 @@ def _smeared(colour: Picture, length: float, angle: float) -> NDArray[np.float64
     columns, rows = np.rint(half + along * np.cos(angle)), np.rint(half + along * np.sin(angle))
     np.add.at(kernel, (rows.astype(int), columns.astype(int)), 1.0)
     return np.asarray(cv2.filter2D(colour.astype(np.float64), -1, kernel / kernel.sum()))
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(prog="python -m tests.made.videos", description=__doc__)
+    parser.add_argument("kind", choices=list(KINDS))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--frames", type=int, default=60)
+    parser.add_argument("--out", type=Path, required=True)
+    arguments = parser.parse_args()
+    made_video(room(arguments.kind, arguments.seed, frames=arguments.frames), Lens(), arguments.out)
+    print(f"{arguments.out}: {arguments.frames} frames")
+
+
+if __name__ == "__main__":
+    main()

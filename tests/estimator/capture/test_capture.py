@@ -128,6 +128,15 @@ def test_every_frame_has_its_pose(film: Film, work: Path) -> None:
     assert poses.camera.params[3] == pytest.approx(LENS.k, abs=0.02)
 
 
+def test_the_instances_of_other_frames_are_left_out(film: Film, work: Path) -> None:
+    given, kept = (json.loads(file.read_text()) for file in (film.instances, work / "instances.json"))
+    names = {file.name for file in (work / "frames").iterdir()}
+    assert {image["file_name"] for image in kept["images"]} == names
+    ids = {image["id"] for image in kept["images"]}
+    assert kept["annotations"] == [row for row in given["annotations"] if row["image_id"] in ids]
+    assert json.loads((work / "result.json").read_text())["warnings"] == []
+
+
 def test_the_scale_is_true(film: Film, work: Path) -> None:
     result = json.loads((work / "result.json").read_text())
     assert (result["schema"], result["status"]) == ("metric-tree/scale/1", "resolved")

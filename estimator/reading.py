@@ -17,7 +17,7 @@ from estimator.reconstructions.checked_files import folder_entries
 from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_colmap
 from estimator.reconstructions.ply import dense_file, read_dense_cloud
 from estimator.records.scene import DenseCloud, Instance, Scene
-from metric_base.arrays import IntArray
+from metric_base.arrays import FloatArray, IntArray
 from metric_base.faults import InputFault, Words
 
 if TYPE_CHECKING:
@@ -38,6 +38,9 @@ VISIBILITY_SAMPLE = 2000
 #: A point that an image sees projects into it, but for those at its border; with the images in another order
 #: about half of them do, or fewer.
 MIN_SHARE_IN_VIEW = 0.95
+#: Points of a cloud that are farther from the cameras and the sparse points than this many times their extent are no
+#: part of the scene; of the sparse points themselves the share at either end may be mismatched.
+FAR, SPARSE_TAIL = 100.0, 0.02
 
 
 def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = None) -> Scene:
@@ -175,7 +178,7 @@ def _with_dense(scene: Scene, file: Path | None) -> Scene:
     place = file or dense_file(scene.path, scene.model_path or scene.path)
     if place is None:
         return scene
-    cloud, warnings = read_dense_cloud(place, len(scene.views))
+    cloud, warnings = read_dense_cloud(place, len(scene.views), _bounds(scene))
     order = None if cloud.visible_views is None else _model_order(scene, place)
     if cloud.visible_views is not None and order is not None:
         if len(cloud.visible_views) and cloud.visible_views.max() >= len(order):
@@ -186,6 +189,19 @@ def _with_dense(scene: Scene, file: Path | None) -> Scene:
         cloud = replace(cloud, visible_offsets=None, visible_views=None)
         warnings = (*warnings, f"{place}.vis: its points do not project into the images it names; it is not used")
     return replace(scene, dense=cloud, warnings=(*scene.warnings, *warnings))
+
+
+def _bounds(scene: Scene) -> FloatArray | None:
+    """(2, 3) the low and the high corner that points of a cloud lie between, or None where the scene has no extent.
+
+    A damaged cloud has points at any distance, whose grids would take all memory.
+    """
+    places = np.array([view.centre for view in scene.views])
+    if len(scene.points):
+        places = np.vstack([places, np.quantile(scene.points, [SPARSE_TAIL, 1 - SPARSE_TAIL], axis=0)])
+    low, high = places.min(axis=0), places.max(axis=0)
+    reach = FAR * float(np.linalg.norm(high - low))
+    return np.array([low - reach, high + reach]) if reach > 0 else None
 
 
 def _model_order(scene: Scene, cloud_file: Path) -> IntArray | None:

@@ -53,21 +53,28 @@ def dense_file(*folders: Path) -> Path | None:
     return next((place for place in places if place.is_file()), None)
 
 
-def read_dense_cloud(path: Path, n_views: int) -> tuple[DenseCloud, tuple[str, ...]]:
-    """The cloud with its visibility where `<path>.vis` exists, and warnings; points without a position are dropped."""
+def read_dense_cloud(path: Path, n_views: int, bounds: FloatArray | None = None) -> tuple[DenseCloud, tuple[str, ...]]:
+    """The cloud with its visibility where `<path>.vis` exists, and warnings.
+
+    bounds : (2, 3) low and high corner; points outside, and points without a position, are left out.
+    """
     points = read_points(path)
     beside = path.with_name(f"{path.name}.vis")
     offsets, views = read_visibility(beside, len(points), n_views) if beside.is_file() else (None, None)
     good = (np.abs(points) < MAX_COORDINATE).all(axis=1)
+    if bounds is not None:
+        good &= ((points > bounds[0]) & (points < bounds[1])).all(axis=1)
     if not good.any():
-        raise InputFault.at(path, "vertices", "at least one finite point", Words(f"{len(points)} without a position"))
+        raise InputFault.at(
+            path, "vertices", "at least one point near the cameras", Words(f"{len(points)} without a position")
+        )
     if good.all():
         return DenseCloud(points, offsets, views, path), ()
     if offsets is not None and views is not None:
         counts = np.diff(offsets)
         views = views[np.repeat(good, counts)]
         offsets = np.concatenate([[0], np.cumsum(counts[good])])
-    warning = f"{path}: {np.count_nonzero(~good)} points without a finite position are left out"
+    warning = f"{path}: {np.count_nonzero(~good)} points without a position, or far from everything, are left out"
     return DenseCloud(points[good], offsets, views, path), (warning,)
 
 

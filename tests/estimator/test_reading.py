@@ -36,7 +36,7 @@ def test_no_such_folder(tmp_path: Path) -> None:
     with pytest.raises(InputFault, match="no such file or folder"):
         read_scene(tmp_path / "nowhere")
     (tmp_path / "file").write_text("x", encoding="utf-8")
-    with pytest.raises(InputFault, match="file: scene: expected a COLMAP model folder"):
+    with pytest.raises(InputFault, match="file: scene: expected a reconstruction"):
         read_scene(tmp_path / "file")
 
 
@@ -128,3 +128,15 @@ def test_reading_a_pinhole_scene_loads_nothing_heavy(small: Path) -> None:
     code = f"import sys, estimator.reading; print(sorted({heavy} & set(sys.modules)))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
+
+
+def test_points_far_from_everything_are_left_out(small: Path, tmp_path: Path) -> None:
+    scene = read_scene(small / "colmap", "none")
+    points = np.vstack([scene.points, scene.points[:5] * 1e9])
+    lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}", *(f"property double {a}" for a in "xyz")]
+    lines += ["end_header", *(" ".join(map(repr, row)) for row in points.tolist())]
+    (tmp_path / "cloud.ply").write_text("\n".join(lines) + "\n")
+    cloud = read_scene(small / "colmap", tmp_path / "cloud.ply")
+    assert cloud.dense is not None
+    np.testing.assert_array_equal(cloud.dense.points, scene.points)
+    assert any("5 points without a position, or far" in line for line in cloud.warnings)

@@ -7,6 +7,7 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from estimator.command import main
@@ -64,3 +65,14 @@ def test_a_truth_of_another_form_only_decorates(path: Path, tmp_path: Path) -> N
     shutil.copyfile(path, tmp_path / "truth.json")
     stated = json.loads(path.read_text(encoding="utf-8"))["metres_per_unit"]
     assert read_truth(tmp_path).scale in (None, stated)
+
+
+@pytest.mark.parametrize("number", ["2000143", "2001049", "3000498"])
+def test_a_damaged_cloud_takes_no_memory(number: str, shared: Path) -> None:
+    """Its points at any distance had made grids of 22 GB."""
+    cloud = DAMAGED / f"hang_tum_lite_{number}_dense.ply"
+    scene = read_scene(shared / "data" / "scenes" / "tum_office", cloud)
+    assert scene.dense is not None
+    assert any("far from everything" in line for line in scene.warnings)
+    extent = np.ptp(np.vstack([scene.points, [view.centre for view in scene.views]]), axis=0).max()
+    assert np.ptp(scene.dense.points, axis=0).max() < 500 * extent

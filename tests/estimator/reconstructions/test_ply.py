@@ -110,7 +110,7 @@ def test_points_without_a_position_are_dropped_with_their_visibility(tmp_path: P
     assert cloud.visible_offsets.tolist() == [0, 2, 3]
     assert cloud.visible_views is not None
     assert cloud.visible_views.tolist() == [0, 1, 1]
-    assert "1 points without a finite position" in warnings[0]
+    assert "1 points without a position" in warnings[0]
 
 
 @pytest.fixture(scope="module")

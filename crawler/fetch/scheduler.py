@@ -19,6 +19,7 @@ from crawler.fetch.frontier import Outcome, Task, task_key
 from crawler.fetch.pictures import Picture
 from crawler.fetch.watched import FULL, StorageFault, WatchedFrontier
 from crawler.items import RawItem
+from crawler.page.budget import SlowPage
 
 __all__ = ["KEY", "LIMIT_SETTING", "SITES", "CommitMiddleware", "FrontierScheduler", "close_crawl", "frontier_of"]
 
@@ -145,7 +146,7 @@ class CommitMiddleware:
         except StorageFault as fault:
             self._frontier.fail(fault)
         except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl
-            failure = f"unreadable: {type(error).__name__}"
+            failure = "too slow" if isinstance(error, SlowPage) else f"unreadable: {type(error).__name__}"
             items, pictures, tasks = [], [], []
         if KEY in response.meta and not response.meta.get(_SETTLED) and self._frontier.fault is None:
             most = max(self._limit - self._accepted, 0) if self._limit else None

@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import AsyncIterator, Iterable, Iterator
 from typing import Any, ClassVar
-from urllib.parse import urljoin, urlsplit
+from urllib.parse import urlsplit
 
 import scrapy
 from scrapy.http import Response
 
 from crawler.fetch.pictures import Picture, picture
 from crawler.items import RawItem
-from crawler.page.page import Page, page
+from crawler.page.budget import processor_budget
+from crawler.page.page import Page, absolute_url, page
 from crawler.page.raw_item import raw_item
 from crawler.sites.listing import listed_items
 from crawler.sites.site import Site
@@ -24,6 +25,9 @@ PRODUCT, LISTING, PICTURE = 20, 10, 0
 
 #: An address that repeats a part so often is a trap: a calendar, a menu that links into itself.
 REPEATS = 3
+
+#: Letters of an address; longer ones are made by a program that goes on.
+LONGEST_URL = 2000
 
 _NO_PAGE = re.compile(r"\.(?:jpe?g|png|gif|webp|svg|pdf|zip|css|js|ico|mp4|woff2?)(?:$|\?)", re.IGNORECASE)
 
@@ -84,9 +88,10 @@ class SiteSpider(scrapy.Spider):
         if b"html" not in (response.headers.get("Content-Type") or b"html"):
             yield "no_html"
             return
-        read = page(response.body, response.url, (response.headers.get("Content-Type") or b"").decode("latin-1"))
-        yield from self._item(read)
-        yield from self._links(read)
+        with processor_budget():
+            read = page(response.body, response.url, (response.headers.get("Content-Type") or b"").decode("latin-1"))
+            parts = [*self._item(read), *self._links(read)]
+        yield from parts
 
     def picture(self, response: Response, **_: Any) -> Iterator[Any]:
         """The picture of an item: verified, stored once under the hash of its bytes."""
@@ -98,7 +103,7 @@ class SiteSpider(scrapy.Spider):
             if self.site.listed_order:
                 yield from listed_items(read, self.site)
             return
-        item = raw_item(read, self.site.name, self.site.product(read))
+        item = raw_item(read, self.site.source(read.url), self.site.product(read))
         if item.extents_mm is None:
             yield "no_size" if item.title else "no_product"
             return
@@ -106,6 +111,8 @@ class SiteSpider(scrapy.Spider):
         yield from self._picture_requests(item)
 
     def _may_follow(self, url: str) -> bool:
+        if len(url) > LONGEST_URL:
+            return False
         parts = [part for part in urlsplit(url).path.split("/") if part]
         trapped = any(parts.count(part) >= REPEATS for part in parts)
         return not trapped and not _NO_PAGE.search(url) and self.allows(url)
@@ -114,27 +121,29 @@ class SiteSpider(scrapy.Spider):
         """Requests of the pictures that may be stored; of the others the item keeps the links."""
         for url in item.images if self._pictures is not None else ():
             if self.site.may_store(url):
-                yield scrapy.Request(url, callback=self.picture, priority=PICTURE, meta={"item": item.identity})
+                yield _request(url, callback=self.picture, priority=PICTURE, meta={"item": item.identity})
             else:
                 yield "picture_link_only"
 
-    def _links(self, read: Page) -> Iterator[scrapy.Request]:
+    def _links(self, read: Page) -> Iterator[scrapy.Request | str]:
         seen: set[str] = set()
         for address in dict.fromkeys(read.links):
-            url = _join(read.url, address.strip()).split("#")[0]
-            if url in seen or url in self.known:
+            url = absolute_url(read.url, address)
+            if not url and address.strip().startswith("http"):
+                yield "bad_link"
+            if not url or url in seen or url in self.known:
                 continue
             seen.add(url)
-            if url.startswith("http") and self._may_follow(url):
+            if self._may_follow(url):
                 if self.site.is_product(url):
-                    yield scrapy.Request(url, callback=self.parse, priority=PRODUCT)
+                    yield _request(url, callback=self.parse, priority=PRODUCT)
                 elif self.site.is_listing(url):
-                    yield scrapy.Request(url, callback=self.parse, priority=LISTING)
+                    yield _request(url, callback=self.parse, priority=LISTING)
 
 
-def _join(base: str, address: str) -> str:
-    """The whole address of a link; most name a path from the root, for which `urljoin` is slow."""
-    if address.startswith("/") and not address.startswith("//") and "/." not in address:
-        scheme, _, rest = base.partition("//")
-        return f"{scheme}//{rest.partition('/')[0]}{address}"
-    return urljoin(base, address)
+def _request(url: str, **named: Any) -> scrapy.Request | str:
+    """The request of a link; one that Scrapy refuses costs itself alone."""
+    try:
+        return scrapy.Request(url, **named)
+    except ValueError:
+        return "bad_link"

@@ -7,7 +7,7 @@ That is the part of a page that could hold a size; the rest costs nothing.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -30,6 +30,12 @@ CLIMB = 5
 
 #: Elements of a box of lines, and letters of a line; what is longer is prose.
 MOST_LINES, LINE_LENGTH = 120, 90
+
+#: Cells of a row, and boxes beside each other, that can be a table of sizes; what is longer is something else.
+MOST_CELLS, MOST_BOXES = 40, 12
+
+#: So many elements before a value its label is looked for.
+MOST_BEFORE = 8
 
 #: What a size has whose unit stands elsewhere, in its label or its heading.
 _COMPOSED = re.compile(r"[x×X*:]")
@@ -92,7 +98,9 @@ class _Reader:
         self._text = self.regions.text
         self._pairs: dict[Element, _Pair | None] = {}
         self._containers: dict[Element, int] = {}
-        self._parted: dict[Element, list[tuple[str, str]]] = {}
+        self._lines_of: dict[Element, list[tuple[str, str]]] = {}
+        self._cells_of: dict[Element, list[Element]] = {}
+        self._first_rows_of: dict[Element, list[list[Element]]] = {}
 
     def facts_of(self, element: Element, text: str) -> Iterator[Fact]:
         here = element
@@ -128,11 +136,11 @@ class _Reader:
 
     def _lines(self, element: Element) -> list[tuple[str, str]]:
         """The lines of a box that breaks part, each with the line that heads it: `Overall:`, then `Width: 3 cm`."""
-        if element not in self._parted:
+        if element not in self._lines_of:
             lines = list(_parts(element)) if element.find("br") is not None else []
             listed = all(len(line) <= LINE_LENGTH for line, _ in lines)  # else it is an opinion, or a story
-            self._parted[element] = lines if listed else []
-        return self._parted[element]
+            self._lines_of[element] = lines if listed else []
+        return self._lines_of[element]
 
     def _labelled_line(self, element: Element, text: str) -> str | None:
         """The line of a box that breaks part, where it has a label of its own: `Height: 7.2 in<br>Width: 1.4 in`."""
@@ -161,7 +169,9 @@ class _Reader:
         if here.tag not in {"td", "th"}:
             return None
         row = here.getparent()
-        filled = [cell for cell in row if cell.tag in {"td", "th"} and self._text(cell)]
+        filled = self._cells(row)
+        if len(filled) > MOST_CELLS:
+            return _Pair("table", "", "", row)
         if len(filled) > 2 and filled[0].get("rowspan", "1") != "1":
             filled = filled[1:]  # it names the group that this row is the first of
         if len(filled) == 2 and here is filled[1]:
@@ -169,6 +179,19 @@ class _Reader:
         if len(filled) == 4 and here in {filled[1], filled[3]} and not HAS_DIGIT.search(self._text(filled[2])):
             return _Pair("table", self._text(filled[filled.index(here) - 1]), self._text(here), row.getparent())
         return self._grid(row, filled, filled.index(here)) if len(filled) > 2 and here in filled else None
+
+    def _cells(self, row: Element) -> list[Element]:
+        """The cells of a row that hold text, up to one more than `MOST_CELLS`."""
+        if row not in self._cells_of:
+            filled = (cell for cell in row if cell.tag in {"td", "th"} and self._text(cell))
+            self._cells_of[row] = list(islice(filled, MOST_CELLS + 1))
+        return self._cells_of[row]
+
+    def _first_rows(self, table: Element) -> list[list[Element]]:
+        """The cells of the first three rows of a table that hold text."""
+        if table not in self._first_rows_of:
+            self._first_rows_of[table] = list(islice(filter(None, map(self._cells, table.iter("tr"))), 3))
+        return self._first_rows_of[table]
 
     def _grid(self, row: Element, filled: list[Element], column: int) -> _Pair:
         """A table of more columns: a column for each system of units, or one row below a row of axes.
@@ -179,7 +202,7 @@ class _Reader:
         if column and names_a_size(plain(texts[0])) and _is_one_length(texts[1:], texts[0]):
             return _Pair("table", texts[0], " / ".join(texts[1:]), row.getparent())
         table = next(row.iterancestors("table"), row)
-        first, *others = list(islice(_filled_rows(table, self._text), 3)) or [[]]
+        first, *others = self._first_rows(table) or [[]]
         labels = [self._text(cell) for cell in first]
         if sum(names_a_size(plain(label)) for label in labels) > 1:
             alone = len(others) == 1 and row is others[0][0].getparent()
@@ -193,17 +216,17 @@ class _Reader:
     def _definition(self, here: Element) -> _Pair | None:
         if here.tag != "dd":
             return None
-        term = next(here.itersiblings("dt", preceding=True), None)
+        before = islice(here.itersiblings(preceding=True), MOST_BEFORE)
+        term = next((element for element in before if element.tag == "dt"), None)
         whole = next(here.iterancestors("dl"), here.getparent())
         return None if term is None else _Pair("list", self._text(term), self._text(here), whole)
 
     def _pair(self, here: Element, parent: Element) -> _Pair | None:
         """A box whose one neighbour before it is a short label: `<div>Width</div><div>4 cm</div>`."""
-        if sum(1 for _ in islice(here.iter("li"), 2)) > 1 or len(parent) > 12:
+        if _is_longer(here.iter("li"), 1) or _is_longer(parent, MOST_BOXES):
             return None  # a heading above a list, whose entries have labels of their own; a long row of boxes
-        before = here.getprevious()
-        while before is not None and not self._text(before):
-            before = before.getprevious()
+        # The parent has few elements, so few stand before this one.
+        before = next(filter(self._text, here.itersiblings(preceding=True)), None)
         if before is None or before.tag in SKIPPED | {"td", "tr", "img"}:
             return None
         label = self._text(before)
@@ -242,10 +265,9 @@ def names_a_size(letters: str) -> bool:
     return is_dimension_label(letters) or names_an_axis(letters) or is_package(letters)
 
 
-def _filled_rows(table: Element, text: Callable[[Element], str]) -> Iterator[list[Element]]:
-    for row in table.iter("tr"):
-        if filled := [cell for cell in row if cell.tag in {"td", "th"} and text(cell)]:
-            yield filled
+def _is_longer(elements: Iterable[Element], most: int) -> bool:
+    """Whether there are more elements than `most`; lxml's own `len` would count them all each time."""
+    return sum(1 for _ in islice(elements, most + 1)) > most
 
 
 def _is_one_length(texts: list[str], label: str) -> bool:

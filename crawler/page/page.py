@@ -9,7 +9,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
-from urllib.parse import urlsplit, urlunsplit
+from urllib.parse import urljoin, urlsplit, urlunsplit
 
 from lxml import etree
 from w3lib.encoding import html_to_unicode
@@ -23,6 +23,7 @@ __all__ = [
     "BadPage",
     "Element",
     "Page",
+    "absolute_url",
     "canonical_url",
     "page",
     "saved_page",
@@ -136,6 +137,25 @@ def web_address(url: str, field: str) -> str:
     if not sound or re.search(r"\s", url):
         raise BadPage(f"{field}: expected an http(s) address; found {url!r}")
     return url
+
+
+def absolute_url(base: str, address: str) -> str:
+    """The whole address of a link without its fragment; empty where it is malformed or not of the web."""
+    try:
+        url = _joined_url(base, address.strip()).partition("#")[0]
+        parts = urlsplit(url)
+        sound = parts.scheme in {"http", "https"} and bool(parts.hostname) and parts.port != 0
+    except ValueError:  # a port that is no number, a bracket that is not closed
+        return ""
+    return url if sound else ""
+
+
+def _joined_url(base: str, address: str) -> str:
+    """Most links name a path from the root, for which `urljoin` is slow."""
+    if address.startswith("/") and not address.startswith("//") and "/." not in address:
+        scheme, _, rest = base.partition("//")
+        return f"{scheme}//{rest.partition('/')[0]}{address}"
+    return urljoin(base, address)
 
 
 def canonical_url(url: str, ignored: str = "") -> str:

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import islice
 from typing import Any
-from urllib.parse import urljoin
 
 from lxml.etree import XPath
 
-from crawler.page.page import Element, Page, squeeze
+from crawler.page.page import Element, Page, absolute_url, squeeze
 
 __all__ = ["Product", "product"]
 
@@ -40,6 +39,9 @@ _AXES = ("width", "height", "depth", "length", "diameter", "size")
 
 #: Variants of one product that are compared.
 MAXIMUM_VARIANTS = 50
+
+#: Objects of one list that are looked at.
+MAXIMUM_OBJECTS = 200
 
 #: UN/CEFACT codes that schema.org's QuantitativeValue uses.
 _UNIT_CODES = {"MMT": "mm", "CMT": "cm", "MTR": "m", "INH": "in", "FOT": "ft"}
@@ -134,12 +136,12 @@ def _objects(value: Any) -> Iterator[Mapping[str, Any]]:
     """The objects of a JSON-LD value: itself, its graph, the members of its list."""
     pending = [value]
     while pending:
-        here = pending.pop(0)
+        here = pending.pop()
         if isinstance(here, list):
-            pending = here[:200] + pending
+            pending.extend(reversed(here[:MAXIMUM_OBJECTS]))
         elif isinstance(here, dict):
             yield here
-            pending = [part for key in ("@graph", "mainEntity") if (part := here.get(key))] + pending
+            pending.extend(part for key in ("mainEntity", "@graph") if (part := here.get(key)))
 
 
 def _is(node: Mapping[str, Any], *names: str) -> bool:
@@ -230,8 +232,8 @@ def _category(thing: Mapping[str, Any]) -> tuple[str, ...]:
 def _images(page: Page, thing: Mapping[str, Any]) -> tuple[str, ...]:
     listed = [_name(image, "url") or _name(image, "contentUrl") for image in _list(thing.get("image"))]
     listed = listed or [_meta(page, "og:image")]
-    addresses = [urljoin(page.url, address.strip()) for address in listed if address]
-    return tuple(dict.fromkeys(address for address in addresses if address.startswith("http")))[:MAXIMUM_IMAGES]
+    addresses = [absolute_url(page.url, address) for address in listed if address]
+    return tuple(dict.fromkeys(address for address in addresses if address))[:MAXIMUM_IMAGES]
 
 
 def _name(value: Any, key: str = "name") -> str | None:

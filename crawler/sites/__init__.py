@@ -60,4 +60,4 @@ def canonical_url(url: str) -> str:
 def item_of(page: Page) -> RawItem:
     """The raw item of a page, by the rules of its site."""
     site = site_of(page.url)
-    return raw_item(page, site.name, site.product(page))
+    return raw_item(page, site.source(page.url), site.product(page))

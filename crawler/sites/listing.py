@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from datetime import UTC, datetime
-from urllib.parse import urljoin
 
 from crawler.items import RawItem
-from crawler.page.page import Element, Page, source_id, squeeze
+from crawler.page.page import Element, Page, absolute_url, source_id, squeeze
 from crawler.sites.site import Site
 from crawler.text.sizes import Size, consensus, sizes
 
@@ -29,8 +28,8 @@ def listed_items(page: Page, site: Site, now: datetime | None = None) -> Iterato
     retrieved = (now or datetime.now(UTC)).isoformat(timespec="seconds")
     seen: set[str] = set()
     for link in page.root.iter("a"):
-        url = urljoin(page.url, link.get("href") or "").split("#")[0]
-        if url in seen or not site.is_product(url):
+        url = absolute_url(page.url, link.get("href") or "")
+        if not url or url in seen or not site.is_product(url):
             continue
         entry = _entry(link, url, page, site)
         if entry is None:
@@ -38,7 +37,7 @@ def listed_items(page: Page, site: Site, now: datetime | None = None) -> Iterato
         seen.add(url)
         size, text = entry
         yield RawItem(
-            source=site.name,
+            source=site.source(page.url),
             source_id=_own_id(site, url),
             url=url,
             title=_title(link),
@@ -65,8 +64,8 @@ def _entry(link: Element, url: str, page: Page, site: Site) -> tuple[Size, str] 
 
 
 def _leads_elsewhere(box: Element, url: str, page: Page, site: Site) -> bool:
-    links = {urljoin(page.url, link.get("href") or "").split("#")[0] for link in box.iter("a")}
-    return any(other != url and site.is_product(other) for other in links)
+    links = {absolute_url(page.url, link.get("href") or "") for link in box.iter("a")}
+    return any(other and other != url and site.is_product(other) for other in links)
 
 
 def _title(link: Element) -> str:

@@ -6,11 +6,11 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
-from urllib.parse import quote, quote_plus, urljoin, urlsplit
+from urllib.parse import quote, quote_plus, urlsplit
 
 from lxml.etree import XPath
 
-from crawler.page.page import Page, canonical_url, squeeze
+from crawler.page.page import Page, absolute_url, canonical_url, squeeze
 from crawler.page.product import MAXIMUM_IMAGES, Product, product
 
 __all__ = ["Site"]
@@ -54,6 +54,10 @@ class Site:
         """Whether a host, with or without `www.`, belongs to the site."""
         return any(re.fullmatch(pattern, host.removeprefix("www.")) for pattern in self.hosts)
 
+    def source(self, url: str) -> str:
+        """The source of items of a page: the site's name; of any other site its host, so that two shops are two."""
+        return self.name if self.hosts else (urlsplit(url).hostname or self.name).removeprefix("www.")
+
     def canonical_url(self, url: str) -> str:
         """The address by which the site's page is known, `crawler.page.page.canonical_url`."""
         return canonical_url(url, self.ignored_parameters)
@@ -81,7 +85,7 @@ class Site:
     def product(self, page: Page) -> Product:
         """The product of one of the site's pages; what its rules do not find is read as on any site."""
         own_id = re.search(self.id, page.url) if self.id else None
-        images = [urljoin(page.url, address) for address in _texts(page, self.images)]
+        images = filter(None, (absolute_url(page.url, address) for address in _texts(page, self.images)))
         own = Product(
             id=own_id[1] if own_id else None,
             title=next(_texts(page, self.title), ""),

@@ -22,10 +22,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the raw item: one line with --json, a table without."""
+    from crawler.page.budget import SlowPage, processor_budget
     from crawler.page.page import saved_page, web_address
     from crawler.sites import item_of
+    from metric_base.faults import InputFault
 
-    line = item_of(saved_page(arguments.file, web_address(arguments.url, "--url"))).line()
+    url = web_address(arguments.url, "--url")
+    try:
+        with processor_budget():
+            line = item_of(saved_page(arguments.file, url)).line()
+    except SlowPage as error:
+        raise InputFault(f"{arguments.file}: {error}") from None
     if arguments.json:
         sys.stdout.write(f"{line}\n")
     else:

@@ -55,10 +55,23 @@ def test_a_site_spider_keeps_its_contract(name: str) -> None:
     spider = spider_class(name)(start=[product])
     found = list(spider.parse(_page(product, listing, other)))
     items = [part for part in found if isinstance(part, RawItem)]
-    assert [(item.source, item.title, item.extents_mm) for item in items] == [(name, "Made stool", (460, 410, 380))]
+    source = "shop.example" if name == "generic" else name
+    assert [(item.source, item.title, item.extents_mm) for item in items] == [(source, "Made stool", (460, 410, 380))]
     followed = {part.url for part in found if isinstance(part, Request)}
     assert listing in followed
     assert other not in followed
+
+
+@pytest.mark.parametrize("link", ["http://[link]/x", "http://a.example:port/", "https://a.example:99999/"])
+def test_a_bad_link_costs_itself_alone(link: str) -> None:
+    product, listing, other = ADDRESSES["generic"]
+    answer = _page(product, listing, other)
+    body = answer.text.replace("mailto:x@example.org", link).replace("<table>", f'<img src="{link}"><table>')
+    spider = spider_class("generic")(start=[product])
+    found = list(spider.parse(answer.replace(body=body.encode())))
+    assert [part.extents_mm for part in found if isinstance(part, RawItem)] == [(460, 410, 380)]
+    assert listing in {part.url for part in found if isinstance(part, Request)}
+    assert "bad_link" in found
 
 
 def test_every_site_has_a_contract() -> None:

@@ -1,0 +1,117 @@
+"""What a page may cost: twice the page, twice the work; and an end to it whatever the page is."""
+
+from __future__ import annotations
+
+import re
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from crawler.page.budget import SlowPage, processor_budget
+from crawler.page.page import absolute_url, page
+from crawler.sites import item_of
+from metric_tree.commands import main
+
+Body = Callable[[int], str]
+
+#: Bodies of n parts of one kind.
+BODIES: dict[str, Body] = {
+    "rows": lambda n: f"<table>{''.join(f'<tr><td>Width {i}</td><td>{i} cm</td></tr>' for i in range(n))}</table>",
+    "cells": lambda n: f"<table><tr>{''.join(f'<td>{i} cm</td>' for i in range(4 * n))}</tr></table>",
+    "list entries": lambda n: f"<ul>{''.join(f'<li>Height: {i} cm</li>' for i in range(n))}</ul>",
+    "definitions": lambda n: f"<dl><dt>Width</dt>{''.join(f'<dd>{i} cm</dd>' for i in range(4 * n))}</dl>",
+    "terms": lambda n: f"<dl>{''.join(f'<dt>Width</dt><dd>{i} cm</dd>' for i in range(n))}</dl>",
+    "paragraphs": lambda n: "".join(f"<p>{i} cm x 2 cm</p>" for i in range(4 * n)),
+    "nested tags": lambda n: ("<div>" * 100 + "<i>3 cm</i> 4 cm" + "</div>" * 100) * (n // 8),
+    "empty rows": lambda n: (
+        f"<table>{'<tr><td></td></tr>' * n}{'<tr><td>a</td><td>1 m</td><td>2 m</td></tr>' * n}</table>"
+    ),
+    "empty boxes": lambda n: f"<div>{'<i></i>' * 4 * n}{''.join(f'<b>{i} cm</b>' for i in range(4 * n))}</div>",
+    "spans": lambda n: f"<div>{''.join(f'<span>Width</span><span>{i} cm</span>' for i in range(2 * n))}</div>",
+    "lines": lambda n: f"<p>{''.join(f'Width: {i} cm<br>' for i in range(n))}</p>",
+    "headings": lambda n: "".join(f"<h2>Size {i}</h2><p>{i} x 3 cm</p>" for i in range(n)),
+    "classes": lambda n: "".join(f'<div class="{"a" * 50} c{i}"><p>{i} cm</p></div>' for i in range(2 * n)),
+    "pairs of JSON": lambda n: "<script>" + '{"name":"Width","value":"30 cm"},' * n + "</script>",
+    "linked data": lambda n: '<script type="application/ld+json">[' + "{}," * 40 * n + "1]</script>",
+}
+WIDE = ("rows", "cells", "list entries", "definitions", "paragraphs", "nested tags")
+CASES = [(name, "utf-8") for name in BODIES] + [(name, "utf-16") for name in WIDE]
+
+
+def seconds(body: str, encoding: str) -> float:
+    """Processor time of one page, the least of three."""
+    whole = f"<html><body><h1>Thing</h1>{body}</body></html>".encode(encoding)
+    times = []
+    for _ in range(3):
+        start = time.process_time()
+        item_of(page(whole, "https://shop.example/p"))
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+@pytest.mark.parametrize(("name", "encoding"), CASES)
+def test_twice_the_page_is_twice_the_work(name: str, encoding: str) -> None:
+    body = BODIES[name]
+    once, twice = seconds(body(200), encoding), seconds(body(800), encoding)
+    assert twice < 4 * 1.8 * once + 0.02  # of four times the page; a quadratic page would take sixteen times
+
+
+def _work(swallowing: int = 0) -> None:
+    """Work without an end that swallows so many interruptions."""
+    while True:
+        try:
+            while True:
+                pass
+        except SlowPage:
+            swallowing -= 1
+            if swallowing < 0:
+                raise
+
+
+@pytest.mark.parametrize("swallowing", [0, 2])
+def test_work_over_the_budget_is_interrupted_and_the_timer_is_gone(swallowing: int) -> None:
+    start = time.process_time()
+    with pytest.raises(SlowPage), processor_budget(0.05):
+        _work(swallowing)
+    assert time.process_time() - start < 2.0
+    assert signal.getitimer(signal.ITIMER_PROF) == (0.0, 0.0)
+
+
+def test_a_search_without_an_end_is_interrupted() -> None:
+    with pytest.raises(SlowPage), processor_budget(0.05):
+        re.fullmatch(r"(a|aa)+b", "a" * 200)
+
+
+def test_extract_says_that_a_page_is_too_slow(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("crawler.sites.item_of", lambda _: _work())
+    monkeypatch.setattr("crawler.page.budget.processor_budget", lambda: processor_budget(0.05))
+    path = tmp_path / "page.html"
+    path.write_text("<p>3 cm</p>")
+    assert main(["extract", str(path), "--url", "https://shop.example/p"]) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert "page.html: expected a page that is read in" in message
+
+
+@pytest.mark.parametrize(
+    ("address", "url"),
+    [
+        ("/b", "https://a.example/b"),
+        ("c?x=1#y", "https://a.example/x/c?x=1"),
+        ("//b.example/z", "https://b.example/z"),
+        (" https://b.example:8080/ ", "https://b.example:8080/"),
+        ("http://[link]/x", ""),
+        ("http://b.example:port/x", ""),
+        ("http://b.example:99999/x", ""),
+        ("mailto:a@b.example", ""),
+        ("javascript:void(0)", ""),
+        ("http:///x", ""),
+    ],
+)
+def test_a_link_is_an_address_of_the_web_or_nothing(address: str, url: str) -> None:
+    assert absolute_url("https://a.example/x/y", address) == url

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ipaddress
 import re
-import socket
 import time
 from pathlib import Path
 from typing import Any
@@ -14,11 +12,16 @@ from scrapy import Request, Spider
 from scrapy.crawler import Crawler
 from scrapy.exceptions import IgnoreRequest
 from scrapy.http import Response, TextResponse
+from scrapy.settings import default_settings
 
+from crawler.fetch.addresses import REFUSED, is_literal, is_public
 from crawler.fetch.frontier import OFF_SITE, PRIVATE
 from crawler.page.page import MAXIMUM_BYTES
 
-__all__ = ["BanMiddleware", "GuardMiddleware", "settings", "user_agent"]
+__all__ = ["BanMiddleware", "GuardMiddleware", "RefusedHostMiddleware", "settings", "user_agent"]
+
+#: Scrapy gave this setting another name.
+_RESOLVER_SETTING = "TWISTED_DNS_RESOLVER" if hasattr(default_settings, "TWISTED_DNS_RESOLVER") else "DNS_RESOLVER"
 
 #: A download that takes longer is a trap or a dead server; half a minute serves any honest page.
 DOWNLOAD_SECONDS = 30
@@ -54,13 +57,18 @@ def settings(*, contact: str, cache: Path | None = None, private: bool = False, 
     private : whether addresses of this machine and its network may be fetched (tests, a mirror).
     delay : seconds between two requests to one site, where AutoThrottle does not ask for more.
     """
-    guards = {"crawler.fetch.manners.GuardMiddleware": 40, "crawler.fetch.manners.BanMiddleware": 560}
+    guards = {
+        "crawler.fetch.manners.GuardMiddleware": 40,
+        "crawler.fetch.manners.BanMiddleware": 560,
+        "crawler.fetch.manners.RefusedHostMiddleware": 570,  # nearer to the download than Scrapy's retries
+    }
     own = {
         "METRIC_TREE_PRIVATE": private,
         "SCHEDULER": "crawler.fetch.scheduler.FrontierScheduler",
         "SPIDER_MIDDLEWARES": {"crawler.fetch.scheduler.CommitMiddleware": 10},
         # The guard knows redirects and addresses that Scrapy's own off-site filter does not.
         "DOWNLOADER_MIDDLEWARES": {**guards, "scrapy.downloadermiddlewares.offsite.OffsiteMiddleware": None},
+        **({} if private else {_RESOLVER_SETTING: "crawler.fetch.addresses.PublicResolver"}),
         "EXTENSIONS": {"scrapy.extensions.telnet.TelnetConsole": None, "scrapy.extensions.memusage.MemoryUsage": None},
     }
     manners = {
@@ -101,7 +109,6 @@ class GuardMiddleware:
     def __init__(self, crawler: Crawler) -> None:
         self._private: bool = crawler.settings.getbool("METRIC_TREE_PRIVATE")
         self._crawler = crawler
-        self._known: dict[str, bool] = {}
 
     @classmethod
     def from_crawler(cls, crawler: Crawler) -> GuardMiddleware:
@@ -118,13 +125,17 @@ class GuardMiddleware:
         allowed = getattr(spider, "allows", None)
         if allowed is not None and not allowed(request.url):
             raise IgnoreRequest(f"{OFF_SITE}: {request.url}")
-        if not self._private and self._is_private(host):
+        if not self._private and is_literal(host) and not is_public(host):
             raise IgnoreRequest(f"{PRIVATE}: {request.url}")
 
-    def _is_private(self, host: str) -> bool:
-        if host not in self._known:
-            self._known[host] = _resolves_to_private(host)
-        return self._known[host]
+
+class RefusedHostMiddleware:
+    """Says of a name that leads to an address of this machine or its network what it is: it is not asked again."""
+
+    def process_exception(self, request: Request, exception: Exception) -> None:  # noqa: ARG002 - Scrapy passes it
+        """Raise IgnoreRequest where the resolver refused the request's host."""
+        if urlsplit(request.url).hostname in REFUSED:
+            raise IgnoreRequest(f"{PRIVATE}: {request.url}")
 
 
 class BanMiddleware:
@@ -189,12 +200,3 @@ def is_ban(response: Response) -> bool:
 def _retry_after(response: Response) -> float | None:
     after = response.headers.get("Retry-After") or b""
     return float(after) if after.isdigit() else None
-
-
-def _resolves_to_private(host: str) -> bool:
-    """Whether any address of a host is this machine's or its network's; a name that does not resolve fails later."""
-    try:
-        addresses = {info[4][0] for info in socket.getaddrinfo(host, None)}
-    except OSError:
-        return False
-    return any(not ipaddress.ip_address(str(address).split("%")[0]).is_global for address in addresses)

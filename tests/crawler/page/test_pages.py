@@ -173,7 +173,7 @@ def test_extract_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert (record["schema"], record["extents_mm"], record["source"]) == (
         "metric-tree/raw/1",
         [3000, 2000, 1000],
-        "generic",
+        "shop.example",
     )
     assert main(["extract", str(tmp_path / "none.html"), "--url", "https://x.example"]) == 2
     assert capsys.readouterr().err.count("\n") == 1

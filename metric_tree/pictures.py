@@ -79,7 +79,7 @@ def collect_pictures(files: Sequence[Path], items: pa.Table, folder: Path) -> Ga
             refused[reason] = refused.get(reason, 0) + 1
             continue
         path = f"{FOLDER}/{record['path']}"
-        rows[record["image_id"], record["item_id"]] = record | known[record["item_id"]] | {"path": path}
+        rows[record["image_id"], record["item_id"]] = record | known[record["item_id"]] | _files(record, path)
     ordered = sorted(rows.values(), key=lambda row: (row["node_id"], row["item_id"], row["image_id"]))
     return Gathered(pa.Table.from_pylist(ordered, schema=IMAGES), refused)
 
@@ -90,6 +90,13 @@ def image_path(release: Path, row: Mapping[str, Any], column: str = "path") -> P
         return None
     path = (release / row[column]).resolve()
     return path if path.is_file() and path.is_relative_to(release.resolve()) else None
+
+
+def _files(record: Mapping[str, Any], path: str) -> dict[str, Any]:
+    """The columns about the file; a picture with an exact mask in it is its own cut-out."""
+    if record.get("foreground_share") is None:
+        return {"path": path}
+    return {"path": path, "cutout_path": path, "method": "rendered"}
 
 
 def _take(home: Path, record: Mapping[str, Any], known: Mapping[str, Any], folder: Path) -> str | None:
@@ -128,7 +135,16 @@ def _record(line: bytes, where: str) -> dict[str, Any]:
     match = _STORED.fullmatch(record["path"])
     if match is None or match["id"] != record["image_id"]:
         raise InputFault(f"{where}: path: expected aa/<image_id>.jpg, .png or .webp; found {record['path']!r}")
+    _check_figures(record, where)
+    return dict(record)
+
+
+def _check_figures(record: Mapping[str, Any], where: str) -> None:
     for name in ("width_px", "height_px"):
         if not isinstance(record.get(name), int) or not 0 < record[name] < 1 << 20:
             raise InputFault(f"{where}: {name}: expected pixels; found {record.get(name)!r}")
-    return dict(record)
+    for name in ("pixels_per_metre", "foreground_share"):
+        if not isinstance(record.get(name, 1.0), float | int) or not record.get(name, 1.0) > 0:
+            raise InputFault(f"{where}: {name}: expected a positive number; found {record.get(name)!r}")
+    if not isinstance(record.get("attribution"), str | None):
+        raise InputFault(f"{where}: attribution: expected a string; found {record['attribution']!r}")

@@ -92,6 +92,8 @@ IMAGES = pa.schema(
         _column("method", pa.string(), "how the foreground was cut"),
         _column("source_url", pa.string(), "where the picture came from"),
         _column("licence", pa.string(), "terms of the picture"),
+        _column("attribution", pa.string(), "whom to name, null where the source's own attribution holds"),
+        _column("pixels_per_metre", pa.float64(), "scale of an orthographic picture, else null", "px/m"),
     ],
     metadata={"schema": SCHEMA},
 )

@@ -33,7 +33,11 @@ _ENDINGS = {"JPEG": "jpg", "PNG": "png", "WEBP": "webp"}
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """A stored picture: its hash, its item, where it came from and where it lies, its size."""
+    """A stored picture: its hash, its item, where it came from, its file and its size.
+
+    attribution : whom to name, if not its source; pixels_per_metre : of an orthographic picture;
+    foreground_share : of a picture whose own transparency is an exact mask.
+    """
 
     image_id: str
     item_id: str
@@ -41,6 +45,9 @@ class Picture:
     path: str
     width_px: int
     height_px: int
+    attribution: str | None = None
+    pixels_per_metre: float | None = None
+    foreground_share: float | None = None
 
     @property
     def identity(self) -> str:
@@ -49,7 +56,8 @@ class Picture:
 
     def line(self) -> str:
         """The record as one JSON line."""
-        return json.dumps({"schema": SCHEMA, **asdict(self)}, ensure_ascii=False)
+        stated = {name: value for name, value in asdict(self).items() if value is not None}
+        return json.dumps({"schema": SCHEMA, **stated}, ensure_ascii=False)
 
 
 def picture(body: bytes, url: str, item_id: str, folder: Path) -> Picture | Refusal:

@@ -26,6 +26,7 @@ VERBS = {
     "validate": "every rule of a release",
     "report": "a readable page about a release",
     "select": "the categories fit for segmentation and scale",
+    "render": "pictures of items that have a textured model",
     "cutout": "foreground masks for the images of a release",
     "export": "training data for instance segmentation",
 }

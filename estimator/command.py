@@ -15,7 +15,7 @@ from metric_base.faults import InputFault
 
 if TYPE_CHECKING:
     from estimator.records.result import ScaleResult
-    from estimator.results.estimate import Options
+    from estimator.results.reports import Options
     from estimator.results.scene_estimate import SceneEstimate
     from metric_tree.tree import Tree
 
@@ -85,6 +85,8 @@ def parser() -> argparse.ArgumentParser:
         default=[],
         help="a length known in metres, after SCENE, as A B METRES (points as x,y,z) or a file; may be repeated",
     )
+    trust = "believe a known length that contradicts most objects (otherwise unresolved)"
+    add("--trust-known-length", action="store_true", help=trust)
     add("--level", type=float, default=0.9, help="mass of the interval (default: %(default)s)")
     add("--leave-one-class-out", action="store_true", help="the scale without each class in turn")
     add("--paper-lists", metavar="DIR", type=Path, help="--method paper with the authors' own lists (scale_metrics)")
@@ -243,14 +245,16 @@ def _tree(options: argparse.Namespace) -> Tree:
 
 
 def _asked(options: argparse.Namespace) -> Options:
+    from estimator.evidence.lengths import known_length_evidence
     from estimator.reconstructions.known_lengths import parse_known_lengths
-    from estimator.results.estimate import Options
+    from estimator.results.reports import Options
 
     lengths = [length for words in options.known_length for length in parse_known_lengths(words)]
     return Options(
         method=options.method,
         level=options.level,
-        known=tuple((length.log_scale, length.sigma) for length in lengths),
+        evidence=known_length_evidence(lengths),
+        trust_known_length=options.trust_known_length,
         leave_one_class_out=options.leave_one_class_out,
     )
 

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import metric_tree
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
+from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Instance, Scene
-from estimator.results.estimate import Options, scale_of_objects
+from estimator.results.estimate import scale_of_objects
+from estimator.results.reports import Options
 from estimator.results.scene_estimate import SceneEstimate
 from metric_base.faults import InputFault
 from metric_tree.tree import Tree
 
 if TYPE_CHECKING:
+    from estimator.evidence.source import EvidenceSource
     from estimator.geometry.up import Up
     from estimator.instances.detector import Detector
 
@@ -32,6 +36,7 @@ def estimate_scale(
     tree: Tree | None = None,
     *,
     level: float = 0.9,
+    evidence: Sequence[ScaleEvidence | EvidenceSource] = (),
     method: str = "default",
 ) -> ScaleResult:
     """The scale of a scene, in metres per scene unit, from the sizes of the things that its instances show.
@@ -41,6 +46,8 @@ def estimate_scale(
     scene, instances : as `read_scene` and `read_instances` return them, or made by hand
     tree : the release with the size priors, by default the newest at hand
     level : mass of the equal-tailed interval, between 0 and 1
+    evidence : beside the objects, for `default` and `height`: `ScaleEvidence`, or sources that look at the scene
+        (`estimator.evidence`: camera height, GPS, markers, metric depth, a rig's baseline)
     method : `default`, or a baseline: `height`, `paper`, `sucar`
 
     Returns
@@ -67,7 +74,10 @@ def estimate_scale(
         raise InputFault.at("estimate_scale", "method", f"one of {', '.join(METHODS)}", method)
     if tree is None:
         tree = metric_tree.open()
-    return _estimate(scene, instances, tree, Options(method=method, level=level)).result
+    ready = tuple(item for item in evidence if isinstance(item, ScaleEvidence))
+    sources = tuple(item for item in evidence if not isinstance(item, ScaleEvidence))
+    options = Options(method=method, level=level, evidence=ready)
+    return _estimate(scene, instances, tree, options, sources).result
 
 
 def objects_result(
@@ -92,6 +102,7 @@ def scene_estimate(
     paper_lists: Path | None = None,
     images: Path | None = None,
     detector: Detector | None = None,
+    sources: Sequence[EvidenceSource] = (),
 ) -> SceneEstimate:
     """The scale of a reconstruction on disk.
 
@@ -100,6 +111,7 @@ def scene_estimate(
     path, instances, categories, dense : as `estimator.reading` takes them
     tree, options : as `scale_of_objects`
     paper_lists : the authors' lists, for the second arm of `paper`
+    sources : evidence that looks at the scene
     images, detector : the folder of the pictures and what finds the instances in them, in place of `instances`
     """
     from estimator.reading import read_instances_and_warnings, read_scene
@@ -113,7 +125,7 @@ def scene_estimate(
     else:
         masks, warnings = read_instances_and_warnings(scene, instances, categories)
     seconds = {"reading": time.perf_counter() - started}
-    return _estimate(scene, masks, tree, options, warnings, seconds, paper_lists)
+    return _estimate(scene, masks, tree, options, sources, warnings, seconds, paper_lists)
 
 
 def _estimate(
@@ -121,15 +133,19 @@ def _estimate(
     instances: Sequence[Instance],
     tree: Tree,
     options: Options,
+    sources: Sequence[EvidenceSource] = (),
     warnings: Sequence[str] = (),
     seconds: Mapping[str, float] | None = None,
     paper_lists: Path | None = None,
 ) -> SceneEstimate:
-    instances, warnings, seconds = tuple(instances), (*scene.warnings, *warnings), dict(seconds or {})
+    doubts, faults = _self_contradictions(scene)
+    instances, seconds = tuple(instances), dict(seconds or {})
+    warnings = (*scene.warnings, *warnings, *doubts)
     if options.method == "sucar":
         from estimator.baselines.sucar import sucar_result
 
-        return SceneEstimate(sucar_result(scene, instances, tree, options, warnings, seconds), scene, instances, None)
+        result = sucar_result(scene, instances, tree, options, warnings, seconds)
+        return SceneEstimate(_ruled_out(result, faults), scene, instances, None)
     from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 
     measurements = measure_objects(scene, instances, PAPER if options.method == "paper" else MeasurementOptions())
@@ -141,8 +157,29 @@ def _estimate(
 
         result = paper_result(measurements.objects, tree, options, paper_lists, up, warnings, seconds)
     else:
+        observed = [row for source in sources for row in source.observe(scene, measurements)]
+        options = replace(options, evidence=(*options.evidence, *observed))
         result = scale_of_objects(measurements.objects, tree, options, up, warnings, seconds)
-    return SceneEstimate(result, scene, instances, measurements)
+    return SceneEstimate(_ruled_out(result, faults), scene, instances, measurements)
+
+
+def _self_contradictions(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Doubts about the reconstruction itself, and what rules it out: degenerate, or against its own observations."""
+    from estimator.checks.consistency import consistency, contradictions
+    from estimator.checks.degeneracy import degeneracy
+
+    degenerate = degeneracy(scene)
+    if degenerate is not None:
+        return (), (f"{degenerate.code}: {degenerate.message}",)
+    return contradictions(consistency(scene))
+
+
+def _ruled_out(result: ScaleResult, faults: Sequence[str]) -> ScaleResult:
+    """The result, unresolved where the reconstruction itself is at fault."""
+    if not faults:
+        return result
+    lines = [f"unresolved: {fault}" for fault in faults]
+    return replace(result, status="unresolved", scale=None, interval=None, warnings=(*result.warnings, *lines))
 
 
 def _up_report(up: Up) -> UpReport:

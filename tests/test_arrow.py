@@ -40,6 +40,7 @@ ROOMS = [
     "estimator.instances",
     "estimator.association",
     "estimator.geometry",
+    "estimator.evidence",
     "estimator.posterior",
     "estimator.results",
     "estimator.baselines",

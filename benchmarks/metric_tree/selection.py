@@ -20,7 +20,8 @@ import numpy as np
 from benchmarks.estimator.scale_rooms import _tree_and_sizes
 from estimator.geometry.measurement import measure_objects
 from estimator.results.categories import meanings
-from estimator.results.estimate import Options, scale_of_objects
+from estimator.results.estimate import scale_of_objects
+from estimator.results.reports import Options
 from metric_base.arrays import FloatArray
 from metric_tree.training.selection import candidates, choose, paper_selection
 from metric_tree.tree import Node, Tree

@@ -22,7 +22,7 @@ from estimator.reconstructions.checked_files import read_text
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.results.categories import Meaning, meanings
-from estimator.results.estimate import Answer, Options, result_of
+from estimator.results.reports import Answer, Options, result_of
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault, Words
 from metric_base.folders import data_folder

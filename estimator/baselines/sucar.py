@@ -19,7 +19,8 @@ from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.records.scene import Camera, Instance, Scene, View
 from estimator.results.categories import Meaning, meanings
-from estimator.results.estimate import HEIGHT, Answer, Options, result_of
+from estimator.results.estimate import HEIGHT
+from estimator.results.reports import Answer, Options, result_of
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["ROOM", "curve", "evidence_grid", "interval", "modes"]
+__all__ = ["ROOM", "curve", "evidence_grid", "interval", "line_weights", "log_lines", "modes"]
 
 #: The prior on u is flat from so far below what any object or length speaks for to so far above it, natural log: a
 #: factor of e. It follows the evidence, so that the unit of the scene has no part in the answer, and is proper, as the
@@ -33,6 +33,9 @@ LEAST_POINTS, MOST_POINTS = 8, 4096
 #: Points of the refined grid per step of the first, and the log density under the peak where refining stops to matter.
 REFINEMENT = 8
 
+#: Width in log scale of what a line that is wrong may say: sizes over a factor of 50, as of an object's outlier.
+ANYTHING = math.log(50.0)
+
 #: Two peaks with no dip under this part of the lower one between them are one mode.
 DIP = 0.9
 
@@ -54,33 +57,46 @@ def evidence_grid(centre: FloatArray, sd: FloatArray, reach: FloatArray) -> Floa
     return np.linspace(low, high, size)
 
 
-def curve(grid: FloatArray, log_density: FloatArray, known: FloatArray) -> Curve:
+def curve(grid: FloatArray, log_density: FloatArray, lines: FloatArray) -> Curve:
     """The posterior on a finer grid, normalised together with the flat rest of the prior.
 
     Parameters
     ----------
-    grid, log_density : (g,) uniform grid and log posterior on it, less the known lengths
-    known : (n, 2) mean and standard deviation in log scale of each known length, which is added where it is sharp
+    grid, log_density : (g,) uniform grid and log posterior on it, less the lines
+    lines : (n, 3) mean and standard deviation in log scale, and doubt, of evidence beside the objects, which is added
+        where it is sharp
     """
     step = float(grid[1] - grid[0])
-    sharpest = float(known[:, 1].min()) if len(known) else math.inf
+    sharpest = float(lines[:, 1].min()) if len(lines) else math.inf
     factor = int(min(max(REFINEMENT, math.ceil(REFINEMENT * step / sharpest)), 512))
     fine = np.linspace(grid[0], grid[-1], (len(grid) - 1) * factor + 1)
-    log_fine = _upsampled(log_density, factor)
-    ends = np.array([grid[0], grid[-1]])
-    log_ends = log_density[[0, -1]]
-    for mean, sd in known:
-        log_fine = log_fine - 0.5 * ((fine - mean) / sd) ** 2
-        log_ends = log_ends - 0.5 * ((ends - mean) / sd) ** 2
+    log_fine = _upsampled(log_density, factor) + log_lines(fine, lines).sum(axis=0)
+    log_ends = log_density[[0, -1]] + log_lines(grid[[0, -1]], lines).sum(axis=0)
     top = float(log_fine.max())
     density = np.exp(log_fine - top)
     width = np.full(2, ROOM)
-    if len(known):  # beyond the grid a known length leaves nothing: it is what placed the grid
+    if (lines[:, 2] == 0).any():  # beyond the grid a certain line leaves nothing: it is what placed the grid
         width[:] = 0.0
     rest = np.exp(np.minimum(log_ends - top, 0.0)) * width
     inside = float(density.sum() - 0.5 * (density[0] + density[-1])) * step / factor
     total = inside + float(rest.sum())
     return Curve(fine, density / total, float(rest[0]) / total, float(rest[1]) / total)
+
+
+def log_lines(u: FloatArray, lines: FloatArray) -> FloatArray:
+    """(n, g) log density of each line (n, 3) at u (g,): a Gaussian, and with its doubt as probability anything."""
+    mean, sd, doubt = lines.T[:, :, None]
+    gauss = np.log1p(-doubt) - 0.5 * ((u - mean) / sd) ** 2 - np.log(sd * math.sqrt(2 * math.pi) / ANYTHING)
+    with np.errstate(divide="ignore"):
+        return np.asarray(np.logaddexp(gauss, np.log(doubt)))
+
+
+def line_weights(posterior: Curve, lines: FloatArray) -> FloatArray:
+    """(n,) probability that each line is right; of one without doubt it is 1."""
+    mass = posterior.density / posterior.density.sum()
+    with np.errstate(divide="ignore"):
+        wrong = np.exp(np.log(lines[:, 2:]) - log_lines(posterior.log_scale, lines))
+    return np.asarray(1 - wrong @ mass)
 
 
 def interval(posterior: Curve, level: float) -> tuple[float, float]:

@@ -1,6 +1,6 @@
 """The posterior over u = log scale of all objects together (paper 4.3, in log space; docs/explanation/posterior.md).
 
-    log p(u | y) = log p(u) + sum over classes of log L_c(u) + known lengths
+    log p(u | y) = log p(u) + sum over classes of log L_c(u) + other evidence
 
 A class of one object is a mixture of Gaussians in u; a class of several is integrated over its shared error
 (`class_error`). Everything is evaluated on one grid that the evidence places.
@@ -25,6 +25,7 @@ from metric_base.arrays import FloatArray, IntArray
 from metric_tree.prior import Prior
 
 __all__ = [
+    "EDGE_MASS",
     "FAR_MASS",
     "FAR_MODE",
     "RATIO_LIMIT",
@@ -44,8 +45,11 @@ RATIO_LIMIT = 1.8
 #: ... or a mode further away than this ratio has at least this mass.
 FAR_MODE, FAR_MASS = 1.25, 0.1
 
-#: Two known-length observations of no stated error cannot be better than the reconstruction: 0.1 % at least.
-LEAST_KNOWN_SD = 1e-3
+#: More of the posterior than this beyond one end of where the objects speak is no answer: all may be outliers.
+EDGE_MASS = 0.25
+
+#: No evidence can be better than the reconstruction: 0.1 % at least.
+LEAST_LINE_SD = 1e-3
 
 #: Of a class with more objects this many, evenly spaced by size, are integrated over: they count as
 #: `EFFECTIVE_OBJECTS` anyhow, and time and memory stay linear in the number of classes.
@@ -72,62 +76,68 @@ class Estimate:
 class Posterior(Estimate):
     """Our estimate, with what leaving a class out needs.
 
-    classes : node ids of the rows of `class_log_likelihood` (c, g) on the grid `coarse` (g,); known : as given.
+    classes : node ids of the rows of `class_log_likelihood` (c, g) on the grid `coarse` (g,); lines : the other
+    evidence (k, 3), line_weight : (k,) the probability that each is right.
     """
 
     classes: tuple[str, ...]
     coarse: FloatArray
     class_log_likelihood: FloatArray
-    known: FloatArray
+    lines: FloatArray
+    line_weight: FloatArray
     level: float
 
     def without(self, node_id: str) -> tuple[Curve, tuple[Mode, ...], tuple[float, float]]:
         """The curve, modes and interval as if the class `node_id` had no object in the scene."""
         keep = np.array([name != node_id for name in self.classes])
-        left = grid.curve(self.coarse, self.class_log_likelihood[keep].sum(axis=0), self.known)
+        left = grid.curve(self.coarse, self.class_log_likelihood[keep].sum(axis=0), self.lines)
         return left, grid.modes(left), grid.interval(left, self.level)
 
 
-def posterior(evidence: Sequence[ObjectEvidence], known: FloatArray | None = None, level: float = 0.9) -> Posterior:
-    """The posterior of n objects and of known lengths.
+def posterior(evidence: Sequence[ObjectEvidence], lines: FloatArray | None = None, level: float = 0.9) -> Posterior:
+    """The posterior of n objects and of other evidence.
 
     Parameters
     ----------
-    evidence : n objects with their priors; n may be 0 if there are known lengths
-    known : (k, 2) mean and standard deviation in log(metres per unit) of each known length
+    evidence : n objects with their priors; n may be 0 if there is other evidence
+    lines : (k, 3) mean and standard deviation in log(metres per unit), and doubt, of other evidence: the probability
+        that it is wrong altogether
     level : mass of the equal-tailed interval
 
     Raises
     ------
     ValueError
-        There is neither an object nor a known length.
+        There is neither an object nor other evidence.
     """
-    known = np.zeros((0, 2)) if known is None else np.maximum(known, [-np.inf, LEAST_KNOWN_SD])
-    if not evidence and not len(known):
-        raise ValueError("posterior: expected an object or a known length; found neither")
-    classes = _classes(evidence, known) if evidence else _no_classes(known)
+    lines = np.zeros((0, 3)) if lines is None else np.maximum(lines, [-np.inf, LEAST_LINE_SD, 0.0])
+    if not evidence and not len(lines):
+        raise ValueError("posterior: expected an object or other evidence; found neither")
+    classes = _classes(evidence, lines) if evidence else _no_classes(lines)
     total = classes.log_likelihood.sum(axis=0)
-    answer = grid.curve(classes.grid, total, known)
+    answer = grid.curve(classes.grid, total, lines)
     modes, bounds = grid.modes(answer), grid.interval(answer, level)
     return Posterior(
         curve=answer,
         modes=modes,
         interval=bounds,
-        status=status_of(modes, bounds),
-        weight=_weights(classes, _mass(classes.grid, total, known), len(evidence)),
+        status=status_of(modes, bounds, answer),
+        weight=_weights(classes, _mass(classes.grid, total, lines), len(evidence)),
         own_scale=np.exp(_own_centres(classes.base)),
         classes=classes.names,
         coarse=classes.grid,
         class_log_likelihood=classes.log_likelihood,
-        known=known,
+        lines=lines,
+        line_weight=grid.line_weights(answer, lines),
         level=level,
     )
 
 
-def status_of(found: Sequence[Mode], bounds: tuple[float, float]) -> Status:
-    """The contract's rule for an answer that is none: too wide, or modes that contradict each other."""
-    best = found[0].scale
-    far = any(max(mode.scale / best, best / mode.scale) > FAR_MODE and mode.mass >= FAR_MASS for mode in found[1:])
+def status_of(modes: Sequence[Mode], bounds: tuple[float, float], curve: Curve | None = None) -> Status:
+    """Unresolved where the interval is too wide, modes contradict each other, or mass lies beyond all objects."""
+    best = modes[0].scale
+    far = any(max(mode.scale / best, best / mode.scale) > FAR_MODE and mode.mass >= FAR_MASS for mode in modes[1:])
+    if curve is not None and max(curve.below, curve.above) > EDGE_MASS:
+        return "unresolved"
     return "unresolved" if far or bounds[1] / bounds[0] > RATIO_LIMIT else "resolved"
 
 
@@ -153,10 +163,10 @@ class _Classes:
     quiet: IntArray
 
 
-def _classes(evidence: Sequence[ObjectEvidence], known: FloatArray) -> _Classes:
+def _classes(evidence: Sequence[ObjectEvidence], lines: FloatArray) -> _Classes:
     objects = measured(evidence)
     base = rows(objects)
-    u = _grid(base, known)
+    u = _grid(base, lines)
     names = sorted({item.prior.node_id for item in evidence})
     place = {name: number for number, name in enumerate(names)}
     group = np.array([place[item.prior.node_id] for item in evidence])
@@ -177,9 +187,9 @@ def _classes(evidence: Sequence[ObjectEvidence], known: FloatArray) -> _Classes:
     return _Classes(tuple(names), u, log_likelihood, tuple(terms), base, quiet)
 
 
-def _grid(base: Rows, known: FloatArray) -> FloatArray:
-    """(g,) the common grid: where objects and known lengths speak."""
-    centre, sd = known[:, 0], np.maximum(known[:, 1], grid.FINEST_STEP)
+def _grid(base: Rows, lines: FloatArray) -> FloatArray:
+    """(g,) the common grid: where objects and other evidence speak."""
+    centre, sd = lines[:, 0], np.maximum(lines[:, 1], grid.FINEST_STEP)
     spread = np.sqrt(1 / base.line_precision)
     over = base.line_log_peak - base.log_floor[base.object]  # ln of peak over the outlier's floor
     reach = np.minimum(np.sqrt(2 * np.maximum(over + math.log(1 / grid.UNSEEN), 0.0)), grid.SUPPORT_SD) * spread
@@ -225,9 +235,9 @@ def _joint(
     return classes, joint_classes(components, ways, u)
 
 
-def _no_classes(known: FloatArray) -> _Classes:
+def _no_classes(lines: FloatArray) -> _Classes:
     nothing, none = np.zeros(0), np.zeros(0, dtype=np.int64)
-    u = _grid(Rows.of_objects(np.zeros((16, 0)), none, nothing), known)
+    u = _grid(Rows.of_objects(np.zeros((16, 0)), none, nothing), lines)
     return _Classes((), u, np.zeros((0, len(u))), (), Rows.of_objects(np.zeros((16, 0)), none, nothing), none)
 
 
@@ -252,10 +262,9 @@ def _own_centres(components: Rows) -> FloatArray:
     return own
 
 
-def _mass(u: FloatArray, total: FloatArray, known: FloatArray) -> FloatArray:
+def _mass(u: FloatArray, total: FloatArray, lines: FloatArray) -> FloatArray:
     """Posterior mass at the points of the first grid, (g,), sum 1."""
-    log_density = total.copy()
-    for mean, sd in known:
-        log_density -= 0.5 * ((u - mean) / max(sd, u[1] - u[0])) ** 2
+    seen = np.column_stack([lines[:, 0], np.maximum(lines[:, 1], u[1] - u[0]), lines[:, 2]])
+    log_density = total + grid.log_lines(u, seen).sum(axis=0)
     mass = np.exp(log_density - log_density.max())
     return np.asarray(mass / mass.sum())

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from estimator.records.curve import Curve, Mode
+from estimator.records.scale_evidence import EvidenceReport
 from metric_base.arrays import FloatArray
 from metric_base.files import whole_file
 
@@ -89,7 +90,7 @@ class ScaleResult:
     warnings: tuple[str, ...] = ()
     without_support: Alternative | None = None
     leave_one_class_out: tuple[Alternative, ...] | None = None
-    known_lengths: tuple[tuple[float, float], ...] = ()
+    evidence: tuple[EvidenceReport, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     curve: Curve | None = None
     object_curves: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -118,9 +119,12 @@ class ScaleResult:
             record["without_support"] = _alternative(self.without_support)
         if self.leave_one_class_out is not None:
             record["leave_one_class_out"] = [_alternative(left) for left in self.leave_one_class_out]
-        if self.known_lengths:
+        if self.evidence:
+            record["evidence"] = [_evidence(item) for item in self.evidence]
+        lengths = [item for item in self.evidence if item.kind == "known_length"]
+        if lengths:
             record["known_lengths"] = [
-                {"scale": _rounded(math.exp(mean)), "relative_sigma": _rounded(sd)} for mean, sd in self.known_lengths
+                {"scale": _rounded(item.scale), "relative_sigma": _rounded(item.sd_log)} for item in lengths
             ]
         return record
 
@@ -165,6 +169,18 @@ def _up(up: UpReport) -> dict[str, Any]:
         "vector": [_rounded(value) for value in up.vector],
         "method": up.method,
         "sigma_deg": round(up.sigma_deg, 2) if math.isfinite(up.sigma_deg) else None,
+    }
+
+
+def _evidence(item: EvidenceReport) -> dict[str, Any]:
+    return {
+        "kind": item.kind,
+        "id": item.id,
+        "scale": _rounded(item.scale),
+        "sd_log": _rounded(item.sd_log),
+        "weight": round(item.weight, 3),
+        "verdict": item.verdict,
+        "reason": item.reason,
     }
 
 

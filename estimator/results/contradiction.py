@@ -7,49 +7,59 @@ from dataclasses import dataclass
 
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import Posterior, posterior
+from estimator.records.scale_evidence import ScaleEvidence
 from estimator.results.verdicts import verdict
 
 __all__ = ["KEPT", "Contradiction", "contradiction_of"]
 
-#: Known lengths contradict the objects when these keep less than this share of the weight (the summed probability
-#: of not being an outlier) that they have among themselves: most of what spoke for another scale is then disbelieved.
+#: Known lengths contradict the objects altogether when these keep less than this share of the weight (the summed
+#: probability of being what their labels say) that they have among themselves: most of them are then disbelieved.
 KEPT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Contradiction:
-    """Known lengths against objects.
+    """Known lengths outside the interval of the objects alone.
 
-    with_known, without : metres per unit, of all evidence and of the objects alone; outliers : how many of the
-    `objects` are outliers at the first.
+    with_known : metres per unit of all evidence; low, high : the objects' own interval; outliers : how many of the
+    `objects` are outliers at the first; kept : the share of their weight that is left.
     """
 
     with_known: float
-    without: float
+    low: float
+    high: float
     outliers: int
     objects: int
+    kept: float
 
     @property
-    def total(self) -> bool:
-        """Whether no object is left that bears the known lengths out: the scene is unresolved."""
-        return self.outliers == self.objects
+    def most(self) -> bool:
+        """Whether most objects would have to be wrong: the scene is unresolved unless the length is trusted."""
+        return self.kept < KEPT
 
-    def line(self) -> str:
-        """The warning."""
-        scales = f"{self.with_known:.4g} m per unit with the known lengths, {self.without:.4g} by the objects alone"
+    def line(self, trusted: bool) -> str:
+        """The warning; `trusted` : the length is believed all the same."""
+        scales = f"{self.with_known:.4g} m per unit, {self.low:.4g} to {self.high:.4g} by the objects alone"
         check = "check the points, the metres and the labels"
-        if self.total:
-            return f"unresolved: the known lengths contradict every object: {scales}; {check}"
-        count = f"{self.outliers} of {self.objects} objects are outliers at the first"
-        return f"the known lengths contradict the objects: {scales}, and {count}; {check}"
+        if not self.most:
+            return f"the known lengths are outside the objects' own interval: {scales}; {check}"
+        count = f"{self.outliers} of {self.objects} objects would be outliers"
+        start = "" if trusted else "unresolved: "
+        override = "" if trusted else " (--trust-known-length overrides)"
+        return f"{start}the known lengths contradict the objects: {scales}, and {count}; {check}{override}"
 
 
-def contradiction_of(found: Posterior, evidence: Sequence[ObjectEvidence]) -> Contradiction | None:
-    """How known lengths contradict the n objects of the posterior `found`; None where they do not."""
-    if not evidence or not len(found.known):
+def contradiction_of(
+    estimate: Posterior, evidence: Sequence[ObjectEvidence], lines: Sequence[ScaleEvidence]
+) -> Contradiction | None:
+    """How certain lines (without doubt) contradict the n objects of the posterior; None where they do not."""
+    certain = [item.scale for item in lines if item.doubt == 0 and item.scale is not None]
+    if not evidence or not certain:
         return None
-    alone = posterior(evidence, level=found.level)
-    if float(found.weight.sum()) >= KEPT * float(alone.weight.sum()):
+    alone = posterior(evidence, level=estimate.level)
+    low, high = alone.interval
+    if all(low <= scale <= high for scale in certain):
         return None
-    outliers = sum(verdict(float(weight)) == "outlier" for weight in found.weight)
-    return Contradiction(found.modes[0].scale, alone.modes[0].scale, outliers, len(evidence))
+    kept = float(estimate.weight.sum()) / max(float(alone.weight.sum()), 1e-9)
+    outliers = sum(verdict(float(weight)) == "outlier" for weight in estimate.weight)
+    return Contradiction(estimate.modes[0].scale, low, high, outliers, len(evidence), kept)

@@ -5,57 +5,25 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from estimator.posterior.likelihood import ObjectEvidence, usable
-from estimator.posterior.posterior import (
-    FAR_MASS,
-    FAR_MODE,
-    RATIO_LIMIT,
-    Estimate,
-    Posterior,
-    object_curves,
-    posterior,
-    status_of,
-)
+from estimator.posterior.posterior import Posterior, object_curves, posterior
 from estimator.records.measured_object import MeasuredObject
-from estimator.records.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
+from estimator.records.result import Alternative, ScaleResult, UpReport
+from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
 from estimator.results.categories import Meaning, meanings
-from estimator.results.contradiction import contradiction_of
-from estimator.results.verdicts import dimension_names, outlier_reason, verdict
-from metric_base.arrays import BoolArray, FloatArray
+from estimator.results.contradiction import Contradiction, contradiction_of
+from estimator.results.reports import Answer, Options, names_of, result_of
+from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
 
-__all__ = ["HEIGHT", "Answer", "Options", "evidence_of", "result_of", "scale_of_objects"]
+__all__ = ["HEIGHT", "evidence_of", "scale_of_objects"]
 
 #: The dimensions of `--method height`.
 HEIGHT = ("height",)
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """What the caller asks of an estimate. known : (mean, sd) of log scale per known length."""
-
-    method: str = "default"
-    level: float = 0.9
-    known: tuple[tuple[float, float], ...] = ()
-    leave_one_class_out: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Answer:
-    """What a method found, and about which objects.
-
-    places : of the n objects that spoke, among all; used : the dimensions of each that counted; reasons : for every
-    object why it did not speak, or None.
-    """
-
-    estimate: Estimate | None
-    places: Sequence[int]
-    used: Sequence[tuple[str, ...]]
-    reasons: Sequence[str | None]
 
 
 def scale_of_objects(
@@ -66,37 +34,48 @@ def scale_of_objects(
     warnings: Sequence[str] = (),
     seconds: Mapping[str, float] | None = None,
 ) -> ScaleResult:
-    """The scale by our posterior (methods `default` and `height`).
+    """The scale by our posterior (methods `default` and `height`), in metres per scene unit.
 
     Parameters
     ----------
     objects : measured objects in scene units
     tree : where their categories' priors are
-    options : method, level, known lengths, and whether to leave each class out in turn
+    options : method, level, evidence beside the objects, and whether to leave each class out in turn
     up, warnings, seconds : what the geometry found, handed on
+
+    Examples
+    --------
+    >>> import metric_tree, numpy as np
+    >>> from estimator import MeasuredObject, scale_of_objects
+    >>> sizes, sigma = np.array([1.8, 0.9, 0.75]), np.full(3, 0.03)
+    >>> desk = MeasuredObject("1", "desk", sizes / 2, sigma)
+    >>> lamp = MeasuredObject("2", "chair", np.array([0.5, 0.5, 0.9]) / 2, sigma)
+    >>> result = scale_of_objects([desk, lamp], metric_tree.open())
+    >>> 1.6 < result.modes[0].scale < 2.4
+    True
     """
     options = options or Options()
     by_name = meanings(tree, {item.category for item in objects}, HEIGHT if options.method == "height" else None)
     started = time.perf_counter()
-    known = np.array(options.known, dtype=float).reshape(-1, 2)
-    evidence, reasons = evidence_of(objects, by_name)
-    places = list(evidence)
-    found = posterior(list(evidence.values()), known, options.level) if places or len(known) else None
-    clash = contradiction_of(found, list(evidence.values())) if found is not None else None
-    if found is not None and clash is not None and clash.total:
-        found = replace(found, status="unresolved")
+    stated, reasons = evidence_of(objects, by_name)
+    evidence, places = list(stated.values()), list(stated)
+    lines = [item for item in options.evidence if item.scale is not None]
+    estimate = posterior(evidence, _table(lines), options.level) if evidence or lines else None
+    clash = contradiction_of(estimate, evidence, lines) if estimate is not None else None
+    if estimate is not None and clash is not None and clash.most and not options.trust_known_length:
+        estimate = replace(estimate, status="unresolved")
     elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
-    used = _used(list(evidence.values()))
-    answer = Answer(found, places, used, reasons)
-    heard = warnings if clash is None else (*warnings, clash.line())
+    rows = _evidence_rows(options, estimate, lines, clash)
+    answer = Answer(estimate, places, _used(evidence), reasons, rows)
+    heard = (*warnings, *_evidence_warnings(rows), *([] if clash is None else [clash.line(options.trust_known_length)]))
     result = result_of(objects, tree, by_name, answer, options, up, heard, elapsed)
-    if found is None or not places:
+    if estimate is None or not places:
         return result
-    curves = object_curves(list(evidence.values()), found.curve.log_scale)
+    curves = object_curves(evidence, estimate.curve.log_scale)
     return replace(
         result,
-        without_support=_without_support(objects, by_name, known, options.level),
-        leave_one_class_out=_left_out(found, list(evidence.values())) if options.leave_one_class_out else None,
+        without_support=_without_support(objects, by_name, _table(lines), options.level),
+        leave_one_class_out=_without_each_class(estimate, evidence) if options.leave_one_class_out else None,
         object_curves={objects[place].id: row for place, row in zip(places, curves, strict=True)},
     )
 
@@ -117,95 +96,53 @@ def evidence_of(
     return stated, reasons
 
 
-def result_of(
-    objects: Sequence[MeasuredObject],
-    tree: Tree,
-    by_name: Mapping[str, Meaning],
-    answer: Answer,
-    options: Options,
-    up: UpReport | None,
-    warnings: Sequence[str],
-    seconds: Mapping[str, float],
-) -> ScaleResult:
-    """The result of any method that ends in a posterior over log scale."""
-    found = answer.estimate
-    resolved = found is not None and found.status == "resolved"
-    scale = found.modes[0].scale if found is not None and resolved else None
-    interval = Interval(options.level, *found.interval) if found is not None and resolved else None
-    return ScaleResult(
-        status="resolved" if resolved else "unresolved",
-        method=options.method,
-        scale=scale,
-        interval=interval,
-        modes=found.modes if found is not None else (),
-        tree=(tree.name, tree.version),
-        objects=tuple(_reports(objects, by_name, answer)),
-        up=up,
-        warnings=(*warnings, *_warnings(found, objects, by_name)),
-        known_lengths=options.known,
-        seconds=seconds,
-        curve=found.curve if found is not None else None,
-    )
+def _table(lines: Sequence[ScaleEvidence]) -> FloatArray:
+    """(k, 3) mean and standard deviation of log scale, and doubt, of evidence that speaks."""
+    rows = [(math.log(item.scale or 1.0), item.sd_log, item.doubt) for item in lines]
+    return np.array(rows, dtype=float).reshape(-1, 3)
 
 
-def _reports(objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning], answer: Answer) -> list[ObjectReport]:
-    row_of = {place: row for row, place in enumerate(answer.places)}
+def _evidence_rows(
+    options: Options, estimate: Posterior | None, lines: Sequence[ScaleEvidence], clash: Contradiction | None
+) -> tuple[EvidenceReport, ...]:
+    """The rows of all evidence, in the order given."""
+    weights = dict(zip(map(id, lines), [] if estimate is None else estimate.line_weight.tolist(), strict=True))
+    return tuple(_evidence_row(item, weights.get(id(item), 0.0), estimate, clash) for item in options.evidence)
+
+
+def _evidence_row(
+    item: ScaleEvidence, weight: float, estimate: Posterior | None, clash: Contradiction | None
+) -> EvidenceReport:
+    if item.scale is None or estimate is None:
+        return EvidenceReport(item.kind, item.id, None, None, 0.0, "skipped", item.reason)
+    reason = None
+    if item.doubt == 0 and clash is not None and not clash.low <= item.scale <= clash.high:
+        reason = f"the objects alone say {clash.low:.4g} to {clash.high:.4g}"
+    wrong = weight < 0.5
+    if wrong:
+        reason = f"all else says {estimate.modes[0].scale:.4g}"
+    return EvidenceReport(item.kind, item.id, item.scale, item.sd_log, weight, "outlier" if wrong else "used", reason)
+
+
+def _evidence_warnings(rows: Sequence[EvidenceReport]) -> list[str]:
+    """A line for evidence that was asked for and does not count."""
     return [
-        _report(item, by_name[item.category], answer, row_of.get(place), answer.reasons[place])
-        for place, item in enumerate(objects)
+        f"{row.kind} {row.id}: {'contradicts the rest' if row.verdict == 'outlier' else 'skipped'}: {row.reason}"
+        for row in rows
+        if row.verdict != "used"
     ]
-
-
-def _report(
-    item: MeasuredObject, meaning: Meaning, answer: Answer, row: int | None, reason: str | None
-) -> ObjectReport:
-    weight, own, said = 0.0, None, verdict(None)
-    used: tuple[str, ...] = ()
-    if row is not None and answer.estimate is not None:
-        weight, own = float(answer.estimate.weight[row]), float(answer.estimate.own_scale[row])
-        used, said = answer.used[row], verdict(weight)
-        if said == "outlier" and meaning.prior is not None:
-            pose = meaning.node.pose if meaning.node is not None else "upright"
-            reason = outlier_reason(ObjectEvidence(item, meaning.prior, pose), answer.estimate.modes[0].scale, own)
-    return ObjectReport(
-        id=item.id,
-        category=item.category,
-        node=meaning.node.node_id if meaning.node is not None else None,
-        points=item.points,
-        dimensions=_named(item, item.extents),
-        confidence=_named(item, item.confidence),
-        truncated=_names(item, np.asarray(item.truncated, dtype=bool)),
-        used=used,
-        scale=own,
-        weight=weight,
-        verdict=said,
-        reason=reason,
-        score=item.score,
-        notes=item.notes,
-    )
 
 
 def _used(evidence: Sequence[ObjectEvidence]) -> list[tuple[str, ...]]:
     """The dimensions of each object that count in full: there, known to the prior, not cut."""
     return [
-        _names(item.object, there & ~np.asarray(item.object.truncated, dtype=bool))
+        names_of(item.object, there & ~np.asarray(item.object.truncated, dtype=bool))
         for item, there in zip(evidence, usable(evidence), strict=True)
     ]
 
 
-def _names(item: MeasuredObject, chosen: BoolArray) -> tuple[str, ...]:
-    names = dimension_names(item)
-    return tuple(name for name, keep in zip(names, chosen, strict=True) if keep)
-
-
-def _named(item: MeasuredObject, values: FloatArray) -> dict[str, float]:
-    return {
-        name: float(value) for name, value in zip(dimension_names(item), values, strict=True) if math.isfinite(value)
-    }
-
-
 def _without_support(
-    objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning], known: FloatArray, level: float
+    objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning], lines: FloatArray, level: float
 ) -> Alternative | None:
     """The scale if no object reached down to the plane it stands on; None where none does."""
     if all(item.unsupported_height is None for item in objects):
@@ -217,38 +154,18 @@ def _without_support(
         for item in objects
     ]
     evidence, _ = evidence_of(bare, by_name)
-    found = posterior(list(evidence.values()), known, level)
-    return Alternative("without_support", found.modes[0].scale, *found.interval, len(evidence))
+    estimate = posterior(list(evidence.values()), lines, level)
+    return Alternative("without_support", estimate.modes[0].scale, *estimate.interval, len(evidence))
 
 
-def _left_out(found: Posterior, evidence: Sequence[ObjectEvidence]) -> tuple[Alternative, ...]:
+def _without_each_class(estimate: Posterior, evidence: Sequence[ObjectEvidence]) -> tuple[Alternative, ...]:
     """The scale without each class in turn, the most influential first."""
-    if len(found.classes) + len(found.known) < 2:
+    if len(estimate.classes) + len(estimate.lines) < 2:
         return ()
     rows = []
-    for node_id in found.classes:
-        _, modes, (low, high) = found.without(node_id)
+    for node_id in estimate.classes:
+        _, modes, (low, high) = estimate.without(node_id)
         count = sum(item.prior.node_id == node_id for item in evidence)
         rows.append(Alternative(node_id, modes[0].scale, low, high, count))
-    best = found.modes[0].scale
+    best = estimate.modes[0].scale
     return tuple(sorted(rows, key=lambda row: -abs(math.log(row.scale / best))))
-
-
-def _warnings(found: Estimate | None, objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning]) -> list[str]:
-    unknown = sorted({item.category for item in objects if by_name[item.category].prior is None})
-    lines = [f"category {_said_once(name, by_name[name].reason)}" for name in unknown]
-    if found is None:
-        lines.append("unresolved: no usable object" if objects else "unresolved: no object")
-    elif found.status == "unresolved" and status_of(found.modes, found.interval) == "unresolved":
-        low, high = found.interval
-        if high / low > RATIO_LIMIT:
-            lines.append(f"unresolved: the interval's high/low is {high / low:.3g}, over {RATIO_LIMIT}")
-        else:
-            lines.append(f"unresolved: modes over {FAR_MODE - 1:.0%} apart, the lesser with mass over {FAR_MASS}")
-    return lines
-
-
-def _said_once(name: str, reason: str | None) -> str:
-    """Name and reason; most reasons begin with the name."""
-    reason = reason or ""
-    return reason if reason.startswith(f"{name!r}: ") else f"{name!r}: {reason}"

@@ -17,7 +17,7 @@ from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
 from estimator.command import main
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scene import Camera, Instance, Scene, View
-from estimator.results.estimate import Options
+from estimator.results.reports import Options
 from metric_base.faults import InputFault
 from metric_tree.tree import Tree
 

@@ -137,7 +137,7 @@ def test_hatchback_or_saloon_at_any_scale() -> None:
 
 def test_known_length_decides() -> None:
     items = _drawn(CHAIR, 1.0, 2, 0)
-    known = np.array([[math.log(1.04), 0.002]])
+    known = np.array([[math.log(1.04), 0.002, 0.0]])
     found = posterior(items, known)
     assert found.modes[0].scale == pytest.approx(1.04, rel=1e-3)
     low, high = found.interval
@@ -145,7 +145,7 @@ def test_known_length_decides() -> None:
 
 
 def test_known_length_alone() -> None:
-    found = posterior([], np.array([[math.log(0.3), 0.01]]))
+    found = posterior([], np.array([[math.log(0.3), 0.01, 0.0]]))
     assert found.status == "resolved"
     assert found.modes[0].scale == pytest.approx(0.3, rel=1e-3)
     assert math.log(found.interval[1] / 0.3) == pytest.approx(1.645 * 0.01, rel=0.05)
@@ -196,7 +196,7 @@ def test_status_rule_of_the_contract() -> None:
 @settings(deadline=None, max_examples=40)
 def test_interval_and_mode_of_a_gaussian(sd: float, mean: float, level: float) -> None:
     u = grid.evidence_grid(np.array([mean]), np.array([sd]), np.array([8 * sd]))
-    curve = grid.curve(u, -0.5 * ((u - mean) / sd) ** 2, np.zeros((0, 2)))
+    curve = grid.curve(u, -0.5 * ((u - mean) / sd) ** 2, np.zeros((0, 3)))
     half = norm.ppf((1 + level) / 2) * sd
     low, high = grid.interval(curve, level)
     assert math.log(low) == pytest.approx(mean - half, abs=0.02 * sd)
@@ -207,7 +207,7 @@ def test_interval_and_mode_of_a_gaussian(sd: float, mean: float, level: float) -
 def test_mass_beyond_the_grid_counts() -> None:
     """A flat posterior is the prior, wherever the grid happens to lie."""
     u = np.linspace(-1, 1, 50)
-    flat = grid.curve(u, np.zeros(50), np.zeros((0, 2)))
+    flat = grid.curve(u, np.zeros(50), np.zeros((0, 3)))
     low, high = grid.interval(flat, 0.9)
     ends = 1 + grid.ROOM
     assert math.log(low) == pytest.approx(-ends + 0.05 * 2 * ends, abs=0.02)

@@ -10,8 +10,10 @@ import pytest
 from estimator.posterior.posterior import posterior
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult
+from estimator.records.scale_evidence import ScaleEvidence
 from estimator.results.contradiction import contradiction_of
-from estimator.results.estimate import Options, scale_of_objects
+from estimator.results.estimate import scale_of_objects
+from estimator.results.reports import Options
 from metric_tree.tree import Tree
 from tests.made.priors import evidence, prior
 
@@ -19,36 +21,53 @@ from tests.made.priors import evidence, prior
 CHAIR, STOOL = (1.24, 1.20, 2.10), (0.84, 0.80, 1.52)
 
 
-def answer(tree: Tree, known: float | None, *objects: tuple[str, tuple[float, float, float]]) -> ScaleResult:
+def length(scale: float, sd: float = 0.01) -> ScaleEvidence:
+    return ScaleEvidence("known_length", "1", scale, sd, doubt=0.0)
+
+
+def answer(
+    tree: Tree, known: float | None, *objects: tuple[str, tuple[float, float, float]], trust: bool = False
+) -> ScaleResult:
     items = [
         MeasuredObject(str(place), category, np.array(extents), np.full(3, 0.03))
         for place, (category, extents) in enumerate(objects)
     ]
-    return scale_of_objects(items, tree, Options(known=() if known is None else ((math.log(known), 0.01),)))
+    evidence = () if known is None else (length(known),)
+    return scale_of_objects(items, tree, Options(evidence=evidence, trust_known_length=trust))
 
 
-@pytest.mark.parametrize("known", [5.0, 0.05, 500.0])
-def test_a_length_that_contradicts_every_object_is_unresolved(mini: Tree, known: float) -> None:
+@pytest.mark.parametrize("known", [5.0, 1.64, 1.27, 1.0, 0.75, 0.15, 0.05, 500.0])
+def test_a_length_far_from_the_objects_is_reported(mini: Tree, known: float) -> None:
+    """The true scale is 0.5: feet for metres, inches, a factor of two or of ten; none passes without a word."""
     result = answer(mini, known, ("swivel chair", CHAIR), ("bar stool", STOOL))
+    (line,) = result.warnings
+    assert "known lengths" in line
+    assert f"{known:.4g} m per unit" in line
+    (row,) = result.evidence
+    assert (row.kind, row.scale) == ("known_length", known)
+    assert row.reason is not None
+    assert row.reason.startswith("the objects alone say")
+
+
+@pytest.mark.parametrize("known", [5.0, 1.27, 0.15, 0.05, 500.0])
+def test_a_length_that_contradicts_most_objects_is_unresolved_unless_trusted(mini: Tree, known: float) -> None:
+    objects = (("swivel chair", CHAIR), ("bar stool", STOOL), ("swivel chair", CHAIR), ("bar stool", STOOL))
+    result = answer(mini, known, *objects)
     assert (result.status, result.scale, result.interval, result.exit_code) == ("unresolved", None, None, 3)
-    (line,) = result.warnings
-    assert line.startswith("unresolved: the known lengths contradict every object")
-    assert f"{known:.4g} m per unit with the known lengths, 0.5" in line
+    assert result.warnings[0].startswith("unresolved: the known lengths contradict the objects")
+    trusted = answer(mini, known, *objects, trust=True)
+    assert trusted.status == "resolved"
+    assert trusted.scale == pytest.approx(known, rel=0.02)
+    assert trusted.warnings[0].startswith("the known lengths contradict the objects")
 
 
-def test_a_length_that_one_object_bears_out_is_told_but_resolved(mini: Tree) -> None:
-    triple = (STOOL[0] / 3, STOOL[1] / 3, STOOL[2] / 3)
-    result = answer(mini, 1.5, *[("swivel chair", CHAIR)] * 4, ("bar stool", triple))
-    assert result.status == "resolved"
-    assert result.scale == pytest.approx(1.5, rel=0.02)
-    assert [item.weight for item in result.objects[:4]] == pytest.approx([0.0] * 4, abs=0.01)
-    (line,) = result.warnings
-    assert "4 of 5 objects are outliers" in line
-
-
-def test_a_length_that_the_objects_bear_out_is_not_told(mini: Tree) -> None:
-    result = answer(mini, 0.51, ("swivel chair", CHAIR), ("bar stool", STOOL))
+@pytest.mark.parametrize("known", [0.49, 0.5, 0.51])
+def test_a_right_length_is_believed_without_a_word(mini: Tree, known: float) -> None:
+    result = answer(mini, known, ("swivel chair", CHAIR), ("bar stool", STOOL))
     assert (result.status, result.warnings) == ("resolved", ())
+    assert result.scale == pytest.approx(known, rel=0.02)
+    assert result.evidence[0].verdict == "used"
+    assert result.evidence[0].weight == 1.0
 
 
 def test_objects_that_are_outliers_without_it_are_not_held_against_a_length() -> None:
@@ -56,9 +75,47 @@ def test_objects_that_are_outliers_without_it_are_not_held_against_a_length() ->
     chair = prior("chair.n.01", [(560, 540, 950)])
     items = [evidence(chair, (1.12, 1.08, 1.90), name=str(n)) for n in range(3)]
     items.append(evidence(chair, (9.0, 8.0, 20.0), name="far"))
-    found = posterior(items, np.array([[math.log(0.5), 0.01]]))
-    assert contradiction_of(found, items) is None
-    assert contradiction_of(posterior(items), items) is None, "nothing is known"
+    lines = np.array([[math.log(0.5), 0.01, 0.0]])
+    assert contradiction_of(posterior(items, lines), items, [length(0.5)]) is None
+    assert contradiction_of(posterior(items), items, []) is None, "nothing is known"
+
+
+def test_evidence_that_may_be_wrong_gives_way_to_the_objects(mini: Tree) -> None:
+    objects = [
+        MeasuredObject(str(n), name, np.array(size), np.full(3, 0.03))
+        for n, (name, size) in enumerate([("swivel chair", CHAIR), ("bar stool", STOOL)] * 2)
+    ]
+    plain = scale_of_objects(objects, mini)
+    right = scale_of_objects(objects, mini, Options(evidence=(ScaleEvidence("gps", "csv", 0.52, 0.02),)))
+    wrong = scale_of_objects(objects, mini, Options(evidence=(ScaleEvidence("gps", "csv", 3.0, 0.02),)))
+    mute = ScaleEvidence("gps", "csv", None, None, reason="the path is too short")
+    silent = scale_of_objects(objects, mini, Options(evidence=(mute,)))
+    assert plain.scale is not None
+    assert right.scale == pytest.approx(0.52, rel=0.02)
+    assert right.evidence[0].verdict == "used"
+    assert right.evidence[0].weight > 0.9
+    assert right.interval is not None
+    assert plain.interval is not None
+    assert right.interval.high / right.interval.low < plain.interval.high / plain.interval.low
+    assert wrong.scale == pytest.approx(plain.scale, rel=0.05)
+    assert wrong.evidence[0].verdict == "outlier"
+    assert wrong.warnings[0].startswith("gps csv: contradicts the rest: all else says 0.5")
+    assert silent.scale == plain.scale
+    assert silent.evidence[0].verdict == "skipped"
+    assert silent.record()["evidence"][0] == {
+        "kind": "gps",
+        "id": "csv",
+        "scale": None,
+        "sd_log": None,
+        "weight": 0.0,
+        "verdict": "skipped",
+        "reason": "the path is too short",
+    }
+
+
+def test_evidence_without_objects_is_an_answer(mini: Tree) -> None:
+    result = scale_of_objects([], mini, Options(evidence=(ScaleEvidence("marker", "7", 0.4, 0.02),)))
+    assert result.scale == pytest.approx(0.4, rel=0.01)
 
 
 def test_a_reason_that_begins_with_the_name_is_not_doubled(mini: Tree) -> None:

@@ -16,7 +16,8 @@ from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
 from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measure_objects
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
-from estimator.results.estimate import Options, scale_of_objects
+from estimator.results.estimate import scale_of_objects
+from estimator.results.reports import Options
 from metric_tree.tree import Tree
 from tests.made.rooms.scores import Score, height_error
 from tests.made.rooms.truth import Truth

@@ -1,0 +1,159 @@
+"""The result of any method: what was asked, what was answered, and a report on every object."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.posterior.likelihood import ObjectEvidence
+from estimator.posterior.posterior import EDGE_MASS, FAR_MASS, FAR_MODE, RATIO_LIMIT, Estimate, status_of
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.result import Interval, ObjectReport, ScaleResult, UpReport
+from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
+from estimator.results.categories import Meaning
+from estimator.results.verdicts import dimension_names, outlier_reason, verdict
+from metric_base.arrays import BoolArray, FloatArray
+from metric_tree.tree import Tree
+
+__all__ = ["Answer", "Options", "named_values", "names_of", "result_of"]
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What the caller asks of an estimate.
+
+    evidence : beside the objects; trust_known_length : a known length that contradicts the objects is believed.
+    """
+
+    method: str = "default"
+    level: float = 0.9
+    evidence: tuple[ScaleEvidence, ...] = ()
+    leave_one_class_out: bool = False
+    trust_known_length: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """What a method estimate, and about which objects.
+
+    places : of the n objects that spoke, among all; used : the dimensions of each that counted; reasons : for every
+    object why it did not speak, or None. evidence : the rows of the other evidence.
+    """
+
+    estimate: Estimate | None
+    places: Sequence[int]
+    used: Sequence[tuple[str, ...]]
+    reasons: Sequence[str | None]
+    evidence: tuple[EvidenceReport, ...] = ()
+
+
+def result_of(
+    objects: Sequence[MeasuredObject],
+    tree: Tree,
+    by_name: Mapping[str, Meaning],
+    answer: Answer,
+    options: Options,
+    up: UpReport | None,
+    warnings: Sequence[str],
+    seconds: Mapping[str, float],
+) -> ScaleResult:
+    """The result of any method that ends in a posterior over log scale."""
+    estimate = answer.estimate
+    resolved = estimate is not None and estimate.status == "resolved"
+    scale = estimate.modes[0].scale if estimate is not None and resolved else None
+    interval = Interval(options.level, *estimate.interval) if estimate is not None and resolved else None
+    return ScaleResult(
+        status="resolved" if resolved else "unresolved",
+        method=options.method,
+        scale=scale,
+        interval=interval,
+        modes=estimate.modes if estimate is not None else (),
+        tree=(tree.name, tree.version),
+        objects=tuple(_reports(objects, by_name, answer)),
+        up=up,
+        warnings=(*warnings, *_warnings(estimate, objects, by_name)),
+        evidence=answer.evidence,
+        seconds=seconds,
+        curve=estimate.curve if estimate is not None else None,
+    )
+
+
+def _reports(objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning], answer: Answer) -> list[ObjectReport]:
+    row_of = {place: row for row, place in enumerate(answer.places)}
+    return [
+        _report(item, by_name[item.category], answer, row_of.get(place), answer.reasons[place])
+        for place, item in enumerate(objects)
+    ]
+
+
+def _report(
+    item: MeasuredObject, meaning: Meaning, answer: Answer, row: int | None, reason: str | None
+) -> ObjectReport:
+    weight, own, said = 0.0, None, verdict(None)
+    used: tuple[str, ...] = ()
+    if row is not None and answer.estimate is not None:
+        weight, own = float(answer.estimate.weight[row]), float(answer.estimate.own_scale[row])
+        used, said = answer.used[row], verdict(weight)
+        if said == "outlier" and meaning.prior is not None:
+            pose = meaning.node.pose if meaning.node is not None else "upright"
+            reason = outlier_reason(ObjectEvidence(item, meaning.prior, pose), answer.estimate.modes[0].scale, own)
+    return ObjectReport(
+        id=item.id,
+        category=item.category,
+        node=meaning.node.node_id if meaning.node is not None else None,
+        points=item.points,
+        dimensions=named_values(item, item.extents),
+        confidence=named_values(item, item.confidence),
+        truncated=names_of(item, np.asarray(item.truncated, dtype=bool)),
+        used=used,
+        scale=own,
+        weight=weight,
+        verdict=said,
+        reason=reason,
+        score=item.score,
+        notes=item.notes,
+    )
+
+
+def names_of(item: MeasuredObject, chosen: BoolArray) -> tuple[str, ...]:
+    """Names of the extents that are chosen, (3,) bool."""
+    names = dimension_names(item)
+    return tuple(name for name, keep in zip(names, chosen, strict=True) if keep)
+
+
+def named_values(item: MeasuredObject, values: FloatArray) -> dict[str, float]:
+    """The finite ones of three values, by the names of the object's extents."""
+    return {
+        name: float(value) for name, value in zip(dimension_names(item), values, strict=True) if math.isfinite(value)
+    }
+
+
+def _warnings(
+    estimate: Estimate | None, objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning]
+) -> list[str]:
+    unknown = sorted({item.category for item in objects if by_name[item.category].prior is None})
+    lines = [f"category {_said_once(name, by_name[name].reason)}" for name in unknown]
+    if estimate is None:
+        lines.append("unresolved: no usable object" if objects else "unresolved: no object")
+    elif (
+        estimate.status == "unresolved" and status_of(estimate.modes, estimate.interval, estimate.curve) == "unresolved"
+    ):
+        low, high = estimate.interval
+        edge = max(estimate.curve.below, estimate.curve.above)
+        if edge > EDGE_MASS:
+            where = "no object says anything: all may be outliers"
+            lines.append(f"unresolved: {edge:.0%} of the posterior is at scales of which {where}")
+        elif high / low > RATIO_LIMIT:
+            lines.append(f"unresolved: the interval's high/low is {high / low:.3g}, over {RATIO_LIMIT}")
+        else:
+            lines.append(f"unresolved: modes over {FAR_MODE - 1:.0%} apart, the lesser with mass over {FAR_MASS}")
+    return lines
+
+
+def _said_once(name: str, reason: str | None) -> str:
+    """Name and reason; most reasons begin with the name."""
+    reason = reason or ""
+    return reason if reason.startswith(f"{name!r}: ") else f"{name!r}: {reason}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pyarrow as pa
 
-__all__ = ["IMAGES", "ITEMS", "NODES", "PRIORS", "SCHEMA", "TABLES"]
+__all__ = ["ADDED_COLUMNS", "IMAGES", "ITEMS", "NODES", "PRIORS", "SCHEMA", "TABLES"]
 
 SCHEMA = "metric-tree/1"
 
@@ -97,6 +97,9 @@ IMAGES = pa.schema(
     ],
     metadata={"schema": SCHEMA},
 )
+
+#: Columns that were added within version 1: a release that is older lacks them, which is no fault.
+ADDED_COLUMNS = frozenset({"attribution", "pixels_per_metre", "sameness", "sameness_sd"})
 
 #: The tables of a release by file name; a release has exactly these beside its manifest.
 TABLES = {"nodes.parquet": NODES, "items.parquet": ITEMS, "priors.parquet": PRIORS, "images.parquet": IMAGES}

@@ -16,7 +16,7 @@ from metric_tree.checks import items, nodes, priors
 from metric_tree.checks.finding import Finding
 from metric_tree.pictures import image_path
 from metric_tree.release import BadRelease, Release, open_release, sha256
-from metric_tree.schema import TABLES
+from metric_tree.schema import ADDED_COLUMNS, TABLES
 
 __all__ = ["CODES", "Finding", "findings"]
 
@@ -74,7 +74,8 @@ def _file_findings(release: Release) -> Iterator[Finding]:
             yield Finding("E103", name, f"expected {recorded.get('rows')} rows; found {table.num_rows}")
         for field in schema:
             if field.name not in table.column_names:
-                yield Finding("E104", f"{name}: {field.name}", "expected the column; found none")
+                if field.name not in ADDED_COLUMNS:
+                    yield Finding("E104", f"{name}: {field.name}", "expected the column; found none")
             elif not table.schema.field(field.name).type.equals(field.type):
                 found_type = table.schema.field(field.name).type
                 yield Finding("E104", f"{name}: {field.name}", f"expected {field.type}; found {found_type}")

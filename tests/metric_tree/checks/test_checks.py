@@ -187,6 +187,14 @@ def test_a_column_of_another_type_is_found(tmp_path: Path) -> None:
     assert {f.code for f in findings(_resealed(directory, manifest))} == {"E104"}
 
 
+def test_a_release_from_before_a_column_was_added_is_sound(tmp_path: Path) -> None:
+    directory = minitree.release(tmp_path / "r").directory
+    table = pq.read_table(directory / "images.parquet")
+    pq.write_table(table.drop_columns(["attribution"]), directory / "images.parquet")
+    manifest = (directory / MANIFEST).read_text()
+    assert "E104" not in {f.code for f in findings(_resealed(directory, manifest))}
+
+
 def test_rows_and_counts_of_the_manifest_are_held_against_the_tables(tmp_path: Path) -> None:
     def miscount(manifest: dict[str, Any]) -> None:
         manifest["counts"]["leaves"] = 99

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.instances.arrays import MasksByImage, instances_of_masks
-from estimator.instances.coco import ignored_categories, read_coco
-from estimator.instances.label_images import read_label_images
+from estimator.instances.forms import holds_instances, read_instance_files
 from estimator.reconstructions.cameras import pixels_in_view, projected_views
 from estimator.reconstructions.checked_files import folder_entries
 from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_colmap
@@ -30,7 +29,6 @@ MEMORY = Path("memory")
 RECONSTRUCTION = "reconstruction.json"
 INSTANCES = "instances.json"
 PICTURES = "instances"
-CATEGORIES = "categories.json"
 #: How far above the model its instances are looked for: `scene/dense/0/sparse` is the deepest usual place.
 LEVELS_UP = 3
 #: Points looked at to see whether the visibility file numbers the images as we do.
@@ -118,15 +116,8 @@ def read_instances_and_warnings(
     """The instances as `read_instances` takes them, and warnings."""
     if isinstance(source, Mapping):
         return instances_of_masks(source, scene)
-    path = source
-    place = _default_instances(scene) if path is None else Path(path)
-    if place.is_dir():
-        found, warnings = read_label_images(scene, place)
-        return found, (
-            *warnings,
-            *([] if categories is None else [ignored_categories(categories, place, "are pictures")]),
-        )
-    return read_coco(scene, place, None if categories is None else Path(categories))
+    place = _default_instances(scene) if source is None else Path(source)
+    return read_instance_files(scene, place, None if categories is None else Path(categories))
 
 
 def _sparse_scene(path: Path) -> Scene:
@@ -167,7 +158,7 @@ def _default_instances(scene: Scene) -> Path:
     folders = dict.fromkeys(folder for start in starts for folder in (start, *list(start.parents)[:LEVELS_UP]))
     for folder in folders:
         for place in (folder / INSTANCES, folder / PICTURES):
-            if place.is_file() or (place.is_dir() and (place / CATEGORIES).is_file()):
+            if place.is_file() or holds_instances(place):
                 return place
     ways = "--instances FILE, or --images DIR --detector MODEL (docs/how-to/detectors.md lists detectors)"
     expected = f"{INSTANCES} or {PICTURES}/ in it or above it, or {ways}"

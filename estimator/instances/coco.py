@@ -35,15 +35,17 @@ class CocoFrame:
     categories: dict[Hashable, str]
 
 
-def read_coco(scene: Scene, file: Path, categories: Path | None = None) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def read_coco(
+    scene: Scene, file: Path, categories: Path | None = None, document: Any = None
+) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances of a dataset or of results, and warnings.
 
     Results take names and images from the dataset `categories`, by default `<stem>_categories.json` beside the
     file; without one, each entry states its `file_name` and its `category`, or an id of COCO's 91 categories.
     Annotations of images that match no view, empty masks and crowds (many objects in one mask) are left out
-    with a warning. A box without a mask stands in for one and is marked.
+    with a warning. A box without a mask stands in for one and is marked. document : the file's, where it was read.
     """
-    frame, annotations, warnings = _document(scene, file, categories)
+    frame, annotations, warnings = _document(scene, file, categories, read_json(file) if document is None else document)
     with in_file(file):
         if not annotations:
             raise FieldFault("annotations", "at least one", 0)
@@ -60,9 +62,10 @@ def ignored_categories(categories: Path | str, instances: Path, what: str) -> st
     return f"--categories {categories}: not read, for {instances} {what} with categories of its own"
 
 
-def _document(scene: Scene, file: Path, categories: Path | None) -> tuple[CocoFrame, list[Any], list[str]]:
+def _document(
+    scene: Scene, file: Path, categories: Path | None, document: Any
+) -> tuple[CocoFrame, list[Any], list[str]]:
     """The frame, the annotations, and warnings."""
-    document = read_json(file)
     if isinstance(document, dict):
         with in_file(file):
             return _frame(file, document, scene), json_array(document.get("annotations"), "annotations"), []

@@ -27,12 +27,26 @@ class ViewNames:
         once = Counter(bases)
         self._by_name = {name: row for row, name in enumerate(names)}
         self._by_base = {base: row for row, base in enumerate(bases) if once[base] == 1}
+        stems = [PurePosixPath(base).stem for base in bases]
+        counts = Counter(stems)
+        self._by_stem = {stem: row for row, stem in enumerate(stems) if counts[stem] == 1}
+        self._names = [view.name for view in scene.views]
 
     def row(self, file_name: str) -> int | None:
         """The view of an image file, or None."""
         name = _folded(file_name)
         exact = self._by_name.get(name)
         return self._by_base.get(PurePosixPath(name).name) if exact is None else exact
+
+    def row_of_stem(self, stem: str) -> int | None:
+        """The view of a file that has the name of its image, with or without the image's own ending, or None."""
+        row = self.row(stem)
+        return self._by_stem.get(_folded(stem)) if row is None else row
+
+    def name_of_stem(self, stem: str) -> str:
+        """The name of that view, or the stem itself."""
+        row = self.row_of_stem(stem)
+        return stem if row is None else self._names[row]
 
 
 def joined_instances(

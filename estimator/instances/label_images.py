@@ -16,6 +16,7 @@ from __future__ import annotations
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
 
-__all__ = ["read_label_images"]
+__all__ = ["CATEGORIES", "read_label_images", "read_png"]
 
 CATEGORIES = "categories.json"
 #: A connected part smaller than this share of the largest of its value is a speck of the segmenter, not an object.
@@ -107,6 +108,21 @@ def _parts(mask: BoolArray) -> list[BoolArray]:
 
 def _pixel_values(file: Path) -> NDArray[np.uint16]:
     """(h, w) values of a PNG of one channel, 8 or 16 bits."""
+    picture = read_png(file)
+    if picture.ndim != 2:
+        raise InputFault.at(file, "channels", "1, the value of the instance", picture.shape[2])
+    values: NDArray[np.uint16] = picture.astype(np.uint16)
+    return values
+
+
+def read_png(file: Path) -> NDArray[Any]:
+    """(h, w) or (h, w, 3 or 4) values of a PNG, colours from blue to red.
+
+    Raises
+    ------
+    InputFault
+        It is damaged, or larger than a picture is.
+    """
     import cv2
 
     data = read_bytes(file)
@@ -114,10 +130,7 @@ def _pixel_values(file: Path) -> NDArray[np.uint16]:
     picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None:
         raise InputFault.at(file, "pixels", "a PNG that can be decoded", Words("damaged data"))
-    if picture.ndim != 2:
-        raise InputFault.at(file, "channels", "1, the value of the instance", picture.shape[2])
-    values: NDArray[np.uint16] = picture.astype(np.uint16)
-    return values
+    return np.asarray(picture)
 
 
 def _check_png(file: Path, data: bytes) -> None:

@@ -1,0 +1,132 @@
+"""labelme's files: one JSON for each image, with shapes (polygons, rectangles, circles, masks) and their labels."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.instances.crops import ViewNames, joined_instances, mask_crop
+from estimator.instances.masks import box_mask, coco_mask, picture_size
+from estimator.reconstructions.checked_files import json_array, json_object, read_json
+from estimator.records.scene import Instance, Scene
+from metric_base.arrays import BoolArray
+from metric_base.faults import FieldFault, at_field, in_file
+
+__all__ = ["is_labelme", "read_labelme"]
+
+#: Corners of a circle drawn as a polygon.
+_CIRCLE = 64
+
+
+def is_labelme(document: object) -> bool:
+    """Whether a JSON document is of this form."""
+    return isinstance(document, dict) and "shapes" in document and "imagePath" in document
+
+
+def read_labelme(scene: Scene, files: list[Path], source: Path) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+    """The instances of labelme's files, and warnings; shapes without an area (points, lines) are left out.
+
+    Shapes of one label and `group_id` in a picture are one object. source : what was named, for messages.
+
+    Raises
+    ------
+    InputFault
+        A file is damaged, or a shape is not what its type says.
+    """
+    rows = ViewNames(scene)
+    instances: list[Instance | None] = []
+    names: list[str] = []
+    for file in files:
+        with in_file(file):
+            document = json_object(read_json(file))
+            if not is_labelme(document):
+                continue
+            name = document["imagePath"] if isinstance(document["imagePath"], str) else file.stem
+            row = rows.row(name)
+            row = rows.row_of_stem(file.stem) if row is None else row
+            names.append(name if row is None else scene.views[row].name)
+            if row is not None:
+                instances += _instances(scene, row, document)
+    return joined_instances(source, scene, names, instances, ())
+
+
+def _instances(scene: Scene, row: int, document: dict[str, Any]) -> list[Instance | None]:
+    camera = scene.views[row].camera
+    with at_field("imageWidth and imageHeight"):
+        stated = (document.get("imageWidth"), document.get("imageHeight"))
+        size = (camera.width, camera.height) if stated == (None, None) else picture_size(stated)
+    masks: dict[tuple[str, str], tuple[BoolArray, bool]] = {}
+    for number, value in enumerate(json_array(document["shapes"], "shapes")):
+        with at_field(f"shapes[{number}]"):
+            shape = json_object(value, "")
+            label = shape.get("label")
+            if not isinstance(label, str) or not label.strip():
+                raise FieldFault("label", "a name", label)
+            mask = _mask(shape, size)
+            if mask is not None:
+                group = shape.get("group_id")
+                key = (label, f"shape {number}" if group is None else f"group {group}")
+                before = masks.get(key)
+                is_box = shape.get("shape_type") == "rectangle"
+                if before is not None:
+                    mask, is_box = before[0] | mask, before[1] and is_box
+                masks[key] = (mask, is_box)
+    instances: list[Instance | None] = []
+    for (label, name), (mask, is_box) in masks.items():
+        crop = mask_crop(mask, camera)
+        if crop is not None:
+            instances.append(Instance(f"{row}:{name}", row, label, *crop, from_box=is_box))
+    return instances
+
+
+def _mask(shape: dict[str, Any], size: tuple[int, int]) -> BoolArray | None:
+    """(h, w) of a shape, or None where it has no area."""
+    kind = shape.get("shape_type", "polygon")
+    points = _points(shape.get("points"))
+    if kind == "polygon" and len(points) > 2:
+        return coco_mask([points.ravel().tolist()], size)
+    if kind == "rectangle" and len(points) == 2:
+        low, high = points.min(axis=0), points.max(axis=0)
+        return box_mask([*low.tolist(), *(high - low).tolist()], size)
+    if kind == "circle" and len(points) == 2:
+        angles = np.linspace(0, 2 * np.pi, _CIRCLE, endpoint=False)
+        edge = points[0] + np.hypot(*(points[1] - points[0])) * np.column_stack([np.cos(angles), np.sin(angles)])
+        return coco_mask([edge.ravel().tolist()], size)
+    if kind == "mask" and len(points) == 2:
+        return _stored_mask(shape.get("mask"), points[0], size)
+    if kind in {"point", "points", "line", "linestrip"}:
+        return None
+    raise FieldFault("shape_type", "a polygon, rectangle, circle or mask with its points", kind)
+
+
+def _stored_mask(text: object, corner: np.ndarray[Any, Any], size: tuple[int, int]) -> BoolArray:
+    """(h, w) of a mask that is a PNG in base64, its upper left corner at `corner`."""
+    import cv2
+
+    try:
+        data = base64.b64decode(text, validate=True) if isinstance(text, str) else b""
+    except (binascii.Error, ValueError):
+        data = b""
+    crop = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+    if crop is None:
+        raise FieldFault("mask", "a PNG in base64", text)
+    whole = np.zeros((size[1], size[0]), dtype=bool)
+    left, top = np.clip(np.rint(corner), 0, size).astype(int)
+    part = whole[top : top + crop.shape[0], left : left + crop.shape[1]]
+    part[:] = crop[: part.shape[0], : part.shape[1]] > 0
+    return whole
+
+
+def _points(value: object) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """(n, 2) finite corners."""
+    try:
+        points = np.array(json_array(value, "points"), dtype=np.float64).reshape(-1, 2)
+    except (TypeError, ValueError, OverflowError):
+        raise FieldFault("points", "pairs of numbers", value) from None
+    if not (np.abs(points) < 1e9).all():
+        raise FieldFault("points", "finite numbers", value)
+    return points

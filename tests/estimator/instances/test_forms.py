@@ -1,0 +1,250 @@
+"""Masks in every form are the masks that COCO's file gives."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from pycocotools import mask as coco
+
+from estimator.instances.forms import read_instance_files
+from estimator.instances.yolo import yolo_names
+from estimator.reading import read_scene
+from estimator.records.scene import Instance, Scene
+from metric_base.faults import InputFault
+from tests.made.small_scene import write_small_scene
+
+Masks = list[tuple[Instance, np.ndarray[Any, np.dtype[np.bool_]]]]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    folder = tmp_path_factory.mktemp("forms")
+    write_small_scene(folder / "whole")
+    return read_scene(folder / "whole" / "colmap")
+
+
+def _whole(scene: Scene, instance: Instance) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    camera = scene.views[instance.view].camera
+    mask = np.zeros((camera.height, camera.width), dtype=bool)
+    x, y = instance.origin
+    mask[y : y + instance.mask.shape[0], x : x + instance.mask.shape[1]] = instance.mask
+    return mask
+
+
+def _truth(scene: Scene) -> Masks:
+    instances, _ = read_instance_files(scene, scene.path / "instances.json")
+    return [(instance, _whole(scene, instance)) for instance in instances]
+
+
+def _name(scene: Scene, instance: Instance) -> str:
+    return Path(scene.views[instance.view].name).stem
+
+
+def _write_panoptic(scene: Scene, truth: Masks, folder: Path) -> Path:
+    names = sorted({instance.category for instance, _ in truth})
+    categories = [{"id": number, "name": name, "isthing": 1} for number, name in enumerate(names, start=7)]
+    categories.append({"id": 90, "name": "wall", "isthing": 0})
+    images, annotations = [], []
+    (folder / "panoptic").mkdir()
+    for row, view in enumerate(scene.views):
+        colours = np.zeros((view.camera.height, view.camera.width, 3), dtype=np.uint8)
+        segments = [{"id": 70_000, "category_id": 90}]
+        colours[-5:] = (1, 17, 112)  # 70,000 = 112 + 17 * 256 + 1 * 65,536
+        for number, (instance, mask) in enumerate(truth, start=300):
+            if instance.view == row:
+                colours[mask] = (number // 65536, number // 256 % 256, number % 256)
+                segments.append({"id": number, "category_id": 7 + names.index(instance.category)})
+        name = f"{Path(view.name).stem}.png"
+        (folder / "panoptic" / name).write_bytes(cv2.imencode(".png", colours)[1].tobytes())
+        images.append({"id": row, "file_name": view.name})
+        annotations.append({"image_id": row, "file_name": name, "segments_info": segments})
+    document = {"images": images, "annotations": annotations, "categories": categories}
+    (folder / "panoptic.json").write_text(json.dumps(document))
+    return folder / "panoptic.json"
+
+
+def _corners(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> tuple[int, int, int, int]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+
+
+def _write_yolo(scene: Scene, truth: Masks, folder: Path, boxes: bool) -> Path:
+    (folder / "labels").mkdir()
+    names = sorted({instance.category for instance, _ in truth})
+    (folder / "data.yaml").write_text(
+        f"train: images\nnc: {len(names)}\nnames:\n" + "".join(f"  {n}: {name}\n" for n, name in enumerate(names))
+    )
+    for instance, mask in truth:
+        camera = scene.views[instance.view].camera
+        x0, y0, x1, y1 = _corners(mask)
+        size = np.array([camera.width, camera.height])
+        if boxes:
+            middle, sides = np.array([x0 + x1, y0 + y1]) / 2 / size, np.array([x1 - x0, y1 - y0]) / size
+            numbers = [*middle, *sides, instance.score]
+        else:
+            numbers = [*(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]) / size).ravel(), instance.score]
+        with (folder / "labels" / f"{_name(scene, instance)}.txt").open("a") as file:
+            file.write(" ".join([str(names.index(instance.category)), *map(repr, map(float, numbers))]) + "\n")
+    return folder
+
+
+def _write_labelme(scene: Scene, truth: Masks, folder: Path, kind: str) -> Path:
+    for row, view in enumerate(scene.views):
+        shapes = []
+        for instance, mask in truth:
+            x0, y0, x1, y1 = _corners(mask)
+            shape: dict[str, Any] = {"label": instance.category, "shape_type": kind, "group_id": None}
+            if kind == "polygon":
+                shape["points"] = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]]
+            elif kind == "rectangle":
+                shape["points"] = [[x1, y0], [x0, y1]]
+            else:
+                crop = cv2.imencode(".png", mask[y0:y1, x0:x1].astype(np.uint8) * 255)[1].tobytes()
+                shape |= {"points": [[x0, y0], [x1, y1]], "mask": base64.b64encode(crop).decode()}
+            if instance.view == row:
+                shapes.append(shape)
+        shapes.append({"label": "corner", "shape_type": "point", "points": [[3, 3]]})
+        document = {"version": "5.4", "shapes": shapes, "imagePath": f"../images/{view.name}", "imageData": None}
+        document |= {"imageWidth": view.camera.width, "imageHeight": view.camera.height}
+        (folder / f"{Path(view.name).stem}.json").write_text(json.dumps(document))
+    return folder
+
+
+def _write_arrays(scene: Scene, truth: Masks, folder: Path, own_labels: bool) -> Path:
+    labels = {}
+    for row, view in enumerate(scene.views):
+        chosen = [(instance, mask) for instance, mask in truth if instance.view == row]
+        names = [instance.category for instance, _ in chosen]
+        arrays: dict[str, Any] = {
+            "masks": np.array([mask for _, mask in chosen])[:, None],
+            "scores": [i.score for i, _ in chosen],
+        }
+        np.savez_compressed(
+            folder / f"{Path(view.name).stem}.npz", **arrays, **({"labels": names} if own_labels else {})
+        )
+        labels[view.name] = names
+    if not own_labels:
+        (folder / "labels.json").write_text(json.dumps(labels))
+    return folder
+
+
+def _write_sam(scene: Scene, truth: Masks, folder: Path) -> Path:
+    for row, view in enumerate(scene.views):
+        entries = []
+        for instance, mask in truth:
+            if instance.view == row:
+                runs = coco.encode(np.asfortranarray(mask.astype(np.uint8)))
+                segmentation = {"size": runs["size"], "counts": runs["counts"].decode()}
+                entries.append(
+                    {"segmentation": segmentation, "predicted_iou": instance.score, "label": instance.category}
+                )
+        (folder / f"{Path(view.name).stem}.json").write_text(json.dumps(entries))
+    return folder
+
+
+def _write_results(scene: Scene, truth: Masks, folder: Path) -> Path:
+    entries = []
+    for instance, mask in truth:
+        runs = coco.encode(np.asfortranarray(mask.astype(np.uint8)))
+        entry = {"file_name": scene.views[instance.view].name, "category": instance.category, "score": instance.score}
+        entries.append(entry | {"segmentation": {"size": runs["size"], "counts": runs["counts"].decode()}})
+    (folder / "masks.json").write_text(json.dumps(entries))
+    return folder / "masks.json"
+
+
+WRITERS: dict[str, Callable[[Scene, Masks, Path], Path]] = {
+    "panoptic": _write_panoptic,
+    "yolo polygons": lambda *rest: _write_yolo(*rest, boxes=False),
+    "yolo boxes": lambda *rest: _write_yolo(*rest, boxes=True),
+    "labelme polygons": lambda *rest: _write_labelme(*rest, kind="polygon"),
+    "labelme rectangles": lambda *rest: _write_labelme(*rest, kind="rectangle"),
+    "labelme masks": lambda *rest: _write_labelme(*rest, kind="mask"),
+    "npz": lambda *rest: _write_arrays(*rest, own_labels=True),
+    "npz with labels.json": lambda *rest: _write_arrays(*rest, own_labels=False),
+    "sam": _write_sam,
+    "results with names": _write_results,
+}
+
+
+@pytest.mark.parametrize("form", WRITERS)
+def test_every_form_gives_the_same_masks(form: str, scene: Scene, tmp_path: Path) -> None:
+    truth = _truth(scene)
+    instances, warnings = read_instance_files(scene, WRITERS[form](scene, truth, tmp_path))
+    read = {(item.view, item.category, _whole(scene, item).tobytes()) for item in instances}
+    assert read == {(item.view, item.category, mask.tobytes()) for item, mask in truth}
+    assert warnings == ()
+    assert all(item.from_box == (form in {"yolo boxes", "labelme rectangles"}) for item in instances)
+    if form not in {"panoptic", "labelme polygons", "labelme rectangles", "labelme masks"}:
+        assert {item.score for item in instances} == {0.9}
+
+
+def test_coco_ids_without_names_are_cocos_own(scene: Scene, tmp_path: Path) -> None:
+    entry = {"file_name": scene.views[0].name, "category_id": 62, "bbox": [10, 10, 50, 50], "score": 0.8}
+    (tmp_path / "results.json").write_text(json.dumps([entry]))
+    (instance,), warnings = read_instance_files(scene, tmp_path / "results.json")
+    assert instance.category == "chair"
+    assert "COCO's own" in warnings[0]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "names: [chair, 'coffee table']\n",
+        "nc: 2\nnames:\n- chair\n- coffee table # low\nval: x\n",
+        "names: {0: chair, 1: coffee table}\n",
+        'path: ..\n\nnames:\n  0: chair\n  1: "coffee table"\n\nkpt_shape: [3]\n',
+    ],
+)
+def test_names_of_a_yaml_file(text: str, tmp_path: Path) -> None:
+    (tmp_path / "data.yaml").write_text(text)
+    assert yolo_names(tmp_path / "data.yaml") == {0: "chair", 1: "coffee table"}
+
+
+def test_faults_are_one_line(scene: Scene, tmp_path: Path) -> None:
+    stem = Path(scene.views[0].name).stem
+    (tmp_path / f"{stem}.npz").write_bytes(b"PK\x03\x04 damaged")
+    with pytest.raises(InputFault, match="NumPy arrays"):
+        read_instance_files(scene, tmp_path)
+    np.savez(tmp_path / f"{stem}.npz", masks=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(InputFault, match="NumPy arrays"):
+        read_instance_files(scene, tmp_path)
+    (tmp_path / "yolo").mkdir()
+    (tmp_path / "yolo" / f"{stem}.txt").write_text("7 .5 .5 .2 .2\n")
+    with pytest.raises(InputFault, match=r"data\.yaml or"):
+        read_instance_files(scene, tmp_path / "yolo")
+    (tmp_path / "yolo" / "classes.txt").write_text("chair\n")
+    with pytest.raises(InputFault, match="line 1 class: expected 0 to 0"):
+        read_instance_files(scene, tmp_path / "yolo")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputFault, match="YOLO text, labelme"):
+        read_instance_files(scene, tmp_path / "empty")
+
+
+def test_pieces_of_one_group_are_one_object(scene: Scene, tmp_path: Path) -> None:
+    view = replace(scene.views[0])
+    shapes = [
+        {
+            "label": "sofa",
+            "group_id": 1,
+            "points": [[x, 10], [x + 20, 10], [x + 20, 40], [x, 40]],
+            "shape_type": "polygon",
+        }
+        for x in (10, 60)
+    ]
+    document = {
+        "shapes": shapes,
+        "imagePath": view.name,
+        "imageWidth": view.camera.width,
+        "imageHeight": view.camera.height,
+    }
+    (tmp_path / "a.json").write_text(json.dumps(document))
+    (instance,), _ = read_instance_files(scene, tmp_path)
+    assert instance.mask.sum() == 2 * 20 * 30

@@ -130,7 +130,7 @@ def _sparse_scene(path: Path) -> Scene:
         from estimator.reconstructions.opensfm import read_opensfm  # reads tracks with pyarrow, which COLMAP needs not
 
         return read_opensfm(path)
-    from estimator.exports.forms import EXPORT_NAMES, advice_on_file, export_file, read_export
+    from estimator.exports.programs import EXPORT_NAMES, advice_on_file, export_file, read_export
 
     export = export_file(path)
     if export is not None:

@@ -17,14 +17,15 @@ if TYPE_CHECKING:
     from insertion.result import InsertionResult
     from insertion.stage import Stage
 
-__all__ = ["main", "parser"]
+__all__ = ["add_scene_arguments", "main", "parser", "requests_of", "stage_of", "tree_of"]
 
 PROGRAM = "insert-object"
 
 EPILOG = """\
 Several objects: repeat --model; --size, --at, --on, --plane, --xy, --facing and --category belong to the --model before
-them. The object's metres are divided by the scale, and nothing else. Exit status: 0 done; 2 the input is at fault (one
-line says where), or there is nothing to stand on at the place; 1 a fault of the program.
+them. The object's metres are divided by the scale, and nothing else. `insert-object study --help` makes the paper's
+user study. Exit status: 0 done; 2 the input is at fault (one line says where), or there is nothing to stand on at the
+place; 1 a fault of the program.
 """
 
 
@@ -48,6 +49,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     from metric_base.terminal import exit_status
 
     words = list(sys.argv[1:] if argv is None else argv)
+    if words[:1] == ["study"]:
+        from insertion.study.command import run_study
+
+        return exit_status(f"{PROGRAM} study", lambda: run_study(words[1:]))
     return exit_status(PROGRAM, lambda: _run(parser().parse_args(words)))
 
 
@@ -137,7 +142,7 @@ def _run(options: argparse.Namespace) -> int:
         blender_program()  # said before the work is done, not after
     requests = requests_of(options)
     stage = stage_of(options)
-    objects = place_objects(stage, requests, _tree(options))
+    objects = place_objects(stage, requests, tree_of(options))
     if options.preview is not None:
         _write_preview(stage, objects[0], options.preview)
     film = stage.footage if isinstance(stage.footage, VideoFootage) else None
@@ -201,7 +206,8 @@ def _xy(words: str) -> tuple[float, float]:
     return x, y
 
 
-def _tree(options: argparse.Namespace) -> Any:
+def tree_of(options: argparse.Namespace) -> Any:
+    """The release for `--size prior`; None where nobody asks for a prior."""
     if not any(stated.get("size") == "prior" for stated in options.objects):
         return None
     import metric_tree

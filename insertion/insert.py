@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -36,7 +36,7 @@ from metric_base.arrays import FloatArray
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
-__all__ = ["LayerSink", "Placed", "insert_objects", "place_objects", "space_for"]
+__all__ = ["LayerSink", "Placed", "insert_objects", "place_objects", "resized", "single_picture", "space_for"]
 
 #: This share of the cloud's points inside the object's box is no stray.
 TAKEN_SHARE = 3e-4
@@ -142,6 +142,24 @@ def insert_objects(
             seconds["encode"] += time.perf_counter() - rendered
     context.release()
     return [_result(stage, item, seconds) for item in running]
+
+
+def resized(placed: Placed, times: float) -> Placed:
+    """The same object grown about its foot."""
+    size = replace(placed.size, factor=placed.size.factor * times)
+    return replace(placed, size=size, body=replace(placed.body, unit=placed.body.unit * times))
+
+
+def single_picture(stage: Stage, objects: Sequence[Placed], shot: Shot) -> Picture:
+    """One shot with the objects. Raises LookupError if the footage has no such shot."""
+    for other, picture in stage.footage.pictures():
+        if other.index == shot.index:
+            context = gl_context()
+            running = [_Running(item, _renderer(context, stage, item)) for item in objects]
+            out = _drawn(_Run(stage, running, Looks(smooth=False), False, None, None), shot, picture)
+            context.release()
+            return out
+    raise LookupError(shot.name)
 
 
 def space_for(stage: Stage, model: Model, size: Size) -> Space:

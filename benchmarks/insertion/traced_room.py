@@ -1,0 +1,234 @@
+"""Insertion against a path tracer's truth: `python -m benchmarks.insertion.traced_room --light lamp --out DIR`.
+
+Blender's Cycles renders a furnished room without an object and with it. We insert the same object into the pictures
+without it, and compare colour, shadow and outline with those in which it really stands. Needs Blender
+(`METRIC_TREE_BLENDER`); about 20 s of CPU a picture.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.records.scene import View
+from insertion.blender.process import run_blender
+from insertion.exports.metric_frame import MetricFrame, metric_frame, object_matrix
+from insertion.insert import Placed, insert_objects, place_objects
+from insertion.light.encoding import decoded, encoded, luminance
+from insertion.request import ObjectRequest
+from insertion.result import ScaleUsed
+from insertion.scene.footage import PictureFootage, Stills
+from insertion.stage import Stage, make_stage
+from tests.made.insertions import write_glb
+from tests.made.rooms.furnish import furnished_room
+from tests.made.rooms.knobs import Knobs
+from tests.made.rooms.materials import look_of
+from tests.made.rooms.quick import MadeScene, quick_scene
+from tests.made.rooms.shapes import solid
+from tests.made.rooms.similarity import Similarity, similarity_between
+from tests.made.rooms.solids import Mesh, join
+from tests.made.rooms.world import Pinhole, World
+
+SIZE, FOCAL = (320, 240), 250.0
+SAMPLES = 48
+#: Square area lights: side (m), watts, place (x, y, z with z up), what it shines at.
+LIGHTS = {
+    "lamp": [(0.5, 45.0, (0.6, -0.4, 2.5), (0.5, -0.3, 0.0))],
+    "day": [(1.6, 110.0, (-2.5, -0.5, 1.6), (1.0, 0.3, 0.4)), (2.0, 12.0, (0.0, 0.0, 2.5), (0.0, 0.0, 0.0))],
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--light", choices=LIGHTS, default="lamp")
+    parser.add_argument("--views", type=int, default=8)
+    parser.add_argument("--seed", type=int, default=1001)
+    parser.add_argument("--judged", type=int, default=3, help="views in which the object is rendered as well")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    world = _world(options.seed, options.views)
+    made = quick_scene(world, Knobs(depth_noise=0.004), options.seed)
+    to_scene = similarity_between(
+        np.array([pose.centre for pose in world.poses]), np.array([view.centre for view in made.scene.views])
+    )
+    _bare_pictures(world, options.light, options.out)
+    stage = _stage(made, to_scene, options.out)
+    model = write_glb(solid("chair", np.array([0.42, 0.38, 0.75])), options.out / "chair.glb", (0.6, 0.25, 0.12))
+    placed = place_objects(stage, [ObjectRequest(model)])[0]
+    ours: list[NDArray[np.uint8]] = []
+    results = insert_objects(stage, [placed], lambda _, picture: ours.append(picture))
+    order = [k for k, frame in enumerate(results[0].frames) if frame.silhouette is not None and frame.visible > 0.9]
+    judged = order[:: max(1, len(order) // options.judged)][: options.judged]
+    truth = _true_pictures(world, options.light, options.out, stage, placed, to_scene, judged)
+    for number, row in enumerate(judged):
+        _compare(stage, placed, row, ours[row], truth[number], options.out)
+
+
+def _world(seed: int, views: int) -> World:
+    world = furnished_room("sitting room", seed, Knobs(views=views, coverage=0.7))
+    return replace(world, camera=Pinhole(*SIZE, FOCAL))
+
+
+def _room_files(world: World, folder: Path) -> list[dict[str, Any]]:
+    """One GLB for each material of each thing: plain colours."""
+    rows = []
+    for number, mesh in enumerate([world.surfaces, *(thing.mesh for thing in world.objects)]):
+        for name in sorted(set(mesh.material)):
+            chosen = np.array([material == name for material in mesh.material])
+            part = Mesh(mesh.vertices, mesh.faces[chosen], (name,) * int(chosen.sum()))
+            colour = decoded(np.rint(255 * look_of(name, number, world.seed, 1.0)[:3]).astype(np.uint8))
+            file = folder / f"room_{number}_{name}.glb"
+            # `write_glb` turns z up into y up
+            write_glb(join([part]), file, (float(colour[0]), float(colour[1]), float(colour[2])))
+            rows.append({"file": str(file.resolve()), "matrix": np.eye(4).tolist()})
+    return rows
+
+
+def _job(world: World, light: str, rows: Sequence[int], objects: list[dict[str, Any]], out: Path) -> dict[str, Any]:
+    return {
+        "objects": objects,
+        "lights": [_light(*stated) for stated in LIGHTS[light]],
+        "environment": None,
+        "window": {"width": SIZE[0], "height": SIZE[1], "fx": FOCAL, "fy": FOCAL, "cx": SIZE[0] / 2, "cy": SIZE[1] / 2},
+        "keys": [
+            {"stem": f"{row:06d}", "time_s": float(row), "matrix": _camera_matrix(world, row).tolist()} for row in rows
+        ],
+        "samples": SAMPLES,
+        "transparent": False,
+        "out": str(out.resolve()),
+    }
+
+
+#: From the made world (z up) to the job's frame (y up), as `write_glb` turns it.
+TO_JOB = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
+
+
+def _light(side: float, watts: float, place: tuple[float, ...], target: tuple[float, ...]) -> dict[str, Any]:
+    back = np.array(place) - np.array(target)
+    back /= np.linalg.norm(back)
+    right = np.cross([0.0, 1.0, 0.0] if abs(back[2]) > 0.9 else [0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.column_stack([right, np.cross(back, right), back])
+    matrix[:3, 3] = place
+    return {"size": side, "power": watts, "matrix": (TO_JOB @ matrix).tolist()}
+
+
+def _camera_matrix(world: World, row: int) -> NDArray[np.float64]:
+    pose = world.poses[row]
+    matrix = np.eye(4)
+    matrix[:3, :3] = pose.rotation.T @ np.diag([1.0, -1.0, -1.0])
+    matrix[:3, 3] = pose.centre
+    return np.asarray(TO_JOB @ matrix)
+
+
+def _bare_pictures(world: World, light: str, out: Path) -> None:
+    """The pictures without the object, kept from run to run."""
+    import cv2
+
+    images, traced = out / "images", out / "bare"
+    traced.mkdir(exist_ok=True)
+    images.mkdir(exist_ok=True)
+    rows = [k for k in range(len(world.poses)) if not (traced / f"{k:06d}.npy").is_file()]
+    if rows:
+        run_blender(_job(world, light, rows, _room_files(world, out), traced), out)
+    for k in range(len(world.poses)):
+        linear = np.load(traced / f"{k:06d}.npy")[..., :3].astype(np.float32)
+        cv2.imwrite(str(images / f"frame{k:03d}.png"), np.rint(encoded(linear))[..., ::-1].astype(np.uint8))
+
+
+def _stage(made: MadeScene, to_scene: Similarity, out: Path) -> Stage:
+    views = tuple(_named(view) for view in made.scene.views)
+    scene = replace(made.scene, path=out, views=views)
+    stills = Stills(scene)
+    scale = ScaleUsed(1 / to_scene.scale, None, None, "option")
+    return make_stage(scene, stills, PictureFootage(stills), made.instances, scale)
+
+
+def _named(view: View) -> View:
+    return replace(view, name=f"{Path(view.name).stem}.png")
+
+
+def _true_pictures(
+    world: World, light: str, out: Path, stage: Stage, placed: Placed, to_scene: Similarity, rows: Sequence[int]
+) -> list[NDArray[np.uint8]]:
+    """The pictures with the object in the room."""
+    frame = metric_frame([placed], stage.scale.metres_per_unit)
+    matrix = _to_world(frame, to_scene) @ object_matrix(placed, frame)
+    traced = out / "with"
+    traced.mkdir(exist_ok=True)
+    item = {"file": str(placed.request.model.resolve()), "matrix": (TO_JOB @ matrix).tolist()}
+    missing = [k for k in rows if not (traced / f"{k:06d}.npy").is_file()]
+    if missing:
+        run_blender(_job(world, light, missing, [*_room_files(world, out), item], traced), out)
+    return [
+        np.rint(encoded(np.load(traced / f"{k:06d}.npy")[..., :3].astype(np.float32))).astype(np.uint8) for k in rows
+    ]
+
+
+def _to_world(frame: MetricFrame, to_scene: Similarity) -> NDArray[np.float64]:
+    """(4, 4) from the metric frame of the insertion to the made world."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = to_scene.rotation.T @ frame.rotation.T
+    matrix[:3, 3] = to_scene.inverse(frame.origin[None])[0]
+    return matrix
+
+
+def _compare(
+    stage: Stage, placed: Placed, row: int, ours: NDArray[np.uint8], truth: NDArray[np.uint8], out: Path
+) -> None:
+    import cv2
+
+    bare = stage.stills.picture(row)
+    ratio = _ratio(truth, bare)
+    mask = _object_mask(stage, placed, row)
+    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    outside = ~(cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+    dark = outside & (cv2.GaussianBlur(ratio, (0, 0), 2.0) < 0.93)
+    ours_ratio = _ratio(ours, bare)
+    linear_ours, linear_true = luminance(decoded(ours))[inner].mean(), luminance(decoded(truth))[inner].mean()
+    record = {
+        "view": row,
+        "object_pixels": int(inner.sum()),
+        "mean_abs_srgb": round(float(np.abs(ours.astype(float) - truth)[inner].mean()), 1),
+        "mean_srgb_ours": [round(float(v), 1) for v in ours[inner].mean(axis=0)],
+        "mean_srgb_true": [round(float(v), 1) for v in truth[inner].mean(axis=0)],
+        "luminance_ratio": round(float(linear_ours / linear_true), 3),
+        "shadow_true": round(float(ratio[dark].mean()), 3) if dark.any() else None,
+        "shadow_ours": round(float(ours_ratio[dark].mean()), 3) if dark.any() else None,
+        "shadow_pixels": int(dark.sum()),
+    }
+    print(json.dumps(record))
+    cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, ours, truth])[..., ::-1])
+
+
+def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.float32]:
+    return np.asarray((luminance(decoded(after)) + 0.005) / (luminance(decoded(before)) + 0.005), dtype=np.float32)
+
+
+def _object_mask(stage: Stage, placed: Placed, row: int) -> NDArray[np.bool_]:
+    """Pixels of the object that nothing hides, by our own renderer's outline."""
+    from insertion.composite.boxes import Box, window_behind
+    from insertion.light.environment import HEIGHT, WIDTH, Environment
+    from insertion.render.context import gl_context
+    from insertion.render.renderer import ObjectRenderer
+
+    view = stage.scene.views[row]
+    ones = np.ones((HEIGHT, WIDTH, 3), np.float32)
+    renderer = ObjectRenderer(gl_context(), placed.body, Environment(ones, placed.place.basis, ones[..., 0]))
+    window = window_behind(view.camera, Box(0, 0, view.camera.width, view.camera.height))
+    alpha = renderer.outline(window, view.rotation, view.translation, 1.0)
+    y, x = -window.y0, -window.x0
+    return np.asarray(alpha[y : y + SIZE[1], x : x + SIZE[0]] > 0.99)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,158 @@
+"""What the answers say: the share of "right" at each step, and the observer behind them.
+
+The observer perceives the log size with an error, x = ln(1 + step) + bias + sigma z, z ~ N(0, 1), and says "too small"
+below -c, "too large" above c, "right" between. Three numbers make the whole curve: its peak is at exp(-bias) - 1, and
+the just-noticeable step is the one that the observer tells from the right size in three of four cases,
+0.6745 sigma (the usual definition in psychophysics).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from insertion.study.answers import ANSWERS, Answer
+from metric_base.arrays import FloatArray
+
+__all__ = ["Curve", "Observer", "Point", "curve_of", "fit_observer", "wilson"]
+
+#: 95 % intervals.
+_Z = 1.959964
+#: Three of four cases of a normal distribution.
+JUST_NOTICEABLE = 0.6744898
+#: The log likelihood must be better than that of a flat curve by this much (chi-squared, 2 degrees of freedom, 1 %).
+NOT_FLAT = 4.605
+#: Draws of the bootstrap over participants.
+DRAWS = 100
+_RANGES = ((-0.5, 0.5), (0.01, 5.0), (0.005, 5.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One step in per cent: the number of answers and the shares of the three, with the interval of "right"."""
+
+    step: float
+    count: int
+    too_small: float
+    right: float
+    too_large: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Observer:
+    """bias, sigma, criterion on log size."""
+
+    bias: float
+    sigma: float
+    criterion: float
+
+    def shares(self, steps: FloatArray) -> FloatArray:
+        """(n, 3) probability of too small, right, too large at steps in per cent."""
+        from scipy.special import ndtr
+
+        x = np.log1p(np.asarray(steps) / 100) + self.bias
+        low, high = ndtr((-self.criterion - x) / self.sigma), ndtr((self.criterion - x) / self.sigma)
+        return np.column_stack([low, high - low, 1 - high])
+
+    @property
+    def peak(self) -> float:
+        """The step, in per cent, at which most say "right"."""
+        return float(100 * np.expm1(-self.bias))
+
+    @property
+    def noticeable(self) -> float:
+        """The just-noticeable step in per cent."""
+        return float(100 * np.expm1(JUST_NOTICEABLE * self.sigma))
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """The result of a study.
+
+    The intervals are of the observer's peak and just-noticeable step, 95 %, over participants; None with fewer than
+    three. flat : whether the answers do not depend on the size.
+    """
+
+    points: tuple[Point, ...]
+    observer: Observer
+    participants: int
+    peak_interval: tuple[float, float] | None
+    noticeable_interval: tuple[float, float] | None
+    flat: bool
+
+
+def curve_of(answers: Sequence[Answer]) -> Curve:
+    """Everything that the report shows."""
+    observer, gain = fit_observer(answers)
+    people = sorted({answer.participant for answer in answers})
+    peaks, steps = _bootstrap(answers, people, observer.sigma) if len(people) >= 3 else (None, None)
+    return Curve(_points(answers), observer, len(people), peaks, steps, gain < NOT_FLAT)
+
+
+def wilson(right: int, count: int) -> tuple[float, float]:
+    """The 95 % interval of a share (Wilson 1927)."""
+    share, spread = right / count, _Z**2 / count
+    middle = (share + spread / 2) / (1 + spread)
+    half = _Z / (1 + spread) * np.sqrt(share * (1 - share) / count + spread / (4 * count))
+    return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
+
+
+def fit_observer(answers: Sequence[Answer]) -> tuple[Observer, float]:
+    """The most likely observer, and how much better its log likelihood is than that of one who does not look."""
+    steps, counts = _table(answers)
+    observer, cost = min((_fit(steps, counts, sigma) for sigma in (0.08, 0.25, 1.0)), key=lambda fit: fit[1])
+    total = counts.sum(axis=0)
+    flat = float((total[total > 0] * np.log(total[total > 0] / total.sum())).sum())
+    return observer, -cost - flat
+
+
+def _table(answers: Sequence[Answer]) -> tuple[FloatArray, FloatArray]:
+    """(n,) steps and (n, 3) counts of the three answers."""
+    steps = sorted({answer.step for answer in answers})
+    counts = np.zeros((len(steps), 3))
+    for answer in answers:
+        counts[steps.index(answer.step), ANSWERS.index(answer.answer)] += 1
+    return np.array(steps), counts
+
+
+def _fit(steps: FloatArray, counts: FloatArray, sigma: float) -> tuple[Observer, float]:
+    """The observer from one start, and its negative log likelihood."""
+    from scipy.optimize import minimize
+
+    def cost(values: FloatArray) -> float:
+        shares = Observer(values[0], np.exp(values[1]), np.exp(values[2])).shares(steps)
+        return float(-(counts * np.log(np.clip(shares, 1e-9, 1))).sum())
+
+    bounds = [_RANGES[0], *((float(np.log(low)), float(np.log(high))) for low, high in _RANGES[1:])]
+    best = minimize(cost, np.array([0.0, np.log(sigma), np.log(0.1)]), bounds=bounds, method="L-BFGS-B")
+    return Observer(float(best.x[0]), float(np.exp(best.x[1])), float(np.exp(best.x[2]))), float(best.fun)
+
+
+def _points(answers: Sequence[Answer]) -> tuple[Point, ...]:
+    points = []
+    for step in sorted({answer.step for answer in answers}):
+        here = [answer.answer for answer in answers if answer.step == step]
+        shares = [here.count(words) / len(here) for words in ANSWERS]
+        low, high = wilson(here.count("right"), len(here))
+        points.append(Point(step, len(here), shares[0], shares[1], shares[2], low, high))
+    return tuple(points)
+
+
+def _bootstrap(
+    answers: Sequence[Answer], people: Sequence[str], start: float
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """95 % intervals over participants: the answers of one person are not independent."""
+    steps = sorted({answer.step for answer in answers})
+    tables = np.zeros((len(people), len(steps), 3))
+    for answer in answers:
+        tables[people.index(answer.participant), steps.index(answer.step), ANSWERS.index(answer.answer)] += 1
+    generator = np.random.default_rng(0)
+    draws = [generator.choice(len(people), len(people)) for _ in range(DRAWS)]
+    fits = [_fit(np.array(steps), tables[drawn].sum(axis=0), start)[0] for drawn in draws]
+    peaks = np.percentile([fit.peak for fit in fits], [2.5, 97.5])
+    noticeable = np.percentile([fit.noticeable for fit in fits], [2.5, 97.5])
+    return (float(peaks[0]), float(peaks[1])), (float(noticeable[0]), float(noticeable[1]))

@@ -25,7 +25,7 @@ JUST_NOTICEABLE = 0.6744898
 #: The log likelihood must be better than that of a flat curve by this much (chi-squared, 2 degrees of freedom, 1 %).
 NOT_FLAT = 4.605
 #: Draws of the bootstrap over participants.
-DRAWS = 100
+DRAWS = 60
 _RANGES = ((-0.5, 0.5), (0.01, 5.0), (0.005, 5.0))
 
 
@@ -128,7 +128,9 @@ def _fit(steps: FloatArray, counts: FloatArray, sigma: float) -> tuple[Observer,
         return float(-(counts * np.log(np.clip(shares, 1e-9, 1))).sum())
 
     bounds = [_RANGES[0], *((float(np.log(low)), float(np.log(high))) for low, high in _RANGES[1:])]
-    best = minimize(cost, np.array([0.0, np.log(sigma), np.log(0.1)]), bounds=bounds, method="L-BFGS-B")
+    best = minimize(
+        cost, np.array([0.0, np.log(sigma), np.log(0.1)]), bounds=bounds, method="L-BFGS-B", options={"ftol": 1e-7}
+    )
     return Observer(float(best.x[0]), float(np.exp(best.x[1])), float(np.exp(best.x[2]))), float(best.fun)
 
 

@@ -39,7 +39,7 @@ def expect_columns(table: Table, path: Path, header: Sequence[str]) -> None:
 
 def _read(table: Table) -> Iterator[str]:
     """Every column that the table's axes, templates and rules name."""
-    for axis in table.axes.values():
+    for axis in table.columns_of_axes.values():
         yield axis.column
         if axis.minus:
             yield axis.minus

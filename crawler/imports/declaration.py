@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import Any, Literal, get_args
+from collections.abc import Iterable, Mapping
+from typing import Literal
 
+import msgspec
+
+from crawler.imports.toml_schema import expect
 from crawler.items import KINDS
 from crawler.text.catalogue_lengths import AXES
 from crawler.text.units import MILLIMETRES
-from metric_base.faults import InputFault
 
-__all__ = ["REASONS", "Axis", "BadDeclaration", "Cases", "Format", "Rule", "Table", "expect"]
+__all__ = ["REASONS", "Axis", "Cases", "Format", "Rule", "Table"]
 
 Format = Literal["csv", "json", "jsonl", "properties", "xls", "yaml"]
 
@@ -37,26 +38,12 @@ REASONS: Mapping[str, str] = {
 }
 
 
-class BadDeclaration(InputFault):
-    """A declaration of a source that is at fault: the message names the file, the field, expected and found."""
+class _Declared(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A part of a declaration: its fields are those of the TOML table, and no others."""
 
 
-def expect(holds: bool, name: str, expected: str, found: object) -> None:
-    """Raise `BadDeclaration` with the usual words unless `holds`."""
-    if not holds:
-        raise BadDeclaration(f"{name}: expected {expected}; found {found!r}")
-
-
-def _pattern(text: str) -> re.Pattern[str]:
-    try:
-        return re.compile(text, re.IGNORECASE)
-    except re.error as error:
-        raise BadDeclaration(f"pattern: expected a regular expression; found {text!r}: {error}") from None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Axis:
-    """Where one axis stands: a column, less another one (`minus`) where the two sides of a box are given.
+class Axis(_Declared, frozen=True, kw_only=True):
+    """The column of one axis, less another one (`minus`) where the two sides of a box are given.
 
     `unit` is the table's where None; `factor` serves odd units (abalone is given in 200 mm); `pattern` finds the
     length in a longer text, as its first group.
@@ -68,51 +55,34 @@ class Axis:
     unit: str | None = None
     factor: float = 1.0
 
-    @classmethod
-    def declared(cls, value: object) -> Axis:
-        """The axis of a column's name, or of a table with `column`, `unit`, `factor`."""
-        if isinstance(value, str):
-            return cls(column=value)
-        expect(
-            isinstance(value, dict) and "column" in value,
-            "axes",
-            "a column, or column, minus, pattern, unit and factor",
-            value,
-        )
-        axis = cls(**value)  # type: ignore[arg-type]  # checked one line up and by the fields' names
-        expect(
-            axis.unit is None or axis.unit in MILLIMETRES, "axes.unit", f"one of {', '.join(MILLIMETRES)}", axis.unit
-        )
-        return axis
+    def __post_init__(self) -> None:
+        expect(self.unit in {None, *MILLIMETRES}, "unit", f"one of {', '.join(MILLIMETRES)}", self.unit)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rule:
-    """A test on one column (a pattern found in its text, or a number below or above a bound) and what follows from it.
+class Rule(_Declared, frozen=True, kw_only=True):
+    """A test on one column (a pattern in its text, or a number below or above a bound) and what follows from it.
 
-    `column` may be a template over several, `{depth}|{description}`.
+    `column` may be a template over several, `{depth}|{description}`; `listed` names a file beside the declaration
+    that lists the texts that are meant, one a line.
     `outcome` is a reason code where the rule refuses rows, a flag where it marks them, nothing where it selects them.
     """
 
     column: str
     outcome: str = ""
     matches: re.Pattern[str] | None = None
+    listed: str = ""
+    #: The texts of the file `listed`.
+    texts: frozenset[str] = frozenset()
     below: float | None = None
     above: float | None = None
 
-    @classmethod
-    def declared(cls, value: Mapping[str, Any]) -> Rule:
-        """The rule of a table with `column`, `outcome` and `matches`, `below` or `above`."""
-        unknown = set(value) - {"column", "outcome", "matches", "below", "above"}
-        expect(not unknown and "column" in value, "rule", "column, outcome, and matches, below or above", dict(value))
-        tests = {key: value[key] for key in ("matches", "below", "above") if key in value}
-        expect(bool(tests), "rule", "matches, below or above", dict(value))
-        return cls(**{**value, "matches": _pattern(value["matches"]) if "matches" in value else None})
+    def __post_init__(self) -> None:
+        tests = (self.matches, self.listed or None, self.below, self.above)
+        expect(any(test is not None for test in tests), "rule", "matches, listed, below or above", self.column)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Cases:
-    r"""A column read out of others: the value of the first case whose pattern is found in `column`, else `default`.
+class Cases(_Declared, frozen=True, kw_only=True):
+    r"""A column read out of others: the value of the first case whose pattern is in `column`, else `default`.
 
     `column` and `default` are templates; `\1` in a value is what the pattern's first group matched.
     """
@@ -121,17 +91,8 @@ class Cases:
     cases: tuple[tuple[re.Pattern[str], str], ...]
     default: str = ""
 
-    @classmethod
-    def declared(cls, value: Mapping[str, Any]) -> Cases:
-        """The cases of a table with `column`, `cases` (pattern, value) and `default`."""
-        fits = set(value) <= {"column", "cases", "default"} and {"column", "cases"} <= set(value)
-        expect(fits, "read", "column, cases and default", sorted(value))
-        cases = tuple((_pattern(pattern), str(result)) for pattern, result in value["cases"])
-        return cls(column=value["column"], cases=cases, default=value.get("default", ""))
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class Table(_Declared, frozen=True, kw_only=True):
     """One plain table of a source.
 
     Texts are templates over the row's columns, `{brand} {model}`; `{file}` is the file's stem, `{row}` the row's
@@ -176,7 +137,7 @@ class Table:
     synset: str = ""
     kind: str = ""
     licence: str = ""
-    axes: Mapping[str, Axis] = field(default_factory=dict)
+    axes: dict[str, str | Axis] = {}
     #: Template of a text that states the whole size, and the axis words of its numbers where it brings none.
     text: str = ""
     #: Finds the size in a longer text, as its first group.
@@ -189,9 +150,9 @@ class Table:
     flag: tuple[Rule, ...] = ()
     flags: tuple[str, ...] = ()
     #: Values of a column that read otherwise: `{"sdn" = "saloon"}`.
-    names: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    names: dict[str, dict[str, str]] = {}
     #: Columns read out of others by patterns, before any rule or template looks at the row.
-    read: Mapping[str, Cases] = field(default_factory=dict)
+    read: dict[str, Cases] = {}
     #: Shortest and longest extent, mm, that a thing of this table can have.
     bounds_mm: tuple[float, float] = (0.1, 500_000.0)
     #: A reason code where every row of the table is refused, with `note` to say why.
@@ -199,40 +160,30 @@ class Table:
     note: str = ""
 
     def __post_init__(self) -> None:
-        expect(bool(self.files), "tables.files", "at least one file", self.files)
-        expect(self.format in get_args(Format), "tables.format", f"one of {', '.join(get_args(Format))}", self.format)
-        expect(
-            self.unit is None or self.unit in MILLIMETRES, "tables.unit", f"one of {', '.join(MILLIMETRES)}", self.unit
-        )
-        measured = self.unit or all(axis.unit for axis in self.axes.values())
-        expect(
-            bool(measured), "tables.unit", "a unit for every axis", [a.column for a in self.axes.values() if not a.unit]
-        )
-        expect(set(self.axes) <= set(AXES), "tables.axes", f"some of {', '.join(AXES)}", list(self.axes))
-        expect(set(self.order) <= set(AXES), "tables.order", f"some of {', '.join(AXES)}", self.order)
-        expect(
-            not self.kind or "{" in self.kind or self.kind in KINDS,
-            "tables.kind",
-            f"one of {', '.join(sorted(KINDS))}",
-            self.kind,
-        )
-        expect(
-            self.bounds_mm[0] < self.bounds_mm[1], "tables.bounds_mm", "the shortest, then the longest", self.bounds_mm
-        )
-        reasons = {rule.outcome for rule in self.reject} | ({self.refused} if self.refused else set())
-        expect(
-            reasons <= set(REASONS), "tables.reject", f"reasons of {', '.join(REASONS)}", sorted(reasons - set(REASONS))
-        )
+        given = self.axes or {name: name for name in self.columns if name in AXES}
+        axes = {name: Axis(column=axis) if isinstance(axis, str) else axis for name, axis in given.items()}
+        msgspec.structs.force_setattr(self, "axes", axes)
+        expect(bool(self.files), "files", "file names", self.files)
+        expect(self.unit in {None, *MILLIMETRES}, "unit", f"one of {', '.join(MILLIMETRES)}", self.unit)
+        without = [axis.column for axis in axes.values() if not axis.unit]
+        expect(bool(self.unit) or not without, "unit", "a unit for every axis", without)
+        _expect_some(axes, "axes", AXES)
+        _expect_some(self.order, "order", AXES)
+        expect(not self.kind or "{" in self.kind or self.kind in KINDS, "kind", _one_of(KINDS), self.kind)
+        shortest, longest = self.bounds_mm
+        expect(shortest < longest, "bounds_mm", "the shortest, then the longest", self.bounds_mm)
+        _expect_some({rule.outcome for rule in self.reject} | ({self.refused} - {""}), "reject", REASONS)
 
-    @classmethod
-    def declared(cls, values: Mapping[str, Any]) -> Table:
-        """The table of one `[[tables]]` entry; columns that bear an axis word are axes unless `axes` says otherwise."""
-        known = {f.name for f in fields(cls)}
-        expect(set(values) <= known, "tables", f"fields of {', '.join(sorted(known))}", sorted(set(values) - known))
-        record: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items()}
-        axes = record.get("axes") or {name: name for name in record.get("columns", ()) if name in AXES}
-        record["axes"] = {axis: Axis.declared(value) for axis, value in axes.items()}
-        record["read"] = {name: Cases.declared(value) for name, value in record.get("read", {}).items()}
-        for rules in ("only", "reject", "flag"):
-            record[rules] = tuple(Rule.declared(rule) for rule in record.get(rules, ()))
-        return cls(**record)
+    @property
+    def columns_of_axes(self) -> Mapping[str, Axis]:
+        """The axes, each with its column."""
+        return {name: axis for name, axis in self.axes.items() if isinstance(axis, Axis)}
+
+
+def _one_of(known: Iterable[str]) -> str:
+    return f"one of {', '.join(sorted(known))}"
+
+
+def _expect_some(given: Iterable[str], field: str, known: Iterable[str]) -> None:
+    unknown = sorted(set(given) - set(known))
+    expect(not unknown, field, f"some of {', '.join(known)}", unknown)

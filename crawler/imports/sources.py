@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal
 
-from crawler.imports.declaration import BadDeclaration, Table, expect
-from crawler.items import KINDS, Kind
+import msgspec
+
+from crawler.imports.declaration import Table
+from crawler.imports.toml_schema import BadDeclaration, expect, toml_record
+from crawler.items import Kind
 from metric_base.folders import data_folder
 
-__all__ = ["OPEN_LICENCES", "BadDeclaration", "Form", "Source", "SourceFile", "UnknownSource", "source", "sources"]
+__all__ = [
+    "OPEN_LICENCES",
+    "BadDeclaration",
+    "Form",
+    "Source",
+    "SourceFile",
+    "UnknownSource",
+    "read_source",
+    "source",
+    "sources",
+]
 
 #: How the file read here is made of what lies at its address: it is the very file; the member of a zip archive that
 #: has the sha256; the JSON document written anew, on one line or a value a line.
@@ -43,8 +53,7 @@ class UnknownSource(BadDeclaration):
     """A source id without a declaration."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SourceFile:
+class SourceFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One file of a source: path in the source's folder, sha256 of the file read here, where it is available.
 
     `form` says how the file is made of what lies at `url`; the sha256 is of what was made. `url` is empty where no
@@ -58,13 +67,11 @@ class SourceFile:
     note: str = ""
 
     def __post_init__(self) -> None:
-        expect(len(self.sha256) == 64, "files.sha256", "64 hexadecimal digits", self.sha256)
-        expect(bool(self.url or self.note), "files.url", "an address, or a note why there is none", self.path)
-        expect(self.form in get_args(Form), "files.form", f"one of {', '.join(get_args(Form))}", self.form)
+        expect(len(self.sha256) == 64, "sha256", "64 hexadecimal digits", self.sha256)
+        expect(bool(self.url or self.note), "url", "an address, or a note why there is none", self.path)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Source:
+class Source(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One set of open data: where it is from, whose terms hold, what its rows are worth, how it is read."""
 
     id: str
@@ -103,25 +110,16 @@ class Source:
     one_per_title: bool = False
 
     def __post_init__(self) -> None:
-        expect(
-            bool(self.title and self.url and self.licence and self.licence_basis),
-            self.id,
-            "title, url, licence, basis",
-            "",
-        )
-        expect(self.kind in KINDS, f"{self.id}.kind", f"one of {', '.join(sorted(KINDS))}", self.kind)
-        expect(
-            not self.ship or set(self.licence.split(" AND ")) <= OPEN_LICENCES,
-            f"{self.id}.ship",
-            "an open licence to ship",
-            self.licence,
-        )
-        expect(not self.ship or bool(self.attribution), f"{self.id}.attribution", "whom to name where rows ship", "")
-        expect(not (self.ship and self.noncommercial), f"{self.id}.ship", "no non-commercial rows", self.noncommercial)
-        had = not self.files or self.downloads != "no" or bool(self.fetch)
-        expect(had, f"{self.id}.fetch", "what to fetch where a file has no address", "")
+        for name in ("title", "url", "licence", "licence_basis"):
+            expect(bool(getattr(self, name)), name, "a text", "")
+        if self.ship:
+            expect(set(self.licence.split(" AND ")) <= OPEN_LICENCES, "ship", "an open licence to ship", self.licence)
+            expect(bool(self.attribution), "attribution", "whom to name where rows ship", "")
+            expect(not self.noncommercial, "ship", "no non-commercial rows", self.noncommercial)
+        known = not self.files or self.downloads != "no" or bool(self.fetch)
+        expect(known, "fetch", "what to fetch where a file has no address", "")
         ways = bool(self.tables) + bool(self.reader) + bool(self.excluded)
-        expect(ways == 1, self.id, "one of tables, reader, excluded", ways)
+        expect(ways == 1, "tables", "one of tables, reader, excluded", ways)
 
     @property
     def downloads(self) -> str:
@@ -130,27 +128,37 @@ class Source:
             return "no"
         return "while unchanged" if any(_MOVING in file.url for file in self.files) else "yes"
 
-    @classmethod
-    def declared(cls, path: Path) -> Source:
-        """The source that a TOML file declares.
 
-        Raises
-        ------
-        BadDeclaration
-            The file is no TOML, or a field is missing, unknown or not what it must be.
-        """
-        try:
-            record = tomllib.loads(path.read_text(encoding="utf-8"))
-            return _source(record, path.stem)
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError, TypeError) as error:
-            raise BadDeclaration(f"{path}: expected the declaration of a source; found {error}") from None
-        except BadDeclaration as error:
-            raise BadDeclaration(f"{path}: {error}") from None
+def read_source(path: Path) -> Source:
+    """The source that a TOML file declares.
+
+    Raises
+    ------
+    BadDeclaration
+        The file is no TOML, or fields are missing (all are named), unknown or not what they must be.
+    """
+    read = toml_record(path, Source)
+    if read.id != path.stem:
+        raise BadDeclaration(f"{path}: id: expected the file's own name {path.stem!r}, found {read.id!r}")
+    _read_lists(read, path.parent)
+    return read
+
+
+def _read_lists(source: Source, folder: Path) -> None:
+    """Give the rules that name a file of texts those texts."""
+    rules = (rule for table in source.tables for rule in (*table.only, *table.reject, *table.flag))
+    for rule in rules:
+        if rule.listed:
+            try:
+                texts = (folder / rule.listed).read_text(encoding="utf-8").split("\n")
+            except (OSError, UnicodeDecodeError) as error:
+                raise BadDeclaration(f"{folder / rule.listed}: expected a list of texts, found: {error}") from None
+            msgspec.structs.force_setattr(rule, "texts", frozenset(filter(None, texts)))
 
 
 def sources(folder: Path | None = None) -> tuple[Source, ...]:
     """All declared sources by id; `folder` is the package's own `data/sources` by default."""
-    return tuple(Source.declared(path) for path in sorted((folder or _own_folder()).glob("*.toml")))
+    return tuple(read_source(path) for path in sorted((folder or _own_folder()).glob("*.toml")))
 
 
 def source(name: str, folder: Path | None = None) -> Source:
@@ -164,18 +172,8 @@ def source(name: str, folder: Path | None = None) -> Source:
     paths = {path.stem: path for path in sorted((folder or _own_folder()).glob("*.toml"))}
     if name not in paths:
         raise UnknownSource(f"source: expected one of {', '.join(paths)}; found {name!r}")
-    return Source.declared(paths[name])
+    return read_source(paths[name])
 
 
 def _own_folder() -> Path:
     return data_folder() / "sources"
-
-
-def _source(record: Mapping[str, Any], stem: str) -> Source:
-    known = {f.name for f in fields(Source)}
-    expect(set(record) <= known, "declaration", f"fields of {', '.join(sorted(known))}", sorted(set(record) - known))
-    expect(record.get("id") == stem, "id", f"the file's own name {stem!r}", record.get("id"))
-    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items()}
-    values["files"] = tuple(SourceFile(**entry) for entry in record.get("files", ()))
-    values["tables"] = tuple(Table.declared(entry) for entry in record.get("tables", ()))
-    return Source(**values)

@@ -197,7 +197,7 @@ def _extents(words: dict[str, float], lengths: tuple[Measure, ...]) -> tuple[flo
 
 
 def _length(table: Table, row: Row, axis: str) -> float | None:
-    declared = table.axes[axis]
+    declared = table.columns_of_axes[axis]
     if declared.minus:
         return _difference(table, row, axis)
     text = _first_group(declared.pattern, row.get(declared.column, ""))
@@ -214,7 +214,7 @@ def _unit(table: Table, axis: Axis) -> str:
 
 def _difference(table: Table, row: Row, axis: str) -> float:
     """The distance of the two sides of a box, whose coordinates may be negative."""
-    declared = table.axes[axis]
+    declared = table.columns_of_axes[axis]
     try:
         sides = float(row[declared.column]) - float(row[declared.minus])
     except (KeyError, ValueError) as error:
@@ -230,6 +230,8 @@ def _holds(rule: Rule, row: Row) -> bool:
     text = _tested(rule, row)
     if rule.matches:
         return bool(rule.matches.search(text))
+    if rule.listed:
+        return text in rule.texts
     try:
         value = float(text)
     except ValueError:

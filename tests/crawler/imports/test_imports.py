@@ -12,7 +12,7 @@ import pytest
 from crawler.imports import Import, import_items, readings
 from crawler.imports.rows import BadTable
 from crawler.imports.source_files import source_folder
-from crawler.imports.sources import Source, source
+from crawler.imports.sources import source
 from crawler.items import RawItem
 
 HEAD = """
@@ -396,7 +396,7 @@ def walters(folder: Path, *objects: dict[str, Any]) -> Import:
     blank = {"ObjectName": "vases", "Title": "Vase", "Classification": "Ceramics", "DateText": "ca. 1710"}
     lines = [json.dumps(blank | {"ObjectID": n} | given) for n, given in enumerate(objects)]
     (folder / "walters_dims.jsonl").write_text("\n".join(lines), encoding="utf-8")
-    declared: Source = source("walters")
+    declared = source("walters")
     return import_items(declared, readings(declared, folder))
 
 

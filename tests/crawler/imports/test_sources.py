@@ -56,24 +56,28 @@ def test_a_declaration_is_read(tmp_path: Path) -> None:
         ('kind = "measured"', 'kind = "guess"', "kind"),
         ('licence = "CC0-1.0"', 'licence = "GPL-3.0-or-later"', "ship"),
         ("ship = true", "ship = true\nnoncommercial = true", "ship"),
-        ("ship = true", "ship = true\ncolour = 3", "declaration"),
+        ("ship = true", "ship = true\ncolour = 3", "colour: expected a known field"),
         ('attribution = "us"', "", "attribution"),
         ("ship = true", 'ship = true\nexcluded = "no things"', "one of tables, reader, excluded"),
-        ('unit = "cm"', 'unit = "cubit"', "tables.unit"),
+        ('unit = "cm"', 'unit = "cubit"', "tables[0].unit"),
         ('unit = "cm"', 'unit = "cm"\nshade = "red"', "tables"),
-        ("height = ", "girth = ", "tables.axes"),
-        ('unit = "cm"', "", "tables.unit"),
-        ('category = ["lamp"]', 'category = ["lamp"]\nrefused = "dull"', "tables.reject"),
+        ("height = ", "girth = ", "tables[0].axes"),
+        ('unit = "cm"', "", "tables[0].unit"),
+        ('category = ["lamp"]', 'category = ["lamp"]\nrefused = "dull"', "tables[0].reject"),
         (
             'category = ["lamp"]',
             'category = ["lamp"]\nreject = [{{ column = "h", matches = "(", outcome = "no_size" }}]',
             "pattern",
         ),
         ('category = ["lamp"]', 'category = ["lamp"]\nreject = [{{ column = "h", outcome = "no_size" }}]', "rule"),
-        (SHA, "abc", "files.sha256"),
-        ('url = "https://example.org/lamps.csv"', "", "files.url"),
+        (SHA, "abc", "files[0].sha256"),
+        ('url = "https://example.org/lamps.csv"', "", "files[0].url"),
         ('url = "https://example.org/lamps.csv"', 'note = "drawn by hand"', "fetch"),
-        ('url = "https://example.org/lamps.csv"', 'url = "https://example.org/x"\nform = "tar"', "files.form"),
+        (
+            'url = "https://example.org/lamps.csv"',
+            'url = "https://example.org/x"\nform = "tar"',
+            "files[0].form: expected one of json-line, json-lines, same, zip",
+        ),
         ('title = "Made-up lamps"', "title = ", "found"),
     ],
 )
@@ -81,6 +85,21 @@ def test_a_fault_of_a_declaration_is_named_at_the_door(tmp_path: Path, old: str,
     assert old in DECLARATION
     with pytest.raises(BadDeclaration, match=f"lamps.toml: .*{re.escape(field)}"):
         declared(tmp_path, DECLARATION.replace(old, new))
+
+
+def test_all_missing_fields_are_named_at_once(tmp_path: Path) -> None:
+    (tmp_path / "lamps.toml").write_text('id = "lamps"\nkind = "measured"\n', encoding="utf-8")
+    with pytest.raises(BadDeclaration, match=r"found no title, url, licence, licence_basis, ship$"):
+        source("lamps", tmp_path)
+
+
+def test_a_rule_may_name_a_file_of_texts(tmp_path: Path) -> None:
+    listed = 'category = ["lamp"]\nreject = [{{ column = "no", listed = "gone.txt", outcome = "superseded" }}]'
+    text = DECLARATION.replace('category = ["lamp"]', listed)
+    with pytest.raises(BadDeclaration, match=r"gone.txt: expected a list of texts"):
+        declared(tmp_path, text)
+    (tmp_path / "gone.txt").write_text("1\n3\n", encoding="utf-8")
+    assert declared(tmp_path, text).tables[0].reject[0].texts == {"1", "3"}
 
 
 def test_an_unknown_source_names_those_there_are(tmp_path: Path) -> None:

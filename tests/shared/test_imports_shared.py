@@ -120,6 +120,62 @@ def test_the_shipped_file_is_what_the_command_makes(imports: Imports, name: str)
         assert lines.read().splitlines() == [item.line() for item in imports(name).items]
 
 
+def test_things_that_several_sets_state_count_once(shared: Path, imports: Imports) -> None:
+    from benchmarks.crawler.same_things import superseded
+
+    for name, ids in superseded(shared / "data" / "sizes").items():
+        listed = (ROOT / "data" / "sources" / f"{name}.superseded.txt").read_text(encoding="utf-8").splitlines()
+        assert listed == ids
+        assert not {item.source_id for item in imports(name).items} & set(ids)
+    gazebo, models = (imports(name) for name in ("gazebo_models", "open_models"))
+    names = {item.title.lower() for item in models.items if "gazebo/" in item.source_id}
+    assert len(names) > 20
+    assert reason(gazebo, "superseded") == 29
+
+
+def test_boxes_along_the_room_give_heights_of_whole_things(imports: Imports) -> None:
+    for name in ("scannet18_boxes", "scannet_fine_boxes", "3rscan_boxes"):
+        assert all({k for k, v in item.dimensions_mm.items() if v} == {"height"} for item in imports(name).items)
+    rooms = [imports(name) for name in ("scannet18_boxes", "scannet_fine_boxes", "vsibench_scannet")]
+    assert all((item.scene or "").startswith("scannet/scene") for room in rooms for item in room.items)
+    assert not any(i.category_path[-1] in {"door", "window", "otherfurniture"} for room in rooms for i in room.items)
+    assert 1950 < median(axis(of(imports("3rscan_boxes"), "door"), "height")) < 2150
+    assert not of(imports("3rscan_boxes"), "plate", "bottle", "cup")
+    assert 350 < median(axis(of(imports("vsibench_scannet"), "chair"), "width")) < 650
+
+
+def test_cars_seen_by_lidar_have_no_width_and_those_from_above_no_height(imports: Imports) -> None:
+    for name in ("nuscenes_mini", "waymo_motion_samples", "nuplan_samples"):
+        cars = [item for item in imports(name).items if item.category_path == ("car",)]
+        assert 4300 < median(axis(cars, "length")) < 5100
+        assert not axis(cars, "width")
+    for name in ("interaction_ep0", "sind_tianjin", "ind_aachen_08"):
+        cars = of(imports(name), "car")
+        assert 1650 < median(axis(cars, "width")) < 2050
+        assert not axis(cars, "height")
+    bicycles = of(imports("nuscenes_mini"), "bicycle")
+    assert max(axis(bicycles, "height")) < 1450
+    assert 1900 < median(axis(of(imports("us_cars_carsheet"), "pickup"), "width")) < 2100
+
+
+def test_a_mean_of_many_is_a_statistic(imports: Imports) -> None:
+    for name in ("published_class_means", "car_fleet_context", "cdc_stature", "ncd_risc_height", "pantheria"):
+        assert {item.statistic for item in imports(name).items} <= {"mean", "median"}
+        assert all(item.statistic for item in imports(name).items)
+    men = [item for item in imports("cdc_stature").items if item.category_path == ("man",)]
+    assert all(1740 < (item.dimensions_mm["height"] or 0) < 1790 for item in men)
+    assert all(0.03 < (item.relative_sd or 0) < 0.05 for item in men)
+    assert not any(item.statistic for item in imports("nuscenes_mini").items)
+
+
+def test_open_models_name_their_authors_and_terms(imports: Imports) -> None:
+    models = imports("open_models").items
+    assert all(item.attribution and item.url.startswith("https://") for item in models)
+    assert {"CC0-1.0", "CC-BY-4.0", "MIT"} <= {str(item.licence) for item in models}
+    assert sum(item.kind == "measured" for item in models) > 60
+    assert not [i.title for i in models if any(word in i.title.lower() for word in ("stack", " set", "pair"))]
+
+
 def test_metric_tree_2020_is_repaired(imports: Imports) -> None:
     result = imports("metric_tree_2020")
     chairs = of(result, "dining chair")

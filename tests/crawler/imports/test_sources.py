@@ -76,7 +76,7 @@ def test_a_declaration_is_read(tmp_path: Path) -> None:
         (
             'url = "https://example.org/lamps.csv"',
             'url = "https://example.org/x"\nform = "tar"',
-            "files[0].form: expected one of json-line, json-lines, same, zip",
+            "files[0].form: expected one of json-line, ",
         ),
         ('title = "Made-up lamps"', "title = ", "found"),
     ],

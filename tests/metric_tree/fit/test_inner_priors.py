@@ -1,0 +1,61 @@
+"""Priors of inner nodes: merged components keep the moments of what they replace."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from metric_tree.fit import inner_priors
+from metric_tree.fit.em import Mixture
+
+
+def _mixture(k: int, seed: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    generator = np.random.default_rng(seed)
+    halves = generator.normal(size=(k, 2, 2)) * 0.2
+    return (
+        generator.dirichlet(np.ones(k)),
+        generator.normal(size=(k, 2)),
+        halves @ halves.transpose(0, 2, 1) + 0.01 * np.eye(2),
+    )
+
+
+def _moments(weights: np.ndarray, means: np.ndarray, covariances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and covariance of a whole mixture."""
+    total = weights.sum()
+    mean = weights @ means / total
+    about = means - mean
+    second = np.einsum("k,kde->de", weights, covariances) + np.einsum("k,kd,ke->de", weights, about, about)
+    return mean, second / total
+
+
+def test_a_pair_keeps_the_moments_of_its_two() -> None:
+    weights, means, covariances = _mixture(4)
+    total, mean, covariance = inner_priors._pair(weights, means, covariances, 1)
+    for j in (0, 2, 3):
+        both = [1, j]
+        expected = _moments(weights[both], means[both], covariances[both])
+        assert total[j] == pytest.approx(weights[both].sum())
+        assert mean[j] == pytest.approx(expected[0])
+        assert covariance[j] == pytest.approx(expected[1])
+
+
+def test_the_cost_of_a_merge_is_runnalls_bound() -> None:
+    """Runnalls (2007), equation 21: half of what the log determinants grow by; a component is not merged with itself."""
+    weights, means, covariances = _mixture(3)
+    cost = inner_priors._costs(weights, means, covariances, 0)
+    assert np.isinf(cost[0])
+    for j in (1, 2):
+        both = [0, j]
+        merged = _moments(weights[both], means[both], covariances[both])[1]
+        parts = sum(weights[i] * np.log(np.linalg.det(covariances[i])) for i in both)
+        assert cost[j] == pytest.approx(0.5 * (weights[both].sum() * np.log(np.linalg.det(merged)) - parts))
+
+
+@pytest.mark.parametrize("components", [1, 2, 3])
+def test_a_reduced_mixture_keeps_mean_and_covariance(components: int) -> None:
+    weights, means, covariances = _mixture(6)
+    reduced = inner_priors.reduce_mixture(Mixture(weights, means, covariances), components)
+    assert len(reduced.weights) == components
+    before, after = _moments(weights, means, covariances), _moments(reduced.weights, reduced.means, reduced.covariances)
+    assert after[0] == pytest.approx(before[0])
+    assert after[1] == pytest.approx(before[1])

@@ -40,7 +40,7 @@ def test_a_pair_keeps_the_moments_of_its_two() -> None:
 
 
 def test_the_cost_of_a_merge_is_runnalls_bound() -> None:
-    """Runnalls (2007), equation 21: half of what the log determinants grow by; a component is not merged with itself."""
+    """Runnalls (2007), equation 21: half of what the log determinants grow by; never with itself."""
     weights, means, covariances = _mixture(3)
     cost = inner_priors._costs(weights, means, covariances, 0)
     assert np.isinf(cost[0])

@@ -78,18 +78,25 @@ def blind_ranges(table: str = "blind") -> tuple[CuratedRange, ...]:
 
 
 def curated_items() -> Iterator[RawItem]:
-    """One raw item for each range: the typical size, the range by axis, and the node in place of a category."""
-    for row in curated_ranges():
-        known = [axis for axis, value in enumerate(row.typical) if value is not None]
+    """One raw item for each range: the typical size, the range by axis, and the node in place of a category.
+
+    Ranges of the first blind table are among them: they speak of classes that have items, too. A range that cites a
+    standard has the flag `norm`.
+    """
+    own = curated_ranges()
+    known = {row.node_id for row in own}
+    for row in (*own, *(row for row in blind_ranges() if row.node_id not in known)):
+        axes = [axis for axis, value in enumerate(row.typical) if value is not None]
         yield RawItem(
             source=SOURCE,
             source_id=row.node_id,
             title=row.reason,
             category_path=(row.node_id,),
-            dimensions_mm={_AXES[axis]: row.typical[axis] for axis in known},
-            ranges_mm={_AXES[axis]: (_known(row.low[axis]), _known(row.high[axis])) for axis in known},
+            dimensions_mm={_AXES[axis]: row.typical[axis] for axis in axes},
+            ranges_mm={_AXES[axis]: (_known(row.low[axis]), _known(row.high[axis])) for axis in axes},
             licence=LICENCE,
             kind="curated",
+            flags=("norm",) if row.standard else (),
             synset=row.node_id,
         )
 

@@ -18,16 +18,17 @@ from metric_tree.build.duplicates import duplicates
 from metric_tree.build.ingest import refusal
 from metric_tree.build.unit_slips import Reference, reference, slip_factors
 from metric_tree.fit.class_prior import ClassRows, Moments, class_prior, extent_moments, moments
-from metric_tree.fit.disagreement import SharedModel
 from metric_tree.fit.em import Belief
+from metric_tree.fit.evidence import STATEMENTS
+from metric_tree.fit.kinds import KindModel
 from metric_tree.prior import Prior
 from metric_tree.schema import ITEMS
 
 __all__ = ["REFUSALS", "Cleaned", "NodeClass", "class_priors", "clean_shard", "extents_of"]
 
 #: Rows of one source in one class that the fit takes, those of the lowest hash: its weight there is bounded anyway
-#: (`evidence.SOURCE_HALF`), and four hundred tell its distribution to a twentieth of its spread.
-FIT_ROWS = 400
+#: (`evidence.SOURCE_HALF`), and two hundred tell its mean to a fourteenth of its spread.
+FIT_ROWS = 200
 
 REFUSALS = {
     "repeated_id": "the source has the id twice",
@@ -89,7 +90,7 @@ def clean_shard(
     good = np.array([not reason for reason in reasons], dtype=bool)
     refused = _refusal_lines(table.filter(pa.array(~good)), [reason for reason in reasons if reason])
     table, sizes = table.filter(pa.array(good)), sizes[good]
-    ship = np.isin(_strings(table, "source"), sorted(shipped))
+    ship = np.isin(_strings(table, "source"), sorted(shipped)) & (_strings(table, "kind") != "statistic")
     classes = [_class(table.take(pa.array(rows)), sizes[rows]) for rows in _nodes(table)]
     counts = Counter(reason.partition(":")[0] for reason in reasons if reason)
     rows = pickle.dumps([own for _, own in classes])
@@ -99,11 +100,16 @@ def clean_shard(
 
 
 def class_priors(
-    rows: bytes, beliefs: Mapping[str, Belief], model: SharedModel, seed: int, heldout: bool
+    rows: bytes,
+    beliefs: Mapping[str, Belief],
+    families: Mapping[str, str],
+    model: KindModel,
+    seed: int,
+    heldout: bool,
 ) -> list[Prior]:
     """The priors of the classes of one shard, in their order; `rows` as in `Cleaned`."""
     classes: list[ClassRows] = pickle.loads(rows)  # noqa: S301 - made by `cleaned` in this build
-    return [class_prior(one, beliefs[one.node_id], model, seed, heldout) for one in classes]
+    return [class_prior(one, beliefs[one.node_id], model, families[one.node_id], seed, heldout) for one in classes]
 
 
 def extents_of(table: pa.Table) -> FloatArray:
@@ -120,7 +126,7 @@ def _refusal_reasons(
     ids, kinds = table["item_id"].to_pylist(), table["kind"].to_pylist()
     node = table["node_id"].to_pylist()
     for rows in _nodes(table):
-        real = rows[[kinds[row] != "curated" for row in rows]]
+        real = rows[[kinds[row] not in STATEMENTS for row in rows]]
         against = reference(extents[real]) or siblings.get(node[rows[0]])
         for row, factor in zip(
             real, slip_factors(extents[real], against) if against and len(real) else (), strict=False
@@ -154,12 +160,14 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
     """The class of one node's rows, and the rows that its fit takes."""
     node_id, pose = table["node_id"][0].as_py(), table["pose"][0].as_py()
     source, kind = _strings(table, "source"), _strings(table, "kind")
-    real = kind != "curated"
+    real = ~np.isin(kind, sorted(STATEMENTS))
     by_source = Counter(source[real].tolist())
+    scene = np.array([text or "" for text in table["scene"].to_pylist()], dtype=str)
     fit = _fit_rows(source, table["hash"].to_numpy())
+    world, scene_share = _worlds(source[fit], scene[fit]), _scene_shares(scene[fit])
     spreads = _range_sd(table)
     frames = [
-        _class_rows(node_id, name, axes, sizes[fit], source[fit], kind[fit], spreads[fit], int(real.sum()))
+        _class_rows(node_id, name, axes, sizes[fit], world, kind[fit], spreads[fit], int(real.sum()), scene_share)
         for name, axes in ((pose, EXTENTS if pose == "any" else AXES), ("any", EXTENTS))
     ]
     frames = frames[:1] if pose == "any" else frames
@@ -183,12 +191,26 @@ def _class_rows(
     kind: NDArray[np.str_],
     spreads: FloatArray,
     n: int,
+    scene_share: FloatArray,
 ) -> ClassRows:
     x, owner = axis_assignments(sizes[:, :3], sizes[:, 3:], pose)
     first = x[np.searchsorted(owner, np.arange(len(sizes)))]  # (n, 3)
     same = np.isclose(first[:, :, None], sizes[:, None, 3:])  # each axis beside the extents it may be
     range_sd = np.where(same.any(axis=2), np.take_along_axis(spreads, same.argmax(axis=2), axis=1), np.nan)
-    return ClassRows(node_id, axes, np.log(x), owner, tuple(source.tolist()), tuple(kind.tolist()), range_sd, n)
+    names = tuple(source.tolist()), tuple(kind.tolist())
+    return ClassRows(node_id, axes, np.log(x), owner, *names, range_sd, n, scene_share)
+
+
+def _worlds(source: NDArray[np.str_], scene: NDArray[np.str_]) -> NDArray[np.str_]:
+    """Source of each row, (n,); sets that measured the same rooms are one source, that of the rooms."""
+    rooms = np.array([text.partition("/")[0] for text in scene.tolist()], dtype=str)
+    return np.where(rooms != "", rooms, source)
+
+
+def _scene_shares(scene: NDArray[np.str_]) -> FloatArray:
+    """One over the rows in the scene of each row, (n,); one where the scene is unknown."""
+    _, code, counts = np.unique(scene, return_inverse=True, return_counts=True)
+    return np.where(scene != "", 1 / counts[code], 1.0)
 
 
 def _fit_rows(source: NDArray[np.str_], hashes: NDArray[np.uint64]) -> NDArray[np.intp]:

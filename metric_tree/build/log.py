@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from metric_tree.build.clean import NodeClass
-from metric_tree.fit.disagreement import SharedModel
+from metric_tree.fit.kinds import KindModel
 from metric_tree.prior import Prior
 
 __all__ = ["disagreements", "is_mixed", "report"]
@@ -26,12 +25,12 @@ FACTOR = 1.5
 
 
 def report(
-    classes: Sequence[NodeClass], priors: Mapping[str, Prior], model: SharedModel, counts: Counter[str]
+    classes: Sequence[NodeClass], priors: Mapping[str, Prior], model: KindModel, counts: Counter[str]
 ) -> dict[str, Any]:
     """The report of a build, as it is written to `report.json`."""
     return {
         "raw": dict(sorted(counts.items())),
-        "source_disagreement": asdict(model),
+        "evidence_model": model.record(),
         "disagreements": disagreements(classes, priors),
         "mixed": sorted(node_id for node_id, prior in priors.items() if is_mixed(prior)),
     }

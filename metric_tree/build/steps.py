@@ -18,7 +18,7 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
@@ -30,6 +30,7 @@ from crawler.items import RawItem
 from metric_base.faults import InputFault
 from metric_tree.build.clean import Cleaned, NodeClass, class_priors, clean_shard
 from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
+from metric_tree.build.frequencies import stated_frequencies
 from metric_tree.build.log import report
 from metric_tree.build.row_files import RowFiles, sibling_references
 from metric_tree.build.tables import (
@@ -43,7 +44,8 @@ from metric_tree.build.tables import (
     source_records,
 )
 from metric_tree.build.work_folder import Here, WorkFolder, fingerprint
-from metric_tree.fit.disagreement import SharedModel, shared_model
+from metric_tree.fit.evidence import KIND_WEIGHT
+from metric_tree.fit.kinds import KindModel, learn_kinds
 from metric_tree.pictures import collect_pictures, picture_files
 from metric_tree.prior import Prior
 from metric_tree.release import Release, publish_release
@@ -213,16 +215,17 @@ class Steps:
         """Steps 3 and 4: what a maintainer should read, the tables and the manifest."""
         by_id = {one.node_id: one for one in classes}
         hierarchy = Hierarchy.of(kept_categories(self.taxonomy().categories(), by_id))
-        model = shared_model(m.disagreement for one in classes for m in one.moments[:1] if m.disagreement)
-        leaves = self._leaves(classes, hierarchy, model)
-        priors = hierarchy.priors(leaves, by_id)
+        families = hierarchy.families()
+        model = _learned(classes, families)
+        leaves = self._leaves(classes, hierarchy, families, model)
+        priors = hierarchy.priors(leaves, by_id, stated_frequencies())
         tables = {
             "nodes.parquet": node_table(hierarchy, by_id, priors),
             "items.parquet": self._items(),
             "priors.parquet": prior_table(hierarchy, priors),
             "images.parquet": IMAGES.empty_table(),
         }
-        manifest = self._manifest(tables, classes, counts) | {"source_disagreement": asdict(model)}
+        manifest = self._manifest(tables, classes, counts) | {"evidence_model": model.record()}
         return report(classes, leaves, model, counts), tables, manifest
 
     def carry(
@@ -240,12 +243,15 @@ class Steps:
         manifest |= {name: getattr(self.options, name) for name in ("name", "version", "created")}
         return {"raw": dict(sorted(counts.items())), "classes": len(classes)}, tables, manifest
 
-    def _leaves(self, classes: Sequence[NodeClass], hierarchy: Hierarchy, model: SharedModel) -> dict[str, Prior]:
+    def _leaves(
+        self, classes: Sequence[NodeClass], hierarchy: Hierarchy, families: Mapping[str, str], model: KindModel
+    ) -> dict[str, Prior]:
         parents = {category.node_id: category.parent_id or "" for category in hierarchy.categories}
         beliefs = hierarchy.beliefs(m for one in classes for m in one.moments)
         own = {one.node_id: beliefs[parents[one.node_id], one.moments[0].axes] for one in classes}
         files = sorted(self.work.directory.glob("clean-*.classes"))
-        calls = ((path.read_bytes(), own, model, self.options.seed, self.options.heldout) for path in files)
+        options = self.options
+        calls = ((path.read_bytes(), own, families, model, options.seed, options.heldout) for path in files)
         return {prior.node_id: prior for priors in self._map("fit", class_priors, calls) for prior in priors}
 
     def _items(self) -> pa.Table:
@@ -285,6 +291,12 @@ class Steps:
             if self.progress is not None:
                 self.progress(step, done)
             yield result
+
+
+def _learned(classes: Sequence[NodeClass], families: Mapping[str, str]) -> KindModel:
+    """What kinds of evidence are worth, from the classes that have several."""
+    pairs = ((families[one.node_id], m.disagreement) for one in classes for m in one.moments[:1])
+    return learn_kinds(((family, one) for family, one in pairs if one is not None), sorted(KIND_WEIGHT))
 
 
 def _add_pictures(

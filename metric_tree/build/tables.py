@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import pyarrow as pa
@@ -14,8 +15,8 @@ from metric_tree.axes import AXES, EXTENTS
 from metric_tree.build.clean import NodeClass
 from metric_tree.fit.class_prior import VAGUE, Moments
 from metric_tree.fit.em import Belief
-from metric_tree.fit.evidence import EVIDENCE, KIND_WEIGHT
-from metric_tree.fit.inner_priors import belief_of, commonness, inner_priors
+from metric_tree.fit.evidence import EVIDENCE
+from metric_tree.fit.inner_priors import WITNESS, belief_of, commonness, inner_priors, plain_weights
 from metric_tree.prior import Prior
 from metric_tree.schema import NODES, PRIORS
 from taxonomy.categories import Category
@@ -74,6 +75,14 @@ class Hierarchy:
                 children.setdefault(category.parent_id, []).append(category.node_id)
         return cls(categories, children)
 
+    def families(self) -> dict[str, str]:
+        """The node of level 2 at or above each node; the root's own is itself."""
+        above: dict[str, str] = {}
+        for category in self.categories:
+            parent = category.parent_id
+            above[category.node_id] = category.node_id if category.level <= 2 or parent is None else above[parent]
+        return above
+
     def beliefs(self, moments: Iterable[Moments]) -> dict[tuple[str, tuple[str, ...]], Belief]:
         """What each inner node believes of its children, by node and frame of axes.
 
@@ -97,17 +106,28 @@ class Hierarchy:
                 beliefs[category.node_id, axes] = belief_of(below, above)
         return beliefs
 
-    def priors(self, leaves: Mapping[str, Prior], classes: Mapping[str, NodeClass]) -> dict[str, list[Prior]]:
-        """The priors of all nodes, the main one first: the leaves' and, from the leaves up, of the nodes above them."""
+    def priors(
+        self,
+        leaves: Mapping[str, Prior],
+        classes: Mapping[str, NodeClass],
+        frequencies: Mapping[str, Mapping[str, float]] = MappingProxyType({}),
+    ) -> dict[str, list[Prior]]:
+        """The priors of all nodes, the main one first: the leaves' and, from the leaves up, of the nodes above them.
+
+        Parameters
+        ----------
+        frequencies : by node, weights of its children that a reviewer stated
+        """
         priors = {node_id: [prior] for node_id, prior in leaves.items()}
         items = {node_id: Counter(one.n_by_source) for node_id, one in classes.items()}
-        trust = {source: KIND_WEIGHT[kind] for one in classes.values() for source, kind in one.kinds.items()}
+        trust = {source: WITNESS[kind] for one in classes.values() for source, kind in one.kinds.items()}
         for category in reversed(self.categories):
             if category.node_id in leaves:
                 continue
             having = [child for child in self.children.get(category.node_id, ()) if child in priors]
             items[category.node_id] = sum((items[child] for child in having), Counter())
-            weights = commonness([items[child] for child in having], trust)
+            common = commonness([items[child] for child in having], trust)
+            weights = plain_weights(category.node_id, having, common, frequencies.get(category.node_id))
             below = [priors[child] for child in having]
             upright = sum(float(weight) for weight, own in zip(weights, below, strict=True) if own[0].dims[0] in AXES)
             fitted = inner_priors(category.node_id, below, weights, AXES if upright >= 0.5 else EXTENTS)

@@ -1,21 +1,26 @@
-"""The prior of one class from its rows: weights, sources' own offsets, components by BIC, borrowing where it is thin.
+"""The prior of one class from its rows: weights, the class's centre, components by BIC, borrowing where it is thin.
 
-The order of a fit: one Gaussian by EM over everything (which resolves missing axes and hidden axis order), the sources'
-means and how they disagree, the rows less their source's predicted offset, then a mixture of one to four components.
+The order of a fit: one Gaussian by EM over all rows (which resolves missing axes and hidden axis order), the sources'
+means, the centre from all of them by what their kinds are worth, the rows less their source's predicted effect, a
+mixture of one to four components, moved onto the centre. Ranges and means of many things speak as sources for the centre, and
+their spread takes the place of what is believed of the parent's children.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
-from metric_tree.fit.disagreement import Disagreement, SharedModel, disagreement, shared_covariance, source_effects
-from metric_tree.fit.em import Belief, Fitted, Mixture, Rows, complete_rows, fit_mixture, raise_to_floor
-from metric_tree.fit.evidence import row_weights, shares
+from metric_tree.fit.centre import class_centre, shared_covariance
+from metric_tree.fit.disagreement import Disagreement, disagreement, with_statements
+from metric_tree.fit.em import SPREAD_FLOOR, Belief, Fitted, Mixture, Rows, complete_rows, fit_mixture, raise_to_floor
+from metric_tree.fit.evidence import STATEMENTS, row_weights, shares
+from metric_tree.fit.kinds import KindModel
 from metric_tree.prior import Prior
 
 __all__ = ["VAGUE", "ClassRows", "Moments", "class_prior", "extent_moments", "heldout_log_density", "moments"]
@@ -35,12 +40,12 @@ GAUSSIAN_FREEDOM = 30.0
 #: Normal components that stand for a Student's t.
 T_COMPONENTS = 3
 
-#: Half-width of a curated range in standard deviations: the range holds nine of ten.
-RANGE_SD = 1.645
+#: Rows that the spread of a stated range counts in place of the parent's: two and a half times as many, for it is of
+#: the class itself.
+STATED_ROWS = 20.0
 
-#: A person's range is stated from memory: its log spread is widened by half (people's 90 % ranges hold about two
-#: thirds of the truth: Alpert and Raiffa 1982, which a factor 1.6 would mend).
-CURATED_WIDENING = 1.5
+#: Part of a stated range's variance that objects of one scene share: the range holds everything that a class may be.
+STATED_SHARED = 0.35
 
 #: Correlation between the axes of a class before any class is seen: a larger one is larger on all axes.
 CORRELATION = 0.6
@@ -61,8 +66,8 @@ class ClassRows:
     """Rows of one class in one frame of axes, duplicates already collapsed.
 
     x : (m, 3) candidates in ln mm, NaN where missing; owner : (m,) the row of each; sources, kinds : (n,) of the rows;
-    range_sd : (n, 3) spread of ln size that a curated row states, NaN elsewhere; n : items that the rows stand for,
-    curated ones not counted.
+    range_sd : (n, 3) standard deviation of ln size that a row states, NaN elsewhere; n : items that the rows stand for,
+    ranges and means not counted; scene_share : (n,) one over the rows of the class in the row's scene.
     """
 
     node_id: str
@@ -73,11 +78,34 @@ class ClassRows:
     kinds: tuple[str, ...]
     range_sd: FloatArray
     n: int
+    scene_share: FloatArray
 
     @property
-    def is_curated(self) -> bool:
-        """Whether nothing but curated ranges is known of the class."""
-        return set(self.kinds) == {"curated"}
+    def is_stated(self) -> bool:
+        """Whether nothing but ranges and means is known of the class."""
+        return set(self.kinds) <= STATEMENTS
+
+    @property
+    def weights(self) -> FloatArray:
+        """Weight of each row in the shape of the class, (n,)."""
+        first = self.x[np.searchsorted(self.owner, np.arange(len(self.sources)))]
+        stated = (~np.isnan(first)).sum(axis=1)
+        return row_weights(self.sources, self.kinds, self.scene_share, stated, bool((self.range_sd > 0).any()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Statements:
+    """What ranges and means say, source by source: names, kinds (s,), means and sd (s, 3) of ln mm, NaN unstated."""
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    means: FloatArray
+    sd: FloatArray
+
+    @property
+    def spread(self) -> FloatArray:
+        """Standard deviation of ln size that is stated of each axis, (3,), NaN of none."""
+        return _nanmean(self.sd)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,22 +130,29 @@ VAGUE = Belief(np.full(3, math.log(300.0)), 0.01, correlated_covariance(np.full(
 
 
 def moments(rows: ClassRows) -> Moments:
-    """The moments of a class from its own rows alone, for its parent and for the pool of disagreements."""
-    if rows.is_curated:
-        mixture, known = _curated_mixture(rows)
-        return Moments(rows.node_id, rows.axes, mixture.means[0], mixture.covariances[0], known, None)
+    """The moments of a class from its own rows alone, for its parent and for the model of kinds."""
+    statements = _statements(rows)
+    belief = _own_belief(VAGUE, statements)
+    if rows.is_stated:
+        mean = _nanmean(statements.means)
+        known = (~np.isnan(statements.means)).sum(axis=0).astype(float)
+        between = with_statements(_nothing(belief.covariance), statements.names, statements.kinds, statements.means)
+        return Moments(
+            rows.node_id, rows.axes, np.where(np.isnan(mean), VAGUE.mean, mean), belief.covariance, known, between
+        )
     weighed, sources, kinds = _weighted_rows(rows)
-    single = fit_mixture(weighed, 1, VAGUE).mixture
+    single = fit_mixture(weighed, 1, belief).mixture
     x, known = complete_rows(weighed, single)
     between = disagreement(x, known, weighed.weights, sources, kinds, single.covariances[0])
     effective = known.sum(axis=0) * weighed.effective / len(weighed)
-    return Moments(rows.node_id, rows.axes, single.means[0], raise_to_floor(between.within), effective, between)
+    both = with_statements(between, statements.names, statements.kinds, statements.means)
+    return Moments(rows.node_id, rows.axes, single.means[0], raise_to_floor(both.within, belief.floor), effective, both)
 
 
 def extent_moments(rows: ClassRows) -> Moments:
     """The moments over sorted extents, straight from the rows that state all three: nothing is open there."""
     whole = ~np.isnan(rows.x).any(axis=1)
-    weights = row_weights(rows.sources, rows.kinds)[rows.owner[whole]]
+    weights = (np.ones(len(rows.kinds)) if rows.is_stated else rows.weights)[rows.owner[whole]]
     x = rows.x[whole]
     if not weights.sum() > 0:
         return Moments(rows.node_id, rows.axes, VAGUE.mean, VAGUE.covariance, np.zeros(3), None)
@@ -128,35 +163,38 @@ def extent_moments(rows: ClassRows) -> Moments:
     return Moments(rows.node_id, rows.axes, mean, raise_to_floor(scatter / (weights.sum() + typical)), effective, None)
 
 
-def class_prior(rows: ClassRows, belief: Belief, model: SharedModel, seed: int, heldout: bool = True) -> Prior:
+def class_prior(
+    rows: ClassRows, belief: Belief, model: KindModel, family: str = "", seed: int = 0, heldout: bool = True
+) -> Prior:
     """The prior of a class over the axes that its rows state.
 
     Parameters
     ----------
-    belief : the parent's moments; model : disagreement of sources over all classes; heldout : whether to score it
+    belief : the parent's moments; model : what kinds of evidence are worth; family : of the class; heldout : whether to
+        score it
     """
-    if rows.is_curated:
-        mixture, known = _curated_mixture(rows)
-        return _prior(
-            rows,
-            mixture,
-            model.covariance(mixture.covariances[0]),
-            known,
-            borrowed=0.0,
-            n_sources=len(set(rows.sources)),
-            weights=None,
-        )
+    statements = _statements(rows)
+    belief = _own_belief(belief, statements)
+    if rows.is_stated:
+        return _stated_prior(rows, statements, belief, model, family)
     weighed, sources, kinds = _weighted_rows(rows)
     single = fit_mixture(weighed, 1, belief)
     x, known = complete_rows(weighed, single.mixture)
     between = disagreement(x, known, weighed.weights, sources, kinds, single.mixture.covariances[0])
-    shared = shared_covariance(between, model)
-    code = np.searchsorted(np.asarray(between.sources), np.asarray(sources))
-    centred = weighed.shift(source_effects(between, shared)[code])
+    between = with_statements(between, statements.names, statements.kinds, statements.means)
+    shared = _within_range(shared_covariance(between, model, family), statements)
+    centre = class_centre(between, shared, model, family)
+    code = np.array([between.sources.index(name) for name in sources])
+    centred = _scaled(weighed.shift(centre.effects[code]), centre.mean, kinds, model)
     best, components = _components(centred, belief, seed)
-    mass = known.sum(axis=0)
+    best = _moved(best, centred, x - centre.effects[code], known, centre.mean)
+    mass = known.sum(axis=0) + (~np.isnan(statements.means)).sum(axis=0)
     borrowed = belief.covariance_rows / (belief.covariance_rows + weighed.effective) if components == 1 else 0.0
-    prior = _prior(rows, best, shared, mass, borrowed, len(between.sources), row_weights(rows.sources, rows.kinds))
+    stated = bool((~np.isnan(statements.spread)).any())
+    total = shared + correlated_covariance(np.sqrt(np.where(np.isfinite(centre.variance), centre.variance, 0.0)))
+    prior = _prior(
+        rows, best, total, mass, 0.0 if stated else borrowed, len(between.sources), _shares(rows, statements, borrowed)
+    )
     if not heldout:
         return prior
     score = heldout_log_density(centred, components, belief, shared, published_axes(mass), seed)
@@ -198,7 +236,7 @@ def _placeholders(axes: NDArray[np.intp]) -> tuple[str, ...]:
 
 def _weighted_rows(rows: ClassRows) -> tuple[Rows, list[str], list[str]]:
     """The rows that count, with their weights, and the source and kind of each."""
-    weights = row_weights(rows.sources, rows.kinds)
+    weights = rows.weights
     counting = np.flatnonzero(weights > 0)
     sources, kinds = ([names[row] for row in counting] for names in (rows.sources, rows.kinds))
     return Rows(rows.x, rows.owner, weights).subset(counting), sources, kinds
@@ -207,7 +245,7 @@ def _weighted_rows(rows: ClassRows) -> tuple[Rows, list[str], list[str]]:
 def _components(rows: Rows, belief: Belief, seed: int) -> tuple[Mixture, int]:
     """The mixture of the smallest BIC, as the predictive density of a further object of the same source."""
     effective = rows.effective
-    largest = max(1, min(COMPONENTS, int(effective // COMPONENT_ROWS)))
+    largest = max(1, min(COMPONENTS, int(_whole_rows(rows) // COMPONENT_ROWS)))
     best = single = fit_mixture(rows, 1, belief, seed)
     for k in range(2, largest + 1):
         fit = fit_mixture(rows, k, belief, seed, single)
@@ -239,14 +277,102 @@ def _t_variances(freedom: float) -> FloatArray:
     return np.asarray(variances / variances.mean())
 
 
-def _curated_mixture(rows: ClassRows) -> tuple[Mixture, FloatArray]:
-    """One widened Gaussian from curated ranges: typical sizes averaged over the rows, spreads too."""
+def _statements(rows: ClassRows) -> Statements:
+    """The ranges and means among the rows, those of one source together; a row of open axes states nothing."""
     first = rows.x[np.searchsorted(rows.owner, np.arange(len(rows.sources)))]  # (n, 3)
-    known = (~np.isnan(first)).sum(axis=0).astype(float)
-    mean = np.where(known > 0, np.nansum(first, axis=0) / np.maximum(known, 1), VAGUE.mean)
-    stated = ~np.isnan(rows.range_sd)
-    sd = np.where(stated.any(axis=0), np.nansum(rows.range_sd, axis=0) / np.maximum(stated.sum(axis=0), 1), VAGUE_SD)
-    return Mixture(np.ones(1), mean[None], raise_to_floor(correlated_covariance(CURATED_WIDENING * sd))[None]), known
+    plain = np.bincount(rows.owner, minlength=len(rows.sources)) == 1
+    stating = np.array([kind in STATEMENTS for kind in rows.kinds], dtype=bool) & plain
+    names = sorted({name for name, states in zip(rows.sources, stating, strict=True) if states})
+    own = [stating & (np.asarray(rows.sources) == name) for name in names]
+    return Statements(
+        tuple(names),
+        tuple(rows.kinds[int(np.flatnonzero(mask)[0])] for mask in own),
+        np.array([_nanmean(first[mask]) for mask in own]).reshape(-1, 3),
+        np.array([_nanmean(rows.range_sd[mask]) for mask in own]).reshape(-1, 3),
+    )
+
+
+def _nanmean(values: FloatArray) -> FloatArray:
+    """Mean over the rows of (n, 3), NaN where none is known."""
+    known = (~np.isnan(values)).sum(axis=0)
+    return np.asarray(np.where(known > 0, np.nansum(values, axis=0) / np.maximum(known, 1), np.nan))
+
+
+def _own_belief(belief: Belief, statements: Statements) -> Belief:
+    """The parent's belief, with the spread that is stated of the class itself in place of the parent's."""
+    stated = ~np.isnan(statements.spread)
+    if not stated.any():
+        return belief
+    own = np.sqrt(np.diagonal(belief.covariance))
+    scale = np.where(stated, statements.spread, own) / own
+    covariance = belief.covariance * np.outer(scale, scale)
+    floor = min(SPREAD_FLOOR, float(np.nanmin(statements.spread)) / 2)
+    return replace(belief, covariance=covariance, covariance_rows=STATED_ROWS, floor=floor)
+
+
+def _nothing(within: FloatArray) -> Disagreement:
+    """A class without rows."""
+    none = np.empty((0, len(within)))
+    return Disagreement((), (), none, none, within, 0 * within, 0.0, np.empty(0))
+
+
+def _stated_prior(rows: ClassRows, statements: Statements, belief: Belief, model: KindModel, family: str) -> Prior:
+    """The prior of a class of which only ranges and means are known: the stated variance, parted into W and B."""
+    between = with_statements(_nothing(belief.covariance), statements.names, statements.kinds, statements.means)
+    shared = STATED_SHARED * belief.covariance
+    centre = class_centre(between, shared, model, family)
+    mean = np.where(np.isnan(centre.mean), belief.mean, centre.mean)
+    mixture = Mixture(np.ones(1), mean[None], (belief.covariance - shared)[None])
+    known = (~np.isnan(statements.means)).sum(axis=0).astype(float)
+    borrowed = 0.0 if (~np.isnan(statements.spread)).any() else 1.0
+    counts = {kind: float(rows.kinds.count(kind)) for kind in set(rows.kinds)}
+    total = sum(counts.values())
+    by_kind = {kind: counts[kind] / total for kind in sorted(counts)}
+    return _prior(rows, mixture, shared, known, borrowed, len(statements.names), by_kind)
+
+
+def _within_range(shared: FloatArray, statements: Statements) -> FloatArray:
+    """B (3, 3), on no axis with more than its part of a stated range's variance."""
+    bound = np.sqrt(STATED_SHARED) * np.nan_to_num(statements.spread, nan=np.inf)
+    sd = np.sqrt(np.diagonal(shared))
+    scale = np.minimum(1.0, bound / np.maximum(sd, 1e-12))
+    return np.asarray(shared * np.outer(scale, scale))
+
+
+def _scaled(rows: Rows, mean: FloatArray, kinds: Sequence[str], model: KindModel) -> Rows:
+    """The rows with the spread of their kind brought to that of products and measurements, about the centre."""
+    factor = np.exp([-model.ratio.get(kind, 0.0) for kind in kinds])[rows.owner][:, None]
+    centre = np.nan_to_num(mean)
+    return Rows(centre + (rows.x - centre) * np.where(np.isnan(mean), 1.0, factor), rows.owner, rows.weights)
+
+
+def _moved(mixture: Mixture, rows: Rows, x: FloatArray, known: FloatArray, mean: FloatArray) -> Mixture:
+    """The mixture moved so that the stated sizes lie about `mean`; where no row states an axis, its own mean does.
+
+    What EM makes of sizes that are not stated by chance alone stays.
+    """
+    mass = rows.weights @ known
+    with np.errstate(divide="ignore", invalid="ignore"):
+        lies = np.where(mass > 0, rows.weights @ (known * x) / mass, mixture.weights @ mixture.means)
+    offset = np.where(np.isnan(mean), 0.0, mean - lies)
+    return Mixture(mixture.weights, mixture.means + offset, mixture.covariances)
+
+
+def _whole_rows(rows: Rows) -> float:
+    """Effective number of the rows that state as many axes as any."""
+    stated = (~np.isnan(rows.x[rows.starts])).sum(axis=1)
+    weights = rows.weights[stated == stated.max()]
+    return float(weights.sum() ** 2 / (weights**2).sum())
+
+
+def _shares(rows: ClassRows, statements: Statements, borrowed: float) -> dict[str, float]:
+    """Share of the fit by kind: a stated range has the share that else the parent has."""
+    by_kind = shares(rows.kinds, rows.weights)
+    if not (~np.isnan(statements.spread)).any():
+        return by_kind
+    by_kind = {kind: share * (1 - borrowed) for kind, share in by_kind.items()}
+    kind = statements.kinds[int(np.argmax(~np.isnan(statements.sd).all(axis=1)))]
+    return by_kind | ({kind: borrowed} if borrowed > 0 else {})
 
 
 def _prior(
@@ -256,7 +382,7 @@ def _prior(
     known: FloatArray,
     borrowed: float,
     n_sources: int,
-    weights: FloatArray | None,
+    by_kind: dict[str, float],
 ) -> Prior:
     axes = published_axes(known)
     means, covariances, between = _marginal(mixture, shared, axes)
@@ -269,7 +395,7 @@ def _prior(
         shared_covariance=between,
         n=rows.n,
         n_sources=n_sources,
-        share_by_kind=shares(rows.kinds, np.ones(len(rows.kinds)) if weights is None else weights),
+        share_by_kind=by_kind,
         borrowed=borrowed,
     )
 

@@ -1,50 +1,41 @@
-"""How sources of one class disagree: a random effect per source and its covariance (docs/explanation/priors.md).
+"""How sources of one class disagree: the mean of each source and the covariance between them.
 
 Rows of source s scatter around mu + e_s with covariance W; e_s ~ N(0, B). For any weights a_s of the source means,
 with A = sum a_s and n_s the rows of a source (DerSimonian and Laird 1986, in matrix form),
 
     E[ sum_s a_s (m_s - mu)(m_s - mu)' ] = B (A - sum a_s^2 / A) + W sum_s (a_s - a_s^2 / A) / n_s
 
-B follows by the method of moments, entry by entry over the sources that state both axes, then made positive. A class
-of few sources leans on what classes of several say: B = share W + spread^2 C, with both numbers by restricted maximum
-likelihood over the source means of all classes.
+B follows by the method of moments, entry by entry over the sources that state both axes, then made positive. Only
+products, measurements, norms and statistics of measurements count for B: an artist's model says nothing of how two
+shops differ. What all classes together say of B is `metric_tree.fit.kinds`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_tree.fit.evidence import KIND_WEIGHT
 
-__all__ = ["Disagreement", "SharedModel", "disagreement", "shared_covariance", "shared_model", "source_effects"]
+__all__ = ["CERTAIN_ROWS", "Disagreement", "disagreement", "with_statements"]
 
 #: Rows at which a source's mean has half of its largest weight among the source means. The disagreement between
 #: sources is about a third to a half of the spread within, so that a handful of rows already places a source.
 MEAN_HALF = 5.0
 
-#: A class's own estimate of B counts as many sources as it has, less one; the model of all classes counts this many.
-#: Chosen by leaving sources out (`benchmarks/metric_tree/priors.py --sources`).
-MODEL_SOURCES = 4.0
+#: Kinds whose disagreement is that of the sizes of things in the world.
+WORLD_KINDS = frozenset({"product", "measured", "standard", "statistic"})
 
-#: Correlation of the part of the disagreement that does not follow the class's spread: size more than proportion.
-CORRELATION = 0.5
+#: Rows that a statement about many things stands for: its mean has no sampling error worth the name.
+CERTAIN_ROWS = 1e6
 
-#: Kinds whose disagreement the model learns from. A museum's pieces differ from a shop's by age and rank, which says
-#: nothing of two shops or of a shop and a room.
-MODEL_KINDS = frozenset({"product", "measured", "standard", "asset"})
-
-#: Share of classes that are two things under one name, and the disagreement (as ln) that they are allowed.
-MIXED_SHARE, MIXED_SD = 0.05, 1.0
+#: Rows of a source from which its own spread is known.
+SPREAD_ROWS = 8.0
 
 #: Least standard deviation of ln size within a source, along any direction: a hundredth.
 LEAST_SD = 0.01
-
-#: Below this many classes of two sources or more the default of `SharedModel` holds.
-MODEL_CLASSES = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +43,8 @@ class Disagreement:
     """Of one class, over ln mm.
 
     sources : (s,) names; kinds : (s,) of their rows; means : (s, d), NaN where unstated; rows : (s, d) effective rows;
-    within : (d, d) covariance within a source; between : (d, d) covariance between sources; freedom : sources less one.
+    within : (d, d) covariance within a source; between : (d, d) covariance between sources; freedom : sources of the
+    world less one; spreads : (s,) standard deviation within each source, the mean over its axes, NaN of few rows.
     """
 
     sources: tuple[str, ...]
@@ -62,20 +54,7 @@ class Disagreement:
     within: FloatArray
     between: FloatArray
     freedom: float
-
-
-@dataclass(frozen=True, slots=True)
-class SharedModel:
-    """B of a class by its spread: share x W + spread^2 C. The default is what the sources of 2026 gave, rounded."""
-
-    share: float = 0.35
-    spread: float = 0.06
-
-    def covariance(self, within: FloatArray) -> FloatArray:
-        """B (d, d) of a class whose covariance within a source is W (d, d)."""
-        d = len(within)
-        common = CORRELATION + (1 - CORRELATION) * np.eye(d)
-        return np.asarray(self.share * within + self.spread**2 * common)
+    spreads: FloatArray
 
 
 def disagreement(
@@ -103,75 +82,46 @@ def disagreement(
     rows[per_axis <= 0] = 0.0
     within = _within(x, known, mass, np.nan_to_num(means)[code], rows, spread)
     own_kinds = tuple(kinds[row] for row in first)
-    between = _moments(means, rows, np.array([KIND_WEIGHT[kind] for kind in own_kinds]), within)
-    freedom = max(float((rows > 0).sum(axis=0).max()) - 1, 0.0)
-    return Disagreement(tuple(map(str, names)), own_kinds, means, rows, within, between, freedom)
+    spreads = _spreads(x, known, mass, means, rows)
+    return _completed(Disagreement(tuple(map(str, names)), own_kinds, means, rows, within, within, 0.0, spreads))
 
 
-def shared_model(classes: Iterable[Disagreement]) -> SharedModel:
-    """The model that makes the source means of all classes likeliest; the default where too few classes have two."""
-    usable = [means for one in classes if (means := _model_means(one)) is not None]
-    if len(usable) < MODEL_CLASSES:
-        return SharedModel()
-    grid = [
-        SharedModel(share, spread) for share in np.geomspace(0.02, 1.5, 14) for spread in np.geomspace(0.01, 0.3, 14)
-    ]
-    best = max(grid, key=lambda model: sum(_likelihood(model, *one) for one in usable))
-    return SharedModel(round(float(best.share), 4), round(float(best.spread), 4))
+def with_statements(one: Disagreement, names: Sequence[str], kinds: Sequence[str], means: FloatArray) -> Disagreement:
+    """With sources that state sizes of many things: curated ranges, means; means (s, d) in ln mm, NaN unstated."""
+    if not len(names):
+        return one
+    rows = np.where(np.isnan(means), 0.0, CERTAIN_ROWS)
+    return _completed(
+        replace(
+            one,
+            sources=(*one.sources, *names),
+            kinds=(*one.kinds, *kinds),
+            means=np.concatenate([one.means, means]),
+            rows=np.concatenate([one.rows, rows]),
+            spreads=np.concatenate([one.spreads, np.full(len(names), np.nan)]),
+        )
+    )
 
 
-def shared_covariance(one: Disagreement, model: SharedModel) -> FloatArray:
-    """B of one class, (d, d): its own estimate and that of the model, each by the sources it counts."""
-    expected = model.covariance(one.within)
-    return np.asarray((one.freedom * one.between + MODEL_SOURCES * expected) / (one.freedom + MODEL_SOURCES))
+def _completed(one: Disagreement) -> Disagreement:
+    """With the covariance between its sources of the world."""
+    trust = np.array([float(kind in WORLD_KINDS) for kind in one.kinds])
+    between = _moments(one.means, one.rows, trust, one.within)
+    counted = (one.rows[trust > 0] > 0).sum(axis=0)
+    return replace(one, between=between, freedom=max(float(counted.max(initial=0)) - 1, 0.0))
 
 
-def source_effects(one: Disagreement, shared: FloatArray) -> FloatArray:
-    """Best linear prediction of e_s, (s, d): B (B + W / n_s)^-1 (m_s - mu) over the axes that the source states."""
-    effects = np.zeros_like(one.means)
-    trust = np.array([KIND_WEIGHT[kind] for kind in one.kinds])[:, None]
-    weight = trust * one.rows / (1 + one.rows / MEAN_HALF)
+def _spreads(x: FloatArray, known: FloatArray, mass: FloatArray, means: FloatArray, rows: FloatArray) -> FloatArray:
+    """Standard deviation (s,) within each source, the root mean square over the axes that enough rows state."""
+    offset = x[None] - np.nan_to_num(means)[:, None]  # (s, n, d)
+    weight = mass[:, :, None] * known[None]
     with np.errstate(invalid="ignore", divide="ignore"):
-        centre = np.nansum(weight * one.means, axis=0) / weight.sum(axis=0)
-    for s, rows in enumerate(one.rows):
-        axes = np.flatnonzero(rows > 0)
-        if len(axes):
-            block = np.ix_(axes, axes)
-            noise = one.within[block] / np.sqrt(np.outer(rows[axes], rows[axes]))
-            gain = np.linalg.solve(shared[block] + noise, (one.means[s] - centre)[axes])
-            effects[s] = shared[:, axes] @ gain
-    return effects
-
-
-def _model_means(one: Disagreement) -> tuple[FloatArray, FloatArray, FloatArray] | None:
-    """Means (s, d), rows (s, d) and W (d, d) over the axes that two sources of the model's kinds state."""
-    chosen = np.array([kind in MODEL_KINDS for kind in one.kinds])
-    rows = one.rows[chosen]
-    axes = np.flatnonzero((rows >= 1).sum(axis=0) >= 2)
-    whole = (rows[:, axes] >= 1).all(axis=1)
-    if len(axes) == 0 or whole.sum() < 2:
-        return None
-    return one.means[chosen][whole][:, axes], rows[whole][:, axes], one.within[np.ix_(axes, axes)]
-
-
-def _likelihood(model: SharedModel, means: FloatArray, rows: FloatArray, within: FloatArray) -> float:
-    """Restricted log likelihood of source means, a few classes being mixed.
-
-    With V_s = B + W / n_s and r_s = m_s - mu: -(sum ln|V_s| + ln|sum V_s^-1| + sum r_s' V_s^-1 r_s) / 2.
-    """
-    noise = within / np.sqrt(rows[:, :, None] * rows[:, None, :])  # (s, d, d)
-    plain = _restricted_likelihood(means, model.covariance(within) + noise)
-    mixed = _restricted_likelihood(means, model.covariance(within) + noise + MIXED_SD**2 * np.eye(len(within)))
-    return float(np.logaddexp(np.log(1 - MIXED_SHARE) + plain, np.log(MIXED_SHARE) + mixed))
-
-
-def _restricted_likelihood(means: FloatArray, variances: FloatArray) -> float:
-    precisions = np.linalg.inv(variances)  # (s, d, d)
-    total = precisions.sum(axis=0)
-    mu = np.linalg.solve(total, np.einsum("sij,sj->i", precisions, means))
-    offset = means - mu
-    squares = np.einsum("si,sij,sj->", offset, precisions, offset)
-    return float(-0.5 * (np.linalg.slogdet(variances)[1].sum() + np.linalg.slogdet(total)[1] + squares))
+        variance = (weight * offset**2).sum(axis=1) / weight.sum(axis=1) * rows / (rows - 1)  # (s, d)
+    variance[rows < SPREAD_ROWS] = np.nan
+    enough = ~np.isnan(variance).all(axis=1)
+    spreads = np.full(len(variance), np.nan)
+    spreads[enough] = np.sqrt(np.maximum(np.nanmean(variance[enough], axis=1), LEAST_SD**2))
+    return spreads
 
 
 def _within(

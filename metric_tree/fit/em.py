@@ -115,13 +115,15 @@ class Mixture:
 class Belief:
     """What is believed of a class before its own rows: a normal-inverse-Wishart.
 
-    mean (d,) worth `mean_rows` rows, expected covariance (d, d) worth `covariance_rows` rows.
+    mean (d,) worth `mean_rows` rows, expected covariance (d, d) worth `covariance_rows` rows; floor : least standard
+    deviation of ln size of a component in any direction.
     """
 
     mean: FloatArray
     mean_rows: float
     covariance: FloatArray
     covariance_rows: float
+    floor: float = SPREAD_FLOOR
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +155,9 @@ def fit_mixture(rows: Rows, components: int, belief: Belief, seed: int = 0, sing
         single = _run_em(rows, first, belief)
     if components == 1:
         return single
-    weak = Belief(single.mixture.means[0], 0.0, single.mixture.covariances[0] / components**2, STABILISER_ROWS)
+    weak = Belief(
+        single.mixture.means[0], 0.0, single.mixture.covariances[0] / components**2, STABILISER_ROWS, belief.floor
+    )
     starts = _starts(rows, components, single.mixture, weak, seed)
     short = [_run_em(rows, start, weak, SHORT_RUN) for start in starts]
     return _run_em(rows, max(short, key=_log_likelihood).mixture, weak)
@@ -251,19 +255,19 @@ def _posterior_mean(mass: FloatArray, first: FloatArray, second: FloatArray, bel
     scatter = second - kappa[:, None, None] * mean[:, :, None] * mean[:, None, :]
     rows = belief.covariance_rows + mass
     covariance = (belief.covariance_rows * belief.covariance + scatter) / np.maximum(rows, 1e-12)[:, None, None]
-    return Mixture(mass / mass.sum(), mean + belief.mean, raise_to_floor(covariance))
+    return Mixture(mass / mass.sum(), mean + belief.mean, raise_to_floor(covariance, belief.floor))
 
 
 def _single_starts(rows: Rows, belief: Belief) -> list[Mixture]:
     """The belief itself, and the moments of the rows under each rank of candidate where the order is hidden."""
-    starts = [Mixture(np.ones(1), belief.mean[None], raise_to_floor(belief.covariance)[None])]
+    starts = [Mixture(np.ones(1), belief.mean[None], raise_to_floor(belief.covariance, belief.floor)[None])]
     for rank in range(int(rows.candidates.max()) if rows.candidates.max() > 1 else 0):
         chosen = rows.x[rows.starts + np.minimum(rank, rows.candidates - 1)]  # (n, d)
         seen = ~np.isnan(chosen)
         mass = np.maximum((rows.weights[:, None] * seen).sum(axis=0), 1e-12)
         mean = (rows.weights[:, None] * np.where(seen, chosen, 0.0)).sum(axis=0) / mass
         mean = np.where(seen.any(axis=0), mean, belief.mean)
-        starts.append(Mixture(np.ones(1), mean[None], raise_to_floor(belief.covariance)[None]))
+        starts.append(Mixture(np.ones(1), mean[None], raise_to_floor(belief.covariance, belief.floor)[None]))
     return starts
 
 

@@ -6,13 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from metric_base.arrays import FloatArray
+from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["EVIDENCE", "KIND_WEIGHT", "SOURCE_HALF", "row_weights", "shares"]
+__all__ = ["EVIDENCE", "KIND_WEIGHT", "SOURCE_HALF", "STATEMENTS", "STRONG", "row_weights", "shares"]
 
-#: Weight of one row by kind. A maker's figure, a measurement and a norm are sizes of real things. An artist's model is
+#: Weight of one row by kind, for the shape of a class's distribution; where its centre lies is decided by
+#: `metric_tree.fit.kinds`. A maker's figure, a measurement and a norm are sizes of real things. An artist's model is
 #: plausible, not measured, and a museum keeps what is rare or old: about a third of a row. A category value says what
-#: someone finds typical: a tenth. A curated range counts only where little else exists (`row_weights`).
+#: someone finds typical: a tenth. Ranges and means are no rows.
 KIND_WEIGHT = {
     "product": 1.0,
     "measured": 1.0,
@@ -21,7 +22,11 @@ KIND_WEIGHT = {
     "museum": 0.35,
     "default": 0.1,
     "curated": 0.0,
+    "statistic": 0.0,
 }
+
+#: Kinds of statements about many things at once.
+STATEMENTS = frozenset({"curated", "statistic"})
 
 #: Rows at which a source has half of its largest possible weight in a class. More rows of one shop tell of the shop:
 #: fifty already know its mean to a seventh of the spread, less than the disagreement between sources.
@@ -33,32 +38,52 @@ STRONG = frozenset({"product", "measured", "standard"})
 #: Kinds that are sizes of things one can put a rule to; a museum's are real, if rare or old.
 PHYSICAL = STRONG | {"museum"}
 
-#: Sets of kinds by which a release is counted; a curated range is not one of them.
-EVIDENCE = {"any": frozenset(KIND_WEIGHT) - {"curated"}, "physical": PHYSICAL, "strong": STRONG}
+#: Sets of kinds by which a release is counted; a curated range and a mean are none of them.
+EVIDENCE = {"any": frozenset(KIND_WEIGHT) - STATEMENTS, "physical": PHYSICAL, "strong": STRONG}
 
-#: With so many strong rows a class needs no other: three statuettes called `man` must not pull at the sizes of people.
+#: With so many whole strong rows a class needs no other: three statuettes called `man` must not pull at people.
 ENOUGH_STRONG = 30
 
-#: While the real rows weigh less than this, a curated range counts as one row: two toy bicycles are no fleet.
-FEW = 3.0
+#: With so many whole strong rows the others weigh half.
+HALF_STRONG = 3.0
 
 
-def row_weights(sources: Sequence[str], kinds: Sequence[str]) -> FloatArray:
+#: Whole strong rows that a stated range stands for beside weak ones.
+RANGE_ROWS = 10.0
+
+
+def row_weights(
+    sources: Sequence[str],
+    kinds: Sequence[str],
+    scene_share: FloatArray | None = None,
+    stated: IntArray | None = None,
+    ranged: bool = False,
+) -> FloatArray:
     """Weight of each row, (n,).
 
     A source of m rows weighs m / (1 + m / SOURCE_HALF) in all, at most `SOURCE_HALF`, the weight of a random effect
-    whose variance is 1 / SOURCE_HALF of the variance within. With `ENOUGH_STRONG` strong rows the others weigh
-    nothing; curated rows weigh one while the real ones weigh less than `FEW`.
+    whose variance is 1 / SOURCE_HALF of the variance within. Rows that state one size of three weigh a third. Weak rows
+    weigh less with every whole strong one, nothing beside `ENOUGH_STRONG` of them.
+
+    Parameters
+    ----------
+    scene_share : (n,) one over the rows of the class in the row's scene: rooms weigh, not boxes
+    stated : (n,) sizes that each row states; a row is whole if no row of the class states more
+    ranged : whether the class has a stated range
     """
-    _, code, counts = np.unique(np.asarray(sources), return_inverse=True, return_counts=True)
-    weights: FloatArray = np.array([KIND_WEIGHT[kind] for kind in kinds]) / (1 + counts[code] / SOURCE_HALF)
     names = np.asarray(kinds)
+    share = np.ones(len(names)) if scene_share is None else scene_share
+    sizes = np.ones(len(names)) if stated is None else stated
+    _, code = np.unique(np.asarray(sources), return_inverse=True)
+    counts = np.bincount(code, share)
+    part = sizes / max(sizes.max(initial=1), 1)
+    weights: FloatArray = (
+        np.array([KIND_WEIGHT[kind] for kind in kinds]) * share * part / (1 + counts[code] / SOURCE_HALF)
+    )
     strong = np.isin(names, sorted(STRONG))
-    if strong.sum() >= ENOUGH_STRONG:
-        return np.where(strong, weights, 0.0)
-    if weights.sum() < FEW:
-        weights[names == "curated"] = 1.0
-    return weights
+    whole = float(share[strong & (part == 1)].sum()) + RANGE_ROWS * ranged
+    weak = 0.0 if whole >= ENOUGH_STRONG else HALF_STRONG / (HALF_STRONG + whole)
+    return np.where(strong, weights, weak * weights)
 
 
 def shares(kinds: Sequence[str], weights: FloatArray) -> dict[str, float]:

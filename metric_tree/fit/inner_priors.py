@@ -1,7 +1,9 @@
 """Inner nodes: what a parent believes of its children, and its own prior as a mixture of theirs.
 
-Children count by how common the things are, not by pages: every source is one witness of the shares among its own
-items, whether it lists a hundred or a hundred thousand, so that one shop's range does not drown what others show.
+Children count by how common the things are, not by pages. Where a reviewer has stated how often people mean which child
+by the plain name (`data/curated/frequencies.csv`), that holds. Else the leaf of things that are called by the plain name
+alone has at least `PLAIN_SHARE`, and every source is one witness of the shares of the others among its own items, whether
+it lists a hundred or a hundred thousand, so that one shop's range does not drown what others show.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from metric_tree.fit.class_prior import VAGUE, Moments
 from metric_tree.fit.em import Belief, Mixture, raise_to_floor
 from metric_tree.prior import Prior
 
-__all__ = ["belief_of", "commonness", "inner_priors", "reduce_mixture"]
+__all__ = ["WITNESS", "belief_of", "commonness", "inner_priors", "plain_weights", "reduce_mixture"]
 
 #: Rows that the parent's covariance counts in a child. Spreads of siblings are alike (a factor 1.5 or so between them),
 #: which is how well a sample of about eight rows shows a spread.
@@ -30,6 +32,22 @@ ABOVE = 0.5
 
 #: Items below a node at which a source has half of a witness's weight: shares among ten are known to a sixth.
 WITNESS_HALF = 10.0
+
+#: Weight of the leaf `<id>/other` in its node: most things that people call by a plain name have no narrower one.
+PLAIN_SHARE = 0.6
+
+#: How far a source of a kind is a witness of how common things are. Rooms and streets that were measured show it, shops
+#: show what is bought, artists what they like to draw; what a museum keeps is rare.
+WITNESS = {
+    "measured": 1.0,
+    "product": 0.5,
+    "standard": 0.1,
+    "asset": 0.2,
+    "museum": 0.01,
+    "default": 0.1,
+    "curated": 0.0,
+    "statistic": 0.0,
+}
 
 #: Part of the weight that all children share alike, for those that no witness holds ...
 EQUAL_SHARE = 0.1
@@ -71,7 +89,7 @@ def commonness(counts: Sequence[Mapping[str, int]], trust: Mapping[str, float]) 
 
     Parameters
     ----------
-    counts : items by source of each child; trust : weight of a source's kind (`evidence.KIND_WEIGHT`)
+    counts : items by source of each child; trust : weight of a source's kind (`WITNESS`)
     """
     equal = np.full(len(counts), 1 / len(counts))
     sources = sorted({source for count in counts for source in count})
@@ -83,6 +101,24 @@ def commonness(counts: Sequence[Mapping[str, int]], trust: Mapping[str, float]) 
     alike = max(EQUAL_SHARE, EQUAL_WITNESS / (EQUAL_WITNESS + witness.sum()))
     shares: FloatArray = alike * equal + (1 - alike) * (items / below) @ witness / witness.sum()
     return shares
+
+
+def plain_weights(
+    node_id: str, children: Sequence[str], common: FloatArray, stated: Mapping[str, float] | None = None
+) -> FloatArray:
+    """Weight of each child in what people call by the node's plain name, (c,), sum 1.
+
+    Parameters
+    ----------
+    common : (c,) how common each child is; stated : a reviewer's weights by child, which hold where there are any
+    """
+    if stated and (total := sum(stated.get(child, 0.0) for child in children)) > 0:
+        return np.array([stated.get(child, 0.0) / total for child in children])
+    plain = np.array([child == f"{node_id}/other" for child in children])
+    if not plain.any() or plain.all():
+        return common
+    least = max(PLAIN_SHARE, float(common[plain].sum()))
+    return np.where(plain, least, common * (1 - least) / max(float(common[~plain].sum()), 1e-12))
 
 
 def inner_priors(

@@ -1,0 +1,118 @@
+"""How the priors of a hundred everyday things compare with sizes that were written down before looking.
+
+`everyday_things.csv` holds, for each thing, sizes that 5, 50 and 95 % of such things do not exceed, in mm by length,
+width and height in the ordinary pose. It was written from general knowledge before any prior of release 2.0.0 was
+computed, and is not changed afterwards.
+
+    python -m benchmarks.metric_tree.everyday [RELEASE] [--all]
+
+An axis is off where the prior's median differs from the written one by more than 1.4. It is absurdly wide where the
+prior's 90 % interval spans more than a factor of six and more than twice the written factor.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from metric_base.arrays import FloatArray
+from metric_base.terminal import print_table
+from metric_tree.axes import AXES, EXTENTS
+from metric_tree.prior import Prior
+from metric_tree.tree import Tree, UnknownName, open_tree
+
+__all__ = ["OFF", "WIDE", "Axis", "axes_of", "things"]
+
+THINGS = Path(__file__).with_name("everyday_things.csv")
+OFF, WIDE = 1.4, 6.0
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis of one thing: written and prior sizes in mm at 5, 50 and 95 %."""
+
+    name: str
+    node_id: str
+    axis: str
+    written: tuple[float, float, float]
+    prior: tuple[float, float, float]
+
+    @property
+    def is_off(self) -> bool:
+        """Whether the medians differ by more than `OFF`."""
+        return abs(np.log(self.prior[1] / self.written[1])) > np.log(OFF)
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether the prior's 90 % interval is absurdly wide."""
+        return self.prior[2] / self.prior[0] > max(WIDE, 2 * self.written[2] / self.written[0])
+
+
+def things(path: Path = THINGS) -> dict[str, FloatArray]:
+    """Written sizes (3, 3) of each thing: a row for length, width, height; columns 5, 50, 95 %."""
+    with path.open(encoding="utf-8", newline="") as lines:
+        rows = list(csv.DictReader(lines))
+    return {row["name"]: np.array([[float(row[f"{a}_{q}"]) for q in ("05", "50", "95")] for a in AXES]) for row in rows}
+
+
+def axes_of(name: str, written: FloatArray, node_id: str, priors: list[Prior]) -> Iterator[Axis]:
+    """The axes of a thing that its priors have; extents are compared with the written sizes, longest first."""
+    done: set[str] = set()
+    for prior in sorted(priors, key=lambda one: -len(one.dims)):
+        quantiles = np.stack([prior.quantile(q) for q in (0.05, 0.5, 0.95)], axis=1)  # (d, 3)
+        for axis, sizes in zip(prior.dims, quantiles, strict=True):
+            if axis not in done:
+                done.add(axis)
+                own = written[AXES.index(axis)] if axis in AXES else -np.sort(-written, axis=0)[EXTENTS.index(axis)]
+                yield Axis(name, node_id, axis, tuple(own.tolist()), tuple(sizes.tolist()))
+
+
+def _measured(tree: Tree) -> tuple[list[Axis], list[str]]:
+    axes, unknown = [], []
+    for name, written in things().items():
+        try:
+            node = tree.find(name)
+        except UnknownName:
+            unknown.append(name)
+            continue
+        axes += axes_of(name, written, node.node_id, [node.prior(dims) for dims in node.prior_dims])
+    return axes, unknown
+
+
+def main() -> None:
+    """Print the shares and the axes at fault."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("release", nargs="?", help="version or folder of a release (default: shipped)")
+    parser.add_argument("--all", action="store_true", help="print every axis")
+    arguments = parser.parse_args()
+    axes, unknown = _measured(open_tree(arguments.release))
+    shown = [one for one in axes if arguments.all or one.is_off or one.is_wide]
+    print_table(
+        ["thing", "node", "axis", "written 5/50/95 % mm", "prior 5/50/95 % mm", "fault"],
+        [
+            (one.name, one.node_id, one.axis, _sizes(one.written), _sizes(one.prior), _fault(one))
+            for one in sorted(shown, key=lambda one: one.name)
+        ],
+    )
+    off, wide = (np.mean([getattr(one, name) for one in axes]) for name in ("is_off", "is_wide"))
+    print(
+        f"{len(axes)} axes of {len(things()) - len(unknown)} things: {off:.1%} off by {OFF}, {wide:.1%} absurdly wide"
+    )
+    print(f"not found: {', '.join(unknown) or 'none'}")
+
+
+def _sizes(values: tuple[float, float, float]) -> str:
+    return " / ".join(f"{value:.3g}" if value < 1000 else f"{value:.0f}" for value in values)
+
+
+def _fault(one: Axis) -> str:
+    return " ".join(word for word, holds in (("off", one.is_off), ("wide", one.is_wide)) if holds)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,41 @@
+"""How often people mean which child by a plain name, as reviewers stated it (`data/curated/frequencies.csv`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+
+from metric_base.faults import InputFault
+from metric_base.folders import taxonomy_directory
+from taxonomy.levels import table_rows
+
+__all__ = ["BadFrequency", "stated_frequencies"]
+
+_COLUMNS = ("node_id", "child_id", "weight", "reason")
+
+
+class BadFrequency(InputFault):
+    """A row of the table of frequencies that cannot be used: file, line, expected, found."""
+
+
+@cache
+def stated_frequencies(path: Path | None = None) -> Mapping[str, Mapping[str, float]]:
+    """Weights by child of each node that the table has; children that it does not name weigh nothing.
+
+    Raises
+    ------
+    BadFrequency
+        A weight is no positive number, or a child is named twice.
+    """
+    weights: dict[str, dict[str, float]] = {}
+    for where, row in table_rows(path or taxonomy_directory().parent / "curated" / "frequencies.csv", _COLUMNS):
+        try:
+            weight = float(row["weight"])
+        except ValueError:
+            weight = 0.0
+        children = weights.setdefault(row["node_id"], {})
+        if not 0 < weight < float("inf") or row["child_id"] in children:
+            raise BadFrequency(f"{where}: weight: expected one positive number for a child; found {row['weight']!r}")
+        children[row["child_id"]] = weight
+    return weights

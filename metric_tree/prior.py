@@ -58,7 +58,8 @@ class Prior:
 
     dims : names of the d axes; weights : (k,); means : (k, d); covariances : (k, d, d) within a source;
     shared_covariance : (d, d) between sources. The density of a new object of unknown source is the mixture
-    with covariances + shared_covariance.
+    with covariances + shared_covariance. sameness : share of the variance within a source that the things of one room
+    have in common, 0 to 1, with its standard deviation; None in a release that does not say.
     """
 
     node_id: str
@@ -72,6 +73,8 @@ class Prior:
     share_by_kind: dict[str, float]
     borrowed: float
     heldout_log_density: float | None = None
+    sameness: float | None = None
+    sameness_sd: float | None = None
 
     def __post_init__(self) -> None:
         k, d = len(self.weights), len(self.dims)
@@ -181,6 +184,8 @@ class Prior:
             "share_by_kind": sorted(self.share_by_kind.items()),
             "borrowed": self.borrowed,
             "heldout_log_density": self.heldout_log_density,
+            "sameness": self.sameness,
+            "sameness_sd": self.sameness_sd,
         }
 
     @classmethod
@@ -205,6 +210,8 @@ class Prior:
             share_by_kind=dict(row["share_by_kind"]),
             borrowed=row["borrowed"],
             heldout_log_density=row["heldout_log_density"],
+            sameness=row.get("sameness"),
+            sameness_sd=row.get("sameness_sd"),
         )
 
     @property

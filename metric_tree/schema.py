@@ -75,6 +75,8 @@ PRIORS = pa.schema(
             pa.float64(),
             "mean held-out log density over log mm, or null",
         ),
+        _column("sameness", pa.float64(), "share of the variance within a source that one room shares, or null"),
+        _column("sameness_sd", pa.float64(), "standard deviation of that share, or null"),
     ],
     metadata={"schema": SCHEMA},
 )

@@ -37,7 +37,8 @@ from metric_tree.build.ingest import blocks, raw_files
 from metric_tree.build.steps import Options, Steps, shipped_taxonomy
 from metric_tree.build.work_folder import WorkFolder
 from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior, moments
-from metric_tree.fit.disagreement import SharedModel, shared_model
+from metric_tree.fit.evidence import KIND_WEIGHT
+from metric_tree.fit.kinds import KindModel, learn_kinds
 
 WAYS = ("ours", "within", "authors", "bic-mm", "bic-log")
 
@@ -53,7 +54,8 @@ ROUND_SHARE = 0.3
 def main() -> None:
     arguments = _arguments()
     classes = list(_classes(arguments))
-    model = shared_model(found for one in classes if (found := moments(one).disagreement) is not None)
+    known = (("", one) for rows in classes if (one := moments(rows).disagreement) is not None)
+    model = learn_kinds(known, sorted(KIND_WEIGHT))
     print(f"{len(classes)} classes with {CLASS_ROWS} complete rows or more; {model}")
     chosen = np.random.default_rng(arguments.seed).permutation(len(classes))[: arguments.classes]
     calls = [classes[number] for number in sorted(chosen)]
@@ -128,7 +130,7 @@ def _taken(one: ClassRows, rows: NDArray[np.intp]) -> ClassRows:
     )
 
 
-def _cross_validated(one: ClassRows, model: SharedModel, rows: int, seed: int) -> dict[str, float]:
+def _cross_validated(one: ClassRows, model: KindModel, rows: int, seed: int) -> dict[str, float]:
     generator = np.random.default_rng(seed)
     one = _taken(one, np.sort(generator.permutation(len(one.sources))[:rows]))
     fold = generator.permutation(len(one.sources)) % FOLDS
@@ -140,7 +142,7 @@ def _cross_validated(one: ClassRows, model: SharedModel, rows: int, seed: int) -
     return {way: total[way] / max(int(whole.sum()), 1) for way in WAYS}
 
 
-def _across_sources(one: ClassRows, model: SharedModel, rows: int, seed: int) -> list[tuple[str, dict[str, float]]]:
+def _across_sources(one: ClassRows, model: KindModel, rows: int, seed: int) -> list[tuple[str, dict[str, float]]]:
     generator = np.random.default_rng(seed)
     names, whole = np.asarray(one.sources), _complete(one)
     found = []
@@ -154,14 +156,14 @@ def _across_sources(one: ClassRows, model: SharedModel, rows: int, seed: int) ->
 
 
 def _scores(
-    one: ClassRows, seen: NDArray[np.intp], held: NDArray[np.intp], model: SharedModel, seed: int
+    one: ClassRows, seen: NDArray[np.intp], held: NDArray[np.intp], model: KindModel, seed: int
 ) -> Mapping[str, FloatArray]:
     """Log densities over ln mm of the rows `held` under each way's fit to the rows `seen`."""
     first = np.searchsorted(one.owner, np.arange(len(one.sources)))
     test = one.x[first[held]]
     whole = _complete(one)
     train = one.x[first[seen[whole[seen]]]]
-    prior = class_prior(_taken(one, seen), VAGUE, model, seed, heldout=False)
+    prior = class_prior(_taken(one, seen), VAGUE, model, seed=seed, heldout=False)
     alone = replace(prior, shared_covariance=0 * prior.shared_covariance)
     jacobian = test.sum(axis=1)
     return {

@@ -21,6 +21,7 @@ from metric_tree.fit.class_prior import ClassRows, Moments, class_prior, extent_
 from metric_tree.fit.em import Belief
 from metric_tree.fit.evidence import STATEMENTS
 from metric_tree.fit.kinds import KindModel
+from metric_tree.fit.sameness import Sameness, class_sameness
 from metric_tree.prior import Prior
 from metric_tree.schema import ITEMS
 
@@ -41,13 +42,17 @@ REFUSALS = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NodeClass:
-    """Of one leaf: moments in the axes of its pose, then by extents; items by source, rows by kind, kind by source."""
+    """Of one leaf: moments in the axes of its pose, then by extents; items by source, rows by kind, kind by source.
+
+    sameness : what the things of one room have in common, where rooms are known.
+    """
 
     node_id: str
     moments: tuple[Moments, ...]
     n_by_source: Mapping[str, int]
     n_by_kind: Mapping[str, int]
     kinds: Mapping[str, str]
+    sameness: Sameness | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,6 +183,7 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
         dict(by_source),
         by_kind,
         dict(zip(source.tolist(), kind.tolist(), strict=True)),
+        class_sameness(np.log(sizes[:, :3] if pose != "any" else sizes[:, 3:]), source, scene),
     )
     return node_class, frames[0]
 

@@ -29,8 +29,8 @@ from crawler.imports.sources import Source, sources
 from crawler.items import RawItem
 from metric_base.faults import InputFault
 from metric_tree.build.clean import Cleaned, NodeClass, class_priors, clean_shard
-from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
 from metric_tree.build.frequencies import stated_frequencies
+from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
 from metric_tree.build.log import report
 from metric_tree.build.row_files import RowFiles, sibling_references
 from metric_tree.build.tables import (
@@ -222,7 +222,7 @@ class Steps:
         tables = {
             "nodes.parquet": node_table(hierarchy, by_id, priors),
             "items.parquet": self._items(),
-            "priors.parquet": prior_table(hierarchy, priors),
+            "priors.parquet": prior_table(hierarchy, hierarchy.with_sameness(priors, by_id)),
             "images.parquet": IMAGES.empty_table(),
         }
         manifest = self._manifest(tables, classes, counts) | {"evidence_model": model.record()}

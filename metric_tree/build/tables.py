@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 
 from crawler.imports.sources import Source
@@ -17,6 +18,7 @@ from metric_tree.fit.class_prior import VAGUE, Moments
 from metric_tree.fit.em import Belief
 from metric_tree.fit.evidence import EVIDENCE
 from metric_tree.fit.inner_priors import WITNESS, belief_of, commonness, inner_priors, plain_weights
+from metric_tree.fit.sameness import Sameness, shrunk_sameness
 from metric_tree.prior import Prior
 from metric_tree.schema import NODES, PRIORS
 from taxonomy.categories import Category
@@ -134,6 +136,40 @@ class Hierarchy:
             sources = len(items[category.node_id])
             priors[category.node_id] = [replace(one, n_sources=sources or one.n_sources) for one in fitted]
         return priors
+
+    def with_sameness(
+        self, priors: Mapping[str, list[Prior]], classes: Mapping[str, NodeClass]
+    ) -> dict[str, list[Prior]]:
+        """The priors with the sameness of each node: a class's own, an inner node's the mean of the known ones below.
+
+        Nodes below which no room is known have what is believed of any class.
+        """
+        own = {node_id: one.sameness for node_id, one in classes.items() if one.sameness is not None}
+        known, default = shrunk_sameness(own)
+        below: dict[str, list[tuple[int, Sameness]]] = {}
+        for category in reversed(self.categories):
+            node_id, parent = category.node_id, category.parent_id
+            if node_id in known:
+                below[node_id] = [(sum(classes[node_id].n_by_source.values()), known[node_id])]
+            if parent is not None:
+                below.setdefault(parent, []).extend(below.get(node_id, ()))
+        shares = {node_id: _mean_sameness(pairs) if pairs else default for node_id, pairs in below.items()}
+        return {
+            node_id: [
+                replace(one, sameness=share.share, sameness_sd=share.sd)
+                for share in [shares.get(node_id, default)]
+                for one in rows
+            ]
+            for node_id, rows in priors.items()
+        }
+
+
+def _mean_sameness(pairs: Sequence[tuple[int, Sameness]]) -> Sameness:
+    """Mean of several classes' by their items; its deviation holds how much they differ."""
+    weights = np.array([max(n, 1) for n, _ in pairs], dtype=float) / sum(max(n, 1) for n, _ in pairs)
+    shares, variances = np.array([one.share for _, one in pairs]), np.array([one.sd**2 for _, one in pairs])
+    mean = float(weights @ shares)
+    return Sameness(mean, float(np.sqrt(weights @ (variances + (shares - mean) ** 2))))
 
 
 def node_table(

@@ -2,8 +2,8 @@
 
 The order of a fit: one Gaussian by EM over all rows (which resolves missing axes and hidden axis order), the sources'
 means, the centre from all of them by what their kinds are worth, the rows less their source's predicted effect, a
-mixture of one to four components, moved onto the centre. Ranges and means of many things speak as sources for the centre, and
-their spread takes the place of what is believed of the parent's children.
+mixture of one to four components, moved onto the centre. Ranges and means of many things speak as sources for the
+centre, and their spread takes the place of what is believed of the parent's children.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class ClassRows:
     kinds: tuple[str, ...]
     range_sd: FloatArray
     n: int
-    scene_share: FloatArray
+    scene_share: FloatArray | None = None
 
     @property
     def is_stated(self) -> bool:
@@ -191,7 +191,8 @@ def class_prior(
     mass = known.sum(axis=0) + (~np.isnan(statements.means)).sum(axis=0)
     borrowed = belief.covariance_rows / (belief.covariance_rows + weighed.effective) if components == 1 else 0.0
     stated = bool((~np.isnan(statements.spread)).any())
-    total = shared + correlated_covariance(np.sqrt(np.where(np.isfinite(centre.variance), centre.variance, 0.0)))
+    known_sd = np.sqrt(np.where(np.isfinite(centre.variance), centre.variance, 0.0))
+    total = _within_range(shared + correlated_covariance(known_sd), statements)
     prior = _prior(
         rows, best, total, mass, 0.0 if stated else borrowed, len(between.sources), _shares(rows, statements, borrowed)
     )
@@ -256,14 +257,16 @@ def _components(rows: Rows, belief: Belief, seed: int) -> tuple[Mixture, int]:
 
 
 def _predictive(fit: Fitted, belief: Belief, effective: float) -> Mixture:
-    """Of one component: the predictive Student's t of the normal-inverse-Wishart, as a mixture of Gaussians."""
+    """Of one component: Student's t of an uncertain covariance, as a mixture of Gaussians (Gelman et al. 3.6).
+
+    How well the mean is known is the business of the class's centre.
+    """
     if len(fit.mixture.weights) > 1:
         return fit.mixture
-    kappa, rows = belief.mean_rows + effective, belief.covariance_rows + effective
-    covariance = fit.mixture.covariances[0] * (1 + 1 / kappa)  # of the t, were it to exist; see Gelman et al. 3.6
-    variances = _t_variances(rows + 2)
+    variances = _t_variances(belief.covariance_rows + effective + 2)
     k = len(variances)
-    return Mixture(np.full(k, 1 / k), np.repeat(fit.mixture.means, k, axis=0), variances[:, None, None] * covariance)
+    covariances = variances[:, None, None] * fit.mixture.covariances[0]
+    return Mixture(np.full(k, 1 / k), np.repeat(fit.mixture.means, k, axis=0), covariances)
 
 
 def _t_variances(freedom: float) -> FloatArray:
@@ -304,7 +307,8 @@ def _own_belief(belief: Belief, statements: Statements) -> Belief:
     if not stated.any():
         return belief
     own = np.sqrt(np.diagonal(belief.covariance))
-    scale = np.where(stated, statements.spread, own) / own
+    part = math.sqrt(1 - STATED_SHARED)
+    scale = np.where(stated, part * statements.spread, own) / own
     covariance = belief.covariance * np.outer(scale, scale)
     floor = min(SPREAD_FLOOR, float(np.nanmin(statements.spread)) / 2)
     return replace(belief, covariance=covariance, covariance_rows=STATED_ROWS, floor=floor)
@@ -319,10 +323,10 @@ def _nothing(within: FloatArray) -> Disagreement:
 def _stated_prior(rows: ClassRows, statements: Statements, belief: Belief, model: KindModel, family: str) -> Prior:
     """The prior of a class of which only ranges and means are known: the stated variance, parted into W and B."""
     between = with_statements(_nothing(belief.covariance), statements.names, statements.kinds, statements.means)
-    shared = STATED_SHARED * belief.covariance
+    shared = STATED_SHARED / (1 - STATED_SHARED) * belief.covariance
     centre = class_centre(between, shared, model, family)
     mean = np.where(np.isnan(centre.mean), belief.mean, centre.mean)
-    mixture = Mixture(np.ones(1), mean[None], (belief.covariance - shared)[None])
+    mixture = Mixture(np.ones(1), mean[None], belief.covariance[None])
     known = (~np.isnan(statements.means)).sum(axis=0).astype(float)
     borrowed = 0.0 if (~np.isnan(statements.spread)).any() else 1.0
     counts = {kind: float(rows.kinds.count(kind)) for kind in set(rows.kinds)}
@@ -361,7 +365,7 @@ def _moved(mixture: Mixture, rows: Rows, x: FloatArray, known: FloatArray, mean:
 def _whole_rows(rows: Rows) -> float:
     """Effective number of the rows that state as many axes as any."""
     stated = (~np.isnan(rows.x[rows.starts])).sum(axis=1)
-    weights = rows.weights[stated == stated.max()]
+    weights = rows.weights[stated >= min(2, int(stated.max()))]
     return float(weights.sum() ** 2 / (weights**2).sum())
 
 

@@ -48,6 +48,9 @@ ENOUGH_STRONG = 30
 HALF_STRONG = 3.0
 
 
+#: Weight of a row that states one size where others state more: a height says a third of what a box does.
+LONE_PART = 1 / 3
+
 #: Whole strong rows that a stated range stands for beside weak ones.
 RANGE_ROWS = 10.0
 
@@ -62,13 +65,13 @@ def row_weights(
     """Weight of each row, (n,).
 
     A source of m rows weighs m / (1 + m / SOURCE_HALF) in all, at most `SOURCE_HALF`, the weight of a random effect
-    whose variance is 1 / SOURCE_HALF of the variance within. Rows that state one size of three weigh a third. Weak rows
-    weigh less with every whole strong one, nothing beside `ENOUGH_STRONG` of them.
+    whose variance is 1 / SOURCE_HALF of the variance within. Rows that state one size of three weigh `LONE_PART`.
+    Weak rows weigh less with every whole strong one, nothing beside `ENOUGH_STRONG` of them.
 
     Parameters
     ----------
     scene_share : (n,) one over the rows of the class in the row's scene: rooms weigh, not boxes
-    stated : (n,) sizes that each row states; a row is whole if no row of the class states more
+    stated : (n,) sizes that each row states; a row is whole if it states two, or no row does
     ranged : whether the class has a stated range
     """
     names = np.asarray(kinds)
@@ -76,12 +79,15 @@ def row_weights(
     sizes = np.ones(len(names)) if stated is None else stated
     _, code = np.unique(np.asarray(sources), return_inverse=True)
     counts = np.bincount(code, share)
-    part = sizes / max(sizes.max(initial=1), 1)
+    lone = (sizes == 1) & (sizes.max(initial=1) > 1)
     weights: FloatArray = (
-        np.array([KIND_WEIGHT[kind] for kind in kinds]) * share * part / (1 + counts[code] / SOURCE_HALF)
+        np.array([KIND_WEIGHT[kind] for kind in kinds])
+        * share
+        * np.where(lone, LONE_PART, 1.0)
+        / (1 + counts[code] / SOURCE_HALF)
     )
     strong = np.isin(names, sorted(STRONG))
-    whole = float(share[strong & (part == 1)].sum()) + RANGE_ROWS * ranged
+    whole = float(share[strong & ~lone].sum()) + RANGE_ROWS * ranged
     weak = 0.0 if whole >= ENOUGH_STRONG else HALF_STRONG / (HALF_STRONG + whole)
     return np.where(strong, weights, weak * weights)
 

@@ -1,9 +1,9 @@
 """Inner nodes: what a parent believes of its children, and its own prior as a mixture of theirs.
 
 Children count by how common the things are, not by pages. Where a reviewer has stated how often people mean which child
-by the plain name (`data/curated/frequencies.csv`), that holds. Else the leaf of things that are called by the plain name
-alone has at least `PLAIN_SHARE`, and every source is one witness of the shares of the others among its own items, whether
-it lists a hundred or a hundred thousand, so that one shop's range does not drown what others show.
+by the plain name (`data/curated/frequencies.csv`), that holds. Else the leaf of things that are called by the plain
+name alone has at least `PLAIN_SHARE`, and every source is one witness of the shares of the others among its own items,
+whether it lists a hundred or a hundred thousand, so that one shop's range does not drown what others show.
 """
 
 from __future__ import annotations
@@ -133,6 +133,8 @@ def inner_priors(
     A joint prior says as much as it has axes times the weight of the children that have them all: a measured height of
     all people goes before a curated box of some.
     """
+    counted = np.flatnonzero(weights > 0)
+    children, weights = [children[number] for number in counted], weights[counted]
     stated = {dims: _mass(children, weights, dims) for child in children for prior in child for dims in [prior.dims]}
     stated = {dims: mass for dims, mass in stated.items() if set(dims) <= set(axes)}
     if not stated:

@@ -15,7 +15,7 @@ import pytest
 from crawler.items import RawItem
 from metric_base.faults import InputFault
 from metric_tree.build import steps as build_module
-from metric_tree.build.ingest import is_held_out
+from metric_tree.build.ingest import CURATED_WIDENING, is_held_out
 from metric_tree.build.steps import Options, build_release
 from metric_tree.checks.release_files import findings
 from metric_tree.tree import open_tree
@@ -155,8 +155,8 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
     assert stool.n_items == prior.n == 0
     assert prior.share_by_kind == {"curated": 1.0}
     assert prior.quantile(0.5) == pytest.approx([400, 350, 450])
-    spread = np.sqrt(np.diagonal(prior.covariances[0]))
-    assert spread[0] == pytest.approx(1.5 * np.log(450 / 350) / 3.29, rel=0.01)
+    spread = prior.log_sd()
+    assert spread[0] == pytest.approx(CURATED_WIDENING * np.log(450 / 350) / 3.29, rel=0.01)
     assert spread[2] == pytest.approx(1.5 * np.log(700 / 400) / 3.29, rel=0.01)
     assert "curated" not in tree.find("sofa").prior().share_by_kind
     assert tree.find("sofa").prior().quantile(0.5)[0] == pytest.approx(2000, rel=0.15)

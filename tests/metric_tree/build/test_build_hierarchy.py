@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from metric_tree.axes import AXES, EXTENTS
+from metric_tree.build.frequencies import BadFrequency, stated_frequencies
+from metric_tree.build.steps import shipped_taxonomy
 from metric_tree.fit.class_prior import VAGUE, Moments
 from metric_tree.fit.em import Mixture
-from metric_tree.fit.inner_priors import belief_of, commonness, inner_priors, reduce_mixture
+from metric_tree.fit.inner_priors import PLAIN_SHARE, belief_of, commonness, inner_priors, plain_weights, reduce_mixture
 from metric_tree.prior import Prior
 
 TRUST = {"shop": 1.0, "games": 0.35, "flea market": 1.0}
@@ -114,3 +116,35 @@ def test_axes_that_a_child_does_not_state_do_not_count():
     stating = Moments("a", AXES, np.array([6.0, 6.0, 6.0]), 0.01 * np.eye(3), np.ones(3), None)
     silent = Moments("b", AXES, np.array([6.0, 6.0, 60.0]), 0.01 * np.eye(3), known, None)
     assert belief_of([stating, silent]).mean[2] < 6.5
+
+
+def test_the_leaf_of_the_plain_name_has_most_of_it_unless_a_reviewer_says_otherwise():
+    children = ["mug/other", "tankard", "beaker"]
+    weights = plain_weights("mug", children, np.array([0.1, 0.6, 0.3]))
+    assert weights == pytest.approx([PLAIN_SHARE, 0.4 * 2 / 3, 0.4 / 3])
+    assert plain_weights("mug", children, np.array([0.8, 0.1, 0.1]))[0] == pytest.approx(0.8)
+    assert plain_weights("mug", children[1:], np.array([0.7, 0.3])) == pytest.approx([0.7, 0.3])
+    assert plain_weights("mug", children, np.ones(3) / 3, {"tankard": 1.0, "gone": 3.0}) == pytest.approx([0, 1, 0])
+
+
+def test_children_without_weight_are_not_in_the_mixture():
+    things = [[child("a", 6.0)], [child("b", 9.0)]]
+    (prior,) = inner_priors("n", things, np.array([1.0, 0.0]), AXES)
+    assert prior.quantile(0.5) == pytest.approx(things[0][0].quantile(0.5))
+
+
+def test_stated_frequencies_are_of_children_that_exist():
+    known: dict[str, set[str]] = {}
+    for category in shipped_taxonomy().categories():
+        known.setdefault(category.parent_id, set()).add(category.node_id)
+    assert stated_frequencies()
+    for node_id, weights in stated_frequencies().items():
+        assert set(weights) <= known[node_id], node_id
+        assert sum(weights.values()) == pytest.approx(1, abs=0.02), node_id
+
+
+def test_a_frequency_that_is_none_is_refused(tmp_path):
+    table = tmp_path / "frequencies.csv"
+    table.write_text("node_id,child_id,weight,reason\nn,a,-1,because\n")
+    with pytest.raises(BadFrequency, match="weight: expected one positive number"):
+        stated_frequencies(table)

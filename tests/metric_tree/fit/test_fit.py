@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from metric_tree.axes import AXES, axis_assignments
 from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior, correlated_covariance, moments
-from metric_tree.fit.disagreement import SharedModel
 from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows, fit_mixture
+from metric_tree.fit.kinds import KindModel
 
 MEANS = np.log([[2000.0, 900.0, 700.0], [900.0, 650.0, 1100.0]])  # a sofa and an armchair under one name
 COVARIANCE = np.array([[0.012, 0.004, 0.003], [0.004, 0.010, 0.002], [0.003, 0.002, 0.008]])
-NONE = SharedModel(0.0, 0.0)
+NONE = KindModel(0.0, 0.0)
 
 
 def two_kinds(n: int, seed: int = 0) -> np.ndarray:
@@ -104,7 +106,7 @@ def test_a_thin_class_borrows_its_parents_spread_and_says_so():
 def test_borrowing_fades_with_rows():
     belief = Belief(VAGUE.mean, 0.1, correlated_covariance(np.full(3, 0.5)), 8.0)
     x = two_kinds(400)[:, :] * 0 + np.random.default_rng(0).multivariate_normal(MEANS[0], COVARIANCE, 400)
-    shares = [class_prior(class_rows(x[:n]), belief, NONE, 0, heldout=False).borrowed for n in (1, 5, 25, 400)]
+    shares = [class_prior(class_rows(x[:n]), belief, NONE, seed=0, heldout=False).borrowed for n in (1, 5, 25, 400)]
     assert shares == sorted(shares, reverse=True)
     assert shares[-1] < 0.05
 
@@ -114,38 +116,58 @@ def test_one_shop_does_not_own_a_class():
     many = generator.multivariate_normal(MEANS[0], COVARIANCE, 2000)
     few = generator.multivariate_normal(MEANS[0] + 0.5, COVARIANCE, 50)
     x = np.concatenate([many, few])
-    prior = class_prior(class_rows(x, sources=["shop"] * 2000 + ["other"] * 50), VAGUE, NONE, 0, heldout=False)
+    prior = class_prior(class_rows(x, sources=["shop"] * 2000 + ["other"] * 50), VAGUE, NONE, seed=0, heldout=False)
     share = (float(prior.weights @ prior.means[:, 0]) - MEANS[0, 0]) / 0.5
     assert 0.2 < share < 0.6  # by rows it would be 0.024
 
 
-def test_curated_ranges_count_alone_and_as_one_row_beside_few():
-    typical = np.log([[1000.0, 500.0, 700.0]])
-    real = np.log([[2000.0, 900.0, 800.0]])
-    range_sd = np.array([[0.1, 0.1, np.nan]])
-    alone = class_prior(class_rows(typical, kinds=["curated"], range_sd=range_sd), VAGUE, NONE, 0)
-    assert alone.quantile(0.5) == pytest.approx([1000, 500, 700])
-    spread = np.sqrt(np.diagonal(alone.covariances[0]))
-    assert spread[:2] == pytest.approx([0.15, 0.15])  # wider than stated by half
-    assert alone.share_by_kind == {"curated": 1.0}
-    both = class_rows(
-        np.concatenate([typical, real]),
-        sources=["curated", "a"],
-        kinds=["curated", "product"],
-        range_sd=np.vstack([range_sd, [[np.nan] * 3]]),
+TYPICAL = np.log([[1000.0, 500.0, 700.0]])
+RANGE_SD = np.array([[0.1, 0.12, 0.02]])
+
+
+def with_range(x, sources, kinds) -> ClassRows:
+    """Rows beside one curated range."""
+    sd = np.vstack([RANGE_SD, np.full((len(x), 3), np.nan)])
+    return class_rows(
+        np.concatenate([TYPICAL, x]), sources=["curated", *sources], kinds=["curated", *kinds], range_sd=sd
     )
-    prior = class_prior(both, VAGUE, NONE, 0)
-    assert prior.share_by_kind["curated"] == pytest.approx(0.5, abs=0.05)
-    assert np.all(prior.quantile(0.5) > alone.quantile(0.5))
-    many = class_rows(
-        np.concatenate([typical, np.repeat(real, 5, axis=0)]),
-        sources=["curated", *["a"] * 5],
-        kinds=["curated", *["product"] * 5],
-        range_sd=np.vstack([range_sd, [[np.nan] * 3] * 5]),
-    )
-    prior = class_prior(many, VAGUE, NONE, 0)
-    assert prior.share_by_kind == {"product": 1.0}
-    assert prior.quantile(0.5) == pytest.approx([2000, 900, 800], rel=0.1)
+
+
+def test_a_range_alone_is_published_as_it_is_stated():
+    prior = class_prior(class_rows(TYPICAL, kinds=["curated"], range_sd=RANGE_SD), VAGUE, NONE)
+    assert prior.quantile(0.5) == pytest.approx([1000, 500, 700])
+    assert prior.log_sd() == pytest.approx(RANGE_SD[0])  # within and between sources together, below the floor too
+    assert prior.share_by_kind == {"curated": 1.0}
+
+
+def test_two_museum_pieces_do_not_discard_a_range():
+    pieces = np.log([[2600.0, 1500.0, 300.0], [2500.0, 1400.0, 280.0]])
+    model = KindModel(0.3, 0.05, {"museum": 0.35, "curated": 0.05})
+    prior = class_prior(with_range(pieces, ["a", "a"], ["museum"] * 2), VAGUE, model, heldout=False)
+    assert prior.quantile(0.5) == pytest.approx([1000, 500, 700], rel=0.15)
+    assert np.all(prior.log_sd() < [0.25, 0.25, 0.2])
+    assert prior.share_by_kind["curated"] > 0.8
+
+
+def test_one_real_row_does_not_widen_a_norm():
+    prior = class_prior(with_range(TYPICAL + 0.001, ["a"], ["standard"]), VAGUE, NONE, heldout=False)
+    assert np.all(prior.log_sd() < 2 * RANGE_SD[0])
+
+
+def test_many_products_outweigh_a_range():
+    x = np.log([2000.0, 900.0, 800.0]) + np.random.default_rng(0).normal(0, 0.15, (300, 3))
+    sources = [f"s{number % 6}" for number in range(300)]
+    prior = class_prior(with_range(x, sources, ["product"] * 300), VAGUE, KindModel(0.3, 0.05), heldout=False)
+    assert prior.quantile(0.5) == pytest.approx([1850, 850, 790], rel=0.1)
+    assert prior.log_sd() == pytest.approx([0.17, 0.17, 0.17], abs=0.05)
+
+
+def test_a_hundred_boxes_of_one_room_weigh_as_one():
+    x = np.log([[500.0, 480.0, 900.0]]) + np.random.default_rng(0).normal(0, 0.1, (120, 3))
+    x[:100] += 0.5
+    share = np.r_[np.full(100, 0.01), np.ones(20)]
+    rows = replace(class_rows(x, sources=["rooms"] * 120, kinds=["measured"] * 120), scene_share=share)
+    assert class_prior(rows, VAGUE, NONE, heldout=False).quantile(0.5) == pytest.approx([512, 492, 922], rel=0.04)
 
 
 def test_many_strong_rows_silence_models_and_museums():
@@ -156,14 +178,14 @@ def test_many_strong_rows_silence_models_and_museums():
         sources=["survey"] * 40 + ["museum"] * 3,
         kinds=["measured"] * 40 + ["museum"] * 3,
     )
-    prior = class_prior(rows, VAGUE, NONE, 0)
+    prior = class_prior(rows, VAGUE, NONE, seed=0)
     assert prior.share_by_kind == {"measured": 1.0}
     assert prior.quantile(0.5) == pytest.approx([1700, 480, 250], rel=0.05)
 
 
 def test_axes_that_nobody_states_are_not_published():
     x = np.log([[400.0, 300.0, np.nan]] * 4)
-    assert class_prior(class_rows(x), VAGUE, NONE, 0).dims == ("length", "width")
+    assert class_prior(class_rows(x), VAGUE, NONE, seed=0).dims == ("length", "width")
 
 
 def test_moments_tell_which_axes_are_known():

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from metric_tree.axes import AXES
+from metric_tree.fit.centre import class_centre, shared_covariance
 from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior
-from metric_tree.fit.disagreement import SharedModel, disagreement, shared_covariance, shared_model, source_effects
+from metric_tree.fit.disagreement import disagreement, with_statements
+from metric_tree.fit.evidence import KIND_WEIGHT
+from metric_tree.fit.kinds import KindModel, learn_kinds
 
 BETWEEN = np.array([[0.04, 0.02, 0.01], [0.02, 0.03, 0.0], [0.01, 0.0, 0.02]])
 WITHIN = 0.02 * np.eye(3)
@@ -44,7 +49,7 @@ def test_no_disagreement_is_found_where_there_is_none():
 
 def test_the_model_learns_from_classes_of_several_sources():
     classes = [found_of(*many_sources(6, 10, seed)[:2]) for seed in range(40)]
-    expected = shared_model(classes).covariance(WITHIN)
+    expected = learned(classes).between(WITHIN, "things")
     assert expected.trace() == pytest.approx(BETWEEN.trace(), rel=0.2)
 
 
@@ -57,8 +62,8 @@ def test_the_model_tells_a_share_of_the_spread_from_a_fixed_spread():
         x = np.repeat(effects, 20, axis=0) + generator.multivariate_normal(np.zeros(3), within, 120)
         names = [f"s{row // 20}" for row in range(120)]
         classes.append(disagreement(x, np.ones_like(x), np.ones(120), names, ["product"] * 120, within))
-    model = shared_model(classes)
-    assert model.share == pytest.approx(0.5, rel=0.35)
+    model = learned(classes)
+    assert model.family["things"] * model.share == pytest.approx(0.5, rel=0.35)
     assert model.spread < 0.03
 
 
@@ -66,37 +71,65 @@ def test_a_mixed_class_does_not_spoil_the_model():
     classes = [found_of(*many_sources(4, 10, seed)[:2]) for seed in range(30)]
     x, names, _ = many_sources(4, 10, 99)
     x[:10] += 3.0  # a toy among the lorries
-    one, other = (shared_model(some).covariance(WITHIN).trace() for some in (classes, [*classes, found_of(x, names)]))
+    both = (classes, [*classes, found_of(x, names)])
+    one, other = (learned(some).between(WITHIN, "things").trace() for some in both)
     assert other < 1.3 * one
 
 
-def test_museums_do_not_teach_the_model():
-    x, names, _ = many_sources(4, 10)
-    museums = [disagreement(x, np.ones_like(x), np.ones(40), names, ["museum"] * 40, WITHIN) for _ in range(20)]
-    assert shared_model(museums) == SharedModel()
+def learned(classes) -> KindModel:
+    return learn_kinds((("things", one) for one in classes), sorted(KIND_WEIGHT))
+
+
+def kinds_apart(seed: int, museum: float = 0.4, spread: float = 0.3):
+    """A class of four shops and two museums, whose pieces are larger and far apart."""
+    generator = np.random.default_rng(seed)
+    x, names, _ = many_sources(6, 10, seed)
+    kinds = ["museum" if name in {"s000", "s001"} else "product" for name in names]
+    for name in ("s000", "s001"):
+        x[np.asarray(names) == name] += museum + generator.normal(0, spread)
+    return disagreement(x, np.ones_like(x), np.ones(len(x)), names, kinds, WITHIN)
+
+
+def test_the_bias_and_the_spread_of_a_kind_are_learned_and_do_not_spoil_the_rest():
+    model = learned([kinds_apart(seed) for seed in range(60)])
+    product = model.bias_of("product", "things")
+    assert model.bias_of("museum", "things") - product == pytest.approx(0.4, abs=0.12)
+    assert model.excess["museum"] == pytest.approx(0.3, rel=0.4)
+    assert model.between(WITHIN, "things").trace() == pytest.approx(BETWEEN.trace(), rel=0.4)
+
+
+def test_museums_do_not_set_the_centre_of_a_class_that_has_anything_better():
+    model = KindModel(0.3, 0.05, {"museum": 0.35, "curated": 0.1})
+    x = np.tile([5.4, 5.2, 5.5], (40, 1)) + np.random.default_rng(0).normal(0, 0.2, (40, 3))
+    museum = disagreement(x, np.ones_like(x), np.ones(40), ["museum"] * 40, ["museum"] * 40, WITHIN)
+    stated = with_statements(museum, ["curated"], ["curated"], np.array([[4.7, 4.4, 4.6]]))
+    centre = class_centre(stated, shared_covariance(stated, model, ""), model, "").mean
+    assert np.abs(centre - [4.7, 4.4, 4.6]).max() < 0.2
+    assert class_centre(museum, shared_covariance(museum, model, ""), model, "").mean == pytest.approx(x.mean(axis=0))
 
 
 def test_a_class_of_one_source_carries_the_models_disagreement():
     x, names, _ = many_sources(1, 30)
     rows = ClassRows("n", AXES, x, np.arange(30), tuple(names), ("product",) * 30, np.full((30, 3), np.nan), 30)
-    prior = class_prior(rows, VAGUE, SharedModel(0.5, 0.1), 0)
+    prior = class_prior(rows, VAGUE, KindModel(0.5, 0.1))
     assert prior.n_sources == 1
     within = np.einsum("k,kii->i", prior.weights, prior.covariances)
-    assert np.diag(prior.shared_covariance) == pytest.approx(0.5 * within + 0.01, rel=0.2)
+    known = np.diag(prior.shared_covariance)  # the disagreement, and how well one source knows the centre
+    assert known == pytest.approx(2 * (0.5 * within + 0.01) + within / 30, rel=0.25)
 
 
 def test_a_class_of_many_sources_carries_its_own():
     found = found_of(*many_sources(100, 5)[:2])
-    assert shared_covariance(found, SharedModel(0.0, 0.0)) == pytest.approx(found.between, rel=0.05)
+    assert shared_covariance(found, KindModel(0.0, 0.0), "") == pytest.approx(found.between, rel=0.05)
 
 
 def test_offsets_of_sources_are_predicted_and_shrunk():
     x, names, effects = many_sources(40, 20)
     found = found_of(x, names)
-    predicted = source_effects(found, BETWEEN)
+    predicted = class_centre(found, BETWEEN, KindModel(), "").effects
     centred = effects - effects.mean(axis=0)
     assert np.corrcoef(predicted.ravel(), centred.ravel())[0, 1] > 0.95
-    assert np.abs(source_effects(found, 1e-6 * np.eye(3))).max() < 0.01
+    assert np.abs(class_centre(found, 1e-6 * np.eye(3), KindModel(), "").effects).max() < 0.01
 
 
 def test_the_spread_within_is_not_counted_twice():
@@ -104,7 +137,7 @@ def test_the_spread_within_is_not_counted_twice():
     x, names, _ = many_sources(10, 40)
     n = len(x)
     rows = ClassRows("n", AXES, x, np.arange(n), tuple(names), ("product",) * n, np.full((n, 3), np.nan), n)
-    prior = class_prior(rows, VAGUE, SharedModel(), 0, heldout=False)
+    prior = class_prior(rows, VAGUE, KindModel(), heldout=False)
     within = np.einsum("k,kii->i", prior.weights, prior.covariances)
     assert within == pytest.approx(np.diag(WITHIN), rel=0.25)
     assert np.diag(prior.shared_covariance) == pytest.approx(np.diag(BETWEEN), rel=0.9)
@@ -117,5 +150,7 @@ def test_axes_that_a_source_does_not_state_are_left_out():
     found = disagreement(x, known, np.ones(len(x)), names, ["product"] * len(x), WITHIN)
     assert np.isnan(found.means[0, 1])
     assert found.rows[0].tolist() == [5, 0, 5]
-    assert source_effects(found, BETWEEN).shape == (4, 3)
-    assert np.isfinite(source_effects(found, BETWEEN)).all()
+    centre = class_centre(replace(found, within=WITHIN), 0.01 * np.eye(3), KindModel(), "")
+    assert centre.effects[0, 1] == 0
+    assert centre.variance[1] > centre.variance[0]
+    assert np.isfinite(centre.effects).all()

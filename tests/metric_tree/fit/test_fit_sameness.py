@@ -1,0 +1,47 @@
+"""What the things of one room have in common, recovered from made rooms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from metric_tree.fit.sameness import DEFAULT_MEAN, Sameness, class_sameness, shrunk_sameness
+
+
+def rooms(share: float, n: int = 60, things: int = 5, seed: int = 0):
+    """Ln sizes (n things, 2), source and scene of things in rooms that share a part of the variance."""
+    generator = np.random.default_rng(seed)
+    room = np.repeat(generator.normal(0, np.sqrt(share), (n, 2)), things, axis=0)
+    x = 6 + 0.2 * (room + generator.normal(0, np.sqrt(1 - share), room.shape))
+    return x, np.full(len(x), "rooms"), np.array([f"rooms/{number}" for number in np.repeat(np.arange(n), things)])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
+def test_the_share_is_recovered(share: float) -> None:
+    found = class_sameness(*rooms(share))
+    assert found is not None
+    assert abs(found.share - share) < 3 * found.sd + 0.03
+    assert 0 < found.sd < 0.15
+
+
+def test_sets_that_hold_the_same_things_twice_are_no_evidence() -> None:
+    x, source, scene = rooms(0.0)
+    twice = np.concatenate([source, np.full(len(source) - 5, "again")])
+    found = class_sameness(np.concatenate([x, x[5:]]), twice, np.concatenate([scene, scene[5:]]))
+    assert found is not None
+    assert found.share < 0.15
+
+
+def test_few_rooms_say_nothing() -> None:
+    assert class_sameness(*rooms(0.5, n=5)) is None
+    x, source, _ = rooms(0.5)
+    assert class_sameness(x, source, np.full(len(x), "")) is None
+
+
+def test_an_uncertain_class_leans_on_the_others() -> None:
+    classes = {f"c{n}": Sameness(0.5 + 0.02 * n, 0.05) for n in range(5)} | {"thin": Sameness(0.0, 0.4)}
+    shrunk, other = shrunk_sameness(classes)
+    assert shrunk["thin"].share > 0.3
+    assert shrunk["c0"].share == pytest.approx(0.5, abs=0.05)
+    assert other.share == pytest.approx(0.54, abs=0.05)
+    assert shrunk_sameness({})[1].share == DEFAULT_MEAN

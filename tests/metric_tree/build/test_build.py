@@ -157,9 +157,10 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
     assert prior.quantile(0.5) == pytest.approx([400, 350, 450])
     spread = prior.log_sd()
     assert spread[0] == pytest.approx(CURATED_WIDENING * np.log(450 / 350) / 3.29, rel=0.01)
-    assert spread[2] == pytest.approx(1.5 * np.log(700 / 400) / 3.29, rel=0.01)
-    assert "curated" not in tree.find("sofa").prior().share_by_kind
-    assert tree.find("sofa").prior().quantile(0.5)[0] == pytest.approx(2000, rel=0.15)
+    assert spread[2] == pytest.approx(CURATED_WIDENING * np.log(700 / 400) / 3.29, rel=0.01)
+    sofa = tree.find("sofa").prior()  # a range far off counts as one source of five
+    assert 0 < sofa.share_by_kind["curated"] < 0.5
+    assert 1300 < sofa.quantile(0.5)[0] < 2000
     assert [finding for finding in findings(release.directory) if finding.is_error] == []
     assert next(r for r in release.manifest["sources"] if r["id"] == "curated")["n_fit"] == 0
 

@@ -134,7 +134,7 @@ def inner_priors(
     all people goes before a curated box of some.
     """
     counted = np.flatnonzero(weights > 0)
-    children, weights = [children[number] for number in counted], weights[counted]
+    children, weights = [children[number] for number in counted.tolist()], weights[counted]
     stated = {dims: _mass(children, weights, dims) for child in children for prior in child for dims in [prior.dims]}
     stated = {dims: mass for dims, mass in stated.items() if set(dims) <= set(axes)}
     if not stated:

@@ -10,7 +10,7 @@ INSTALL = $(UV) pip install --quiet --python $(BIN)/python --build-constraints .
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 
-.PHONY: help demo test check coverage reference lock dist sbom clean
+.PHONY: help demo demo-video test check coverage reference lock dist sbom clean
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -20,6 +20,12 @@ demo: .venv/.core ## the scale of a shipped scene: a table, and out/demo.png
 	@mkdir -p out
 	$(BIN)/estimate-scale data/scenes/demo_room --figure out/demo.png
 	@echo "figure: out/demo.png; true scale: $$($(PYTHON) -c 'import json; print(json.load(open("data/scenes/demo_room/truth.json"))["metres_per_unit"])') metres per unit"
+
+demo-video: .venv/.insert ## a shipped video: its reconstruction, its scale, and an inserted object in out/demo_video.mp4
+	@mkdir -p out
+	$(BIN)/estimate-scale data/scenes/demo_video/video.mp4 --work out/demo_video --instances data/scenes/demo_video/instances.json --frames 24
+	$(BIN)/insert-object out/demo_video --model data/models/rocking_horse.glb --at frame=30,x=330,y=330 --facing 50 --show-interval --out out/demo_video.mp4
+	@echo "video: out/demo_video.mp4; true scale: see data/scenes/demo_video/truth.json"
 
 test: check ## lint, types and all tests
 	$(BIN)/python -m pytest -n 2 --dist loadfile
@@ -43,10 +49,14 @@ lock: ## pin all dependencies again
 	$(INSTALL) --constraint requirements.lock --editable '.[scene]'
 	@touch $@
 
+.venv/.insert: pyproject.toml requirements.lock | $(BIN)/python
+	$(INSTALL) --constraint requirements.lock --editable '.[insert]'
+	@touch $@ .venv/.core
+
 .venv/.dev: pyproject.toml requirements.lock | $(BIN)/python
 	$(INSTALL) --requirement requirements.lock
 	$(INSTALL) --no-deps --editable .
-	@touch $@ .venv/.core
+	@touch $@ .venv/.core .venv/.insert
 
 $(BIN)/python: | $(UV)
 	$(UV) venv --quiet --python $(PYTHON) .venv

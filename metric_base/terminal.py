@@ -8,11 +8,11 @@ import os
 import shutil
 import sys
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from metric_base.escaping import visible, visible_json
 from metric_base.extras import missing_extra
@@ -23,12 +23,15 @@ from metric_base.streams import flush_or_silence, make_streams_forgiving
 
 __all__ = [
     "DEBUG_VARIABLE",
+    "Cell",
     "exit_status",
     "output_file",
     "output_width",
     "print_json",
     "print_table",
     "progress",
+    "styled",
+    "table_text",
     "version",
     "warn",
 ]
@@ -49,6 +52,9 @@ _PATH_FAULTS: dict[type[OSError], str] = {
     FileExistsError: "a folder, or nothing yet; found a file",
     PermissionError: "leave to read or write it; found none",
 }
+
+#: Select Graphic Rendition of ECMA-48.
+_STYLES = {"bold": 1, "dim": 2, "red": 31, "green": 32}
 
 DONE, PROGRAM_FAULT, INPUT_FAULT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
@@ -117,31 +123,56 @@ def progress(items: Iterable[Item], description: str, total: int | None = None) 
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str | None = None) -> None:
-    """Print an aligned table; a column of numbers stands to the right. None becomes a dash.
+    """Print an aligned table (`table_text`) under its title, as wide as the terminal or as `COLUMNS` says.
 
     The title is a line of its own: as wide as it is, however narrow the table.
+    """
+    if title is not None:
+        sys.stdout.write(f"{visible(title)}\n")
+    sys.stdout.write(table_text(columns, rows, output_width(PIPE_WIDTH)))
+
+
+class Cell(NamedTuple):
+    """The text of a table's cell in a style of its own: `bold`, `dim`, `red`, `green`."""
+
+    text: str
+    style: str
+
+
+def table_text(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], width: int, unbroken: Collection[str] = ()
+) -> str:
+    """An aligned table of at most `width` columns; a column of numbers is aligned to the right, None is a dash.
+
+    A cell may be a `Cell`, whose style a terminal shows. Words wrap, but in the columns called `unbroken`.
     """
     from rich import box
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    cells = [["–" if cell is None else visible(str(cell)) for cell in row] for row in rows]
+    cells = [
+        [cell if isinstance(cell, Cell) else Cell("–" if cell is None else str(cell), "") for cell in row]
+        for row in rows
+    ]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for number, column in enumerate(columns):
-        numeric = bool(cells) and all(_is_number(row[number]) for row in cells)
-        table.add_column(column, justify="right" if numeric else "left", overflow="fold")
+        numeric = bool(cells) and all(_is_number(row[number].text) for row in cells)
+        whole = column in unbroken
+        table.add_column(column, justify="right" if numeric else "left", overflow="fold", no_wrap=whole)
     for row in cells:
-        table.add_row(*map(Text, row))
+        table.add_row(*(Text(visible(cell.text), cell.style) for cell in row))
     # Rendered first and written by us: rich would turn a closed pipe into a failure.
     terminal = sys.stdout.isatty()
-    width = output_width(PIPE_WIDTH)
     console = Console(file=io.StringIO(), width=width, force_terminal=terminal, highlight=False)
     with console.capture() as captured:
         console.print(table)
-    if title is not None:
-        sys.stdout.write(f"{title}\n")
-    sys.stdout.write("\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n")
+    return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
+
+
+def styled(text: str, style: str) -> str:
+    """The text, in its style where standard output is a terminal."""
+    return f"\x1b[{_STYLES[style]}m{text}\x1b[0m" if sys.stdout.isatty() else text
 
 
 def output_width(piped: int) -> int:

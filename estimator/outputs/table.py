@@ -1,129 +1,139 @@
-"""The result as a person reads it: the scale on one line, then what every object said."""
+"""The result as a person reads it: the scale on one line, then what every object and every other evidence said."""
 
 from __future__ import annotations
 
+import csv
 import io
-import shutil
-import sys
+import textwrap
 from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from estimator.records.result import Alternative, ObjectReport, ScaleResult
 from metric_base.escaping import visible
+from metric_base.terminal import Cell, output_width, styled, table_text
 
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-__all__ = ["print_result", "result_text"]
+__all__ = ["csv_text", "headline", "result_text"]
 
 #: Columns of the dimensions, in the order in which people say them; a free box has its sorted extents.
 AXES = ("length", "width", "height")
 EXTENTS = ("extent1", "extent2", "extent3")
 
 STYLE = {"used": "green", "outlier": "red", "skipped": "dim"}
+#: Columns where standard output is no terminal and `COLUMNS` is not set: room for a long reason on one line.
+PIPE_WIDTH = 120
+#: `--wide` has room for all its columns, whatever the terminal's width: its rows are read by scrolling.
+MOST_NEEDED = 160
+NOTE = "l × w × h in metres at this scale; in brackets: not used; >: truncated, at least that much"
 
 
-#: Columns of a table that no terminal bounds: room for a long reason on one line.
-PIPE_WIDTH = 200
+def result_text(result: ScaleResult, *, wide: bool = False) -> str:
+    """The printed result, as wide as the terminal or as `COLUMNS` says.
 
-
-def result_text(result: ScaleResult) -> str:
-    """The printed result, as wide as the terminal, with colours on a terminal only."""
-    from rich.console import Console
-
-    terminal = sys.stdout.isatty()
-    width = shutil.get_terminal_size().columns if terminal else PIPE_WIDTH
-    console = Console(file=io.StringIO(), width=width, force_terminal=terminal)
-    with console.capture() as captured:
-        print_result(result, console)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
-
-
-def print_result(result: ScaleResult, console: Console) -> None:
-    """Print the headline, the objects and the alternatives."""
-    console.print(_headline(result), highlight=False)
+    wide : with the node of each object, its size in scene units, its weight and its points.
+    """
+    width = output_width(PIPE_WIDTH)
+    lines = [headline(result)]
     if result.up is not None:
         vector = ", ".join(f"{value:.3f}" for value in result.up.vector)
-        console.print(f"up ({vector})  {result.up.method}, ±{result.up.sigma_deg:.1f}°", style="dim", highlight=False)
-    if result.objects:
-        console.print(_object_table(result))
-        if unmeasured := _unmeasured(result):
-            console.print(unmeasured, style="dim", highlight=False, markup=False)
-        console.print("l × w × h in metres at this scale; in brackets: not used, > cut short", style="dim")
+        lines.append(styled(f"up ({vector})  {result.up.method}, ±{result.up.sigma_deg:.1f}°", "dim"))
+    if result.objects or result.evidence:
+        lines.append(_object_table(result, width, wide).rstrip("\n"))
+        lines += [styled(line, "dim") for text in _unmeasured(result) for line in textwrap.wrap(text, width)]
+        lines += [styled(line, "dim") for line in textwrap.wrap(NOTE, width)]
     if result.without_support is not None:
-        console.print(_line("without support planes", result.without_support, result.scale), highlight=False)
+        lines += textwrap.wrap(_line("without support planes", result.without_support, result.scale), width)
     if result.leave_one_class_out:
-        console.print(_left_out_table(result))
+        lines.append(_left_out_table(result, width).rstrip("\n"))
+    return "\n".join(lines) + "\n"
 
 
-def _headline(result: ScaleResult) -> Text:
-    from rich.text import Text
-
+def headline(result: ScaleResult) -> str:
+    """The scale and its interval in one line, or the modes of a scale that is unresolved."""
     if result.scale is None or result.interval is None:
         modes = ", ".join(f"{mode.scale:.4g} ({mode.mass:.0%})" for mode in result.modes) or "none"
-        return Text(f"scale unresolved; modes in m/unit: {modes}", style="bold red")
+        return styled(f"scale unresolved; modes in m/unit: {modes}", "red")
     low, high, level = result.interval.low, result.interval.high, result.interval.level
-    spread = f"-{1 - low / result.scale:.0%} +{high / result.scale - 1:.0%}"
-    text = Text(f"scale {result.scale:.4g} m per unit", style="bold")
-    return text.append(f"   {level:.0%} interval {low:.4g} to {high:.4g} ({spread})", style="not bold")
+    down, up = max(1 - low / result.scale, 0.0), max(high / result.scale - 1, 0.0)
+    spread = f"-{down:.0%} +{up:.0%}"
+    return f"{styled(f'scale {result.scale:.4g} m per unit', 'bold')}   {level:.0%} interval {low:.4g} to {high:.4g} ({spread})"
 
 
-def _object_table(result: ScaleResult) -> Table:
-    from rich import box
-    from rich.table import Table
+def csv_text(result: ScaleResult) -> str:
+    """The objects as CSV: id, category, node, sizes in metres, own scale, weight, verdict, reason."""
+    file = io.StringIO()
+    names = [
+        name for names in (AXES, EXTENTS) for name in names if any(name in item.dimensions for item in result.objects)
+    ]
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(
+        ["id", "category", "node", *(f"{name}_m" for name in names), "scale", "weight", "verdict", "reason"]
+    )
+    for item in result.objects:
+        sizes = [_metres(item, name, result.scale) for name in names]
+        row = [item.id, item.category, item.node, *sizes, item.scale, round(item.weight, 3), item.verdict, item.reason]
+        writer.writerow([_plain_cell(value) for value in row])
+    return file.getvalue()
 
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for name in ("id", "category", "node"):
-        table.add_column(name, overflow="fold")
-    for name in ("units", "metres"):
-        table.add_column(name, no_wrap=True)
-    table.add_column("own scale", no_wrap=True)
-    table.add_column("weight", justify="right")
-    table.add_column("verdict", overflow="fold", ratio=1)
+
+def _metres(item: ObjectReport, name: str, scale: float | None) -> float | None:
+    if scale is None or name not in item.dimensions:
+        return None
+    return float(f"{item.dimensions[name] * scale:.5g}")
+
+
+def _plain_cell(value: object) -> object:
+    """A value as a cell; text that a spreadsheet would take for a formula gets an apostrophe."""
+    if not isinstance(value, str):
+        return value
+    text = visible(value)
+    return f"'{text}" if text.startswith(("=", "+", "-", "@")) else text
+
+
+def _object_table(result: ScaleResult, width: int, wide: bool) -> str:
     shown = list(filter(_has_size, result.objects))
-    for item, own in zip(shown, _own_scales(shown), strict=True):
-        table.add_row(*_cells(item, result.scale, own))
-    return table
+    own = _own_scales([item.scale for item in (*shown, *result.evidence)])
+    rows = [_cells(item, result.scale, text, wide) for item, text in zip(shown, own, strict=False)]
+    for report, text in zip(result.evidence, own[len(shown) :], strict=True):
+        name = f"{report.kind.replace('_', ' ')} {report.id}"
+        more: list[object] = ["–", "–", f"{report.weight:.2f}", "–"] if wide else []
+        rows.append([name, "–", text, _verdict(report.verdict, report.reason), *more])
+    columns = ["object", "metres", "own scale", "verdict", *(["node", "units", "weight", "points"] if wide else [])]
+    return table_text(columns, rows, max(width, MOST_NEEDED if wide else 0), unbroken=("metres", "own scale", "units"))
+
+
+def _cells(item: ObjectReport, scale: float | None, own: str, wide: bool) -> list[object]:
+    size = "–" if scale is None else _sizes(item, scale)
+    cells: list[object] = [f"{item.category} {item.id}", size, own, _verdict(item.verdict, item.reason)]
+    if wide:
+        weight = f"{item.weight:.2f}" if item.verdict != "skipped" else "–"
+        cells += [item.node, _sizes(item, 1.0), weight, str(item.points)]
+    return cells
+
+
+def _verdict(verdict: str, reason: str | None) -> Cell:
+    return Cell(verdict if reason is None else f"{verdict}: {reason}", STYLE[verdict])
 
 
 def _has_size(item: ObjectReport) -> bool:
     return bool(item.dimensions)
 
 
-def _unmeasured(result: ScaleResult) -> str:
-    """One line for all objects without any size: far tracks of few points may be many."""
+def _unmeasured(result: ScaleResult) -> list[str]:
+    """One line for each reason why objects have no size: far tracks of few points may be many."""
     reasons = [(item.category, item.reason or "") for item in result.objects if not _has_size(item)]
     counts = Counter((category, "too few points" if "points" in reason else reason) for category, reason in reasons)
     lines: dict[str, list[str]] = {}
     for (category, reason), count in counts.items():
         lines.setdefault(reason, []).append(f"{count} {category}")
-    return "\n".join(f"not measured ({reason}): {', '.join(parts)}" for reason, parts in lines.items())
+    return [visible(f"not measured ({reason}): {', '.join(parts)}") for reason, parts in lines.items()]
 
 
-def _own_scales(items: Sequence[ObjectReport]) -> list[str]:
+def _own_scales(scales: Sequence[float | None]) -> list[str]:
     """Three digits each, the points of all under one another."""
-    texts = ["-" if item.scale is None else f"{item.scale:#.3g}".rstrip(".") for item in items]
+    texts = ["–" if scale is None else f"{scale:#.3g}".rstrip(".") for scale in scales]
     parts = [text.partition(".") for text in texts]
     before, after = (max((len(part[side]) for part in parts), default=0) for side in (0, 2))
     return [f"{whole:>{before}}{point or ' '}{rest:<{after}}" for whole, point, rest in parts]
-
-
-def _cells(item: ObjectReport, scale: float | None, own: str) -> tuple[str, ...]:
-    style = STYLE[item.verdict]
-    verdict = f"[{style}]{item.verdict}[/]" + (f" [dim]{_escaped(item.reason)}[/]" if item.reason else "")
-    return (
-        _escaped(item.id),
-        _escaped(item.category),
-        item.node or "-",
-        _sizes(item, 1.0),
-        _sizes(item, scale) if scale is not None else "-",
-        own,
-        f"{item.weight:.2f}" if item.verdict != "skipped" else "-",
-        verdict,
-    )
 
 
 def _sizes(item: ObjectReport, factor: float) -> str:
@@ -143,18 +153,9 @@ def _line(name: str, other: Alternative, scale: float | None) -> str:
     return f"{name}: {other.scale:.4g} ({other.low:.4g} to {other.high:.4g}{change})"
 
 
-def _left_out_table(result: ScaleResult) -> Table:
-    from rich import box
-    from rich.table import Table
-
-    table = Table("left out", "objects", "scale", "interval", "change", box=box.SIMPLE_HEAD, pad_edge=False)
+def _left_out_table(result: ScaleResult, width: int) -> str:
+    rows = []
     for left in result.leave_one_class_out or ():
-        change = f"{left.scale / result.scale - 1:+.1%}" if result.scale else "-"
-        table.add_row(left.name, str(left.objects), f"{left.scale:.4g}", f"{left.low:.4g} to {left.high:.4g}", change)
-    return table
-
-
-def _escaped(text: str | None) -> str:
-    from rich.markup import escape
-
-    return escape(visible(text or ""))
+        change = f"{left.scale / result.scale - 1:+.1%}" if result.scale else None
+        rows.append((left.name, left.objects, f"{left.scale:.4g}", f"{left.low:.4g} to {left.high:.4g}", change))
+    return table_text(("left out", "objects", "scale", "interval", "change"), rows, width)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from estimator.command_options import PROGRAM, parse_options, parser
 from metric_base.escaping import visible_json
 from metric_base.faults import InputFault
 
@@ -21,23 +20,8 @@ if TYPE_CHECKING:
 
 __all__ = ["main", "parser"]
 
-PROGRAM = "estimate-scale"
-
-METHODS = ("default", "paper", "sucar", "height")
-#: The baselines know objects alone.
-WITHOUT_LENGTHS = ("paper", "sucar")
-
-EPILOG = """\
-Exit status: 0 done; 2 the input is at fault (one line says where); 3 unresolved: no usable object, or the interval's
-high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more, or a known length contradicts every
-object; 1 a fault of the program.
-"""
-
 #: Where a user says how many threads NumPy's BLAS takes.
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
-
-#: A coordinate list that begins with a minus sign; argparse would take it for an option.
-NEGATIVE = re.compile(r"^-[\d.]")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -49,56 +33,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     return exit_status(PROGRAM, lambda: _run(words))
 
 
-def parser() -> argparse.ArgumentParser:
-    """The argument parser; `docs/reference/commands.md` shows its help."""
-    from metric_base.terminal import version
-
-    root = argparse.ArgumentParser(
-        prog=PROGRAM,
-        description="The metric scale of a reconstruction from the sizes of the things that are in it.",
-        epilog=EPILOG,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        allow_abbrev=False,
-    )
-    add = root.add_argument
-    add("scene", metavar="SCENE", nargs="?", type=Path, help="COLMAP model or OpenSfM folder, a video, or pictures")
-    add("--objects", metavar="FILE", type=Path, help="sizes measured elsewhere (metric-tree/objects/1), no geometry")
-    add("--instances", metavar="FILE", type=Path, help="COCO dataset or results, or a folder of instance pictures")
-    add("--categories", metavar="FILE", type=Path, help="COCO dataset that names categories and images, for results")
-    add("--images", metavar="DIR", type=Path, help="the scene's pictures, for --detector")
-    add("--detector", metavar="MODEL", help="ONNX Mask R-CNN in torchvision's form, or a registered name to download")
-    add("--detector-labels", metavar="FILE", type=Path, help="its label names, one a line from label 1 (default: COCO)")
-    add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
-    add("--work", metavar="DIR", type=Path, help="of a video or pictures: keeps every stage and resumes")
-    add("--frames", metavar="N", type=int, help="of a video or pictures: frames to use (default: by the motion)")
-    add("--focal", metavar="PX", type=float, help="of a video or pictures: focal length in pixels, not refined")
-    add("--camera-model", metavar="M", help="of a video or pictures: COLMAP's camera model (default: SIMPLE_RADIAL)")
-    draw = "of a video or pictures: draw the instances on a page that is served on loopback"
-    add("--draw", metavar="PORT", nargs="?", const=0, type=int, help=draw)
-    add("--tree", metavar="REF", help="release: a version or a folder (default: the newest at hand)")
-    add("--method", choices=METHODS, default="default", help="estimator (default: %(default)s)")
-    add(
-        "--known-length",
-        metavar="VALUE",
-        nargs="+",
-        action="append",
-        default=[],
-        help="a length known in metres, after SCENE, as A B METRES (points as x,y,z) or a file; may be repeated",
-    )
-    trust = "believe a known length that contradicts most objects (otherwise unresolved)"
-    add("--trust-known-length", action="store_true", help=trust)
-    add("--level", type=float, default=0.9, help="mass of the interval (default: %(default)s)")
-    add("--leave-one-class-out", action="store_true", help="the scale without each class in turn")
-    add("--paper-lists", metavar="DIR", type=Path, help="--method paper with the authors' own lists (scale_metrics)")
-    add("--json", action="store_true", help="print the result as JSON (metric-tree/scale/1)")
-    add("--output", metavar="FILE", type=Path, help="write the JSON result there as well")
-    add("--figure", metavar="FILE", type=Path, help="draw the posterior and the objects; of a SCENE its plan too")
-    add("--overlay", metavar="DIR", type=Path, help="draw the boxes with their sizes into every frame")
-    add("--write-scaled", metavar="DIR", type=Path, help="write the model again at metric scale")
-    add("--version", action="version", version=f"{PROGRAM} {version()}")
-    return root
-
-
 def _use_one_thread() -> None:
     """Before NumPy is loaded: its products are small here, and threads that wait for them cost more than they do."""
     if not any(name in os.environ for name in THREAD_VARIABLES):
@@ -108,18 +42,16 @@ def _use_one_thread() -> None:
 def _run(words: Sequence[str]) -> int:
     from metric_base.terminal import warn
 
-    # argparse takes "-1,2,3" for an option; with a blank before it, it is a value, and float() skips the blank
-    options = parser().parse_args([f" {word}" if NEGATIVE.match(word) else word for word in words])
-    _checked(options)
+    options = parse_options(words)
     if (status := _capture_status(options)) is not None:
         return status
     result = _objects_result(options) if options.objects is not None else _scene_result(options)
-    for line in result.warnings:
+    for line in () if options.quiet else result.warnings:
         warn(line, PROGRAM)
     for file in (options.output, options.work and options.work / "result.json"):
         if file is not None and result.exit_code == 0:
             result.save(file)
-    _print(result, options.json)
+    _print(result, options)
     return result.exit_code
 
 
@@ -134,51 +66,6 @@ def _capture_status(options: argparse.Namespace) -> int | None:
     if options.json:
         sys.stdout.write(failure_json(failure) + "\n")
     return 3
-
-
-def _checked(options: argparse.Namespace) -> None:
-    _check_known_lengths(options)  # before the SCENE, which one may have swallowed
-    if (options.scene is None) == (options.objects is None):
-        found = "neither" if options.scene is None else "both"
-        raise InputFault(f"arguments: expected a SCENE or --objects FILE; found {found}")
-    if not 0 < options.level < 1:
-        raise InputFault(f"--level: expected a number between 0 and 1; found {options.level}")
-    if options.paper_lists is not None and options.method != "paper":
-        raise InputFault(f"--paper-lists: expected --method paper; found --method {options.method}")
-    _check_detector(options)
-    geometric = {"--overlay": options.overlay, "--write-scaled": options.write_scaled}
-    for name, value in geometric.items():
-        if value is not None and options.objects is not None:
-            raise InputFault(f"{name}: expected a SCENE; found --objects")
-    for name in ("output", "figure"):
-        path = getattr(options, name)
-        if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
-            raise InputFault(f"--{name}: expected a file in a folder that exists; found {path}")
-    for name in ("overlay", "write_scaled"):
-        path = getattr(options, name)
-        if path is not None and path.exists():  # said before the work is done, not after
-            raise InputFault(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
-
-
-def _check_known_lengths(options: argparse.Namespace) -> None:
-    for words in options.known_length:
-        if len(words) not in (1, 3):
-            expected = "three values, A B METRES, or one FILE, with SCENE before the option"
-            raise InputFault(f"--known-length: expected {expected}; found {len(words)}: {' '.join(words)}")
-    if options.known_length and options.method in WITHOUT_LENGTHS:
-        raise InputFault(f"--known-length: expected --method default or height; found --method {options.method}")
-
-
-def _check_detector(options: argparse.Namespace) -> None:
-    if options.work is None and (options.images is None) != (options.detector is None):
-        found = "--images" if options.detector is None else "--detector"
-        raise InputFault(f"arguments: expected --images and --detector together; found {found} alone")
-    if options.detector_labels is not None and options.detector is None:
-        raise InputFault("--detector-labels: expected --detector; found none")
-    others = {"--instances": options.instances, "--categories": options.categories, "--objects": options.objects}
-    for name, value in others.items():
-        if options.detector is not None and value is not None:
-            raise InputFault(f"--detector: expected no {name}; found both")
 
 
 def _objects_result(options: argparse.Namespace) -> ScaleResult:
@@ -198,6 +85,7 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
 
 def _scene_result(options: argparse.Namespace) -> ScaleResult:
     from estimator.pipeline import scene_estimate
+    from estimator.reading import read_scene
 
     asked = _asked(options)
     detector = None
@@ -205,13 +93,17 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
         from estimator.instances.detector import load_detector
 
         detector = load_detector(options.detector, options.detector_labels)
+    scene = read_scene(options.scene, options.dense)
+    if options.overlay is not None:
+        from estimator.outputs.overlay import view_pictures
+
+        view_pictures(scene, options.images)  # said before the work is done, not after
     estimate = scene_estimate(
-        options.scene,
+        scene,
         _tree(options),
         asked,
         instances=options.instances,
         categories=options.categories,
-        dense=options.dense,
         paper_lists=options.paper_lists,
         images=options.images,
         detector=detector,
@@ -231,7 +123,7 @@ def _write_pictures(options: argparse.Namespace, estimate: SceneEstimate) -> Non
     if options.overlay is not None:
         from estimator.outputs.overlay import write_overlays
 
-        write_overlays(estimate, options.overlay)
+        write_overlays(estimate, options.overlay, options.images)
     if options.write_scaled is not None and scale is not None:
         from estimator.outputs.rescaled import write_scaled
 
@@ -259,10 +151,13 @@ def _asked(options: argparse.Namespace) -> Options:
     )
 
 
-def _print(result: ScaleResult, as_json: bool) -> None:
-    if as_json:
-        sys.stdout.write(visible_json(result.json()) + "\n")
-        return
-    from estimator.outputs.table import result_text
+def _print(result: ScaleResult, options: argparse.Namespace) -> None:
+    from estimator.outputs.table import csv_text, headline, result_text
 
-    sys.stdout.write(result_text(result))
+    if options.json:
+        text = visible_json(result.json()) + "\n"
+    elif options.csv:
+        text = csv_text(result)
+    else:
+        text = f"{headline(result)}\n" if options.quiet else result_text(result, wide=options.wide)
+    sys.stdout.write(text)

@@ -92,7 +92,7 @@ def objects_result(
 
 
 def scene_estimate(
-    path: Path,
+    source: Path | Scene,
     tree: Tree,
     options: Options,
     *,
@@ -108,20 +108,22 @@ def scene_estimate(
 
     Parameters
     ----------
-    path, instances, categories, dense : as `estimator.reading` takes them
+    source : a scene, or where it is; instances, categories, dense : as `estimator.reading` takes them
     tree, options : as `scale_of_objects`
     paper_lists : the authors' lists, for the second arm of `paper`
     sources : evidence that looks at the scene
     images, detector : the folder of the pictures and what finds the instances in them, in place of `instances`
     """
-    from estimator.reading import read_instances_and_warnings, read_scene
+    from estimator.reading import default_instances, read_instances_and_warnings, read_scene
 
     started = time.perf_counter()
-    scene = read_scene(path, dense)
+    scene = source if isinstance(source, Scene) else read_scene(source, dense)
     if images is not None and detector is not None:
         from estimator.instances.detector import detect_instances
 
         masks, warnings = detect_instances(scene, images, detector)
+    elif instances is None and options.evidence and default_instances(scene) is None:
+        masks, warnings = (), ("no instances, so the scale is that of the other evidence alone",)
     else:
         masks, warnings = read_instances_and_warnings(scene, instances, categories)
     seconds = {"reading": time.perf_counter() - started}

@@ -22,7 +22,7 @@ from metric_base.faults import InputFault, Words
 if TYPE_CHECKING:
     from pycolmap import Reconstruction
 
-__all__ = ["read_instances", "read_instances_and_warnings", "read_scene"]
+__all__ = ["default_instances", "read_instances", "read_instances_and_warnings", "read_scene"]
 
 #: The path of a scene that was never on disk.
 MEMORY = Path("memory")
@@ -116,7 +116,7 @@ def read_instances_and_warnings(
     """The instances as `read_instances` takes them, and warnings."""
     if isinstance(source, Mapping):
         return instances_of_masks(source, scene)
-    place = _default_instances(scene) if source is None else Path(source)
+    place = _found_instances(scene) if source is None else Path(source)
     return read_instance_files(scene, place, None if categories is None else Path(categories))
 
 
@@ -153,13 +153,21 @@ def _with_observations(scene: Scene) -> Scene:
     return replace(scene, views=views, warnings=(*scene.warnings, warning))
 
 
-def _default_instances(scene: Scene) -> Path:
+def default_instances(scene: Scene) -> Path | None:
+    """The instances in the scene's folder or up to three above it, or None."""
     starts = [path.resolve() for path in (scene.path, scene.model_path) if path is not None]
     folders = dict.fromkeys(folder for start in starts for folder in (start, *list(start.parents)[:LEVELS_UP]))
     for folder in folders:
         for place in (folder / INSTANCES, folder / PICTURES):
             if place.is_file() or holds_instances(place):
                 return place
+    return None
+
+
+def _found_instances(scene: Scene) -> Path:
+    place = default_instances(scene)
+    if place is not None:
+        return place
     ways = "--instances FILE, or --images DIR --detector MODEL (docs/how-to/detectors.md lists detectors)"
     expected = f"{INSTANCES} or {PICTURES}/ in it or above it, or {ways}"
     raise InputFault.at(scene.path, "instances", expected, Words("none"))

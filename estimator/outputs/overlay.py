@@ -22,7 +22,7 @@ from estimator.outputs.size_labels import DimensionLabel, dimension_labels
 from estimator.reconstructions.truth import read_truth
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ObjectReport
-from estimator.records.scene import Instance
+from estimator.records.scene import Instance, Scene
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault, Words
 from metric_base.files import OutputNames, whole_folder
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from estimator.results.scene_estimate import SceneEstimate
 
-__all__ = ["overlay", "write_overlays"]
+__all__ = ["overlay", "view_pictures", "write_overlays"]
 
 #: Frames are enlarged to this width, so that the text of many objects finds room.
 LEAST_WIDTH_PX = 1600
@@ -47,18 +47,32 @@ _WRITTEN = (".png", ".jpg", ".jpeg")
 _FONTS = ("DejaVuSans-Bold.ttf", "DejaVuSans.ttf")
 
 
-def write_overlays(estimate: SceneEstimate, folder: Path) -> int:
+def view_pictures(scene: Scene, images: Path | None = None) -> list[Path | None]:
+    """The picture of each view, None where there is none: in `images`, else in `images` beside or above the model.
+
+    Raises
+    ------
+    InputFault
+        There is no picture of any view.
+    """
+    folders = ((images.resolve(),) if images is not None else ()) + image_folders(scene)
+    files = [image_file(folders, view) for view in scene.views]
+    if not any(files):
+        places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"
+        raise InputFault.at(
+            scene.path, "--overlay", "the pictures of the views (name their folder with --images)", Words(places)
+        )
+    return files
+
+
+def write_overlays(estimate: SceneEstimate, folder: Path, images: Path | None = None) -> int:
     """Draw every frame whose picture is found into a new folder, under its own name; how many there are.
 
     InputFault where the folder exists, or no picture of the scene is found in `images` beside or above the model.
     """
     import cv2
 
-    folders = image_folders(estimate.scene)
-    files = [image_file(folders, view) for view in estimate.scene.views]
-    if not any(files):
-        places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"
-        raise InputFault.at(estimate.scene.path, "--overlay", "the pictures of the views", Words(places))
+    files = view_pictures(estimate.scene, images)
     with whole_folder(folder, "--overlay") as temporary:
         names = OutputNames(temporary)
         for row, file in enumerate(files):

@@ -23,7 +23,7 @@ STYLE = {"used": "green", "outlier": "red", "skipped": "dim"}
 PIPE_WIDTH = 120
 #: `--wide` has room for all its columns, whatever the terminal's width: its rows are read by scrolling.
 MOST_NEEDED = 160
-NOTE = "l × w × h in metres at this scale; in brackets: not used; >: truncated, at least that much"
+NOTE = "l × w × h in metres; in brackets: not used; >: truncated, at least that"
 
 
 def result_text(result: ScaleResult, *, wide: bool = False) -> str:
@@ -55,7 +55,8 @@ def headline(result: ScaleResult) -> str:
     low, high, level = result.interval.low, result.interval.high, result.interval.level
     down, up = max(1 - low / result.scale, 0.0), max(high / result.scale - 1, 0.0)
     spread = f"-{down:.0%} +{up:.0%}"
-    return f"{styled(f'scale {result.scale:.4g} m per unit', 'bold')}   {level:.0%} interval {low:.4g} to {high:.4g} ({spread})"
+    scale = styled(f"scale {result.scale:.4g} m per unit", "bold")
+    return f"{scale}   {level:.0%} interval {low:.4g} to {high:.4g} ({spread})"
 
 
 def csv_text(result: ScaleResult) -> str:
@@ -91,7 +92,7 @@ def _plain_cell(value: object) -> object:
 
 def _object_table(result: ScaleResult, width: int, wide: bool) -> str:
     shown = list(filter(_has_size, result.objects))
-    own = _own_scales([item.scale for item in (*shown, *result.evidence)])
+    own = _own_scales([item.scale for item in shown] + [report.scale for report in result.evidence])
     rows = [_cells(item, result.scale, text, wide) for item, text in zip(shown, own, strict=False)]
     for report, text in zip(result.evidence, own[len(shown) :], strict=True):
         name = f"{report.kind.replace('_', ' ')} {report.id}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
 import subprocess
@@ -14,6 +16,7 @@ import pytest
 from estimator.command import main
 from estimator.reconstructions.objects_file import SCHEMA
 from metric_tree.tree import Tree
+from tests.made.small_scene import small_model
 
 CHAIR = {"length": 1.24, "width": 1.20, "height": 2.10}  # half a metre a unit
 STOOL = {"length": 0.84, "width": 0.80, "height": 1.52}
@@ -83,7 +86,7 @@ def test_table_for_a_person(tmp_path: Path, tree: Path, capsys: pytest.CaptureFi
     assert out.startswith("scale 0.")
     assert "90% interval" in out
     assert "[red]a[/red]" in out  # an id is text, not markup
-    assert "swivel_chair.n.01" in out
+    assert "swivel chair" in out
     assert "\x1b[" not in out  # no colours into a pipe
 
 
@@ -256,3 +259,102 @@ def test_one_thread_unless_the_user_says_otherwise(
     words = [sys.executable, "-c", code, "--objects", str(objects), "--tree", str(tree)]
     done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60, env=clean | given)
     assert done.stderr.endswith(repr((False, expected)))
+
+
+@pytest.mark.parametrize("columns", [80, 100, 120])
+def test_the_table_fits_and_loses_no_word(
+    columns: int, tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    giant = {name: 40 * value for name, value in STOOL.items()}
+    objects = _file(
+        tmp_path,
+        {"id": "the one by the window on the left", "category": "swivel chair", "dimensions": CHAIR},
+        {"id": "b", "category": "bar stool", "dimensions": STOOL},
+        {"id": "c", "category": "bar stool", "dimensions": giant},
+        {"id": "d", "category": "unicorn", "dimensions": STOOL},
+    )
+    status, out, _ = _run(capsys, "--objects", objects, "--tree", tree)
+    assert status == 0
+    assert max(map(len, out.splitlines())) <= columns
+    record = json.loads(_run(capsys, "--objects", objects, "--tree", tree, "--json")[1])
+    shown = out.split()
+    for item in record["objects"]:
+        assert item["verdict"] in {word.strip(":") for word in shown}
+        words = f"{item['id']} {item['category']} {item['reason'] or ''}".split()
+        assert [word for word in words if word not in shown] == []
+    assert "swivel_chair.n.01" not in out
+    assert "swivel_chair.n.01" in _run(capsys, "--objects", objects, "--tree", tree, "--wide")[1]
+
+
+def test_quiet_and_csv(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    formula = "=cmd|' /C calc'!A0"
+    objects = _file(
+        tmp_path,
+        {"id": formula, "category": "swivel chair", "dimensions": CHAIR},
+        {"id": "b", "category": "unicorn", "dimensions": CHAIR},
+    )
+    status, out, err = _run(capsys, "--objects", objects, "--tree", tree, "--quiet")
+    assert (status, len(out.splitlines()), err) == (0, 1, "")
+    _, out, _ = _run(capsys, "--objects", objects, "--tree", tree, "--csv")
+    rows = list(csv.DictReader(io.StringIO(out)))
+    assert rows[0]["id"] == f"'{formula}"
+    assert float(rows[0]["height_m"]) == pytest.approx(1.05, rel=0.1)
+    assert rows[1]["verdict"] == "skipped"
+
+
+def test_objects_from_standard_input(tmp_path: Path, tree: Path) -> None:
+    objects = _file(tmp_path, {"id": "a", "category": "swivel chair", "dimensions": CHAIR})
+    command = [sys.executable, "-m", "estimator.command", "--objects", "-", "--tree", str(tree), "--quiet"]
+    body = "import sys; from estimator.command import main; sys.exit(main(sys.argv[1:]))"
+    command = [sys.executable, "-c", body, *command[3:]]
+    done = subprocess.run(command, input=objects.read_bytes(), capture_output=True, timeout=120, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert done.stdout.startswith(b"scale 0.")
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--instnces", "x"], "estimate-scale: arguments: no option is called --instnces; did you mean --instances?\n"),
+        (["--zzzz"], "estimate-scale: arguments: no option is called --zzzz; --help lists them\n"),
+        (["--level"], "estimate-scale: arguments: argument --level: expected one argument (--help lists them)\n"),
+    ],
+)
+def test_wrong_options_are_one_line(words: list[str], line: str, capsys: pytest.CaptureFixture[str]) -> None:
+    status, out, err = _run(capsys, *words)
+    assert (status, out, err) == (2, "", line)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_names_every_option(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as leave:
+        main(["--completion", shell])
+    assert leave.value.code == 0
+    out = capsys.readouterr().out
+    assert ("-l write-scaled" if shell == "fish" else "--write-scaled") in out
+    if shell == "bash":
+        check = f"{out}\nCOMP_WORDS=(estimate-scale --write); COMP_CWORD=1; _estimate_scale; echo ${{COMPREPLY[@]}}"
+        done = subprocess.run(["bash", "-c", check], capture_output=True, text=True, timeout=20, check=True)
+        assert done.stdout == "--write-scaled\n"
+    if shell == "fish":
+        assert "-d '" in out
+
+
+def test_missing_pictures_are_found_out_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small_model().write_binary(str(tmp_path))
+    monkeypatch.setattr("estimator.pipeline.scene_estimate", lambda *_, **__: pytest.fail("the work was done"))
+    status, _, err = _run(capsys, tmp_path, "--overlay", tmp_path / "out")
+    assert status == 2
+    assert "the pictures of the views (name their folder with --images)" in err
+
+
+def test_a_known_length_needs_no_masks(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    small_model().write_binary(str(tmp_path))
+    words = (tmp_path, "--tree", tree, "--json", "--known-length", "0,0,0", "0,0,2", "1.0")
+    status, out, err = _run(capsys, *words)
+    assert status == 0, err
+    assert json.loads(out)["scale"] == pytest.approx(0.5, rel=0.01)
+    assert "no instances" in err

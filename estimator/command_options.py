@@ -1,0 +1,185 @@
+"""The options of `estimate-scale`, and what is wrong with them before any work is done."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from metric_base.completion import SHELLS, completion_script
+from metric_base.faults import InputFault
+
+__all__ = ["PROGRAM", "OneLineParser", "parse_options", "parser"]
+
+PROGRAM = "estimate-scale"
+
+METHODS = ("default", "paper", "sucar", "height")
+#: The baselines know objects alone.
+WITHOUT_LENGTHS = ("paper", "sucar")
+
+EPILOG = """\
+Exit status: 0 done; 2 the input is at fault (one line says where); 3 unresolved: no usable object, or the interval's
+high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more, or a known length contradicts every
+object; 1 a fault of the program.
+"""
+
+#: A coordinate list that begins with a minus sign; argparse would take it for an option.
+NEGATIVE = re.compile(r"^-[\d.]")
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A parser whose faults are one line, with the option that was probably meant."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise what is wrong as a fault of the input."""
+        unknown = re.match(r"unrecognized arguments: (.*)", message)
+        if unknown is None:
+            raise InputFault(f"arguments: {message} (--help lists them)")
+        word = next((word for word in unknown[1].split() if word.startswith("-")), unknown[1].strip())
+        near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, n=1)
+        advice = f"did you mean {near[0]}?" if near else "--help lists them"
+        raise InputFault(f"arguments: no option is called {word}; {advice}")
+
+
+class _PrintCompletion(argparse.Action):
+    """Print the completion script of a shell, and leave."""
+
+    def __call__(self, root: argparse.ArgumentParser, _options: Any, shell: Any, _name: str | None = None) -> NoReturn:
+        """Write the script to standard output."""
+        options = {name: action.help or "" for name, action in root._option_string_actions.items()}
+        sys.stdout.write(completion_script(PROGRAM, options, shell))
+        root.exit()
+
+
+def parse_options(words: Sequence[str]) -> argparse.Namespace:
+    """The options of a command line.
+
+    Raises
+    ------
+    InputFault
+        An option is unknown, lacks its value, or does not go with the others.
+    """
+    # argparse takes "-1,2,3" for an option; with a blank before it, it is a value, and float() skips the blank
+    options = parser().parse_args([f" {word}" if NEGATIVE.match(word) else word for word in words])
+    _check(options)
+    return options
+
+
+def parser() -> OneLineParser:
+    """The argument parser; `docs/reference/commands.md` shows its help."""
+    from metric_base.terminal import version
+
+    root = OneLineParser(
+        prog=PROGRAM,
+        description="The metric scale of a reconstruction from the sizes of the things that are in it.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add = root.add_argument
+    add(
+        "scene",
+        metavar="SCENE",
+        nargs="?",
+        type=Path,
+        help="reconstruction, a video, or pictures",
+    )
+    add(
+        "--objects",
+        metavar="FILE",
+        type=Path,
+        help="sizes measured elsewhere (metric-tree/objects/1; - is stdin)",
+    )
+    add(
+        "--instances",
+        metavar="FILE",
+        type=Path,
+        help="masks: COCO, label images, YOLO, labelme, NumPy",
+    )
+    add("--categories", metavar="FILE", type=Path, help="file that names categories, for masks that lack them")
+    add("--images", metavar="DIR", type=Path, help="the scene's pictures, for --detector and --overlay")
+    add("--detector", metavar="MODEL", help="ONNX Mask R-CNN in torchvision's form, or a registered name to download")
+    add("--detector-labels", metavar="FILE", type=Path, help="its label names, one a line from label 1 (default: COCO)")
+    add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
+    add("--work", metavar="DIR", type=Path, help="of a video or pictures: keeps every stage and resumes")
+    add("--frames", metavar="N", type=int, help="of a video or pictures: frames to use (default: by the motion)")
+    add("--focal", metavar="PX", type=float, help="of a video or pictures: focal length in pixels, not refined")
+    add("--camera-model", metavar="M", help="of a video or pictures: COLMAP's camera model (default: SIMPLE_RADIAL)")
+    draw = "of a video or pictures: draw the instances on a page that is served on loopback"
+    add("--draw", metavar="PORT", nargs="?", const=0, type=int, help=draw)
+    add("--tree", metavar="REF", help="release: a version or a folder (default: the newest at hand)")
+    add("--method", choices=METHODS, default="default", help="estimator (default: %(default)s)")
+    add(
+        "--known-length",
+        metavar="VALUE",
+        nargs="+",
+        action="append",
+        default=[],
+        help="a length known in metres, after SCENE, as A B METRES (points as x,y,z) or a file; may be repeated",
+    )
+    trust = "believe a known length that contradicts most objects (otherwise unresolved)"
+    add("--trust-known-length", action="store_true", help=trust)
+    add("--level", type=float, default=0.9, help="mass of the interval (default: %(default)s)")
+    add("--leave-one-class-out", action="store_true", help="the scale without each class in turn")
+    add("--paper-lists", metavar="DIR", type=Path, help="--method paper with the authors' own lists (scale_metrics)")
+    add("--json", action="store_true", help="print the result as JSON (metric-tree/scale/1)")
+    add("--output", metavar="FILE", type=Path, help="write the JSON result there as well")
+    add("--figure", metavar="FILE", type=Path, help="draw the posterior and the objects; of a SCENE its plan too")
+    add("--overlay", metavar="DIR", type=Path, help="draw the boxes with their sizes into every frame")
+    add("--write-scaled", metavar="DIR", type=Path, help="write the model again at metric scale")
+    add("--csv", action="store_true", help="print the objects as CSV")
+    add("--wide", action="store_true", help="print the node, the units and the weight of each object too")
+    add("--quiet", action="store_true", help="print the scale alone, and no warnings")
+    add("--completion", choices=SHELLS, action=_PrintCompletion, help="print the completion script of a shell")
+    add("--version", action="version", version=f"{PROGRAM} {version()}")
+    return root
+
+
+def _check(options: argparse.Namespace) -> None:
+    _check_known_lengths(options)  # before the SCENE, which one may have swallowed
+    if (options.scene is None) == (options.objects is None):
+        found = "neither" if options.scene is None else "both"
+        raise InputFault(f"arguments: expected a SCENE or --objects FILE; found {found}")
+    if not 0 < options.level < 1:
+        raise InputFault(f"--level: expected a number between 0 and 1; found {options.level}")
+    if options.paper_lists is not None and options.method != "paper":
+        raise InputFault(f"--paper-lists: expected --method paper; found --method {options.method}")
+    _check_detector(options)
+    geometric = {"--overlay": options.overlay, "--write-scaled": options.write_scaled}
+    for name, value in geometric.items():
+        if value is not None and options.objects is not None:
+            raise InputFault(f"{name}: expected a SCENE; found --objects")
+    for name in ("output", "figure"):
+        path = getattr(options, name)
+        if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+            raise InputFault(f"--{name}: expected a file in a folder that exists; found {path}")
+    for name in ("overlay", "write_scaled"):
+        path = getattr(options, name)
+        if path is not None and path.exists():  # said before the work is done, not after
+            raise InputFault(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
+
+
+def _check_known_lengths(options: argparse.Namespace) -> None:
+    for words in options.known_length:
+        if len(words) not in (1, 3):
+            expected = "three values, A B METRES, or one FILE, with SCENE before the option"
+            raise InputFault(f"--known-length: expected {expected}; found {len(words)}: {' '.join(words)}")
+    if options.known_length and options.method in WITHOUT_LENGTHS:
+        raise InputFault(f"--known-length: expected --method default or height; found --method {options.method}")
+
+
+def _check_detector(options: argparse.Namespace) -> None:
+    if options.work is None and options.detector is not None and options.images is None:
+        raise InputFault("arguments: expected --images and --detector together; found --detector alone")
+    if options.work is None and options.images is not None and options.detector is None and options.overlay is None:
+        raise InputFault("arguments: expected --images with --detector or --overlay; found --images alone")
+    if options.detector_labels is not None and options.detector is None:
+        raise InputFault("--detector-labels: expected --detector; found none")
+    others = {"--instances": options.instances, "--categories": options.categories, "--objects": options.objects}
+    for name, value in others.items():
+        if options.detector is not None and value is not None:
+            raise InputFault(f"--detector: expected no {name}; found both")

@@ -144,7 +144,8 @@ def table_text(
 ) -> str:
     """An aligned table of at most `width` columns; a column of numbers is aligned to the right, None is a dash.
 
-    A cell may be a `Cell`, whose style a terminal shows. Words wrap, but in the columns called `unbroken`.
+    A cell may be a `Cell`, whose style a terminal shows. Words wrap, but in the columns called `unbroken`,
+    whose cells are shown as they are.
     """
     from rich import box
     from rich.console import Console
@@ -157,9 +158,8 @@ def table_text(
     ]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for number, column in enumerate(columns):
-        numeric = bool(cells) and all(_is_number(row[number].text) for row in cells)
-        whole = column in unbroken
-        table.add_column(column, justify="right" if numeric else "left", overflow="fold", no_wrap=whole)
+        numeric = bool(cells) and column not in unbroken and all(_is_number(row[number].text) for row in cells)
+        table.add_column(column, justify="right" if numeric else "left", overflow="fold", no_wrap=column in unbroken)
     for row in cells:
         table.add_row(*(Text(visible(cell.text), cell.style) for cell in row))
     # Rendered first and written by us: rich would turn a closed pipe into a failure.

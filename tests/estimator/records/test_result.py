@@ -74,7 +74,9 @@ def test_table_names_everything() -> None:
 def test_own_scales_have_three_digits_under_one_another() -> None:
     scales = (1.0, 0.131, 0.0781, 12.3, 234.0)
     objects = tuple(replace(REPORT, id=str(place), scale=scale) for place, scale in enumerate(scales))
-    lines = [line for line in result_text(replace(RESULT, objects=objects)).splitlines() if line.startswith(" chair ")][:5]
+    lines = [line for line in result_text(replace(RESULT, objects=objects)).splitlines() if line.startswith(" chair ")][
+        :5
+    ]
     shown = ["1.00", "0.131", "0.0781", "12.3", "234"]
     for line, text in zip(lines, shown, strict=True):
         assert f" {text} " in line

@@ -16,6 +16,7 @@ from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
 from crawler.fetch.segments import write_segments
 from crawler.fetch.watched import WatchedFrontier, storage_faults
 from crawler.page.page import web_address
+from crawler.sites import use_site
 from metric_base.faults import InputFault
 
 __all__ = ["Crawl", "Summary", "run_crawl"]
@@ -29,7 +30,11 @@ LEASE_VARIABLE = "METRIC_TREE_LEASE_SECONDS"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crawl:
-    """What to crawl and where to; `redis` shares the frontier, `worker` keeps workers' items apart in `out`."""
+    """What to crawl and where to.
+
+    `site` is the declaration of a site outside the package, `redis` shares the frontier, `worker` keeps workers' items
+    apart in `out`.
+    """
 
     spider: str
     out: Path
@@ -45,6 +50,7 @@ class Crawl:
     delay: float = 1.0
     redis: str = ""
     worker: str = ""
+    site: Path | None = None
     overrides: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -103,7 +109,7 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
     from crawler.fetch.scheduler import LIMIT_SETTING, close_crawl
     from crawler.fetch.spiders import spider_class
 
-    spider = spider_class(crawl.spider)
+    spider = spider_class(crawl.spider, use_site(crawl.site) if crawl.site else None)
     for url in crawl.start:
         web_address(url, "--start-url")
     place = crawl.redis or str(crawl.folder / "frontier.sqlite")

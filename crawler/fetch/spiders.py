@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from crawler.sites import GENERIC, SITES
+from crawler.sites import GENERIC, SITES, Site
 from metric_base.faults import InputFault
 
 if TYPE_CHECKING:
@@ -20,15 +20,16 @@ class UnknownSpider(InputFault):
     """A name that no spider bears."""
 
 
-def spider_class(name: str) -> type[Spider]:
-    """The spider of a name; Scrapy is loaded only here."""
+def spider_class(name: str, given: Site | None = None) -> type[Spider]:
+    """The spider of a name, or of the site of a declaration; Scrapy is loaded only here."""
     if name == "wikidata":
         from crawler.fetch.wikidata_spider import WikidataSpider
 
         return WikidataSpider
     from crawler.fetch.site_spider import SiteSpider
 
-    for site in (*SITES, GENERIC):
+    for site in (*([given] if given else []), *SITES, GENERIC):
         if site.name == name:
             return type(f"{name.title()}Spider", (SiteSpider,), {"name": name, "site": site})
-    raise UnknownSpider(f"spider: expected one of {', '.join(SPIDERS)}; found {name!r}")
+    known = ", ".join([*([given.name] if given else []), *SPIDERS])
+    raise UnknownSpider(f"spider: expected one of {known}; found {name!r}")

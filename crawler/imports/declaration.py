@@ -8,10 +8,10 @@ from typing import Literal
 
 import msgspec
 
-from crawler.imports.toml_schema import expect
 from crawler.items import KINDS
 from crawler.text.catalogue_lengths import AXES
 from crawler.text.units import MILLIMETRES
+from crawler.toml_schema import expect
 
 __all__ = ["REASONS", "Axis", "Cases", "Format", "Rule", "Table"]
 

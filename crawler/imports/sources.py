@@ -8,8 +8,8 @@ from typing import Literal
 import msgspec
 
 from crawler.imports.declaration import Table
-from crawler.imports.toml_schema import BadDeclaration, expect, toml_record
 from crawler.items import Kind
+from crawler.toml_schema import BadDeclaration, expect, toml_record
 from metric_base.folders import data_folder
 
 __all__ = [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 from urllib.parse import urlsplit
 
 from crawler.items import RawItem
@@ -18,8 +19,9 @@ from crawler.sites import (
     wikipedia,
 )
 from crawler.sites.site import Site
+from crawler.toml_schema import toml_record
 
-__all__ = ["GENERIC", "SITES", "Site", "canonical_url", "item_of", "site_of"]
+__all__ = ["GENERIC", "SITES", "Site", "canonical_url", "item_of", "site_of", "use_site"]
 
 #: Any site: schema.org data, Open Graph, breadcrumbs, tables. We do not know its terms: whoever asks for pictures does.
 GENERIC = Site(name="generic", hosts=(), pictures="")
@@ -36,6 +38,24 @@ SITES: tuple[Site, ...] = (
 )
 
 
+#: The site of a declaration outside the package, where a command was given one: it goes before all others.
+_GIVEN: list[Site] = []
+
+
+def use_site(path: Path) -> Site:
+    """The site that a TOML file declares; from now on its addresses are its own.
+
+    Raises
+    ------
+    BadDeclaration
+        The file is no TOML, or fields are missing (all are named), unknown or not what they must be.
+    """
+    site = toml_record(path, Site)
+    _GIVEN[:] = [site]
+    _site_of_host.cache_clear()
+    return site
+
+
 def site_of(url: str) -> Site:
     """The site that owns an address, else the generic one."""
     return _site_of_host(urlsplit(url).hostname or "")
@@ -43,7 +63,7 @@ def site_of(url: str) -> Site:
 
 @lru_cache(maxsize=4096)  # asked for every link of every page
 def _site_of_host(host: str) -> Site:
-    return next((site for site in SITES if site.owns_host(host)), GENERIC)
+    return next((site for site in (*_GIVEN, *SITES) if site.owns_host(host)), GENERIC)
 
 
 def canonical_url(url: str) -> str:

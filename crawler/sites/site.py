@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import cache
 from urllib.parse import quote, quote_plus, urlsplit
 
-from lxml.etree import XPath
+import msgspec
+from lxml.etree import XPath, XPathSyntaxError
 
 from crawler.page.page import Page, absolute_url, canonical_url, squeeze
 from crawler.page.product import MAXIMUM_IMAGES, Product, product
+from crawler.toml_schema import expect
 
 __all__ = ["Site"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Site:
+class Site(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A site's rules; every XPath may be empty, then schema.org data and headings serve.
 
     hosts : regular expressions of whole host names, without `www.`.
@@ -45,6 +45,15 @@ class Site:
     listed_order: str = ""
     pictures: str | None = None
     ignored_parameters: str = ""
+
+    def __post_init__(self) -> None:
+        expect(bool(re.fullmatch(r"[a-z0-9_]+", self.name)), "name", "small letters, digits and _", self.name)
+        for name in ("product_page", "listing_page", "id", "pictures", "ignored_parameters"):
+            _expect_pattern(name, getattr(self, name) or "")
+        for pattern in self.hosts:
+            _expect_pattern("hosts", pattern)
+        for name in ("title", "category", "brand", "images"):
+            _expect_xpath(name, getattr(self, name))
 
     def owns(self, url: str) -> bool:
         """Whether an address belongs to the site."""
@@ -94,6 +103,20 @@ class Site:
             images=tuple(dict.fromkeys(images))[:MAXIMUM_IMAGES],
         )
         return product(page, own)
+
+
+def _expect_pattern(field: str, pattern: str) -> None:
+    try:
+        re.compile(pattern)
+    except re.error as error:
+        expect(False, field, f"a regular expression ({error})", pattern)
+
+
+def _expect_xpath(field: str, xpath: str) -> None:
+    try:
+        _compiled(xpath or "//h1")
+    except XPathSyntaxError as error:
+        expect(False, field, f"an XPath ({error})", xpath)
 
 
 _compiled = cache(XPath)

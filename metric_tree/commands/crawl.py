@@ -28,6 +28,7 @@ _CONTACT = re.compile(r".*(?:[^@\s]+@[^@\s]+|https?://[^\s/]+).*")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("spider", metavar="SPIDER", help="amazon, ikea, ..., wikidata, or generic for any site")
+    parser.add_argument("--site", type=Path, metavar="FILE.toml", help="a site of your own; SPIDER is its name")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set")
     parser.add_argument(
         "--start-url", action="append", default=[], metavar="URL", help="where to begin; may be repeated"
@@ -66,6 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
         delay=arguments.delay,
         redis=arguments.redis,
         worker=arguments.worker,
+        site=arguments.site,
     )
     with _progress() as show:
         summary = run_crawl(crawl, show)

@@ -17,6 +17,7 @@ HELP = "One saved web page to a raw item, by the spider that owns the URL's site
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("file", type=Path, metavar="FILE", help="HTML, gzipped or not")
+    parser.add_argument("--site", type=Path, metavar="FILE.toml", help="a site of your own, whose page this is")
     parser.add_argument("--url", required=True, help="the address the page was saved from")
 
 
@@ -24,10 +25,12 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the raw item: one line with --json, a table without."""
     from crawler.page.budget import SlowPage, processor_budget
     from crawler.page.page import saved_page, web_address
-    from crawler.sites import item_of
+    from crawler.sites import item_of, use_site
     from metric_base.faults import InputFault
 
     url = web_address(arguments.url, "--url")
+    if arguments.site:
+        use_site(arguments.site)
     try:
         with processor_budget():
             line = item_of(saved_page(arguments.file, url)).line()

@@ -27,6 +27,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--all", action="store_true", help="every declared source")
     parser.add_argument("--list", action="store_true", help="the declared sources: terms, where they are had")
     parser.add_argument(
+        "--sources",
+        type=Path,
+        metavar="DIR",
+        help="declarations of your own, SOURCE.toml each, in place of the package's",
+    )
+    parser.add_argument(
         "--input",
         type=Path,
         metavar="PATH",
@@ -45,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Import, write, and print the counts of each source."""
     if arguments.list:
-        return _print_sources(arguments.json, arguments.verbose)
+        return _print_sources(_declared(arguments), arguments.json, arguments.verbose)
     chosen = _chosen(arguments)
     _see_places(arguments)
     summaries = []
@@ -71,7 +77,17 @@ def _chosen(arguments: argparse.Namespace) -> Sequence[Source]:
     if arguments.all == bool(arguments.source):
         given = f"both, {arguments.source} and --all" if arguments.all else "neither"
         raise InputFault(f"SOURCE: expected one source, or --all; found {given}")
-    return sources() if arguments.all else [source(arguments.source)]
+    return _declared(arguments) if arguments.all else [source(arguments.source, arguments.sources)]
+
+
+def _declared(arguments: argparse.Namespace) -> Sequence[Source]:
+    """All declared sources: the package's, or those of the folder that was given."""
+    declared = sources(arguments.sources)
+    if not declared:
+        raise InputFault(
+            f"--sources: expected a folder of declarations, SOURCE.toml; found none in {arguments.sources}"
+        )
+    return declared
 
 
 def _see_places(arguments: argparse.Namespace) -> None:
@@ -108,8 +124,8 @@ def _with_progress(chosen: Sequence[Source]) -> Iterator[Source]:
     yield from track(chosen, description="importing", console=Console(stderr=True), transient=True)
 
 
-def _print_sources(as_json: bool, verbose: bool) -> int:
-    entries = [terms(one) for one in sources()]
+def _print_sources(declared: Sequence[Source], as_json: bool, verbose: bool) -> int:
+    entries = [terms(one) for one in declared]
     if as_json:
         print_json(entries)
     else:

@@ -13,6 +13,8 @@ from crawler.imports import downloads, source_files
 from crawler.items import raw_items
 from metric_tree.commands import main
 
+ROOT = Path(__file__).resolve().parents[3]
+
 TABLE = """
 id = "{id}"
 title = "Made-up things"
@@ -205,3 +207,17 @@ def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pyt
         source_files.write_lines(path, ["new"])
     assert path.read_text() == "old\n"
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_sources_of_ones_own_are_imported_without_the_package(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = ROOT / "data" / "examples" / "source"
+    words = ["import", "lamps", "--sources", str(folder), "--input", str(folder)]
+    assert main([*words, "--out", str(tmp_path), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert (summary["items"], summary["reasons"]) == (2, {"no_size": 1, "part_not_whole": 1})
+    first = json.loads((tmp_path / "lamps.jsonl").read_text().splitlines()[0])
+    assert (first["url"], first["region"], first["year"]) == ("https://lamps.example/p/17", "DE", 2021)
+    assert main(["import", "--list", "--sources", str(tmp_path)]) == 2
+    assert "--sources: expected a folder of declarations" in capsys.readouterr().err

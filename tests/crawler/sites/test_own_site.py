@@ -1,0 +1,80 @@
+"""A site of one's own, declared outside the package."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import crawler.sites
+from crawler.fetch.frontier import task_key
+from crawler.sites import canonical_url, site_of, use_site
+from crawler.toml_schema import BadDeclaration
+from metric_tree.commands import main
+from tests.crawler.fetch.test_crawl_faults import ROOT, items, words
+from tests.made.made_site import MadeSite, Shop
+
+FOLDER = ROOT / "data" / "examples" / "site"
+
+
+@pytest.fixture(autouse=True)
+def forget() -> Iterator[None]:
+    """The site of a test is that test's alone."""
+    yield
+    crawler.sites._GIVEN.clear()
+    crawler.sites._site_of_host.cache_clear()
+
+
+def test_a_page_is_read_by_the_rules_of_the_declaration(capsys: pytest.CaptureFixture[str]) -> None:
+    page, site = str(FOLDER / "page.html"), str(FOLDER / "lamps.toml")
+    assert main(["extract", page, "--url", "https://www.lamps.example/p/17?x=1", "--site", site, "--json"]) == 0
+    item = json.loads(capsys.readouterr().out)
+    assert (item["source"], item["source_id"], item["title"]) == ("lamps", "17", "Aurora table lamp")
+    assert (item["category_path"], item["extents_mm"]) == (["Lamps", "Table lamps"], [480, 300, 300])
+
+
+def test_its_addresses_are_its_own() -> None:
+    assert site_of("https://lamps.example/p/1").name == "generic"
+    use_site(FOLDER / "lamps.toml")
+    assert site_of("https://lamps.example/p/1").name == "lamps"
+    assert canonical_url("https://lamps.example/p/1?colour=red&x=1") == "https://lamps.example/p/1?x=1"
+    assert task_key("https://lamps.example/p/1?colour=red") == task_key("https://lamps.example/p/1?colour=blue")
+    assert site_of("https://www.amazon.com/dp/B0ABCDEFGH").name == "amazon"
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("", "expected the fields name, hosts, found no name, hosts"),
+        ('name = "lamps"', "expected the fields name, hosts, found no hosts"),
+        ('name = "Our Lamps"\nhosts = ["a"]', "name: expected small letters"),
+        ('name = "lamps"\nhosts = ["("]', "hosts: expected a regular expression"),
+        ('name = "lamps"\nhosts = ["a"]\nid = "["', "id: expected a regular expression"),
+        ('name = "lamps"\nhosts = ["a"]\ntitle = "//["', "title: expected an XPath"),
+        ('name = "lamps"\nhosts = "a"', "hosts: expected `array`, found `str`"),
+        ('name = "lamps"\nhosts = ["a"]\ncolour = "red"', "colour: expected a known field"),
+    ],
+)
+def test_a_fault_of_the_declaration_is_one_line(tmp_path: Path, text: str, line: str) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(BadDeclaration, match=r"site\.toml: ") as caught:
+        use_site(path)
+    assert line in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_crawl_of_a_site_of_ones_own(tmp_path: Path) -> None:
+    declaration = tmp_path / "made.toml"
+    declaration.write_text('name = "made"\nhosts = ["127\\\\.0\\\\.0\\\\.1"]\n', encoding="utf-8")
+    with MadeSite(Shop(products=5, faults=False)) as site:
+        more = ["--private", "--site", str(declaration), "--start-url", f"{site.base}/list/0"]
+        done = subprocess.run(
+            words("made", tmp_path / "out", *more), cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+        )
+    assert (done.returncode, items(tmp_path / "out")) == (0, 5), done.stderr
+    lines = [line for path in (tmp_path / "out").glob("items-*.jsonl") for line in path.read_text().splitlines()]
+    assert {json.loads(line)["source"] for line in lines} == {"made"}

@@ -14,10 +14,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from estimator.baselines.candidates import candidate_scales, estimate_on
+from estimator.evidence.triangulation import view_rays
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
-from estimator.records.scene import Camera, Instance, Scene, View
+from estimator.records.scene import Instance, Scene, View
 from estimator.results.categories import Meaning, meanings
 from estimator.results.estimate import HEIGHT
 from estimator.results.reports import Answer, Options, result_of
@@ -82,7 +83,7 @@ def _box_height(scene: Scene, item: Instance, down: FloatArray) -> float:
         return np.nan
     middle = 0.5 * (low + high)
     pixels = np.array([middle, [middle[0], low[1]], [middle[0], high[1]]])
-    rays = _rays(view.camera, pixels) @ view.rotation  # (3, 3) world, unit depth
+    rays = view_rays(view.camera, pixels) @ view.rotation  # (3, 3) world, unit depth
     centre = rays[0] * depth  # from the camera centre
     top, bottom = (_along(down, centre, ray) for ray in rays[1:])
     return float(abs(bottom - top))
@@ -97,18 +98,6 @@ def _depth(scene: Scene, view: View, low: FloatArray, high: FloatArray) -> float
         with np.errstate(invalid="ignore"):
             depths = all_depths[((pixels >= low) & (pixels <= high)).all(axis=1)]
     return float(np.median(depths)) if len(depths) >= LEAST_POINTS else np.nan
-
-
-def _rays(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """(n, 3) rays of unit depth in the camera's frame."""
-    if camera.model in {"PINHOLE", "SIMPLE_PINHOLE"}:
-        flat = (pixels - camera.params[-2:]) / camera.params[:-2]
-    else:
-        import pycolmap
-
-        lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
-        flat = np.asarray(lens.cam_from_img(pixels), dtype=float)[:, :2]
-    return np.column_stack([flat, np.ones(len(flat))])
 
 
 def _along(down: FloatArray, centre: FloatArray, ray: FloatArray) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -16,13 +17,17 @@ __all__ = ["KEPT", "Contradiction", "contradiction_of"]
 #: probability of being what their labels say) that they have among themselves: most of them are then disbelieved.
 KEPT = 0.5
 
+#: They also do where the objects alone leave this little of their posterior at the length's scale or further out.
+CHANCE = 1e-4
+
 
 @dataclass(frozen=True, slots=True)
 class Contradiction:
     """Known lengths outside the interval of the objects alone.
 
     with_known : metres per unit of all evidence; low, high : the objects' own interval; outliers : how many of the
-    `objects` are outliers at the first; kept : the share of their weight that is left.
+    `objects` are outliers at the first; kept : the share of their weight that is left; chance : what the objects
+    alone leave of their posterior at the length's scale or further out.
     """
 
     with_known: float
@@ -31,11 +36,12 @@ class Contradiction:
     outliers: int
     objects: int
     kept: float
+    chance: float
 
     @property
     def most(self) -> bool:
-        """Whether most objects would have to be wrong: the scene is unresolved unless the length is trusted."""
-        return self.kept < KEPT
+        """Whether most objects, or all a little, would have to be wrong: unresolved unless the length is trusted."""
+        return self.kept < KEPT or self.chance < CHANCE
 
     def line(self, trusted: bool) -> str:
         """The warning; `trusted` : the length is believed all the same."""
@@ -44,6 +50,8 @@ class Contradiction:
         if not self.most:
             return f"the known lengths are outside the objects' own interval: {scales}; {check}"
         count = f"{self.outliers} of {self.objects} objects would be outliers"
+        if self.kept >= KEPT:
+            count = f"the objects leave it a chance of less than {CHANCE:g}"
         start = "" if trusted else "unresolved: "
         override = "" if trusted else " (--trust-known-length overrides)"
         return f"{start}the known lengths contradict the objects: {scales}, and {count}; {check}{override}"
@@ -62,4 +70,13 @@ def contradiction_of(
         return None
     kept = float(estimate.weight.sum()) / max(float(alone.weight.sum()), 1e-9)
     outliers = sum(verdict(float(weight)) == "outlier" for weight in estimate.weight)
-    return Contradiction(estimate.modes[0].scale, low, high, outliers, len(evidence), kept)
+    chance = min(_tail(alone, math.log(scale)) for scale in certain)
+    return Contradiction(estimate.modes[0].scale, low, high, outliers, len(evidence), kept, chance)
+
+
+def _tail(alone: Posterior, u: float) -> float:
+    """The mass of a posterior at log scale u and beyond, on the side of u that is further out."""
+    curve = alone.curve
+    mass = curve.density / curve.density.sum() * (1 - curve.below - curve.above)
+    below = curve.below + float(mass[curve.log_scale <= u].sum())
+    return min(below, 1 - below + 1e-12)

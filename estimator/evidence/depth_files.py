@@ -1,0 +1,65 @@
+"""Depth maps on disk: NumPy arrays, PFM, and 16-bit PNG."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault, Words
+
+__all__ = ["SUFFIXES", "read_depth"]
+
+SUFFIXES = (".npy", ".pfm", ".png")
+
+#: Most pixels of a map that is believed.
+MOST_PIXELS = 2**27
+
+
+def read_depth(file: Path, png_metres: float = 0.001) -> FloatArray:
+    """(h, w) metres; NaN, infinite or not positive where the map has no depth.
+
+    Raises
+    ------
+    InputFault
+        The file is not a map of one channel.
+    """
+    reader = {".npy": _npy, ".pfm": _pfm}.get(file.suffix.lower())
+    depth = _png(file) * png_metres if reader is None else reader(file)
+    if depth.ndim != 2 or not 0 < depth.size <= MOST_PIXELS:
+        raise InputFault.at(file, "shape", "(h, w), one channel", depth.shape)
+    return depth
+
+
+def _npy(file: Path) -> FloatArray:
+    try:
+        values = np.load(file, mmap_mode="r", allow_pickle=False)
+        return np.asarray(np.squeeze(values), dtype=float)
+    except (OSError, ValueError, EOFError) as fault:
+        raise InputFault.at(file, "array", "a NumPy array of numbers", Words(str(fault))) from None
+
+
+def _pfm(file: Path) -> FloatArray:
+    """Portable float map: `Pf`, width and height, a scale whose sign is the byte order, rows from the bottom up."""
+    parts = file.read_bytes().split(maxsplit=4) if file.stat().st_size <= 4 * MOST_PIXELS + 99 else []
+    try:
+        kind, width, height, scale = parts[0], int(parts[1]), int(parts[2]), float(parts[3])
+        start = file.read_bytes().index(parts[3], len(kind)) + len(parts[3]) + 1
+        order = "<f4" if scale < 0 else ">f4"
+        values = np.frombuffer(file.read_bytes(), dtype=order, count=width * height, offset=start)
+    except (IndexError, ValueError, OverflowError) as fault:
+        raise InputFault.at(file, "map", "a PFM of one channel", Words(str(fault))) from None
+    if kind != b"Pf" or min(width, height) < 1:
+        raise InputFault.at(file, "kind", "Pf, one channel", Words(kind.decode("ascii", "replace")))
+    return np.asarray(values.reshape(height, width)[::-1], dtype=float)
+
+
+def _png(file: Path) -> FloatArray:
+    import cv2
+
+    values = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    if values is None or values.dtype != np.uint16:
+        found = Words("no picture" if values is None else str(values.dtype))
+        raise InputFault.at(file, "picture", "a PNG of 16 bits", found)
+    return np.where(values > 0, values.astype(float), np.nan)

@@ -1,0 +1,172 @@
+"""Markers of a stated size in the pictures: ArUco, AprilTag, and ChArUco boards."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from estimator.evidence.alignment import align
+from estimator.evidence.source import silent
+from estimator.evidence.triangulation import triangulate
+from estimator.instances.image_files import image_file, image_folders
+from estimator.records.scale_evidence import ScaleEvidence
+from estimator.records.scene import Scene
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault
+
+if TYPE_CHECKING:
+    from estimator.geometry.measurement import Measurements
+
+__all__ = ["Marker"]
+
+KIND = "marker"
+
+#: Printers and paper stretch by half a per cent: no marker is better, natural log.
+LEAST_SD = 0.005
+
+#: Corners that project further than this share of the longer image side from where they were seen are not theirs.
+MOST_ERROR = 0.005
+
+#: Corners of one marker, in metres times its side: clockwise from the upper left, as OpenCV finds them.
+SQUARE: FloatArray = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """Markers of an OpenCV dictionary (`DICT_4X4_50`, `APRILTAG_36h11`) with sides of `metres`.
+
+    board : (columns, rows, marker side in metres) of a ChArUco board, whose squares then have sides of `metres`.
+    """
+
+    dictionary: str
+    metres: float
+    board: tuple[int, int, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.metres) and self.metres > 0):
+            raise InputFault.at("--marker", "metres", "a positive side", self.metres)
+        if _dictionary_name(self.dictionary) is None:
+            expected = "a dictionary of OpenCV, such as DICT_4X4_50 or APRILTAG_36h11"
+            raise InputFault.at("--marker", "dictionary", expected, self.dictionary)
+
+    @classmethod
+    def of(cls, text: str) -> Marker:
+        """The markers of `DICT:METRES`, or of `charuco:DICT:COLUMNSxROWS:SQUARE:MARKER` with sides in metres.
+
+        >>> Marker.of("DICT_4X4_50:0.10")
+        Marker(dictionary='DICT_4X4_50', metres=0.1, board=None)
+        """
+        parts = text.split(":")
+        try:
+            if parts[0].lower() == "charuco" and len(parts) == 5:
+                columns, rows = (int(part) for part in parts[2].lower().split("x"))
+                return cls(parts[1], float(parts[3]), (columns, rows, float(parts[4])))
+            if len(parts) == 2:
+                return cls(parts[0], float(parts[1]))
+        except ValueError as fault:
+            if isinstance(fault, InputFault):
+                raise
+        expected = "DICT:METRES or charuco:DICT:COLUMNSxROWS:SQUARE:MARKER"
+        raise InputFault.at("--marker", "value", expected, text)
+
+    def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
+        """One row for each marker that two views or more show; its corners are triangulated."""
+        seen = self._corners(scene)
+        if seen is None:
+            return silent(KIND, self.dictionary, "no picture of the scene was found")
+        found = [_row(name, self._shape(corners), corners, scene) for name, corners in sorted(seen.items())]
+        rows = [row for row in found if row is not None]
+        return tuple(rows) or silent(KIND, self.dictionary, "no marker is in two pictures or more")
+
+    def _shape(self, corners: Mapping[int, object]) -> dict[int, FloatArray]:
+        """Metres (3,) of each corner in the marker's own frame."""
+        if self.board is None:
+            return {number: self.metres * SQUARE[number] for number in corners}
+        columns = self.board[0] - 1  # inner corners
+        return {n: self.metres * np.array([n % columns, n // columns, 0.0]) for n in corners}
+
+    def _corners(self, scene: Scene) -> dict[str, dict[int, list[tuple[int, FloatArray]]]] | None:
+        """By marker and corner: (row of the view, pixel (2,)); None where there is no picture."""
+        import cv2
+
+        folders, detect = image_folders(scene), self._detector()
+        seen: dict[str, dict[int, list[tuple[int, FloatArray]]]] = {}
+        pictures = 0
+        for row, view in enumerate(scene.views):
+            file = image_file(folders, view)
+            picture = None if file is None else cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            if picture is None:
+                continue
+            pictures += 1
+            ratio = np.array([view.camera.width / picture.shape[1], view.camera.height / picture.shape[0]])
+            for name, number, pixel in detect(picture):
+                # OpenCV's pixel centres are whole numbers, the scene's are halves
+                seen.setdefault(name, {}).setdefault(number, []).append((row, (pixel + 0.5) * ratio))
+        return seen if pictures else None
+
+    def _detector(self) -> Callable[[Any], Sequence[tuple[str, int, FloatArray]]]:
+        """What finds (marker, corner, pixel (2,)) in a grey picture."""
+        import cv2
+
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(_dictionary_name(self.dictionary))))
+        if self.board is None:
+            parameters = cv2.aruco.DetectorParameters()
+            parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+            aruco = cv2.aruco.ArucoDetector(dictionary, parameters)
+            return lambda picture: _aruco_corners(aruco, picture)
+        columns, rows, side = self.board
+        board = cv2.aruco.CharucoBoard((columns, rows), self.metres, side, dictionary)
+        charuco = cv2.aruco.CharucoDetector(board)
+        return lambda picture: _board_corners(charuco, picture)
+
+
+def _dictionary_name(name: str) -> str | None:
+    """OpenCV's name of a dictionary, or None."""
+    import cv2
+
+    known = {known.lower(): known for known in dir(cv2.aruco) if known.startswith("DICT_")}
+    return known.get(name.lower()) or known.get(f"dict_{name.lower()}")
+
+
+def _aruco_corners(detector: Any, picture: Any) -> list[tuple[str, int, FloatArray]]:
+    corners, ids, _ = detector.detectMarkers(picture)
+    if ids is None:
+        return []
+    return [
+        (f"{int(number)}", place, np.asarray(pixel, dtype=float))
+        for number, square in zip(np.ravel(ids), corners, strict=True)
+        for place, pixel in enumerate(square.reshape(4, 2))
+    ]
+
+
+def _board_corners(detector: Any, picture: Any) -> list[tuple[str, int, FloatArray]]:
+    corners, ids, *_ = detector.detectBoard(picture)
+    if ids is None:
+        return []
+    pixels = np.asarray(corners, dtype=float).reshape(-1, 2)
+    return [("board", int(number), pixel) for number, pixel in zip(np.ravel(ids), pixels, strict=True)]
+
+
+def _row(
+    name: str,
+    shape: Mapping[int, FloatArray],
+    corners: Mapping[int, Sequence[tuple[int, FloatArray]]],
+    scene: Scene,
+) -> ScaleEvidence | None:
+    """The evidence of one marker, or None where too few of its corners are in two views."""
+    places = {}
+    for number, seen in corners.items():
+        views = [scene.views[row] for row, _ in seen]
+        point = triangulate(views, np.array([pixel for _, pixel in seen]), MOST_ERROR)
+        if point is not None:
+            places[number] = point
+    if len(places) < 3:
+        return None
+    alignment = align(np.array(list(places.values())), np.array([shape[number] for number in places]))
+    if alignment is None or alignment.sd_log > 1:
+        return None
+    return ScaleEvidence(KIND, name, alignment.scale, math.hypot(alignment.sd_log, LEAST_SD))

@@ -84,6 +84,7 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
 
 
 def _scene_result(options: argparse.Namespace) -> ScaleResult:
+    from estimator.evidence.options import evidence_sources
     from estimator.pipeline import scene_estimate
     from estimator.reading import read_scene
 
@@ -107,6 +108,7 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
         paper_lists=options.paper_lists,
         images=options.images,
         detector=detector,
+        sources=evidence_sources(options),
     )
     if estimate.result.exit_code == 0:
         _write_pictures(options, estimate)

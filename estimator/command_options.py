@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from estimator.evidence.options import add_evidence_options, evidence_sources
 from metric_base.completion import SHELLS, completion_script
 from metric_base.faults import InputFault
 
@@ -23,8 +24,8 @@ WITHOUT_LENGTHS = ("paper", "sucar")
 
 EPILOG = """\
 Exit status: 0 done; 2 the input is at fault (one line says where); 3 unresolved: no usable object, or the interval's
-high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more, or a known length contradicts every
-object; 1 a fault of the program.
+high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more, or a known length contradicts the objects,
+or the reconstruction contradicts itself; 1 a fault of the program.
 """
 
 #: A coordinate list that begins with a minus sign; argparse would take it for an option.
@@ -136,6 +137,7 @@ def parser() -> OneLineParser:
     add("--quiet", action="store_true", help="print the scale alone, and no warnings")
     add("--completion", choices=SHELLS, action=_PrintCompletion, help="print the completion script of a shell")
     add("--version", action="version", version=f"{PROGRAM} {version()}")
+    add_evidence_options(root)
     return root
 
 
@@ -149,6 +151,7 @@ def _check(options: argparse.Namespace) -> None:
     if options.paper_lists is not None and options.method != "paper":
         raise InputFault(f"--paper-lists: expected --method paper; found --method {options.method}")
     _check_detector(options)
+    evidence_sources(options)  # a value that cannot be read is said before the work is done
     geometric = {"--overlay": options.overlay, "--write-scaled": options.write_scaled}
     for name, value in geometric.items():
         if value is not None and options.objects is not None:

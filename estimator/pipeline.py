@@ -122,7 +122,7 @@ def scene_estimate(
         from estimator.instances.detector import detect_instances
 
         masks, warnings = detect_instances(scene, images, detector)
-    elif instances is None and options.evidence and default_instances(scene) is None:
+    elif instances is None and (options.evidence or sources) and default_instances(scene) is None:
         masks, warnings = (), ("no instances, so the scale is that of the other evidence alone",)
     else:
         masks, warnings = read_instances_and_warnings(scene, instances, categories)

@@ -366,3 +366,34 @@ def test_a_distorted_camera_has_straight_rays(walk: Walk) -> None:
     camera = Camera("SIMPLE_RADIAL", 640, 480, np.array([500.0, 320.0, 240.0, 0.05]))
     pixels = np.array([[100.0, 50.0], [600.0, 400.0]])
     assert project(camera, view_rays(camera, pixels)) == pytest.approx(pixels, abs=1e-3)
+
+
+def test_the_options_of_the_command(walk: Walk, mini: Tree, capsys: pytest.CaptureFixture[str]) -> None:
+    from estimator.command import main, parser
+    from estimator.evidence.options import evidence_sources
+
+    words = ["scene", "--camera-height", "1.5+-0.1", "--gps", "exif", "--marker", "DICT_4X4_50:0.1"]
+    words += ["--metric-depth", "depth", "--baseline", "left:right:0.12"]
+    assert evidence_sources(parser().parse_args(words)) == (
+        CameraHeight(1.5, 0.1),
+        Gps("exif"),
+        Marker("DICT_4X4_50", 0.1),
+        MetricDepth(Path("depth")),
+        RigBaseline("left", "right", 0.12),
+    )
+    assert evidence_sources(parser().parse_args(["scene"])) == ()
+    for wrong in (["--camera-height", "tall"], ["--baseline", "left:right"], ["--marker", "x"]):
+        assert main(["scene", *wrong]) == 2
+        assert wrong[0] in capsys.readouterr().err
+    assert main(["--objects", "file.json", "--gps", "exif"]) == 2
+    assert "expected a SCENE" in capsys.readouterr().err
+
+
+def test_the_printed_rows_of_evidence(walk: Walk, mini: Tree) -> None:
+    from estimator.outputs.table import result_text
+
+    text = result_text(estimator.estimate_scale(walk.scene, (), mini, evidence=[CameraHeight(1.5, 0.1), Gps("exif")]))
+    (height,) = (line for line in text.splitlines() if "camera" in line and "up (" not in line)
+    (gps,) = (line for line in text.splitlines() if "gps" in line)
+    assert "used" in height
+    assert "skipped: 0 views have a position" in gps

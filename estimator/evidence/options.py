@@ -1,0 +1,73 @@
+"""The options of `estimate-scale` that ask for evidence, and the sources that they name."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from metric_base.faults import InputFault, Words
+
+if TYPE_CHECKING:
+    from estimator.evidence.source import EvidenceSource
+
+__all__ = ["add_evidence_options", "evidence_sources"]
+
+
+def add_evidence_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options; nothing heavy is imported."""
+    group = parser.add_argument_group("evidence beside the objects (of a SCENE)")
+    add = group.add_argument
+    height = "metres of the camera above the floor, as 1.5+-0.15, or handheld, tripod, car"
+    add("--camera-height", metavar="HEIGHT", help=height)
+    add("--gps", metavar="exif|FILE", help="camera positions in the pictures, or CSV: name, lat, lon, alt or x, y, z")
+    marker = "ArUco or AprilTag markers with a side of METRES, as DICT_4X4_50:0.1; charuco:DICT:COLSxROWS:SQUARE:MARKER"
+    add("--marker", metavar="DICT:METRES", action="append", default=[], help=marker)
+    depth = "depth maps of a network in metres, named as the pictures (npy, PFM, 16-bit PNG in mm)"
+    add("--metric-depth", metavar="DIR", type=Path, help=depth)
+    baseline = "a rig's two cameras by their folders of pictures and their distance, as left:right:0.12"
+    add("--baseline", metavar="A:B:METRES", action="append", default=[], help=baseline)
+
+
+def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:
+    """The sources that the options name.
+
+    Raises
+    ------
+    InputFault
+        A value cannot be read, or there is no scene to look at.
+    """
+    values = [options.camera_height, options.gps, options.metric_depth, *options.marker, *options.baseline]
+    if all(value is None for value in values):
+        return ()
+    if options.objects is not None or options.method in {"paper", "sucar"}:
+        found = "--objects" if options.objects is not None else f"--method {options.method}"
+        expected = "a SCENE and --method default or height"
+        raise InputFault.at("--camera-height, --gps, --marker, --metric-depth", "evidence", expected, Words(found))
+    from estimator.evidence.camera_height import CameraHeight
+    from estimator.evidence.gps import Gps
+    from estimator.evidence.marker import Marker
+    from estimator.evidence.metric_depth import MetricDepth
+
+    sources: list[EvidenceSource] = []
+    if options.camera_height is not None:
+        sources.append(CameraHeight.of(options.camera_height))
+    if options.gps is not None:
+        sources.append(Gps("exif" if options.gps == "exif" else Path(options.gps)))
+    sources += [Marker.of(text) for text in options.marker]
+    if options.metric_depth is not None:
+        sources.append(MetricDepth(options.metric_depth))
+    return (*sources, *(_baseline(text) for text in options.baseline))
+
+
+def _baseline(text: str) -> EvidenceSource:
+    from estimator.evidence.lengths import RigBaseline
+
+    try:
+        first, second, metres = text.split(":")
+        length = float(metres)
+    except ValueError:
+        length = 0.0
+    if not 0 < length < float("inf"):
+        raise InputFault.at("--baseline", "value", "A:B:METRES, two folders of pictures and their distance", text)
+    return RigBaseline(first, second, length)

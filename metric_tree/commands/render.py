@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
@@ -24,6 +25,8 @@ HELP = "Four views of each item's textured model, with exact foreground, where `
 PIXELS = 256
 #: WebP quality at which edges show no blocks at this size.
 QUALITY = 70
+#: Mesa's variable for the threads of its software renderer: on pictures this small they wait more than they work.
+THREADS = "LP_NUM_THREADS"
 #: Flags of items that are not drawn: a picture would show a brand.
 NOT_SHOWN = frozenset({"trademark"})
 
@@ -54,6 +57,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not drawn:
         raise InputFault(f"{arguments.models}: expected models that the ids of {arguments.raw} name; found none")
     folder = arguments.out / "pictures"
+    os.environ.setdefault(THREADS, "1")
     context = gl_context()
     pictures = [
         picture

@@ -18,10 +18,12 @@ from estimator.outputs.plan import COLOURS, bare_axes, draw_scene
 from estimator.reconstructions.truth import read_truth
 from estimator.records.result import ObjectReport, ScaleResult
 from metric_base.arrays import FloatArray
+from metric_base.escaping import visible
 from metric_base.faults import InputFault
 from metric_base.files import whole_file
 
 if TYPE_CHECKING:
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -34,6 +36,8 @@ FORMATS = (".png", ".pdf", ".svg")
 #: More rows of objects than this are no longer read; the most certain of them are drawn.
 MAX_ROWS = 45
 ROW_INCHES, HEAD_INCHES, FOOT_INCHES, LEAST_INCHES, WIDTH_INCHES = 0.21, 2.4, 0.9, 7.0, 14.0
+#: Longest name of a row that is shown.
+MAX_LABEL = 40
 #: How far the axis of scales goes beyond the interval and the objects' own scales, as a ratio.
 AXIS_MARGIN = 1.25
 #: Share of the objects' own scales that the axis leaves out at either end, so that one outlier does not flatten all.
@@ -131,10 +135,26 @@ def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> Non
     axes.set_ylim(0, 1.12)
     axes.set_yticks([])
     axes.tick_params(axis="x", labelbottom=False, which="both")
+    axes.legend(handles=_legend(truth is not None, interval.level), fontsize=8, loc="upper right", frameon=False)
     title = f"{result.scale:.4g} m per scene unit"
     span = f"{interval.level:.0%} between {interval.low:.4g} and {interval.high:.4g}"
     axes.set_title(f"{title}   ({span})", fontsize=12, loc="left")
     bare_axes(axes)
+
+
+def _legend(with_truth: bool, level: float) -> list[Artist]:
+    """What the curve, the shade and the lines are."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    handles: list[Artist] = [
+        Line2D([], [], color=POSTERIOR_COLOUR, linewidth=1.6, label="posterior of the scale"),
+        Patch(color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0, label=f"{level:.0%} interval"),
+        Line2D([], [], color=POSTERIOR_COLOUR, linewidth=0.8, linestyle=":", label="modes, % their mass"),
+    ]
+    if with_truth:
+        handles.append(Line2D([], [], color=TRUTH_COLOUR, linewidth=1.4, label="true scale"))
+    return handles
 
 
 def _scale_range(result: ScaleResult) -> tuple[float, float]:
@@ -148,6 +168,8 @@ def _scale_range(result: ScaleResult) -> tuple[float, float]:
 
 def _draw_objects(axes: Axes, result: ScaleResult, reports: Sequence[ObjectReport]) -> None:
     """One row for each object: its likelihood, its own scale, its name and weight."""
+    from matplotlib.patheffects import Normal, Stroke
+
     if result.curve is None or not reports or result.interval is None:
         axes.set_axis_off()
         return
@@ -164,9 +186,10 @@ def _draw_objects(axes: Axes, result: ScaleResult, reports: Sequence[ObjectRepor
             mark, edge = ("◂", low) if report.scale < low else ("▸", high)
             side = "left" if report.scale < low else "right"
             label = f"{mark} {report.scale:.2g}" if side == "left" else f"{report.scale:.2g} {mark}"
-            axes.text(edge, row - 0.1, label, color=colour, fontsize=7, ha=side, va="bottom")
-    labels = [f"{report.category} {report.id}" for report in reports]
-    axes.set_yticks(np.arange(len(reports)) - 0.25, labels, fontsize=8)
+            text = axes.text(edge, row - 0.1, label, color=colour, fontsize=7, ha=side, va="bottom")
+            text.set_path_effects([Stroke(linewidth=2, foreground="white"), Normal()])
+    labels = [visible(f"{report.category} {report.id}")[:MAX_LABEL] for report in reports]
+    axes.set_yticks(np.arange(len(reports)) - 0.25, labels, fontsize=8, parse_math=False)
     for tick, report in zip(axes.get_yticklabels(), reports, strict=True):
         tick.set_color(COLOURS[report.verdict])
     axes.set_ylim(len(reports) - 0.4, -1.2)
@@ -193,7 +216,7 @@ def _scale_ticks(axes: Axes, low: float, high: float) -> None:
 
 def _caption(result: ScaleResult, drawn: int) -> str:
     counts = {name: sum(report.verdict == name for report in result.objects) for name in COLOURS}
-    text = f"scale in metres per scene unit, each object's own likelihood   ({counts['used']} used, "
-    text += f"{counts['outlier']} outliers, {counts['skipped']} skipped"
+    text = f"scale in metres per scene unit; rows: each object's own likelihood   (blue {counts['used']} used, "
+    text += f"orange {counts['outlier']} outliers; {counts['skipped']} skipped"
     spoke = counts["used"] + counts["outlier"]
     return text + (f"; {drawn} of {spoke} drawn)" if drawn < spoke else ")")

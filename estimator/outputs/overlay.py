@@ -24,6 +24,7 @@ from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ObjectReport
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import FloatArray
+from metric_base.escaping import visible
 from metric_base.faults import InputFault, Words
 from metric_base.files import OutputNames, whole_folder
 
@@ -42,6 +43,8 @@ UNTRUSTED, PLAIN, PANEL = (255, 90, 90), (235, 235, 235), (0, 0, 0)
 PANEL_OPACITY = 0.74
 FONT_PX = 15
 _LINE_PX, _PAD_PX = FONT_PX + 3, 5
+#: Longest name of an object that a panel shows.
+MAX_HEADING = 40
 #: Kinds of picture that are written as they were; others become PNG.
 _WRITTEN = (".png", ".jpg", ".jpeg")
 _FONTS = ("DejaVuSans-Bold.ttf", "DejaVuSans.ttf")
@@ -105,7 +108,8 @@ def overlay(estimate: SceneEstimate, row: int, picture: Any) -> Any:
     edges = [_on_canvas(projected_edges(item.box, view), factor) for item, _, _ in shown if item.box is not None]
     for (_, _, labels), lines in zip(shown, edges, strict=True):
         _draw_edges(canvas, lines, labels)
-    return _with_panels(canvas, [(report, labels) for _, report, labels in shown], edges)
+    drawn = _with_panels(canvas, [(report, labels) for _, report, labels in shown], edges)
+    return _with_legend(drawn, estimate) if shown else drawn
 
 
 def _shown(estimate: SceneEstimate, row: int) -> list[tuple[MeasuredObject, ObjectReport, tuple[DimensionLabel, ...]]]:
@@ -200,8 +204,30 @@ def _with_panels(
     return np.asarray(Image.alpha_composite(sheet.convert("RGBA"), shade).convert("RGB"))
 
 
+def _with_legend(canvas: Any, estimate: SceneEstimate) -> Any:
+    """The canvas with a strip below it that says what the letters, colours and brackets are."""
+    from PIL import Image, ImageDraw
+
+    _, plain = _fonts()
+    level = estimate.result.interval.level if estimate.result.interval is not None else 0.0
+    truth = "   E estimate, G true size" if read_truth(estimate.scene.path).sizes else ""
+    parts = [
+        ("l length", AXIS_COLOURS[0]), ("w width", AXIS_COLOURS[1]), ("h height", AXIS_COLOURS[2]),
+        ("red: not used for the scale", UNTRUSTED),
+        (f"metres   [low, high] {level:.0%} interval   > at least (truncated){truth}", PLAIN),
+    ]  # fmt: skip
+    strip = Image.new("RGB", (canvas.shape[1], _LINE_PX + 2 * _PAD_PX), PANEL)
+    draw, x = ImageDraw.Draw(strip), float(_PAD_PX)
+    for text, colour in parts:
+        draw.text((x, _PAD_PX), text, font=plain, fill=colour)
+        x += plain.getlength(text) + 3 * _PAD_PX
+    return np.vstack([canvas, np.asarray(strip)])
+
+
 def _heading(report: ObjectReport) -> str:
-    return f"{report.category} {report.id}" + ("" if report.verdict == "used" else f"  {report.verdict}")
+    return visible(f"{report.category} {report.id}")[:MAX_HEADING] + (
+        "" if report.verdict == "used" else f"  {report.verdict}"
+    )
 
 
 def _panel_size(

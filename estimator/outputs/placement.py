@@ -15,36 +15,44 @@ _RINGS, _PER_RING = 16, 24
 #: Distance between rings in pixels, and how much wider than high they are, as labels are.
 _STEP_PX, _FLATTENED = 24.0, 1.6
 #: What it costs beside a pixel of distance: a pixel of overlap with another label, and a thing that is wholly covered.
-_OVERLAP_COST, _COVER_COST = 0.5, 110.0
+_OVERLAP_COST, _COVER_COST = 3.0, 110.0
 
 
-def label_places(things: FloatArray, sizes: FloatArray, canvas: tuple[int, int]) -> FloatArray:
+def label_places(
+    things: FloatArray,
+    sizes: FloatArray,
+    canvas: tuple[float, float],
+    *,
+    step: float = _STEP_PX,
+    cover_cost: float = _COVER_COST,
+) -> FloatArray:
     """(n, 2) upper left corners of labels on a canvas (width, height).
 
     things : (n, 4) left, top, right, bottom of what each label speaks of; sizes : (n, 2) width and height of the
-    labels. Greedy, the largest label first: of the places on rings around the thing the one that costs least.
+    labels. Greedy, the largest label first: of the places on rings around the thing, `step` pixels
+    apart, the one that costs least; `cover_cost` is what it costs to cover a whole thing.
     """
     corners = np.zeros((len(sizes), 2))
     taken: list[FloatArray] = []
     for row in np.argsort(-sizes.prod(axis=1), kind="stable"):
-        places = _candidates(things[row], sizes[row], canvas)  # (c, 2)
+        places = _candidates(things[row], sizes[row], canvas, step)  # (c, 2)
         labels = np.hstack([places, places + sizes[row]])
         middle = (things[row, :2] + things[row, 2:]) / 2
         cost = np.linalg.norm(places + sizes[row] / 2 - middle, axis=1)
         cost += _OVERLAP_COST * _shared_area(labels, taken).sum(axis=1)
         area = np.maximum((things[:, 2:] - things[:, :2]).prod(axis=1), 1.0)
-        cost += _COVER_COST * (_shared_area(labels, things) / area).sum(axis=1)
+        cost += cover_cost * (_shared_area(labels, things) / area).sum(axis=1)
         best = int(cost.argmin())
         corners[row] = places[best]
         taken.append(labels[best])
     return corners
 
 
-def _candidates(thing: FloatArray, size: FloatArray, canvas: tuple[int, int]) -> FloatArray:
+def _candidates(thing: FloatArray, size: FloatArray, canvas: tuple[float, float], step: float) -> FloatArray:
     """(c, 2) corners that centre the label on rings around the thing, kept inside the canvas."""
     angles = np.linspace(-np.pi / 2, 1.5 * np.pi, _PER_RING, endpoint=False)
     around = np.column_stack([_FLATTENED * np.cos(angles), np.sin(angles)])
-    radii = _STEP_PX * np.arange(_RINGS)
+    radii = step * np.arange(_RINGS)
     centres = (thing[:2] + thing[2:]) / 2 + (radii[:, None, None] * around).reshape(-1, 2)
     return np.asarray(np.clip(centres - size / 2, 0, np.maximum(np.array(canvas) - size, 0)))
 

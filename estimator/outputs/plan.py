@@ -9,9 +9,11 @@ import numpy as np
 
 from estimator.geometry.box_edges import corners
 from estimator.geometry.planes import level_basis
+from estimator.outputs.placement import label_places
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
+from metric_base.escaping import visible
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,6 +29,8 @@ POINT_COLOUR, CAMERA_COLOUR = "#9A9A9A", "#CC79A7"
 MAX_POINTS = 12_000
 #: How far the picture of the scene goes beyond the boxes and cameras, as a share of their extent.
 SCENE_MARGIN = 0.12
+#: Width of a letter and height of a line of the ids in pixels of the figure, and the longest id that is shown.
+LETTER_PX, LINE_PX, MAX_LABEL = 6.2, 11.0, 24
 
 
 def draw_scene(above: Axes, side: Axes, estimate: SceneEstimate) -> None:
@@ -52,14 +56,20 @@ def draw_scene(above: Axes, side: Axes, estimate: SceneEstimate) -> None:
         axes.scatter(points[:, rows[0]], points[:, rows[1]], s=0.9, c=POINT_COLOUR, linewidths=0, rasterized=True)
         axes.plot(*path[:, rows].T, color=CAMERA_COLOUR, linewidth=1, marker=".", markersize=4)
         for row in order:
-            _draw_box(axes, boxes[row][:, rows], objects[row], COLOURS[verdicts.get(objects[row].id, "skipped")])
+            _draw_box(axes, boxes[row][:, rows], COLOURS[verdicts.get(objects[row].id, "skipped")])
         axes.set_xlim(low[rows[0]], high[rows[0]])
         axes.set_ylim(low[rows[1]], high[rows[1]])
         axes.set_aspect("equal")
         axes.set_title(f"{name}, metres", fontsize=10, loc="left")
         axes.tick_params(labelsize=8)
         bare_axes(axes, keep_left=True)
-    side.set_xlabel("pink: cameras; blue: used, orange: outlier, grey: skipped", fontsize=9)
+    side.set_xlabel("pink: cameras; boxes with ids: blue used, orange outlier, grey skipped; dots: points", fontsize=9)
+    figure = above.get_figure(root=True)
+    if figure is not None:
+        figure.draw_without_rendering()  # only then it is known where everything is on the paper
+    for axes, rows in ((above, [0, 1]), (side, [0, 2])):
+        colours = [COLOURS[verdicts.get(item.id, "skipped")] for item in objects]
+        _label_boxes(axes, [box[:, rows] for box in boxes], [item.id for item in objects], colours)
 
 
 def _frame(up: FloatArray, objects: Sequence[MeasuredObject], cameras: FloatArray) -> FloatArray:
@@ -95,9 +105,8 @@ def _bounds(parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
     return low - margin, high + margin
 
 
-def _draw_box(axes: Axes, outline: FloatArray, item: MeasuredObject, colour: str) -> None:
-    """The silhouette of a box, (8, 2) projected corners, with the object's id."""
-    from matplotlib.patheffects import Normal, Stroke
+def _draw_box(axes: Axes, outline: FloatArray, colour: str) -> None:
+    """The silhouette of a box, (8, 2) projected corners."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -106,9 +115,31 @@ def _draw_box(axes: Axes, outline: FloatArray, item: MeasuredObject, colour: str
         hull = outline
     axes.fill(*hull.T, facecolor=colour, edgecolor=colour, alpha=0.10, linewidth=0)
     axes.fill(*hull.T, fill=False, edgecolor=colour, linewidth=1.1)
-    text: Any = axes.annotate(item.id, outline.mean(axis=0), fontsize=7, color=colour, ha="center", va="center")
-    text.set_clip_on(True)
-    text.set_path_effects([Stroke(linewidth=2, foreground="white"), Normal()])
+
+
+def _label_boxes(axes: Axes, outlines: Sequence[FloatArray], ids: Sequence[str], colours: Sequence[str]) -> None:
+    """The ids of boxes, (8, 2) corners each, none over another, inside the frame, with a line where one moved."""
+    from matplotlib.patheffects import Normal, Stroke
+
+    if not outlines:
+        return
+    low, high = axes.transAxes.transform([(0, 0), (1, 1)])
+    # in pixels from the lower left corner of the frame
+    corners_px = [axes.transData.transform(outline) - low for outline in outlines]
+    things = np.array([np.concatenate([corner.min(axis=0), corner.max(axis=0)]) for corner in corners_px])
+    shown = [visible(name)[:MAX_LABEL] for name in ids]
+    sizes = np.array([(LETTER_PX * max(len(name), 1) + 3, LINE_PX) for name in shown])
+    places = label_places(things, sizes, tuple((high - low).tolist()), step=6.0, cover_cost=0.0) + sizes / 2
+    middles = (things[:, :2] + things[:, 2:]) / 2
+    for name, place, middle, colour in zip(shown, places, middles, colours, strict=True):
+        moved = np.hypot(*(place - middle)) > LINE_PX
+        line = {"arrowstyle": "-", "color": colour, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0} if moved else None
+        spots = [tuple(axes.transData.inverted().transform(spot + low)) for spot in (middle, place)]
+        text: Any = axes.annotate(
+            name, spots[0], xytext=spots[1], fontsize=7, color=colour, ha="center", va="center", arrowprops=line,
+            parse_math=False,
+        )  # fmt: skip
+        text.set_path_effects([Stroke(linewidth=2, foreground="white"), Normal()])
 
 
 def bare_axes(axes: Axes, keep_left: bool = False) -> None:

@@ -78,7 +78,7 @@ def test_every_object_has_a_row_of_its_own_in_the_colour_of_its_verdict(estimate
     for curve, scale in zip(curves, (0.48, 0.9), strict=True):
         peak = curve.get_xdata()[np.nanargmin(curve.get_ydata())]
         assert peak == pytest.approx(scale, rel=0.02)
-    assert "1 used, 1 outliers, 0 skipped" in body.get_xlabel()
+    assert "blue 1 used, orange 1 outliers; 0 skipped" in body.get_xlabel()
 
 
 def test_the_plan_is_in_metres(estimate: SceneEstimate) -> None:

@@ -92,7 +92,7 @@ def test_the_interval_of_a_size_joins_scale_and_measurement(estimate: SceneEstim
 def test_a_frame_is_enlarged_and_drawn_upon(estimate: SceneEstimate) -> None:
     picture = np.full((240, 320, 3), GREY, dtype=np.uint8)
     drawn = overlay(estimate, 1, picture)
-    assert drawn.shape == (1200, 1600, 3)
+    assert drawn.shape == (1228, 1600, 3)
     assert (drawn == UNTRUSTED).all(axis=2).sum() > 300, "the outlier's sizes are red"
     assert (np.abs(drawn.astype(int) - GREY) <= 2).all(axis=2).mean() > 0.5, "most of the picture is still there"
     bare = overlay(replace(estimate, measurements=None), 1, picture)

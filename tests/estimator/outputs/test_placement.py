@@ -46,3 +46,17 @@ def test_a_lone_label_lies_beside_its_thing() -> None:
     assert np.linalg.norm(middle - (730, 520)) < 120
     covered = np.minimum(corner + size[0], thing[0, 2:]) - np.maximum(corner, thing[0, :2])
     assert covered.min() < 25, "it does not hide the whole of it"
+
+
+def test_ids_of_boxes_that_pile_up_are_apart_and_inside() -> None:
+    """As on the plan: small labels of boxes at one place, which may cover what they speak of."""
+    things = np.tile([[90.0, 90.0, 110.0, 110.0]], (12, 1))
+    sizes = np.tile([[15.0, 11.0]], (12, 1))
+    corners = label_places(things, sizes, (200.0, 200.0), step=6.0, cover_cost=0.0)
+    low, high = corners, corners + sizes
+    shared = np.maximum(np.minimum(high[:, None], high) - np.maximum(low[:, None], low), 0).prod(axis=2)
+    np.fill_diagonal(shared, 0)
+    assert shared.max() < 0.2 * 15 * 11
+    assert (low >= 0).all()
+    assert (high <= 200).all()
+    assert np.hypot(*(corners + sizes / 2 - 100).T).max() < 60

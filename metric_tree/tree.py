@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,26 +12,31 @@ from typing import Any
 import pyarrow as pa
 
 from metric_base.faults import InputFault
-from metric_tree.names import NameIndex
 from metric_tree.prior import Prior
 from metric_tree.release import Release, open_release
 from metric_tree.releases import release_directory
+from taxonomy.naming.candidates import Names
+from taxonomy.naming.label_votes import label_votes
+from taxonomy.naming.resolver import Resolver
 
-__all__ = ["AmbiguousName", "NoPrior", "Node", "Tree", "UnknownName", "open_tree"]
+__all__ = ["DETECTORS", "AmbiguousName", "Meaning", "NoPrior", "Node", "Tree", "UnknownName", "open_tree"]
 
-#: Of several nodes that bear a name, one is meant without saying so if it has ten times the items.
-DOMINANCE = 10
+#: Stands for all label lists of detectors where a vocabulary is asked for.
+DETECTORS = "detectors"
+
+#: As many rivals as an ambiguous name's message lists.
+LISTED = 4
 
 
 class UnknownName(InputFault, KeyError):
-    """A name that no node bears; the message names the nearest."""
+    """A name that means no node of the tree; the message names the nearest."""
 
     def __str__(self) -> str:
         return str(self.args[0])
 
 
 class AmbiguousName(UnknownName):
-    """A name that several nodes bear; the message lists them."""
+    """A name that means several nodes alike; the message lists them."""
 
 
 class NoPrior(UnknownName):
@@ -105,6 +111,22 @@ class Node:
         return self.tree.release.table(table, {node.node_id for node in self.descendants()})
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Meaning:
+    """What a text means in a tree.
+
+    `how` is `id`, `code`, `own name`, `alias`, `label list`, `folded` (another spelling or number of a name),
+    `modifier stripped` or `broader kind`; `margin` says how much more speaks for the node than for the next that is
+    no kin of it (infinite where nothing else is meant), and `alternatives` are the others, the likeliest first.
+    """
+
+    node: Node
+    how: str
+    margin: float
+    alternatives: tuple[Node, ...]
+    ambiguous: bool
+
+
 class Tree:
     """A release in memory: a node, priors and items are read when they are asked for."""
 
@@ -130,7 +152,10 @@ class Tree:
         """Whether `find` answers a name; a node is asked for by its id."""
         if isinstance(name, Node):
             return name.node_id in self._places
-        return isinstance(name, str) and (name in self._places or _meant(self._bearers(name)) is not None)
+        if not isinstance(name, str):
+            return False
+        answer = self._resolver.answer(name)
+        return answer is not None and not answer.ambiguous
 
     @property
     def name(self) -> str:
@@ -151,8 +176,12 @@ class Tree:
         """The nodes without children."""
         return tuple(node for node in self if node.node_id not in self._below)
 
+    def has_node(self, node_id: str) -> bool:
+        """Whether a node has this id."""
+        return node_id in self._places
+
     def node(self, node_id: str) -> Node:
-        """The node of an id; UnknownName where there is none."""
+        """The node of an id; UnknownName if no node has it."""
         if node_id not in self._places:
             raise UnknownName(f"{node_id}: no node has this id")
         if node_id not in self._nodes:
@@ -165,39 +194,91 @@ class Tree:
         return tuple(self.node(child) for child in self._below.get(node_id, ()))
 
     def find(self, name: str, vocabulary: str | None = None) -> Node:
-        """The node that a name means: an id, synset, name, alias or detector label.
-
-        Case, `_`, `-` and plurals are folded. With `vocabulary` the name is read as that label list does.
+        """The node that a name means: an id, synset, name, alias, detector label or phrase; see `resolve`.
 
         Raises
         ------
         UnknownName
-            No node bears it.
+            It means no node of the tree.
         AmbiguousName
-            Several do, and none of them has ten times the items of the next.
+            It means several, and nothing speaks for one of them: a bat is an animal and a stick.
+
+        >>> import metric_tree
+        >>> tree = metric_tree.open()
+        >>> tree.find("black wooden chairs").node_id
+        'chair.n.01'
         """
-        if not isinstance(name, str):
-            raise UnknownName(f"name: expected a name; found {name!r}")
-        if vocabulary is not None:
-            return self.node(_labelled(name, vocabulary, self._bearer_ids))
-        if name in self._places:
-            return self.node(name)
-        found = self._bearers(name)
-        if not found:
-            nearest = ", ".join(self._index.nearest(name)) or "nothing like it"
-            raise UnknownName(f"{name!r}: no node bears this name; nearest: {nearest}")
-        meant = _meant(found)
-        if meant is None:
-            candidates = ", ".join(f"{node.node_id} ({node.n_items} items)" for node in found)
-            raise AmbiguousName(f"{name!r}: several nodes bear this name: {candidates}")
-        return meant
+        meaning = self.resolve(name, vocabulary)
+        if meaning.ambiguous:
+            rivals = (meaning.node, *meaning.alternatives)[:LISTED]
+            candidates = ", ".join(f"{node.node_id} ({node.n_items} items)" for node in rivals)
+            raise AmbiguousName(f"{name!r} means several nodes: {candidates}; ask for one of them by its id")
+        return meaning.node
 
-    def _bearers(self, name: str) -> list[Node]:
-        """The nodes that bear a name, those of most items first."""
-        return sorted(map(self.node, self._bearer_ids(name)), key=lambda node: -node.n_items)
+    def resolve(self, text: str, vocabulary: str | None = None) -> Meaning:
+        """What a text means, how that was reached, how clear it is, and what else it may mean.
 
-    def _bearer_ids(self, name: str) -> tuple[str, ...]:
-        return self._index.ids(name)  # a method, so that who hands it on does not build the index
+        Case, plurals, spaces, hyphens, underscores, articles, numbers, and British spelling are folded; adjectives,
+        colours, materials and rooms are taken away. With `vocabulary` the text is read as that label list reads it;
+        `detectors` stands for all of them, the most used first.
+
+        Raises
+        ------
+        UnknownName
+            It means no node of the tree; no likeness of spelling is ever taken for a name.
+        taxonomy.label_lists.UnknownLabel
+            `vocabulary` is not a list, or the list has no such label.
+
+        >>> import metric_tree
+        >>> meaning = metric_tree.open().resolve("black mugs")
+        >>> meaning.node.node_id, meaning.how
+        ('mug.n.04', 'modifier stripped')
+        """
+        if not isinstance(text, str) or not text.strip():
+            raise UnknownName(f"name: expected a name; found {text!r}")
+        if vocabulary is not None and (listed := self._listed(text, vocabulary)) is not None:
+            return Meaning(listed, "label list", math.inf, (), False)
+        answer = self._resolver.answer(text)
+        if answer is None:
+            nearest = " or ".join(repr(name) for name in self._resolver.nearest(text))
+            raise UnknownName(f"no node is called {text!r}" + (f"; did you mean {nearest}?" if nearest else ""))
+        nodes = [self.node(candidate.node_id) for candidate in answer.candidates]
+        return Meaning(nodes[0], answer.how, answer.margin, tuple(nodes[1:]), answer.ambiguous)
+
+    def search(self, text: str, limit: int = 10) -> tuple[Node, ...]:
+        """At most `limit` nodes for what a person types, the likeliest first: meanings, beginnings, like spellings.
+
+        >>> import metric_tree
+        >>> metric_tree.open().search("coffee m", limit=1)[0].name
+        'coffee maker and grinder'
+        """
+        return tuple(self.node(node_id) for node_id in self._resolver.ranked(text, limit))
+
+    def _listed(self, text: str, vocabulary: str) -> Node | None:
+        """The node of a label; None if no list of the detectors has it in this tree."""
+        if vocabulary == DETECTORS:
+            from taxonomy.naming.label_votes import listed_nodes
+
+            known = (node_id for node_id in listed_nodes(text) if node_id in self._places)
+            return next(map(self.node, known), None)
+        from taxonomy.label_lists import labelled_node
+
+        node_id = labelled_node(text, vocabulary, self._likely_ids)
+        return self.node(self._nearest_place(node_id))
+
+    def _likely_ids(self, text: str) -> tuple[str, ...]:
+        answer = self._resolver.answer(text)
+        return tuple(one.node_id for one in answer.candidates) if answer else ()
+
+    def _nearest_place(self, node_id: str) -> str:
+        """The node, or the nearest kind of it that this release has."""
+        if node_id in self._places:
+            return node_id
+        from taxonomy.naming.evidence import senses
+
+        lemma = node_id.removeprefix("mt:").partition(".n.")[0].replace("_", " ")
+        chains = (sense.nodes for sense in senses(lemma) if sense.nodes[:1] == (node_id,))
+        return next((above for chain in chains for above in chain if above in self._places), node_id)
 
     def prior_dims(self, node_id: str) -> tuple[tuple[str, ...], ...]:
         """The sets of dimensions for which a node has a fitted row."""
@@ -246,12 +327,13 @@ class Tree:
         return below
 
     @cached_property
-    def _index(self) -> NameIndex:
-        columns = self._table.select(["node_id", "name", "aliases", "synset"]).to_pydict().values()
-        return NameIndex(
-            (node_id, (name, *(aliases or ()), *([synset] if synset else [])))
-            for node_id, name, aliases, synset in zip(*columns, strict=True)
-        )
+    def _resolver(self) -> Resolver:
+        columns = ("node_id", "name", "aliases", "n_items", "parent_id")
+        ids, names, aliases, items, parents = (self._table[column].to_pylist() for column in columns)
+        return Resolver(Names(ids, names, aliases, items, parents, self._hypernyms_of, label_votes))
+
+    def _hypernyms_of(self, node_id: str) -> tuple[str, ...]:
+        return self.node(node_id).hypernyms
 
 
 def open_tree(ref: str | Path | None = None) -> Tree:
@@ -268,17 +350,3 @@ def open_tree(ref: str | Path | None = None) -> Tree:
 def _node(tree: Tree, row: dict[str, Any]) -> Node:
     lists = {name: tuple(row[name] or ()) for name in ("path", "hypernyms", "aliases", "dims")}
     return Node(tree=tree, **{**{name: row[name] for name in row if name in Node.__dataclass_fields__}, **lists})
-
-
-def _meant(found: Sequence[Node]) -> Node | None:
-    """Of the nodes that bear a name, most items first, the one that is meant without saying so."""
-    if not found or (len(found) > 1 and found[0].n_items < DOMINANCE * max(found[1].n_items, 1)):
-        return None
-    return found[0]
-
-
-def _labelled(name: str, vocabulary: str, meant: Callable[[str], Sequence[str]]) -> str:
-    from taxonomy.label_lists import labelled_node  # read only where a list is named
-
-    node_id: str = labelled_node(name, vocabulary, meant)
-    return node_id

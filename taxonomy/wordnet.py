@@ -88,6 +88,10 @@ class WordNet:
         record = self._synset(synset)
         return tuple(above.name() for above in (*record.hypernyms(), *record.instance_hypernyms()))
 
+    def is_instance(self, synset: str) -> bool:
+        """Whether the synset is one particular thing or person, such as one inventor."""
+        return bool(self._synset(synset).instance_hypernyms())
+
     def children(self, synset: str) -> tuple[str, ...]:
         """Synsets one step below, without instances such as one particular river."""
         return tuple(below.name() for below in self._synset(synset).hyponyms())

@@ -25,11 +25,11 @@ import numpy as np
 from benchmarks.taxonomy.propose_levels import explained, nested_cuts
 from crawler.items import raw_items
 from metric_base.arrays import FloatArray
-from metric_tree.names import fold_name, singular_form
 from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import Category
 from taxonomy.matching.matcher import default_matcher
 from taxonomy.matching.shipped import default_taxonomy
+from taxonomy.naming.spelling import plain_fold, singular_phrases
 
 #: Items after which a leaf weighs no more.
 MOST = 50
@@ -109,7 +109,8 @@ def named_2020(paths: list[tuple[str, ...]], by_id: Mapping[str, Category]) -> d
 
 
 def _key(name: str) -> str:
-    return singular_form(fold_name(name)).replace(" ", "")
+    form = plain_fold(name)
+    return next(singular_phrases(form), form).replace(" ", "")
 
 
 def propose(files: list[Path]) -> None:

@@ -135,7 +135,7 @@ def _warnings(
     estimate: Estimate | None, objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning]
 ) -> list[str]:
     unknown = sorted({item.category for item in objects if by_name[item.category].prior is None})
-    lines = [f"category {_said_once(name, by_name[name].reason)}" for name in unknown]
+    lines = [_said_once(name, by_name[name].reason) for name in unknown]
     if estimate is None:
         lines.append("unresolved: no usable object" if objects else "unresolved: no object")
     elif (
@@ -154,6 +154,8 @@ def _warnings(
 
 
 def _said_once(name: str, reason: str | None) -> str:
-    """Name and reason; most reasons begin with the name."""
+    """What a warning says of a category; most reasons say its name themselves."""
     reason = reason or ""
-    return reason if reason.startswith(f"{name!r}: ") else f"{name!r}: {reason}"
+    if reason.startswith(f"{name!r}: "):
+        return f"category {reason}"
+    return reason if repr(name) in reason else f"category {name!r}: {reason}"

@@ -119,7 +119,7 @@ def _record(arguments: argparse.Namespace) -> None:
     from metric_base.folders import taxonomy_directory
     from taxonomy.matching.decisions import NONE, BadDecision, Decision, decisions, record_decision
     from taxonomy.matching.lexicon import default_lexicon
-    from taxonomy.matching.words import fold_text
+    from taxonomy.naming.spelling import fold_text
 
     source, separator, words = arguments.subject.partition(": ")
     if separator and arguments.what == "match":

@@ -9,7 +9,7 @@ from functools import cache, cached_property
 from metric_base.folders import taxonomy_directory
 from taxonomy.insertions import PREFIX, Insertion, insertions
 from taxonomy.levels import table_rows
-from taxonomy.matching.words import fold_text, singulars
+from taxonomy.naming.spelling import fold_text, singulars
 from taxonomy.wordnet import WordNet, default_wordnet
 
 __all__ = ["Lexicon", "default_lexicon"]

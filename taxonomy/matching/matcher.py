@@ -13,7 +13,8 @@ from taxonomy.matching.lexicon import Lexicon, default_lexicon
 from taxonomy.matching.namer import Namer
 from taxonomy.matching.senses import DOMAINS, sense
 from taxonomy.matching.source_reading import BadReading, Reading, default_readings, reading_of
-from taxonomy.matching.words import fold_text, noun_phrase
+from taxonomy.matching.words import noun_phrase
+from taxonomy.naming.spelling import fold_text
 from taxonomy.wordnet import UnknownSynset
 
 __all__ = ["THRESHOLD", "Finding", "Matcher", "default_matcher"]

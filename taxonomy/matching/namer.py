@@ -11,7 +11,8 @@ from taxonomy.matching.decisions import Decision
 from taxonomy.matching.finding import Finding, believed_reliability, no_concept
 from taxonomy.matching.lexicon import Lexicon
 from taxonomy.matching.senses import Domain, Sense, fits, sense
-from taxonomy.matching.words import Phrase, fold_text, noun_phrase
+from taxonomy.matching.words import Phrase, noun_phrase
+from taxonomy.naming.spelling import fold_text
 
 __all__ = ["Namer"]
 

@@ -18,22 +18,71 @@ def test_find_folds_names(mini: Tree) -> None:
 
 def test_an_unknown_name_names_the_nearest(mini: Tree) -> None:
     with pytest.raises(UnknownName, match="swivel chair"):
-        mini.find("swivle chair")
+        mini.find("swivel chiar")
     assert isinstance(UnknownName("x"), KeyError)
 
 
-def test_an_ambiguous_name_lists_its_nodes(mini: Tree) -> None:
-    with pytest.raises(AmbiguousName, match=r"mouse\.n\.04 \(9 items\), mouse\.n\.01 \(2 items\)"):
-        mini.find("mouse")
-
-
-def test_ten_times_the_items_decide(tmp_path: Path) -> None:
+def two_zorbs(tmp_path: Path, of_trackballs: int = 4) -> Tree:
+    """The small tree with a made-up word for two things that are no kin."""
     content = minitree.rows()
     for row in content["nodes.parquet"]:
-        if row["node_id"] == "mouse.n.04":
-            row["n_items"] = 20
-    tree = Tree(minitree.release(tmp_path / "r", content))
-    assert tree.find("mouse").node_id == "mouse.n.04"
+        if row["node_id"] in ("trackball.n.01", "rat.n.01"):
+            row["aliases"] = [*row["aliases"], "zorb"]
+        if row["node_id"] == "trackball.n.01":
+            row["n_items"] = of_trackballs
+    return Tree(minitree.release(tmp_path / "r", content))
+
+
+def test_an_ambiguous_name_lists_its_nodes(tmp_path: Path) -> None:
+    tree = two_zorbs(tmp_path)
+    with pytest.raises(AmbiguousName, match=r"trackball\.n\.01 \(4 items\), rat\.n\.01 \(2 items\)"):
+        tree.find("zorbs")
+    meaning = tree.resolve("zorbs")
+    assert meaning.ambiguous
+    assert [node.node_id for node in meaning.alternatives] == ["rat.n.01"]
+    assert "zorb" not in tree
+
+
+def test_many_more_items_decide(tmp_path: Path) -> None:
+    meaning = two_zorbs(tmp_path, of_trackballs=1000).resolve("zorb")
+    assert (meaning.node.node_id, meaning.how, meaning.ambiguous) == ("trackball.n.01", "alias", False)
+
+
+def test_what_detectors_mean_comes_before_the_animal(mini: Tree) -> None:
+    assert mini.find("mouse").node_id == "mouse.n.04"
+    assert mini.find("Mouse", "openimages_601").node_id == "mouse.n.01"
+    assert mini.resolve("mouse", "detectors").how == "label list"
+
+
+@pytest.mark.parametrize(
+    ("text", "how"),
+    [
+        ("swivel chair", "own name"),
+        ("desk chair", "alias"),
+        ("SwivelChair", "own name"),
+        ("2 swivel chairs", "folded"),
+        ("swivel_chair.003", "own name"),
+        ("black leather swivel chair", "modifier stripped"),
+        ("a swivel chair with wheels", "own name"),
+        ("desk chair/swivel chair", "alias"),
+        ("swivel_chair.n.01", "id"),
+    ],
+)
+def test_how_a_name_is_reached_is_said(mini: Tree, text: str, how: str) -> None:
+    meaning = mini.resolve(text)
+    assert (meaning.node.node_id, meaning.how) == ("swivel_chair.n.01", how)
+
+
+def test_alternatives_that_disagree_are_unknown(mini: Tree) -> None:
+    with pytest.raises(UnknownName, match="no node is called 'trackball/rat'"):
+        mini.find("trackball/rat")
+
+
+def test_a_search_ranks_meanings_then_beginnings(mini: Tree) -> None:
+    assert mini.search("swivel")[0].node_id == "swivel_chair.n.01"
+    assert [node.node_id for node in mini.search("chair", limit=2)] == ["chair.n.01", "swivel_chair.n.01"]
+    assert mini.search("swivel chiar")[0].node_id == "swivel_chair.n.01"
+    assert mini.search("   ") == ()
 
 
 def test_the_family(mini: Tree) -> None:
@@ -89,8 +138,7 @@ def test_what_is_no_name_is_told(mini: Tree, name: object) -> None:
 def test_a_tree_contains_what_it_finds(mini: Tree) -> None:
     for name in ("chair", "Swivel_Chairs", "chair.n.01", mini.find("chair")):
         assert name in mini
-    for name in ("unicorn", "mouse"):  # unknown; of two meanings
-        assert name not in mini
+    assert "unicorn" not in mini
 
 
 def test_a_list_without_the_word_names_its_own(mini: Tree) -> None:

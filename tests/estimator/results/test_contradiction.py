@@ -120,4 +120,4 @@ def test_evidence_without_objects_is_an_answer(mini: Tree) -> None:
 
 def test_a_reason_that_begins_with_the_name_is_not_doubled(mini: Tree) -> None:
     result = answer(mini, None, ("unicorn", CHAIR))
-    assert result.warnings[0].startswith("category 'unicorn': no node bears this name")
+    assert result.warnings[0].startswith("no node is called 'unicorn'")

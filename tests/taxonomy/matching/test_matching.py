@@ -16,7 +16,7 @@ from taxonomy.matching.finding import THRESHOLD, reliabilities
 from taxonomy.matching.lexicon import Lexicon
 from taxonomy.matching.matcher import Matcher, default_matcher
 from taxonomy.matching.source_reading import BadReading, Reading, default_readings, readings
-from taxonomy.matching.words import fold_text
+from taxonomy.naming.spelling import fold_text
 from taxonomy.wordnet import WordNet
 
 INSERTED = {

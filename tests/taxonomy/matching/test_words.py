@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taxonomy.matching.words import Phrase, fold_text, noun_phrase, singulars, spelling_of
+from taxonomy.matching.words import Phrase, noun_phrase
+from taxonomy.naming.spelling import fold_text, singulars, spelling_of
 
 TITLES = st.text(alphabet=st.characters(codec="utf-8"), max_size=80)
 WORDS = st.text(alphabet="abcdefghijklmnopqrstuvwxyz", min_size=1, max_size=14)

@@ -1,0 +1,1 @@
+"""From the words of people and detectors to a node of a release: spelling, senses, modifiers."""

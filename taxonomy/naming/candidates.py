@@ -1,0 +1,170 @@
+"""Which nodes have a name, and how much speaks for each of them: label lists, own names, senses, items."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from taxonomy.naming.evidence import Sense, senses
+from taxonomy.naming.spelling import fold_text, plain_fold
+
+__all__ = ["Candidate", "Names", "folded_forms"]
+
+#: Ends the id of a leaf of items that no source names closer; only its full name means it.
+_OTHER = "/other"
+
+#: What speaks for a node, in units in which a difference of one is clear. A label of COCO is worth more than a name of
+#: one's own, that more than WordNet's order of senses; items only break ties.
+OWN_NAME = 2.0
+REVIEWED_ALIAS = 1.0
+USED_MOST = 1.0
+EACH_SENSE_BEFORE = 0.15
+FOOD_BEFORE_PLANT = 0.8
+TENFOLD_ITEMS = 0.4
+MOST_LABEL_WEIGHT = 5.0
+
+#: An alias of WordNet that is used so rarely in this sense, while a thing is meant more often, leads astray.
+LEAST_SHARE = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A node that may be meant, how much speaks for it, and how it was reached."""
+
+    node_id: str
+    score: float
+    how: str
+
+
+class Names:
+    """The nodes of a release by their names.
+
+    Parameters
+    ----------
+    ids : (n,) node ids.
+    names : (n,) the name of each.
+    aliases : (n,) further words for each.
+    items : (n,) items of the fit at or below each.
+    parents : (n,) node above each, None at the root.
+    hypernyms : gives the synsets above a node; asked only where two nodes compete.
+    labels : node and weight of a label by the lists of detectors; asked only where it decides.
+    """
+
+    def __init__(
+        self,
+        ids: Sequence[str],
+        names: Sequence[str],
+        aliases: Sequence[Sequence[str] | None],
+        items: Sequence[int],
+        parents: Sequence[str | None],
+        hypernyms: Callable[[str], Sequence[str]],
+        labels: Callable[[str], Mapping[str, float]],
+    ) -> None:
+        self._items = dict(zip(ids, items, strict=True))
+        self._parents = dict(zip(ids, parents, strict=True))
+        self._names = dict(zip(ids, names, strict=True))
+        self._hypernyms = hypernyms
+        self._labels = labels
+        self._forms: defaultdict[str, dict[str, bool]] = defaultdict(dict)
+        for node_id, name, words in zip(ids, names, aliases, strict=True):
+            for word in words or ():
+                self._forms[plain_fold(word)].setdefault(node_id, False)
+            for own in _own_names(node_id, name):
+                self._forms[plain_fold(own)][node_id] = True
+
+    def __contains__(self, node_id: object) -> bool:
+        return node_id in self._items
+
+    @property
+    def forms(self) -> Iterable[str]:
+        """Every folded name."""
+        return self._forms
+
+    @cached_property
+    def compact(self) -> Mapping[str, tuple[str, ...]]:
+        """Folded names by their letters alone: `tvmonitor`."""
+        spelt: defaultdict[str, list[str]] = defaultdict(list)
+        for form in self._forms:
+            spelt[form.replace(" ", "")].append(form)
+        return {letters: tuple(forms) for letters, forms in spelt.items()}
+
+    def shown(self, node_id: str) -> str:
+        """The name of a node."""
+        return self._names[node_id]
+
+    def owners(self, form: str) -> tuple[str, ...]:
+        """The nodes that have a folded form among their names, those with most items first."""
+        return tuple(sorted(self._forms.get(form, ()), key=lambda node: -self._items[node]))
+
+    def hypernyms(self, node_id: str) -> tuple[str, ...]:
+        """Synsets above a node."""
+        return tuple(self._hypernyms(node_id))
+
+    def ancestors(self, node_id: str) -> tuple[str, ...]:
+        """Ids above a node in the tree, nearest first."""
+        parent = self._parents.get(node_id)
+        return () if parent is None else (parent, *self.ancestors(parent))
+
+    def kin(self, one: str, other: str) -> bool:
+        """Whether one of two nodes is above the other, in the tree or in WordNet."""
+        if one in self.ancestors(other) or other in self.ancestors(one):
+            return True
+        return one in self._hypernyms(other) or other in self._hypernyms(one)
+
+    def candidates(self, form: str) -> list[Candidate]:
+        """The nodes that a folded form may mean, the likeliest first."""
+        owners = self._forms.get(form, {})
+        votes: Mapping[str, float] = {}
+        known = senses(form) if owners and (len(owners) > 1 or not all(owners.values())) else ()
+        if len(owners) != 1 or known:
+            votes = {node: weight for node, weight in self._labels(form).items() if node in self}
+        nodes = dict.fromkeys((*owners, *votes))
+        scored = [self._candidate(form, node, owners.get(node), votes.get(node, 0.0), known) for node in nodes]
+        return sorted((one for one in scored if one.score > 0), key=lambda one: (-one.score, -self._items[one.node_id]))
+
+    def _candidate(self, form: str, node: str, own: bool | None, votes: float, known: Sequence[Sense]) -> Candidate:
+        places = [place for place, sense in enumerate(known) if sense.nodes[:1] == (node,)]
+        score = min(votes, MOST_LABEL_WEIGHT) + TENFOLD_ITEMS * min(math.log10(1 + self._items[node]), 3)
+        if own:
+            score += OWN_NAME
+        if places:
+            score += _sense_score(places[0], known)
+            if not own and not votes and _astray(places[0], known, form):
+                return Candidate(node, 0.0, "alias")
+        elif own is False:
+            score += REVIEWED_ALIAS
+        if "food.n.01" in self.ancestors(node):
+            score += FOOD_BEFORE_PLANT
+        return Candidate(node, score + 0.01, "own name" if own else "alias" if own is False else "label list")
+
+
+def _own_names(node_id: str, name: str) -> tuple[str, ...]:
+    """A node's name, without what tells it apart in brackets, and the word of its synset (`bat` of `bat.n.05`)."""
+    if node_id.endswith(_OTHER):
+        return (name,)
+    lemma, dot, _ = node_id.partition(".n.")
+    bare = name.partition(" (")[0]
+    return (name, bare, lemma) if dot else (name, bare)
+
+
+def _sense_score(place: int, known: Sequence[Sense]) -> float:
+    most = max(sense.count for sense in known)
+    before = sum(bool(sense.nodes) for sense in known[:place])
+    return USED_MOST * (known[place].count + 1) / (most + 1) - EACH_SENSE_BEFORE * before
+
+
+def _astray(place: int, known: Sequence[Sense], form: str) -> bool:
+    """Whether the taxonomy calls another thing by the word, which it means first, and this one hardly ever."""
+    lemma = form.replace(" ", "_")
+    first = any(sense.nodes and sense.nodes[0].partition(".")[0] == lemma for sense in known[:place])
+    counts = [sense.count + 1 for sense in known if sense.nodes]
+    rare = known[place].count == 0 or (known[place].count + 1) / sum(counts) < LEAST_SHARE
+    return first and rare
+
+
+def folded_forms(text: str) -> tuple[str, ...]:
+    """The ways to fold a text, the plainest first: `iPhone` as one word, `TrafficLight` as two."""
+    return tuple(dict.fromkeys((plain_fold(text), fold_text(text))))

@@ -1,0 +1,261 @@
+"""From a text to a node: the one way in which the tree, the estimator and the commands read a name.
+
+The forms of a text are tried from the plainest to the boldest, and the first that names a node answers: as it is
+written, without numbers and articles, singular, without spaces; two alternatives that agree (`couch/sofa`), the last
+part of a dotted path; what a count names (`pair of scissors`), the name before `with` or `riding`; a word of WordNet
+whose kind is in the tree; the name without adjectives, colours, materials and rooms; the head noun, if compounds that
+end in it are known to be such things. What is left is unknown: no likeness of spelling is ever taken for a name.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from taxonomy.naming.candidates import Candidate, Names, folded_forms
+from taxonomy.naming.evidence import coded_node, head_trust, senses
+from taxonomy.naming.modifiers import (
+    ALIENATING,
+    CONTAINERS,
+    after_counts,
+    is_plain_adjective,
+    leading_phrase,
+    modifiers,
+    without_numbers,
+)
+from taxonomy.naming.spelling import plain_fold, singular_phrases
+
+__all__ = ["NEAR", "Answer", "Resolver"]
+
+#: Two senses whose evidence differs by less are both meant.
+NEAR = 0.85
+
+#: Share of the known compounds of a head noun that are such things, from which the head alone is taken.
+HEAD_TRUST = 0.65
+#: Compounds that must be known before a head noun is taken.
+HEAD_COMPOUNDS = 4
+
+#: Shortest name that is looked up without its spaces: shorter ones meet by accident.
+SHORTEST_COMPACT = 5
+
+#: A juicer is a thing before it is somebody.
+_PERSON = "person.n.01"
+
+_CODE = re.compile(r"^(?:n\d{8}|/m/[0-9a-z_]+|/g/[0-9a-z_]+)$")
+_ALTERNATIVES = re.compile(r"\s*(?:/|\||\bor\b)\s*")
+_BRACKETS = re.compile(r"[\s_]*\(([^()]*)\)")
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a text means: the likeliest candidate first; `how` it was reached; `margin` to the next that is not kin."""
+
+    candidates: tuple[Candidate, ...]
+    how: str
+    margin: float
+
+    @property
+    def node_id(self) -> str:
+        """The node that is meant."""
+        return self.candidates[0].node_id
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether another sense is as likely."""
+        return self.margin < NEAR
+
+
+class Resolver:
+    """Reads names for the nodes of one release.
+
+    Parameters
+    ----------
+    names : the nodes by their names.
+    """
+
+    def __init__(self, names: Names) -> None:
+        self._names = names
+
+    def answer(self, text: str) -> Answer | None:
+        """What a text means, or None if nothing of the tree is meant."""
+        if text in self._names:
+            return Answer((Candidate(text, math.inf, "id"),), "id", math.inf)
+        if _CODE.match(text):
+            node = coded_node(text)
+            return self._at(node, "code") if node else None
+        written = self._written(text)
+        return written or self._composed(text) or self._phrase(text)
+
+    def _written(self, text: str) -> Answer | None:
+        """The answer for a text that is a name as it is, in brackets, counted, plural, or without its spaces."""
+        hint = _BRACKETS.search(text)
+        bare = _BRACKETS.sub("", text) if hint else text
+        for form in folded_forms(text):
+            if answer := self._of(self._names.candidates(form), None):
+                return answer
+        for plain in dict.fromkeys((bare, without_numbers(bare))):
+            for form in folded_forms(plain):
+                if answer := self._of_form(form, hint[1] if hint else None):
+                    return answer
+        return None
+
+    def _of_form(self, form: str, hint: str | None = None) -> Answer | None:
+        if not form:
+            return None
+        if found := self._names.candidates(form):
+            return self._of(found, None, hint)
+        for single in singular_phrases(form):
+            if found := self._names.candidates(single):
+                return self._of(found, "folded", hint)
+        return self._of_letters(form, hint)
+
+    def _of_letters(self, form: str, hint: str | None) -> Answer | None:
+        for letters in dict.fromkeys(one.replace(" ", "") for one in (form, *singular_phrases(form))):
+            if len(letters) >= SHORTEST_COMPACT:
+                for spelt in self._names.compact.get(letters, ()):
+                    if found := self._names.candidates(spelt):
+                        return self._of(found, "folded", hint)
+        return None
+
+    def _composed(self, text: str) -> Answer | None:
+        """The answer for alternatives, dotted paths and inverted names (`table, dining`)."""
+        parts = [part for part in _ALTERNATIVES.split(text) if part]
+        if len(parts) > 1:
+            return self._agreed(parts)
+        if "." in text.strip(".") and " " not in text.strip():
+            *_, before, last = ["", *filter(None, text.split("."))]
+            return self._written(last) or (self._written(before) if before and plain_fold(last) else None)
+        parts = [part.strip() for part in text.split(",") if part.strip()]
+        if len(parts) > 1:
+            inverted = " ".join((*parts[1:], parts[0])) if len(parts) == 2 else ""
+            tried = (self.answer(part) for part in (inverted, *parts) if part)
+            return next((answer for answer in tried if answer is not None), None)
+        return None
+
+    def _agreed(self, parts: Sequence[str]) -> Answer | None:
+        """The one answer of several alternatives, or None where they disagree."""
+        answers = [answer for part in parts if (answer := self.answer(part)) is not None]
+        first = answers[0] if len(answers) == len(parts) else None
+        same = first is not None and all(self._same(first.node_id, one.node_id) for one in answers)
+        return first if same else None
+
+    def _phrase(self, text: str) -> Answer | None:
+        """The answer for a phrase: what it counts, what comes before `with`, its kind in WordNet, its bare name."""
+        plain = text.replace("_", " ").replace("-", " ") if " " not in text.strip() else text
+        counted = after_counts(plain)
+        if counted and (answer := self.answer(counted)):
+            return answer
+        form = plain_fold(without_numbers(plain))
+        words = form.split()
+        adjective = len(words) > 1 and is_plain_adjective(words[0])
+        answer = self._bare(words) if adjective else self._of_wordnet(form)
+        if answer:
+            return answer
+        led = leading_phrase(plain)
+        if led and (answer := self.answer(led)):
+            return answer
+        return self._bare(words) if not led else None
+
+    def _bare(self, words: Sequence[str]) -> Answer | None:
+        """The answer for a name after its modifiers are taken away, one by one from the left."""
+        while len(words) > 1 and (leading := modifiers(words)):
+            words = words[leading:]
+            form = " ".join(words)
+            answer = self._of_form(form) or self._of_wordnet(form)
+            if answer:
+                return Answer(answer.candidates, "modifier stripped", answer.margin)
+            if senses(form):
+                return None
+        return self._head(words)
+
+    def _head(self, words: Sequence[str]) -> Answer | None:
+        """The answer for the head noun, if the compounds that end in it are such things."""
+        if len(words) < 2 or len(words) > 4 or ALIENATING & set(words[:-1]):
+            return None
+        head = next((one for one in (words[-1], *singular_phrases(words[-1])) if self._names.candidates(one)), None)
+        answer = self._of(self._names.candidates(head), None) if head else None
+        if head is None or answer is None or answer.ambiguous:
+            return None
+        kinds, compounds = head_trust(head).get(answer.node_id, (0, 0))
+        trusted = compounds >= HEAD_COMPOUNDS and kinds / compounds >= HEAD_TRUST
+        if trusted or head in CONTAINERS:
+            return Answer(answer.candidates, "broader kind", answer.margin)
+        return None
+
+    def _of_wordnet(self, form: str) -> Answer | None:
+        """The nearest kind in the tree of a word that the tree lacks."""
+        forms = (form, *singular_phrases(form), form.replace(" ", ""))
+        known = next((found for one in forms if (found := senses(one))), ())
+        things = [sense for sense in known if sense.nodes and _PERSON not in sense.nodes]
+        things = things or [sense for sense in known if sense.nodes]
+        meant = things if not any(sense.count for sense in known) else [known[0]]
+        places = [next((node for node in sense.nodes if node in self._names), None) for sense in meant]
+        node = places[0] if places else None
+        if node is None or any(other is None or not self._same(node, other) for other in places):
+            return None  # what is meant first is no thing, has no place in the tree, or is one of several things
+        return self._at(node, "broader kind")
+
+    def _of(self, found: Sequence[Candidate], how: str | None, hint: str | None = None) -> Answer | None:
+        if not found:
+            return None
+        if hint is not None:
+            found = self._hinted(found, hint)
+        best = found[0]
+        rival = next((one for one in found[1:] if not self._same(best.node_id, one.node_id)), None)
+        margin = best.score - rival.score if rival else math.inf
+        return Answer(tuple(found), how or best.how, margin)
+
+    def _hinted(self, found: Sequence[Candidate], hint: str) -> list[Candidate]:
+        """Candidates whose kinds the words in brackets name come first (`bow (weapon)`)."""
+        words = set(plain_fold(hint).split())
+
+        def names(one: Candidate) -> bool:
+            above = (one.node_id, *self._names.ancestors(one.node_id), *self._names.hypernyms(one.node_id))
+            shown = (plain_fold(node.partition(".")[0].removeprefix("mt:")) for node in above)
+            return any(words & set(name.split()) for name in shown)
+
+        hinted = [Candidate(one.node_id, one.score + 3.0, one.how) for one in found if names(one)]
+        return hinted + [one for one in found if not names(one)]
+
+    def _same(self, one: str, other: str) -> bool:
+        return one == other or self._names.kin(one, other)
+
+    def _at(self, node: str, how: str) -> Answer | None:
+        if node not in self._names:
+            return None
+        return Answer((Candidate(node, 0.0, how),), how, math.inf)
+
+    def ranked(self, text: str, limit: int) -> Iterator[str]:
+        """At most `limit` nodes for what a person types: meanings, names that begin so or hold it, like spellings."""
+        yield from _unique(self._ranked(text), limit)
+
+    def _ranked(self, text: str) -> Iterator[str]:
+        answer = self.answer(text)
+        if answer is not None:
+            yield from (one.node_id for one in answer.candidates)
+        form = plain_fold(text)
+        if not form:
+            return
+        forms = list(self._names.forms)
+        begin = sorted((one for one in forms if one.startswith(form)), key=len)
+        hold = sorted((one for one in forms if f" {form}" in one), key=len)
+        yield from (node for one in (*begin, *hold) for node in self._names.owners(one))
+        yield from (node for one in self.nearest(text, 10) for node in self._names.owners(one))
+
+    def nearest(self, text: str, count: int = 3) -> list[str]:
+        """The known names most like an unknown text."""
+        import difflib  # only a name that is unknown needs it
+
+        return difflib.get_close_matches(plain_fold(text), list(self._names.forms), n=count)
+
+
+def _unique(ids: Iterator[str], limit: int) -> Iterator[str]:
+    seen: set[str] = set()
+    for one in ids:
+        if len(seen) == limit:
+            return
+        if one not in seen:
+            seen.add(one)
+            yield one

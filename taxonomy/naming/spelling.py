@@ -1,0 +1,114 @@
+"""Spelling: text folded so that the ways to write one name meet, and the singulars of a word."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterator
+from functools import lru_cache
+
+__all__ = ["fold_text", "plain_fold", "singular_phrases", "singulars", "spelling_of"]
+
+#: British to American, as WordNet's lemmas are spelt; whole words only, singular and plural.
+_SPELLINGS = {
+    "aeroplane": "airplane", "aluminium": "aluminum", "armour": "armor", "catalogue": "catalog", "centre": "center",
+    "colour": "color", "cosy": "cozy", "draught": "draft", "fibre": "fiber", "grey": "gray", "humour": "humor",
+    "jewellery": "jewelry", "kerb": "curb", "litre": "liter", "metre": "meter", "moulding": "molding",
+    "mould": "mold", "plough": "plow", "pouffe": "pouf", "pyjama": "pajama", "sabre": "saber",
+    "sceptre": "scepter", "theatre": "theater", "tyre": "tire", "woollen": "woolen", "yoghurt": "yogurt",
+}  # fmt: skip
+
+#: Plurals that no rule forms.
+_IRREGULAR = {
+    "children": "child", "feet": "foot", "geese": "goose", "halves": "half", "knives": "knife", "leaves": "leaf",
+    "lice": "louse", "loaves": "loaf", "men": "man", "mice": "mouse", "oxen": "ox", "people": "person",
+    "scarves": "scarf", "shelves": "shelf", "teeth": "tooth", "wolves": "wolf", "women": "woman", "axes": "axe",
+    "dice": "die", "cacti": "cactus", "calves": "calf", "wives": "wife", "thieves": "thief", "hooves": "hoof",
+}  # fmt: skip
+
+_CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
+_SEPARATORS = re.compile(r"[^0-9a-z]+")
+
+#: What becomes of each ASCII character: letters small, apostrophes gone, all but letters and digits a space.
+_ASCII = {code: chr(code).lower() if chr(code).isalnum() else " " for code in range(128)} | {
+    ord("'"): None,
+    ord("`"): None,
+    ord("&"): " and ",
+}
+
+
+@lru_cache(maxsize=1 << 16)
+def fold_text(text: str) -> str:
+    """Lower case without accents, every separator one space, `CamelCase` apart, American spelling; idempotent.
+
+    >>> fold_text("Grey T-Shirt's"), fold_text("TrafficLight")
+    ('gray t shirts', 'traffic light')
+    """
+    return plain_fold(_CAMEL.sub(" ", text))
+
+
+def plain_fold(text: str) -> str:
+    """As `fold_text`, but `iPhone` and `CamelCase` stay one word.
+
+    >>> plain_fold("iPhone")
+    'iphone'
+    """
+    if text.isascii():
+        return " ".join(_SPELLINGS.get(word) or spelling_of(word) for word in text.translate(_ASCII).split())
+    plain = unicodedata.normalize("NFKD", text.replace("ß", "ss").replace("ø", "o").replace("Ø", "O")).casefold()
+    letters = "".join(c for c in plain if not unicodedata.combining(c) and c not in "'’‘`´")
+    words = _SEPARATORS.sub(" ", letters.replace("&", " and ")).split()
+    return " ".join(spelling_of(word) for word in words)
+
+
+def spelling_of(word: str) -> str:
+    """The American spelling of a folded word."""
+    if word in _SPELLINGS:
+        return _SPELLINGS[word]
+    if word.endswith("s") and word[:-1] in _SPELLINGS:
+        return _SPELLINGS[word[:-1]] + "s"
+    return word
+
+
+def singulars(word: str) -> Iterator[str]:
+    """What the folded word may be the plural of by English rules, likeliest first; the word itself is not among them.
+
+    A caller takes the first that a dictionary knows: `axes` is of `axe` and `axis`.
+    """
+    if len(word) < 3 or word.endswith("ss"):
+        return
+    if word.endswith("ies") and len(word) > 4:
+        yield word[:-3] + "y"
+    if word.endswith("ves"):
+        yield from (word[:-3] + "f", word[:-3] + "fe")
+    if word.endswith(("ses", "xes", "zes", "ches", "shes", "oes")):
+        yield word[:-2]
+    if word.endswith("s") and not word.endswith(("us", "is")):
+        yield word[:-1]
+    yield from _foreign_singulars(word)
+    if word.endswith(("us", "is")):
+        yield word[:-1]
+
+
+def singular_phrases(phrase: str) -> Iterator[str]:
+    """The folded phrase with its last word singular, or the word before `of` (`loaves of bread`); irregular first.
+
+    >>> list(singular_phrases("wine glasses"))[0]
+    'wine glass'
+    """
+    head, _, last = phrase.rpartition(" ")
+    for single in dict.fromkeys((*([_IRREGULAR[last]] if last in _IRREGULAR else ()), *singulars(last))):
+        yield f"{head} {single}".strip()
+    first, of, rest = phrase.partition(" of ")
+    if of:
+        yield from (f"{single} of {rest}" for single in singular_phrases(first))
+
+
+def _foreign_singulars(word: str) -> Iterator[str]:
+    """Greek, Latin, French and English plurals that end in no plain `s` (museums' amphorae, kraters, plateaux)."""
+    for ending, singular in (
+        ("men", "man"), ("ae", "a"), ("lekythoi", "lekythos"), ("oi", "os"), ("kes", "x"), ("ges", "x"),
+        ("des", "s"), ("eaux", "eau"), ("aux", "al"), ("ia", "ium"), ("i", "us"), ("i", "o"), ("es", "is"), ("a", "um"),
+    ):  # fmt: skip
+        if word.endswith(ending) and (len(word) > len(ending) + 1 or word == "men"):
+            yield word[: -len(ending)] + singular

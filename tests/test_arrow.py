@@ -25,6 +25,7 @@ ROOMS = [
     "crawler.fetch",
     "crawler.imports",
     "taxonomy",
+    "taxonomy.naming",
     "taxonomy.matching",
     "metric_tree",
     "metric_tree.fit",

@@ -89,7 +89,13 @@ def item(
 
 def _defaults(source: Source) -> dict[str, Any]:
     """What the source says of all its rows."""
-    return {"licence": source.licence, "kind": source.kind, "year": source.year, "region": source.region}
+    return {
+        "licence": source.licence,
+        "kind": source.kind,
+        "year": source.year,
+        "region": source.region,
+        "url": source.page,
+    }
 
 
 def year(text: str) -> int | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Literal
 
@@ -30,6 +31,9 @@ Form = Literal["same", "zip", "json-line", "json-lines"]
 
 #: What an address that follows the newest state of a repository holds: a file that may change.
 _MOVING = "/HEAD/"
+
+#: The address of a file in a repository: owner and name, then commit and path.
+_RAW_FILE = re.compile(r"https://raw\.githubusercontent\.com/([^/]+/[^/]+)/(.+)")
 
 #: Licences under which rows may be given on inside a wheel of Apache-2.0: no copyleft, no other duty than to name.
 OPEN_LICENCES = frozenset(
@@ -120,6 +124,14 @@ class Source(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         expect(known, "fetch", "what to fetch where a file has no address", "")
         ways = bool(self.tables) + bool(self.reader) + bool(self.excluded)
         expect(ways == 1, "tables", "one of tables, reader, excluded", ways)
+
+    @property
+    def page(self) -> str:
+        """Where a reader finds the rows that have no page of their own: the one public file, else the set's page."""
+        addresses = {file.url for file in self.files if file.url}
+        address = addresses.pop() if len(addresses) == 1 else self.url
+        raw = _RAW_FILE.fullmatch(address)
+        return f"https://github.com/{raw[1]}/blob/{raw[2]}" if raw else address
 
     @property
     def downloads(self) -> str:

@@ -172,3 +172,13 @@ def test_fields_of_measured_things_are_in_a_line_only_where_they_are_set() -> No
     assert RawItem.from_line(full.line()) == full
     with pytest.raises(BadRawItem, match="statistic: expected one of max, mean, median, min"):
         RawItem(source="a", source_id="1", statistic="sd")  # type: ignore[arg-type]
+
+
+def test_a_row_without_a_page_of_its_own_has_that_of_its_file_or_its_set(tmp_path: Path) -> None:
+    assert declared(tmp_path).page == "https://example.org/lamps.csv"
+    raw = "https://raw.githubusercontent.com/a/b/0123abc/data/lamps.csv"
+    text = DECLARATION.replace("https://example.org/lamps.csv", raw)
+    assert declared(tmp_path, text).page == "https://github.com/a/b/blob/0123abc/data/lamps.csv"
+    text = DECLARATION.replace('url = "https://example.org/lamps.csv"', 'note = "typed"')
+    text = text.replace('kind = "measured"', 'kind = "measured"\nfetch = "lamps.csv"')
+    assert declared(tmp_path, text).page == "https://example.org/lamps"

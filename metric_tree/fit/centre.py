@@ -42,7 +42,7 @@ def class_centre(one: Disagreement, shared: FloatArray, model: KindModel, family
     effect of a source is its bias plus (V_s - W / n_s) / V_s (m_s - mean).
     """
     bias = np.array([model.bias_of(kind, family) for kind in one.kinds])[:, None]  # (s, 1)
-    excess = np.array([model.excess.get(kind, 0.0) for kind in one.kinds])[:, None]
+    excess = np.array([model.error_sd(kind) for kind in one.kinds])[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
         noise = np.diagonal(one.within) / one.rows  # (s, d), infinite where unstated
         error = np.diagonal(shared) + excess**2

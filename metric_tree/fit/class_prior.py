@@ -92,6 +92,16 @@ class ClassRows:
         stated = (~np.isnan(first)).sum(axis=1)
         return row_weights(self.sources, self.kinds, self.scene_share, stated, bool((self.range_sd > 0).any()))
 
+    @property
+    def worth(self) -> float:
+        """How much a row says of the spread on average, 0 to 1; one where products and measurements alone count."""
+        weights = self.weights
+        counting = weights > 0
+        if not counting.any():
+            return 1.0
+        plain = row_weights(self.sources, ["product"] * len(self.kinds), self.scene_share)
+        return float(min(1.0, weights[counting].sum() / plain[counting].sum()))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Statements:
@@ -175,6 +185,7 @@ def class_prior(
     """
     statements = _statements(rows)
     belief = _own_belief(belief, statements)
+    belief = replace(belief, covariance_rows=belief.covariance_rows / rows.worth)
     if rows.is_stated:
         return _stated_prior(rows, statements, belief, model, family)
     weighed, sources, kinds = _weighted_rows(rows)

@@ -38,6 +38,9 @@ FAMILY_SD: Mapping[str, float] = {kind: sd / 2 for kind, sd in BIAS_SD.items()}
 #: Kinds whose sources may lie further apart than those of products and measurements.
 EXCESS_KINDS = ("statistic", "curated", "asset", "museum", "default")
 
+#: Kinds whose things are not what is sold, used and measured today.
+WEAK_KINDS = frozenset({"asset", "museum", "default"})
+
 #: Share of classes that are two things under one name, and the disagreement (ln size) that they are allowed.
 MIXED_SHARE, MIXED_SD = 0.05, 1.0
 
@@ -79,6 +82,14 @@ class KindModel:
     def bias_of(self, kind: str, family: str) -> float:
         """Bias of a kind in a family, ln size."""
         return self.bias.get(kind, 0.0) + self.family_bias.get(f"{kind} {family}", 0.0)
+
+    def error_sd(self, kind: str) -> float:
+        """Standard deviation of what a source of a kind is off by, beside B.
+
+        An artist's model or a museum's piece may be of another sense of the word: as often as classes are mixed.
+        """
+        wrong_sense = MIXED_SHARE * MIXED_SD**2 if kind in WEAK_KINDS else 0.0
+        return float(np.sqrt(self.excess.get(kind, 0.0) ** 2 + wrong_sense))
 
     def between(self, within: FloatArray, family: str = "") -> FloatArray:
         """Covariance (d, d) of the error of a product or a measurement, of a class with covariance `within` (d, d)."""

@@ -197,7 +197,7 @@ def class_prior(
     centre = class_centre(between, shared, model, family)
     code = np.array([between.sources.index(name) for name in sources])
     centred = _scaled(weighed.shift(centre.effects[code]), centre.mean, kinds, model)
-    best, components = _components(centred, belief, seed)
+    best, components = _components(centred, belief, seed, rows.worth)
     best = _moved(best, centred, x - centre.effects[code], known, centre.mean)
     mass = known.sum(axis=0) + (~np.isnan(statements.means)).sum(axis=0)
     borrowed = belief.covariance_rows / (belief.covariance_rows + weighed.effective) if components == 1 else 0.0
@@ -254,10 +254,10 @@ def _weighted_rows(rows: ClassRows) -> tuple[Rows, list[str], list[str]]:
     return Rows(rows.x, rows.owner, weights).subset(counting), sources, kinds
 
 
-def _components(rows: Rows, belief: Belief, seed: int) -> tuple[Mixture, int]:
+def _components(rows: Rows, belief: Belief, seed: int, worth: float = 1.0) -> tuple[Mixture, int]:
     """The mixture of the smallest BIC, as the predictive density of a further object of the same source."""
     effective = rows.effective
-    largest = max(1, min(COMPONENTS, int(_whole_rows(rows) // COMPONENT_ROWS)))
+    largest = max(1, min(COMPONENTS, int(worth * _whole_rows(rows) // COMPONENT_ROWS)))
     best = single = fit_mixture(rows, 1, belief, seed)
     for k in range(2, largest + 1):
         fit = fit_mixture(rows, k, belief, seed, single)

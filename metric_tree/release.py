@@ -9,6 +9,7 @@ import shutil
 import tempfile
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -43,9 +44,12 @@ class Release:
     def table(self, name: str, node_ids: Collection[str] | None = None) -> pa.Table:
         """Table `nodes`, `items`, `priors` or `images`, or its rows of some nodes, read by row group.
 
-        `pyarrow.parquet.read_table` would do, but loads pandas where that is installed: a second of a query's time.
+        The bytes are held against the manifest's checksum when the table is first read, and again whenever the file's
+        time or inode has changed. `pyarrow.parquet.read_table` would do, but loads pandas where that is installed: a
+        second of a query's time.
         """
         path = self.directory / f"{name}.parquet"
+        _see_checksum(path, self.manifest["files"][path.name].get("sha256"))
         try:
             with pq.ParquetFile(path) as file:
                 if node_ids is not None:
@@ -93,7 +97,7 @@ def publish_release(
 def open_release(directory: Path) -> Release:
     """The release in a folder, after its manifest, its tables' presence and their sizes are verified.
 
-    Checksums are the business of `metric_tree.checks.release_files`, which reads every byte.
+    A table's checksum is verified when it is first read (`Release.table`).
 
     Raises
     ------
@@ -116,6 +120,24 @@ def sha256(path: Path) -> str:
     """Hexadecimal SHA-256 of a file, read in pieces."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _see_checksum(path: Path, recorded: object) -> None:
+    try:
+        state = path.stat()
+        actual = _checksum(path, state.st_ino, state.st_mtime_ns, state.st_size)
+    except OSError as error:
+        raise BadRelease(f"{path}: expected a Parquet table; found {_first_line(error)}") from None
+    if actual != recorded:
+        raise BadRelease(
+            f"{path}: sha256: expected {recorded} as in the manifest; found {actual}: the file was altered"
+        )
+
+
+@lru_cache(maxsize=256)
+def _checksum(path: Path, _inode: int, _mtime_ns: int, _size: int) -> str:
+    """SHA-256 of a file, computed once for each state of it."""
+    return sha256(path)
 
 
 def _manifest(path: Path) -> dict[str, Any]:

@@ -43,7 +43,7 @@ from metric_tree.build.tables import (
     prior_table,
     source_records,
 )
-from metric_tree.build.work_folder import Here, WorkFolder, fingerprint
+from metric_tree.build.work_folder import Here, WorkFolder, fingerprint, sole_writer
 from metric_tree.fit.evidence import KIND_WEIGHT
 from metric_tree.fit.kinds import KindModel, learn_kinds
 from metric_tree.pictures import collect_pictures, picture_files
@@ -137,7 +137,8 @@ def build_release(
     Raises
     ------
     InputFault
-        Something is at `out` already, there are no raw items, a line is none, or no item is of a private source.
+        Something is at `out` already or another process is writing it, there are no raw items, a line is none, or no
+        item is of a private source.
     """
     if out.exists():
         raise InputFault(f"{out}: expected a free path for a new release; found an existing one")
@@ -146,9 +147,12 @@ def build_release(
     _expect_private(options.private, files)
     own = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
-    with WorkFolder.open(
-        log / "work", fingerprint(files, repr((options, sorted(declared.items()), own, carried)))
-    ) as work:
+    with (
+        sole_writer(out),
+        WorkFolder.open(
+            log / "work", fingerprint(files, repr((options, sorted(declared.items()), own, carried)))
+        ) as work,
+    ):
         steps = Steps(options, taxonomy, declared, carried, executor or Here(), progress, work)
         counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import pickle
 import shutil
@@ -16,7 +17,7 @@ from typing import Any, ParamSpec, TypeVar
 from metric_base.faults import InputFault
 from metric_base.folders import code_folder, taxonomy_directory
 
-__all__ = ["Here", "WorkFolder", "fingerprint"]
+__all__ = ["Here", "WorkFolder", "fingerprint", "sole_writer"]
 
 _KEY = "fingerprint"
 
@@ -85,6 +86,30 @@ class WorkFolder:
                 yield _result(*waiting.popleft(), spilled)
         while waiting:
             yield _result(*waiting.popleft(), spilled)
+
+
+@contextmanager
+def sole_writer(out: Path) -> Iterator[None]:
+    """Holds an output for one process while the block runs; the system lets go of it when the process ends, killed too.
+
+    Raises
+    ------
+    InputFault
+        Another process writes the same output.
+    """
+    out.parent.mkdir(parents=True, exist_ok=True)
+    note = out.parent / f".{out.name}.lock"
+    with note.open("a", encoding="ascii") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputFault(
+                f"{out}: another run is writing this output; wait until it ends, or choose another --out"
+            ) from None
+        try:
+            yield
+        finally:
+            note.unlink(missing_ok=True)
 
 
 def fingerprint(files: Iterable[Path], options: str) -> str:

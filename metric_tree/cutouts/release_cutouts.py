@@ -22,7 +22,8 @@ import pyarrow.parquet as pq
 
 from crawler.fetch.pictures import decode_picture
 from metric_base.faults import InputFault
-from metric_tree.build.work_folder import Here, WorkFolder, fingerprint
+from metric_base.files import inside
+from metric_tree.build.work_folder import Here, WorkFolder, fingerprint, sole_writer
 from metric_tree.cutouts.backend import RGB, Auto, Backend, Settings
 from metric_tree.pictures import image_path
 from metric_tree.release import Release, link_file, publish_release, sha256
@@ -144,7 +145,7 @@ def cut_release(
     Raises
     ------
     InputFault
-        Something is at `out` already, or the release has no pictures.
+        Something is at `out` already or another process is writing it, or the release has no pictures.
     """
     if out.exists():
         raise InputFault(f"{out}: expected a free path for a new release; found an existing one")
@@ -156,7 +157,7 @@ def cut_release(
             " a crawl, and with `--private SOURCE` those that may not be given on)"
         )
     key = fingerprint([release.directory / "images.parquet", *_code()], repr(settings) + _model_sha(settings))
-    with WorkFolder.open(out.with_name(f"{out.name}.cutout"), key) as work:
+    with sole_writer(out), WorkFolder.open(out.with_name(f"{out.name}.cutout"), key) as work:
         extras = work.directory / "extras"
         cuts: list[Cut] = []
         calls = ((batch, settings) for batch in _batches(paths))
@@ -212,10 +213,11 @@ def _write_cuts(cuts: Sequence[Cut], extras: Path) -> list[Cut]:
     done = []
     for one in cuts:
         if one.png:
-            path = f"{FOLDER}/{one.image_id[:2]}/{one.image_id}.png"
-            (extras / path).parent.mkdir(parents=True, exist_ok=True)
-            (extras / path).write_bytes(one.png)
-            done.append(replace(one, png=b"", cutout_path=path, cutout_sha256=sha256(extras / path)))
+            file = inside(extras, f"{FOLDER}/{one.image_id[:2]}/{one.image_id}.png")  # an id is a text of the release's
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(one.png)
+            path = file.relative_to(extras).as_posix()
+            done.append(replace(one, png=b"", cutout_path=path, cutout_sha256=sha256(file)))
         else:
             done.append(one)
     return done

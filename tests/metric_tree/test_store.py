@@ -67,3 +67,16 @@ def test_damage_is_one_clear_line(tmp_path: Path, damage, message: str) -> None:
         open_release(tmp_path / "r")
     assert "\n" not in str(fault.value)
     assert str(tmp_path) in str(fault.value)
+
+
+def test_a_table_altered_at_equal_size_is_noticed(tmp_path):
+    release = minitree.release(tmp_path / "r")
+    path = release.directory / "priors.parquet"
+    assert release.table("priors").num_rows > 0
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 1
+    path.write_bytes(bytes(data))
+    with pytest.raises(BadRelease, match=r"priors\.parquet: sha256: expected [0-9a-f]{64} .* found [0-9a-f]{64}"):
+        open_release(release.directory).table("priors")
+    with pytest.raises(BadRelease, match="altered"):
+        release.table("priors")

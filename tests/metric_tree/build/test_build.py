@@ -17,6 +17,7 @@ from metric_base.faults import InputFault
 from metric_tree.build import steps as build_module
 from metric_tree.build.ingest import CURATED_WIDENING, is_held_out
 from metric_tree.build.steps import Options, build_release
+from metric_tree.build.work_folder import sole_writer
 from metric_tree.checks.release_files import findings
 from metric_tree.tree import open_tree
 from tests.made.raw_fixture import SOURCES, TYPICAL, made_items, written
@@ -262,3 +263,14 @@ def _text(folder: Path, text: str) -> Path:
 def _bytes(folder: Path, content: bytes) -> Path:
     (folder / "raw.jsonl").write_bytes(content)
     return folder / "raw.jsonl"
+
+
+def test_a_second_build_of_one_output_says_so_and_stops(tmp_path):
+    raw = written(tmp_path / "raw.jsonl", made_items())
+    with sole_writer(tmp_path / "release"):
+        with pytest.raises(InputFault, match="release: another run is writing this output"):
+            build(raw, tmp_path / "release")
+        assert not (tmp_path / "release").exists()
+    with sole_writer(tmp_path / "release"):  # free again
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["raw.jsonl"]

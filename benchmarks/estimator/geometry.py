@@ -19,12 +19,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from estimator.association.point_labels import dense_labels, sparse_labels, view_labels, visible_rows
-from estimator.geometry.eta import ETA_THRESHOLD, eta
+from estimator.geometry.eta import eta
 from estimator.geometry.extents import edges
 from estimator.geometry.footprint import smallest_rectangle_axes
 from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 from estimator.geometry.noise import depth_noise
 from estimator.geometry.upright_box import dimensions, inliers
+from estimator.records.measured_object import ETA_THRESHOLD
 from metric_base.arrays import FloatArray
 from tests.made.shapes import Solid, Thing, box, floor, made_scene, orbit, sampled_box, sampled_cylinder
 

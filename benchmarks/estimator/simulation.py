@@ -28,11 +28,11 @@ import numpy as np
 
 import metric_tree
 from estimator.baselines.candidates import candidate_scales, estimate_on
-from estimator.baselines.paper import ETA, Mixture, fit_mixture
+from estimator.baselines.paper import Mixture, fit_mixture
 from estimator.posterior.class_error import shared_error
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import Estimate, posterior
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
 from metric_tree.prior import Prior
@@ -232,7 +232,7 @@ def _estimate(world: World, objects: Sequence[tuple[int, MeasuredObject]], metho
         )
     terms = []
     for said, item in objects:
-        axes = np.flatnonzero(item.confidence >= ETA) if method == "paper" else np.arange(3)
+        axes = np.flatnonzero(item.confidence >= ETA_THRESHOLD) if method == "paper" else np.arange(3)
         if len(axes):
             terms.append((world.mixtures[said], axes.tolist(), item.extents[axes] * 1000))
     if not terms:  # every dimension distrusted: the paper has nothing to say; take the boxes

@@ -36,12 +36,12 @@ def estimate_on(scales: FloatArray, log_likelihood: FloatArray, level: float) ->
     density = np.exp(log_density - log_density.max())
     density /= density.sum() * (log_scale[1] - log_scale[0])
     curve = Curve(log_scale, density, 0.0, 0.0)
-    found, bounds = modes(curve), interval(curve, level)
+    peaks, bounds = modes(curve), interval(curve, level)
     return Estimate(
         curve=curve,
-        modes=found,
+        modes=peaks,
         interval=bounds,
-        status=status_of(found, bounds),
+        status=status_of(peaks, bounds),
         weight=np.ones(len(log_likelihood)),
         own_scale=scales[log_likelihood.argmax(axis=1)],
     )

@@ -19,7 +19,7 @@ import numpy as np
 
 from estimator.baselines.candidates import candidate_scales, estimate_on
 from estimator.reconstructions.checked_files import read_text
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.results.categories import Meaning, meanings
 from estimator.results.reports import Answer, Options, result_of
@@ -29,10 +29,7 @@ from metric_base.folders import data_folder
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.tree import Node, Tree, UnknownName
 
-__all__ = ["ETA", "Mixture", "authors_lists", "fit_mixture", "paper_result"]
-
-#: The paper's threshold of a plausible dimension (section 4.2, example figure).
-ETA = 0.7
+__all__ = ["Mixture", "authors_lists", "fit_mixture", "paper_result"]
 
 #: One component for so many items (the authors' released code).
 ITEMS_PER_COMPONENT = 3
@@ -210,7 +207,7 @@ def _answer(
         if reason is None and mixture is None:
             reason = "no list of its class"
         if reason is None and not names:
-            reason = f"no dimension of its class with confidence of {ETA} or more"
+            reason = f"no dimension of its class with confidence of {ETA_THRESHOLD} or more"
         reasons.append(reason)
         if reason is None and mixture is not None:
             places.append(place)
@@ -237,6 +234,6 @@ def _plausible(item: MeasuredObject, mixture: Mixture) -> tuple[tuple[str, ...],
     elif not item.vertical_known:
         return (), np.zeros(0)
     with np.errstate(invalid="ignore"):
-        good = np.isfinite(extents) & ~(eta < ETA)
+        good = np.isfinite(extents) & ~(eta < ETA_THRESHOLD)
     chosen = tuple(name for name, ok in zip(names, good, strict=True) if ok and name in mixture.dims)
     return chosen, np.array([extents[names.index(name)] for name in chosen])

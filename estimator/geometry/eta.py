@@ -6,11 +6,10 @@ import numpy as np
 
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["ETA_THRESHOLD", "eta"]
+__all__ = ["eta"]
 
-# The paper's grid, and the threshold of its example figure: below it a dimension is not used.
+# The paper's grid.
 GRID = 8
-ETA_THRESHOLD = 0.7
 
 
 def eta(points: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:

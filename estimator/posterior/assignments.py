@@ -164,11 +164,11 @@ def _errors(
     combinations = list(product(*(SHIFTS if is_cut else (none,) for is_cut in cuts)))
     if not suspects:
         return [(errors, False) for errors in combinations]
-    found = []
+    ways = []
     for errors in combinations:
         for wrong in (None, *suspects):
             weight = 1 - len(suspects) * GROSS if wrong is None else GROSS
             axis = suspects[0] if wrong is None else wrong
             changed = (weight, 0.0, 0.0 if wrong is None else GROSS_SD)
-            found.append(((*errors[:axis], changed, *errors[axis + 1 :]), wrong is not None))
-    return found
+            ways.append(((*errors[:axis], changed, *errors[axis + 1 :]), wrong is not None))
+    return ways

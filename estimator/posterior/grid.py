@@ -123,12 +123,12 @@ def modes(posterior: Curve) -> tuple[Mode, ...]:
     kept, valleys = _separate(density, peaks)
     cumulative = _cumulative(posterior)
     edges = np.concatenate([[posterior.below], cumulative[valleys], [1.0 - posterior.above]])
-    found = [
+    by_height = [
         (float(density[peak]), Mode(math.exp(_vertex(grid, density, peak)), float(mass)))
         for peak, mass in zip(kept, np.diff(edges), strict=True)
     ]
-    found.sort(key=lambda pair: -pair[0])
-    return tuple(mode for place, (_, mode) in enumerate(found) if place == 0 or mode.mass >= LEAST_MASS)
+    by_height.sort(key=lambda pair: -pair[0])
+    return tuple(mode for place, (_, mode) in enumerate(by_height) if place == 0 or mode.mass >= LEAST_MASS)
 
 
 def _separate(density: FloatArray, peaks: IntArray) -> tuple[list[int], list[int]]:

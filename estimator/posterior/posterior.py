@@ -121,7 +121,8 @@ def posterior(evidence: Sequence[ObjectEvidence], lines: FloatArray | None = Non
         modes=modes,
         interval=bounds,
         status=status_of(modes, bounds, answer),
-        weight=_weights(classes, _mass(classes.grid, total, lines), len(evidence)),
+        # beyond the grid every object is an outlier
+        weight=_weights(classes, _mass(classes.grid, total, lines), len(evidence)) * (1 - answer.below - answer.above),
         own_scale=np.exp(_own_centres(classes.base)),
         classes=classes.names,
         coarse=classes.grid,

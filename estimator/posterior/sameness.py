@@ -120,7 +120,7 @@ def _kind_weights(prior: Prior) -> FloatArray:
     Where the release states the mean share of a class (`sameness`), the weights are tilted to have that mean.
     """
     weights = np.array(KIND_WEIGHTS)
-    stated = getattr(prior, "sameness", None)
+    stated = prior.sameness
     if stated is None or not np.isfinite(stated):
         return weights
     shares = np.array([0.0, RELATED, ALIKE])

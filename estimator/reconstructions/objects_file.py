@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from estimator.reconstructions.checked_files import json_array, json_object, read_json
-from estimator.records.measured_object import MeasuredObject
+from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, Words, at_field, in_file
 
@@ -22,10 +22,6 @@ SCHEMA = "metric-tree/objects/1"
 #: Standard deviation of a stated extent, natural log, where the file gives no `sigma`: the paper's figures of size
 #: noise run from 0 to 15 %, a careful reconstruction is good for 5 %.
 STATED_SIGMA = 0.05
-
-#: The paper's threshold of a plausible dimension (section 4.2, example figure). A side of less confidence has an end
-#: that is thinly seen, so its extent can only be short: it is read as truncated.
-PLAUSIBLE = 0.7
 
 _Positive = Annotated[float, msgspec.Meta(gt=0, lt=1e300)]
 _Zero = Annotated[float, msgspec.Meta(ge=0, lt=1e300)]
@@ -128,7 +124,8 @@ def _object(place: int, record: dict[str, Any]) -> MeasuredObject:
     confidence, sigma = _numbers(entry.confidence), _numbers(entry.sigma)
     sigma = np.where(np.isnan(sigma), STATED_SIGMA, sigma)
     with np.errstate(invalid="ignore"):
-        truncated = np.array([name in entry.truncated for name in names]) | (confidence < PLAUSIBLE)
+        # a side of less confidence has an end that is thinly seen: its extent can only be short
+        truncated = np.array([name in entry.truncated for name in names]) | (confidence < ETA_THRESHOLD)
     notes: tuple[str, ...] = ()
     if isinstance(entry, _Upright) and extents[1] > extents[0]:  # length is the longer horizontal side
         order = [1, 0, 2]

@@ -8,7 +8,10 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Box", "MeasuredObject"]
+__all__ = ["ETA_THRESHOLD", "Box", "MeasuredObject"]
+
+#: The paper's threshold of a plausible dimension: a confidence eta of so much or more (section 4.2, example figure).
+ETA_THRESHOLD = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)

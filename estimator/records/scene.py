@@ -59,8 +59,8 @@ class View:
             shapes = (self.rotation.shape, self.translation.shape)
             raise InputFault.at(f"view {self.name!r}", "pose", "shapes (3, 3) and (3,)", shapes)
         if self.keypoints.shape != (len(self.point_index), 2):
-            found = (self.keypoints.shape, self.point_index.shape)
-            raise InputFault.at(f"view {self.name!r}", "keypoints", "shapes (m, 2) and (m,)", found)
+            shown = (self.keypoints.shape, self.point_index.shape)
+            raise InputFault.at(f"view {self.name!r}", "keypoints", "shapes (m, 2) and (m,)", shown)
 
     @property
     def centre(self) -> FloatArray:
@@ -88,8 +88,8 @@ class DenseCloud:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
             raise InputFault.at("dense cloud", "points", "shape (n, 3)", self.points.shape)
         if self.visible_offsets is not None and len(self.visible_offsets) != len(self.points) + 1:
-            found = len(self.visible_offsets)
-            raise InputFault.at("dense cloud", "visible_offsets", f"{len(self.points) + 1} rows", found)
+            shown = len(self.visible_offsets)
+            raise InputFault.at("dense cloud", "visible_offsets", f"{len(self.points) + 1} rows", shown)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -147,5 +147,5 @@ class Scene:
         for view in self.views:
             rows = view.point_index
             if len(rows) and (rows.min() < 0 or rows.max() >= len(self.points)):
-                found = Words(f"rows {rows.min()} to {rows.max()}")
-                raise InputFault.at(self.path, f"view {view.name!r}", f"rows of {len(self.points)} points", found)
+                shown = Words(f"rows {rows.min()} to {rows.max()}")
+                raise InputFault.at(self.path, f"view {view.name!r}", f"rows of {len(self.points)} points", shown)

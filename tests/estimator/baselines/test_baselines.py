@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from estimator.baselines import paper, sucar
 from estimator.baselines.candidates import CANDIDATES, candidate_scales, estimate_on
 from estimator.baselines.paper import Mixture, authors_lists, fit_mixture, paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
@@ -175,3 +176,15 @@ def test_height_is_ours_with_heights_alone(tmp_path: Path, mini: Tree, capsys: p
     assert status == 0
     assert record["scale"] == pytest.approx(0.5, rel=0.03)
     assert record["objects"][0]["used"] == ["height"]
+
+
+def test_the_baselines_have_no_jacobian(mini: Tree, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of one object the highest likelihood is the mean size over the measured one, however wide the class is."""
+    monkeypatch.setattr(sucar, "_moments", lambda _: (1000.0, 300.0))
+    scene, instance = _scene(height=0.8)
+    by_box = sucar_result(scene, [instance], mini, Options(method="sucar"))
+    assert by_box.modes[0].scale == pytest.approx(1.25, rel=0.01)
+    wide = Mixture(("height",), np.ones(1), np.array([[1000.0]]), np.array([[[300.0**2]]]))
+    monkeypatch.setattr(paper, "_node_mixture", lambda *_: (wide, False))
+    by_paper = paper_result([_object("1", "bar stool", (0.5, 0.5, 0.8))], mini, Options(method="paper"))
+    assert by_paper.modes[0].scale == pytest.approx(1.25, rel=0.01)

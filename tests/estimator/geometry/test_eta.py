@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from estimator.geometry.eta import ETA_THRESHOLD, eta
+from estimator.geometry.eta import eta
+from estimator.records.measured_object import ETA_THRESHOLD
 
 LOW, HIGH = np.zeros(3), np.full(3, 8.0)
 

@@ -77,10 +77,7 @@ def test_hypotheses_keep_the_spread_of_one_object() -> None:
 
 @pytest.mark.parametrize("stated", [0.1, 0.4, 0.8])
 def test_a_stated_sameness_is_the_mean_share(stated: float) -> None:
-    class Stated:
-        sameness = stated
-
-    weights = _kind_weights(Stated())  # type: ignore[arg-type]
+    weights = _kind_weights(replace(BOTTLE, sameness=stated))
     assert weights.sum() == pytest.approx(1)
     assert weights @ [0.0, RELATED, ALIKE] == pytest.approx(stated, abs=1e-6)
 
@@ -165,3 +162,19 @@ def test_large_classes_are_thinned_alike_in_any_order() -> None:
     items = drawn(CHAIR, 3 * MOST_OBJECTS, seed=5)
     there, here = posterior(items[::-1]), posterior(items)
     assert there.modes[0].scale == pytest.approx(here.modes[0].scale, rel=1e-6)
+
+
+def test_an_object_that_fits_is_an_outlier_once_in_ten() -> None:
+    """The stated probability of a wrong label: one object of one dimension says nothing about its own label."""
+    (weight,) = posterior([evidence(PERSON, (math.nan, math.nan, 1.7))]).weight
+    assert 0.85 < weight < 0.95
+
+
+def test_a_wrong_object_costs_what_its_probability_says() -> None:
+    """Two objects that exclude each other leave both modes, and a third of equal weight decides nine to one."""
+    here = [evidence(PERSON, (math.nan, math.nan, 1.7), name=str(n)) for n in range(1)]
+    desk = evidence(DESK, np.array([1.3, 0.68, 0.74]) * 3)
+    bottle = evidence(BOTTLE, (0.085, 0.08, 0.26))
+    answer = posterior([*here, desk, bottle])
+    near_one = sum(mode.mass for mode in answer.modes if abs(math.log(mode.scale)) < 0.5)
+    assert near_one > 0.9

@@ -97,5 +97,5 @@ def _webp(rgba: Any) -> bytes:
     from PIL import Image
 
     body = BytesIO()
-    Image.fromarray(rgba, "RGBA").save(body, "WEBP", quality=QUALITY, method=6)
+    Image.fromarray(rgba, "RGBA").save(body, "WEBP", quality=QUALITY)
     return body.getvalue()

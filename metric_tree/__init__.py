@@ -2,7 +2,8 @@
 
 >>> import metric_tree
 >>> tree = metric_tree.open()
->>> tree.find("swivel chair").prior(("height",)).interval(0.9)   # millimetres
+>>> tree.find("swivel chair").prior(("height",)).interval(0.9).shape  # low and high, millimetres
+(1, 2)
 """
 
 from metric_tree.prior import Prior

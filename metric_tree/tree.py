@@ -249,8 +249,8 @@ class Tree:
         """At most `limit` nodes for what a person types, the likeliest first: meanings, beginnings, like spellings.
 
         >>> import metric_tree
-        >>> metric_tree.open().search("coffee m", limit=1)[0].name
-        'coffee maker and grinder'
+        >>> metric_tree.open().search("wardrob", limit=1)[0].name
+        'wardrobe'
         """
         return tuple(self.node(node_id) for node_id in self._resolver.ranked(text, limit))
 
@@ -343,6 +343,12 @@ def open_tree(ref: str | Path | None = None) -> Tree:
     ------
     metric_tree.release.BadRelease
         There is none, or it is damaged, or of a schema that this version does not read.
+
+    Examples
+    --------
+    >>> import metric_tree
+    >>> metric_tree.open().find("office chair").level
+    5
     """
     return Tree(open_release(release_directory(ref)))
 

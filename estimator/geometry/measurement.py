@@ -75,6 +75,14 @@ def measure_objects(
 
     A copy of the scene in another frame or order gives the same, but for rounding (`own_frame`). ValueError for a scene
     without views.
+
+    Examples
+    --------
+    >>> from estimator import measure_objects, read_instances, read_scene
+    >>> scene = read_scene("data/scenes/demo_room")
+    >>> objects = measure_objects(scene, read_instances("data/scenes/demo_room/instances.json", scene)).objects
+    >>> next(thing.extents.shape for thing in objects if thing.category == "couch")  # length, width, height
+    (3,)
     """
     options = options or MeasurementOptions()
     timings: dict[str, float] = {}

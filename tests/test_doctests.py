@@ -1,0 +1,62 @@
+"""Examples in docstrings run, and every public function has one."""
+
+from __future__ import annotations
+
+import ast
+import doctest
+import importlib
+import inspect
+from pathlib import Path
+
+import pytest
+
+from tests.test_arrow import PACKAGES
+
+ROOT = Path(__file__).resolve().parents[1]
+MODULES = sorted(
+    ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+    for package in PACKAGES
+    for path in (ROOT / package).rglob("*.py")
+    if ">>>" in path.read_text(encoding="utf-8")
+)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_examples_run(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)  # examples read the shipped scene, `data/scenes/demo_room`
+    failed, tried = doctest.testmod(
+        importlib.import_module(name), optionflags=doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS
+    )
+    assert tried > 0
+    assert failed == 0
+
+
+@pytest.mark.parametrize("package", ["metric_tree", "estimator"])
+def test_every_public_function_has_an_example(package: str) -> None:
+    module = importlib.import_module(package)
+    functions = [name for name in module.__all__ if inspect.isfunction(getattr(module, name))]
+    assert functions
+    assert [name for name in functions if ">>>" not in (inspect.getdoc(getattr(module, name)) or "")] == []
+
+
+def test_every_public_name_has_a_docstring() -> None:
+    """Of each package's `__all__`, and of what each module's `__all__` lists."""
+    silent = []
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            tree = ast.parse(path.read_text(encoding="utf-8"))
+            public = {
+                element.value
+                for node in tree.body
+                if isinstance(node, ast.Assign) and getattr(node.targets[0], "id", "") == "__all__"
+                for element in getattr(node.value, "elts", [])
+                if isinstance(element, ast.Constant)
+            }
+            silent += [
+                f"{path.relative_to(ROOT)}:{node.name}"
+                for node in tree.body
+                if isinstance(node, ast.FunctionDef | ast.ClassDef)
+                and node.name in public
+                and not ast.get_docstring(node)
+            ]
+    assert silent == []

@@ -21,6 +21,14 @@ from numpy.typing import NDArray
 from estimator.instances.crops import mask_crop
 from estimator.instances.image_files import image_file
 from estimator.instances.label_names import label_names
+from estimator.instances.masks import box_mask
+from estimator.instances.one_stage import (
+    OneStageForm,
+    class_names,
+    one_stage_detections,
+    one_stage_form,
+    one_stage_inputs,
+)
 from estimator.instances.registry import RegisteredDetector, download, registry_entry, registry_entry_of
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import BoolArray, FloatArray, IntArray
@@ -54,13 +62,14 @@ class Detections:
     """What a detector saw in one picture.
 
     boxes : (n, 4) x1, y1, x2, y2 in pixels; labels : (n,); scores : (n,) 0 to 1; masks : n of (H, W) bool, at the
-    picture's resolution.
+    picture's resolution; from_boxes : they are boxes that stand in for masks.
     """
 
     boxes: FloatArray
     labels: IntArray
     scores: FloatArray
     masks: tuple[BoolArray, ...]
+    from_boxes: bool = False
 
 
 class Detector:
@@ -69,7 +78,8 @@ class Detector:
     Parameters
     ----------
     path : the graph
-    labels : names by label number, label 0 being the background; "" where a number names nothing
+    labels : names by label number, label 0 being the background; "" where a number names nothing; empty for the
+        names in the graph, else COCO's
     form : what the input holds
 
     Raises
@@ -81,6 +91,12 @@ class Detector:
     def __init__(self, path: Path, labels: Sequence[str], form: InputForm = "torchvision") -> None:
         self.path, self.labels, self.form = path, tuple(labels), form
         self._session = _session(path)
+        self._one_stage = one_stage_form(self._session.get_outputs())
+        if self._one_stage is not None:
+            named = class_names(self._session.get_modelmeta().custom_metadata_map)
+            self.labels = self.labels or named or label_names("coco_80")
+            return
+        self.labels = self.labels or label_names("coco_91")
         self._input = self._session.get_inputs()[0]
         rank = len(self._input.shape)
         if len(self._session.get_inputs()) != 1 or rank not in (3, 4):
@@ -97,6 +113,8 @@ class Detector:
         InputFault
             The graph fails on it, or answers in other shapes than the signature's.
         """
+        if self._one_stage is not None:
+            return self._one_stage_detections(self._one_stage, picture)
         fed, factor = self._prepared(picture)
         boxes, labels, scores, masks = self._run(fed[None] if self._batched else fed)
         whole = masks.shape[2:] == fed.shape[1:]
@@ -111,12 +129,40 @@ class Detector:
             tuple(drawn(int(row), width, height) for row in kept),
         )
 
-    def _run(self, fed: FloatPicture) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+    def _one_stage_detections(self, form: OneStageForm, picture: Picture) -> Detections:
+        """The detections of a YOLO or an RT-DETR."""
+        feeds, factor, shift = one_stage_inputs(self._session.get_inputs(), form, picture)
+        fed = next(value for value in feeds.values() if value.ndim == 4)
+        answers = self._answers(None, feeds)
+        height, width = picture.shape[:2]
         try:
-            found = self._session.run(self._outputs, {self._input.name: fed})
+            boxes, labels, scores, masks = one_stage_detections(
+                form, answers, (width, height), (fed.shape[3], fed.shape[2]), factor, shift, MIN_SCORE
+            )
+        except (IndexError, ValueError, StopIteration) as fault:
+            shapes = Words(f"{[answer.shape for answer in answers]}: {fault}")
+            raise InputFault.at(self.path, "outputs", f"those of {form}", shapes) from None
+        if masks is not None:
+            return Detections(boxes, labels, scores, masks)
+        with np.errstate(invalid="ignore"):
+            sides = np.clip(np.nan_to_num(boxes), 0, np.tile((width, height), 2))
+        drawn = [
+            box_mask([*box[:2].tolist(), *np.maximum(box[2:] - box[:2], 0.5).tolist()], (width, height))
+            for box in sides
+        ]
+        return Detections(boxes, labels, scores, tuple(drawn), from_boxes=True)
+
+    def _answers(self, outputs: list[str] | None, feeds: dict[str, Any]) -> list[NDArray[Any]]:
+        """What the graph answers; its fault is the file's."""
+        try:
+            return list(self._session.run(outputs, feeds))
         except Exception as fault:  # noqa: BLE001 - onnxruntime's errors have no common base that it exports
             line = (str(fault).splitlines() or ["an error"])[0]
-            raise InputFault.at(self.path, "run", f"an answer to a picture of shape {fed.shape}", Words(line)) from None
+            shape = next(iter(feeds.values())).shape
+            raise InputFault.at(self.path, "run", f"an answer to a picture of shape {shape}", Words(line)) from None
+
+    def _run(self, fed: FloatPicture) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+        found = self._answers(self._outputs, {self._input.name: fed})
         boxes, labels, scores, masks = found
         n = len(boxes)
         shapes = (boxes.shape, labels.shape, scores.shape, masks.shape)
@@ -168,7 +214,7 @@ def load_detector(ref: str | Path, labels: Path | None = None) -> Detector:
     if labels is not None:
         names = ("", *(line.strip() for line in labels.read_text(encoding="utf-8").splitlines()))
     else:
-        names = label_names("coco_91" if entry is None else entry.labels)
+        names = () if entry is None else label_names(entry.labels)
     return Detector(path, names, _form(entry))
 
 
@@ -207,7 +253,9 @@ def _instances(row: int, view: View, seen: Detections, detector: Detector) -> It
             raise InputFault.at(detector.path, "label", expected, int(label))
         crop = mask_crop(mask, view.camera)
         if crop is not None:
-            yield Instance(f"{row}-{number}", row, name, crop[0], crop[1], score=float(min(score, 1.0)))
+            yield Instance(
+                f"{row}-{number}", row, name, crop[0], crop[1], score=float(min(score, 1.0)), from_box=seen.from_boxes
+            )
 
 
 def _whole_mask(masks: NDArray[Any], row: int, width: int, height: int) -> BoolArray:
@@ -279,7 +327,7 @@ def _output_names(path: Path, outputs: Sequence[Any]) -> list[str]:
     wanted = ("boxes", "labels", "scores", "masks")
     if len(outputs) < len(wanted) or set(by_kind) != set(wanted):
         found = ", ".join(f"{node.name} {node.shape} {node.type}" for node in outputs)
-        expected = "boxes (n, 4), labels (n,), scores (n,), masks (n, 1, H, W), as torchvision exports them"
+        expected = "the outputs of Mask R-CNN as torchvision exports it, of YOLO or of RT-DETR"
         raise InputFault.at(path, "outputs", expected, Words(found))
     return [by_kind[kind] for kind in wanted]
 

@@ -157,7 +157,7 @@ def test_the_whole_command_needs_no_masks_file(
     ("words", "said"),
     [
         (["--detector", "x.onnx"], "together"),
-        (["--images", "."], "together"),
+        (["--images", "."], "--images with --detector or --overlay"),
         (["--detector-labels", "x"], "--detector"),
         (["--images", ".", "--detector", "no-such"], "maskrcnn-12"),
         (["--images", ".", "--detector", "x", "--instances", "y"], "--instances"),
@@ -182,7 +182,7 @@ def test_faults_of_graphs_and_pictures_name_the_file(folder: Path, tmp_path: Pat
     picture = helper.make_tensor_value_info("picture", TensorProto.FLOAT, [3, "h", "w"])
     same = helper.make_tensor_value_info("same", TensorProto.FLOAT, [3, "h", "w"])
     copy = save(tmp_path / "copy.onnx", [helper.make_node("Identity", ["picture"], ["same"])], {}, picture, [same])
-    with pytest.raises(InputFault, match=r"copy\.onnx.*boxes"):
+    with pytest.raises(InputFault, match=r"copy\.onnx.*outputs: expected the outputs of Mask R-CNN"):
         Detector(copy, LABELS)
     detector = Detector(paint_graph(tmp_path / "paint.onnx"), LABELS)
     with pytest.raises(InputFault, match="no such folder"):

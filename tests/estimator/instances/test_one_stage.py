@@ -1,0 +1,141 @@
+"""YOLO and RT-DETR, recognised by their outputs: small real graphs whose answers are known."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+import pytest
+from onnx import TensorProto, helper, numpy_helper
+
+from estimator.instances.detector import load_detector
+from estimator.instances.one_stage import class_names
+from metric_base.faults import InputFault
+
+SIDE = 64
+#: A picture twice as wide as high, which YOLO's input shows at half its size with grey above and below.
+WIDTH, HEIGHT = 128, 64
+#: The object in the picture's pixels, and its class (COCO's chair is 56, counted from 0).
+BOX, CLASS = (32.0, 16.0, 96.0, 48.0), 56
+
+
+def _graph(path: Path, answers: dict[str, np.ndarray[Any, Any]], sized: bool = False, names: str = "") -> Path:
+    """A graph that answers the same to every picture."""
+    nodes = [helper.make_node("Identity", [f"{name}_value"], [name]) for name in answers]
+    inputs = [helper.make_tensor_value_info("images", TensorProto.FLOAT, [1, 3, SIDE, SIDE])]
+    if sized:
+        inputs.append(helper.make_tensor_value_info("orig_target_sizes", TensorProto.INT64, [1, 2]))
+    kinds = {
+        name: TensorProto.INT64 if value.dtype.kind == "i" else TensorProto.FLOAT for name, value in answers.items()
+    }
+    outputs = [helper.make_tensor_value_info(name, kinds[name], list(value.shape)) for name, value in answers.items()]
+    initial = [numpy_helper.from_array(value, f"{name}_value") for name, value in answers.items()]
+    model = helper.make_model(
+        helper.make_graph(nodes, "d", inputs, outputs, initial), opset_imports=[helper.make_opsetid("", 17)]
+    )
+    model.ir_version = 9
+    if names:
+        helper.set_model_props(model, {"names": names})
+    onnx.save(model, str(path))
+    return path
+
+
+def _fed_box() -> np.ndarray[Any, Any]:
+    """x y w h in the letterboxed input: half the size, 16 pixels of grey above."""
+    x0, y0, x1, y1 = np.array(BOX) / 2 + (0, 16, 0, 16)
+    return np.array([(x0 + x1) / 2, (y0 + y1) / 2, x1 - x0, y1 - y0])
+
+
+def _yolo(n_basis: int) -> dict[str, np.ndarray[Any, Any]]:
+    """Raw rows: the object twice (the worse one is a double), another class in its place, and junk."""
+    rows = np.zeros((1, 4 + 80 + n_basis, 100), dtype=np.float32)
+    for column, score, number in ((3, 0.9, CLASS), (4, 0.8, CLASS), (5, 0.7, 60), (6, 0.3, 2)):
+        rows[0, :4, column] = _fed_box() + (0.2 if column == 4 else 0)
+        rows[0, 4 + number, column] = score
+        if n_basis:
+            rows[0, 84:, column] = (1, -1)
+    if not n_basis:
+        return {"output0": rows}
+    basis = np.zeros((1, n_basis, 16, 16), dtype=np.float32)
+    basis[0, 0, :, 8:] = 4  # the right half of the input
+    basis[0, 1, :, :8] = 4
+    return {"output0": rows, "output1": basis}
+
+
+def _yolo_end() -> dict[str, np.ndarray[Any, Any]]:
+    x, y, w, h = _fed_box()
+    rows = np.zeros((1, 300, 8), dtype=np.float32)
+    rows[0, 0] = [x - w / 2, y - h / 2, x + w / 2, y + h / 2, 0.9, CLASS, 1, -1]
+    return {"output0": rows, "output1": _yolo(2)["output1"]}
+
+
+def _shares() -> np.ndarray[Any, Any]:
+    x0, y0, x1, y1 = BOX
+    return np.array(
+        [(x0 + x1) / 2 / WIDTH, (y0 + y1) / 2 / HEIGHT, (x1 - x0) / WIDTH, (y1 - y0) / HEIGHT], dtype=np.float32
+    )
+
+
+def _detr() -> dict[str, np.ndarray[Any, Any]]:
+    rows = np.zeros((1, 300, 84), dtype=np.float32)
+    rows[0, 7, :4], rows[0, 7, 4 + CLASS] = _shares(), 0.9
+    return {"output0": rows}
+
+
+def _detr_logits() -> dict[str, np.ndarray[Any, Any]]:
+    logits, boxes = np.full((1, 300, 80), -9, dtype=np.float32), np.zeros((1, 300, 4), dtype=np.float32)
+    logits[0, 7, CLASS], boxes[0, 7] = np.log(9), _shares()
+    return {"logits": logits, "pred_boxes": boxes}
+
+
+def _detr_authors() -> dict[str, np.ndarray[Any, Any]]:
+    labels, boxes, scores = (
+        np.zeros((1, 300), np.int64),
+        np.zeros((1, 300, 4), np.float32),
+        np.zeros((1, 300), np.float32),
+    )
+    labels[0, 7], boxes[0, 7], scores[0, 7] = CLASS, BOX, 0.9
+    return {"labels": labels, "boxes": boxes, "scores": scores}
+
+
+@pytest.mark.parametrize(
+    ("form", "answers", "masked"),
+    [
+        ("yolo-seg", _yolo(2), True),
+        ("yolo-end", _yolo_end(), True),
+        ("yolo", _yolo(0), False),
+        ("detr", _detr(), False),
+        ("detr-logits", _detr_logits(), False),
+        ("detr-authors", _detr_authors(), False),
+    ],
+)
+def test_each_form_finds_the_object(form: str, answers: dict[str, Any], masked: bool, tmp_path: Path) -> None:
+    detector = load_detector(_graph(tmp_path / "net.onnx", answers, sized=form == "detr-authors"))
+    seen = detector(np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8))
+    assert len(seen.labels) == (2 if form in {"yolo", "yolo-seg"} else 1), "the double is gone, another class stays"
+    assert detector.labels[seen.labels[0]] == "chair"
+    assert seen.scores[0] == pytest.approx(0.9, abs=1e-5)
+    np.testing.assert_allclose(seen.boxes[0], BOX, atol=0.5)
+    assert seen.from_boxes is not masked
+    x0, y0, x1, y1 = map(int, BOX)
+    expected = np.zeros((HEIGHT, WIDTH), dtype=bool)
+    expected[y0:y1, (WIDTH // 2 if masked else x0) : x1] = True  # the basis shows the right half of the input
+    assert seen.masks[0].shape == expected.shape
+    assert (seen.masks[0] & expected).sum() > 0.9 * (seen.masks[0] | expected).sum()
+
+
+def test_names_in_the_graph_come_first(tmp_path: Path) -> None:
+    path = _graph(tmp_path / "net.onnx", _yolo(2), names="{" + ", ".join(f"{n}: 'thing {n}'" for n in range(80)) + "}")
+    assert load_detector(path).labels[1 + CLASS] == f"thing {CLASS}"
+    (tmp_path / "own.txt").write_text("\n".join(f"own {n}" for n in range(80)))
+    assert load_detector(path, tmp_path / "own.txt").labels[1 + CLASS] == f"own {CLASS}"
+    assert class_names({"names": "__import__('os')"}) is None
+    assert class_names({"names": "['a', 'b']"}) == ("", "a", "b")
+
+
+def test_a_graph_of_none_of_them_is_one_line(tmp_path: Path) -> None:
+    graph = _graph(tmp_path / "net.onnx", {"embedding": np.zeros((1, 512), dtype=np.float32)})
+    with pytest.raises(InputFault, match="YOLO or of RT-DETR, found embedding"):
+        load_detector(graph)

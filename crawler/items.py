@@ -63,9 +63,9 @@ class RawItem:
     region: str | None = None
     #: A synset that the source itself names (`chair.n.01`), where it does.
     synset: str | None = None
-    #: How many physical rows of the source this item stands for (identical rows collapsed at import).
+    #: How many physical rows of the source this item is (identical rows collapsed at import).
     count: int = 1
-    #: Of a curated row, by axis word: the (low, high) that holds nine of ten such things; the typical value stands in
+    #: Of a curated row, by axis word: the (low, high) that holds nine of ten such things; the typical value is in
     #: `dimensions_mm`.
     ranges_mm: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: The room or drive in which the thing was measured: things of one scene are not independent.

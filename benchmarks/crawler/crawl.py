@@ -1,6 +1,6 @@
 """Cost of a crawl: ours beside a bare Scrapy spider that follows the same links of the same made site in the same run.
 
-    python -m benchmarks.crawler.crawl --pages 1000 10000 [--real-sizes] [--shares] [--kills 10]
+    python -m benchmarks.crawler.crawl --pages 1000 10000 [--real-sizes] [--shares]
 
 The made site (`tests/made/made_site.py`) runs in a process of its own; its time is not counted. CPU and memory are the
 operating system's figures of the crawling process. `--real-sizes` gives product pages the sizes of the sixteen saved
@@ -12,11 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-import random
 import resource
-import shutil
-import signal
-import sqlite3
 import subprocess
 import sys
 import tempfile
@@ -117,46 +113,6 @@ def _against_truth(shop: Shop, out: Path) -> dict[str, int]:
     }
 
 
-def killed(kills: int) -> dict[str, Any]:
-    """Kill a crawl at random moments, resume it, and count what was lost or doubled.
-
-    The site answers slowly enough that every kill finds a crawl at work; `at_kills` is what was stored at each.
-    """
-    generator = random.Random(7)  # noqa: S311 - moments of kills, not secrets
-    shop = Shop(products=300 * kills, faults=False, delay=0.1)
-    out = Path(tempfile.mkdtemp())
-    served = ServedShop(shop)
-    stored: list[int] = []
-    for number in range(kills):
-        command = _ours(served.base, out, *(["--resume"] if number else []))
-        before = _stored(out)
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-        while _stored(out) == before:
-            time.sleep(0.02)
-        time.sleep(3.0 * generator.random())
-        if process.poll() is not None:
-            raise RuntimeError(f"kill {number}: expected a crawl at work; found it finished")
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-        stored.append(_stored(out))
-    subprocess.run(_ours(served.base, out, "--resume"), stdout=subprocess.DEVNULL, check=True)
-    asked = Counter({path: count for path, count in served.asked().items() if path.startswith("/item/")})
-    served.close()
-    found = _items(out)
-    shutil.rmtree(out)
-    lost, doubled = shop.products - len(dict(found)), len(found) - len(dict(found))
-    again = asked.total() - len(asked)
-    return {"products": shop.products, "at_kills": stored, "lost": lost, "doubled": doubled, "fetched_again": again}
-
-
-def _stored(out: Path) -> int:
-    try:
-        with sqlite3.connect(f"file:{out / 'frontier.sqlite'}?mode=ro", uri=True) as connection:
-            return int(connection.execute("SELECT count(*) FROM items").fetchone()[0])
-    except sqlite3.OperationalError:  # it is not there yet
-        return 0
-
-
 def _items(out: Path) -> list[tuple[str, tuple[float, ...]]]:
     lines = [line for path in sorted(out.rglob("items-*.jsonl")) for line in path.read_text().splitlines()]
     return [(item["title"], tuple(item["extents_mm"])) for item in map(json.loads, lines)]
@@ -172,14 +128,11 @@ def main() -> None:
     parser.add_argument("--pages", type=int, nargs="*", default=[])
     parser.add_argument("--real-sizes", action="store_true")
     parser.add_argument("--shares", action="store_true")
-    parser.add_argument("--kills", type=int, default=0)
     arguments = parser.parse_args()
     for pages in arguments.pages:
         shop = Shop(products=pages, sizes=REAL_SIZES if arguments.real_sizes else ())
         for row in compared(shop, arguments.shares):
             print(_rounded(row), flush=True)
-    if arguments.kills:
-        print(killed(arguments.kills))
 
 
 if __name__ == "__main__":

@@ -96,7 +96,7 @@ def decode_picture(body: bytes) -> Any | Refusal:
 
 
 def _refusal(image: Any) -> Refusal | None:
-    """What the header alone tells against a picture."""
+    """Why a picture is refused by its header alone."""
     if getattr(image, "is_animated", False):
         return "animated"
     if min(image.size) < SIDES[0]:

@@ -17,7 +17,7 @@ SPIDERS = (*(site.name for site in SITES), "wikidata", GENERIC.name)
 
 
 class UnknownSpider(InputFault):
-    """A name that no spider bears."""
+    """A name that no spider has."""
 
 
 def spider_class(name: str, given: Site | None = None) -> type[Spider]:

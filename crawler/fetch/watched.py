@@ -38,7 +38,7 @@ def store_errors() -> tuple[type[Exception], ...]:
 
 
 class WatchedFrontier:
-    """A frontier whose first fault is kept and told once.
+    """A frontier whose first fault is kept and reported once.
 
     Parameters
     ----------

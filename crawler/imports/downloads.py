@@ -81,7 +81,7 @@ def _keep(file: SourceFile, store: Any) -> None:
 
 
 def _public(file: SourceFile, store: Any) -> Path:
-    """What lies at the address, under a name of its own: nothing is known of it but what is made of it."""
+    """The file at the address, under a name of its own: only the file that is made of it has a known sha256."""
     import pooch
 
     folder = Path(store.abspath) / _PUBLIC

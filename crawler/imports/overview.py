@@ -1,4 +1,4 @@
-"""The page of all sources: rows, items, refusals by reason, licence, whether rows are given on, where files are had."""
+"""The page of all sources: rows, items, refusals by reason, licence, whether rows ship, where files are available."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ file beside `--out`.
 """
 
 _WHERE = """
-Where the files are had (`metric-tree import --list --verbose` prints the same). `downloads itself`: `yes`, the address
-names a commit; `while unchanged`, it follows the newest state of a repository and is refused once the sha256 fails. No
-address was tried over a network when this was written: what was compared is what the reason says, and the sha256 of
-every file is that of the file at hand.
+Where the files are available (`metric-tree import --list --verbose` prints the same). `downloads itself`: `yes`, the
+address names a commit; `while unchanged`, it follows the newest state of a repository and is refused once the sha256
+fails. No address was tried over a network when this was written: what was compared is what the reason says, and the
+sha256 of every file is that of the file at hand.
 """
 
 _COLUMNS = ("source", "kind", "rows", "items", "drawn out", "refused", "by reason", "licence", "rows ship")

@@ -21,7 +21,7 @@ DIGITS = 3
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """A row that is not imported: where it stands, its reason code, the field at fault and what was found there."""
+    """A row that is not imported: its place in the table, its reason code, the field at fault and its text."""
 
     source: str
     row: str

@@ -25,7 +25,7 @@ __all__ = [
     "sources",
 ]
 
-#: How the file read here is made of what lies at its address: it is the very file; the member of a zip archive that
+#: How the file read here is made of the file at its address: it is that file; the member of a zip archive that
 #: has the sha256; the JSON document written anew, on one line or a value a line.
 Form = Literal["same", "zip", "json-line", "json-lines"]
 
@@ -60,7 +60,7 @@ class UnknownSource(BadDeclaration):
 class SourceFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One file of a source: path in the source's folder, sha256 of the file read here, where it is available.
 
-    `form` says how the file is made of what lies at `url`; the sha256 is of what was made. `url` is empty where no
+    `form` says how the file is made of the one at `url`; the sha256 is of what is made. `url` is empty where no
     public file yields it (`note` says how it was made): such a file cannot be downloaded and verified.
     """
 
@@ -93,7 +93,7 @@ class Source(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     year: int | None = None
     region: str | None = None
     files: tuple[SourceFile, ...] = ()
-    #: What is known of the addresses: how far what lies there was compared with the files read here.
+    #: What is known of the addresses: how far the files there were compared with those read here.
     address: str = ""
     #: What to fetch and to pass by `--input` where a file has no address.
     fetch: str = ""

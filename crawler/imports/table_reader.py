@@ -64,7 +64,7 @@ def table_categories(source: Source, folder: Path) -> Iterator[tuple[str, ...]]:
 
 
 def _row_files(source: Source, table: Table, folder: Path) -> Iterator[tuple[str, Iterator[Row]]]:
-    """Stem and rows of each file of a table; the records of its public form stand for the file made of them."""
+    """Stem and rows of each file of a table; where there is none, the records of its public form are read."""
     paths = _rest(source, folder, table) if table.rest else _files(table, folder)
     for path in paths:
         yield path.stem, rows(table, path)

@@ -22,7 +22,7 @@ from crawler.text.vocabulary import is_dimension_label, is_of_others, is_package
 
 __all__ = ["HAS_DIGIT", "Fact", "facts", "names_a_size"]
 
-#: Where a pair stands; an `entry` is a list's line or one whose label is an element of its own.
+#: Where a pair is; an `entry` is a list's line or one whose label is an element of its own.
 Place = Literal["table", "list", "row", "entry", "line", "json", "prose"]
 
 #: So far up from its text a value's label is looked for; deeper nesting is decoration.
@@ -37,7 +37,7 @@ MOST_CELLS, MOST_BOXES = 40, 12
 #: So many elements before a value its label is looked for.
 MOST_BEFORE = 8
 
-#: What a size has whose unit stands elsewhere, in its label or its heading.
+#: What a size has whose unit is elsewhere, in its label or its heading.
 _COMPOSED = re.compile(r"[x×X*:]")
 
 #: So far up a line's list entry is looked for.
@@ -225,7 +225,7 @@ class _Reader:
         """A box whose one neighbour before it is a short label: `<div>Width</div><div>4 cm</div>`."""
         if _is_longer(here.iter("li"), 1) or _is_longer(parent, MOST_BOXES):
             return None  # a heading above a list, whose entries have labels of their own; a long row of boxes
-        # The parent has few elements, so few stand before this one.
+        # The parent has few elements, so few come before this one.
         before = next(filter(self._text, here.itersiblings(preceding=True)), None)
         if before is None or before.tag in SKIPPED | {"td", "tr", "img"}:
             return None

@@ -166,7 +166,7 @@ def _trust(fact: Fact, announced: bool, title: str) -> int:
     if announced:
         # A line of running text that names a size is a seller's description, not the site's table.
         return PROSE if fact.place == "line" else WHOLE if is_whole(own) else SIZE
-    # Below a heading `dimensions` stand parts too, under names of their own.
+    # Below a heading `dimensions` there are parts, too, under names of their own.
     return SIZE if is_dimension_label(plain(fact.section)) and not is_foreign(own, title) else LOOSE
 
 

@@ -1,4 +1,4 @@
-"""What stands where on a page: the text of an element, its heading, whether it shows the product or something else.
+"""The regions of a page: the text of an element, its heading, whether it shows the product or something else.
 
 The answers are kept: the facts of a page ask the same of the same elements again and again.
 """

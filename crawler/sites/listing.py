@@ -21,7 +21,7 @@ LONGEST_ENTRY = 600
 
 
 def listed_items(page: Page, site: Site, now: datetime | None = None) -> Iterator[RawItem]:
-    """An item for every link to a product beside which its three outer lengths stand.
+    """An item for every link to a product beside which its three outer lengths are.
 
     The lengths belong to a link if the smallest box that holds both links to no other product.
     """

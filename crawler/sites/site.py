@@ -1,4 +1,4 @@
-"""The rules of a site, as data: where its title, breadcrumb, brand and pictures stand, and what its ids look like."""
+"""The rules of a site, as data: where its title, breadcrumb, brand and pictures are, and what its ids look like."""
 
 from __future__ import annotations
 

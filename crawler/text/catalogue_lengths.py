@@ -38,7 +38,7 @@ def _alternatives(words: Mapping[str, str]) -> str:
 
 _WORD = rf"(?:{_alternatives(_AXIS_WORDS)})"
 _UNIT = rf"(?:{_alternatives(UNIT_WORDS)})"
-# Weights, volumes and shares stand among sizes: their numbers are no lengths, nor is a part of their digits.
+# Weights, volumes and shares are mixed with sizes: their numbers are not lengths, nor is a part of their digits.
 _NO_LENGTH = r"(?!\d|[.,]\d|\s*(?:cc|cm3|kg|g|lbs?|oz|ounces?|pounds?|ml|%|°)(?![^\W\d_]))"
 _LENGTH = re.compile(
     rf"(?:(?<![^\W\d_])(?P<before>{_WORD})[.:=\s]*)?"
@@ -49,7 +49,7 @@ _LENGTH = re.compile(
     re.IGNORECASE,
 )
 _ASIDE = re.compile(r"\([^()]*\)|\[[^\[\]]*\]")
-#: What may stand between feet and their inches.
+#: What may be between feet and their inches.
 _BETWEEN = re.compile(r"\s*(?:,|-|and)?\s*")
 INCHES_PER_FOOT = 12
 _MISSING = frozenset({"", "-", "–", "--", "na", "n/a", "nan", "none", "null", "?", "unknown", "not available"})
@@ -61,7 +61,7 @@ class UnreadableLength(InputFault):
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """One length of a text: `low_mm` to `high_mm` (equal where no range is stated), the axis word, where it stands."""
+    """One length of a text: `low_mm` to `high_mm` (equal where no range is stated), the axis word, its place."""
 
     low_mm: float
     high_mm: float

@@ -34,7 +34,7 @@ _UNITS_OF_OTHER_THINGS = frozenset(_OTHER_UNITS.split())
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A number that is a length: `low` to `high` in its unit, where it stands, whether an `x` joins it to the last."""
+    """A number that is a length: `low` to `high` in its unit, its place, whether an `x` joins it to the last."""
 
     low: float
     high: float
@@ -74,7 +74,7 @@ def quantities(run: Sequence[Token]) -> list[Quantity]:
 
 
 def _axes_lead(run: Sequence[Token]) -> bool:
-    """Whether axis words stand before their numbers (`W 30 x D 40`) and not behind (`30 W x 40 D`)."""
+    """Whether axis words come before their numbers (`W 30 x D 40`) and not behind (`30 W x 40 D`)."""
     first_axis = next((i for i, token in enumerate(run) if token.kind == "axis"), None)
     first_number = next((i for i, token in enumerate(run) if token.kind == "number"), None)
     return first_axis is not None and first_number is not None and first_axis < first_number

@@ -27,7 +27,7 @@ ABSURD_MM = (0.3, 60_000.0)
 
 
 _UNIT_ALTERNATIVES = "|".join(re.escape(word) for word in UNIT_WORDS if word[-1].isalpha() or word[-1] == ")")
-#: Whether a text can name a unit at all: most texts with a number are prices, dates and counts, told by this alone.
+#: Whether a text can name a unit at all. Most texts with a number are prices, dates and counts; this rules them out.
 _UNIT = re.compile(rf"(?<![^\W\d_])(?:{_UNIT_ALTERNATIVES})(?![^\W\d_xX])|[\"″”“'′’`]", re.IGNORECASE)
 
 
@@ -72,7 +72,7 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
 
     Parameters
     ----------
-    label : what stands before the text (a table's cell, a heading); it may name axes and a unit: `Size (LxWxH, cm)`.
+    label : what comes before the text (a table's cell, a heading); it may name axes and a unit: `Size (LxWxH, cm)`.
     unit : the unit that the place itself implies, used where neither text nor label names one.
     """
     if unit is None and not (names_unit(text) or names_unit(label)):
@@ -188,7 +188,7 @@ def _label_hints(label: str, language: Language | None) -> tuple[tuple[str, ...]
 
 @lru_cache(maxsize=1024)
 def unit_in_brackets(heading: str) -> str | None:
-    """The unit that a heading gives to what stands below it: `Dimensions (mm)`."""
+    """The unit that a heading gives to what is below it: `Dimensions (mm)`."""
     return next((key for match in _BRACKETED.finditer(heading) if (key := unit_word(match[1]))), None)
 
 
@@ -217,7 +217,7 @@ def _groups(numbers: Sequence[Quantity]) -> Iterator[list[Quantity]]:
 def _as_announced(groups: list[list[Quantity]], axes: Sequence[str]) -> list[list[Quantity]]:
     """As many lengths as the label announces axes are one size, whatever parts them: `B/H/T`, `4 cm / 2 cm / 3 cm`."""
     every = [number for group in groups for number in group]
-    # A forgotten x leaves one of them apart; in another system the same size would stand again.
+    # A forgotten x leaves one of them apart; in another system the same size would come again.
     bare = all(number.axis is None for number in every)
     parted = all(len(group) == 1 for group in groups) or len({number.unit for number in every if number.unit}) == 1
     return [every] if bare and parted and 2 <= len(every) == len(axes) else groups

@@ -50,7 +50,7 @@ _RANGE_WORDS = frozenset({"to", "bis", "a", "à", "tot", "hasta", "ate", "fino"}
 
 @dataclass(frozen=True, slots=True)
 class Token:
-    """One token: its kind, its text, where it stands, its value (a number, a unit's key, an axis, a header's axes)."""
+    """One token: its kind, its text, its place, its value (a number, a unit's key, an axis, a header's axes)."""
 
     kind: Kind
     text: str
@@ -135,7 +135,7 @@ def _token(match: re.Match[str], language: Language | None, before: Token | None
 
 
 def _may_carry(before: Token | None, text: str) -> bool:
-    """Whether a unit may stand behind a token: a number, or the letters of its axis (`63H cm`, `88Al cm`)."""
+    """Whether a unit may follow a token: a number, or the letters of its axis (`63H cm`, `88Al cm`)."""
     if before is None:
         return False
     return before.kind == "number" or (before.kind == "axis" and len(before.text) <= 2 and len(text) > 1)
@@ -189,7 +189,7 @@ _LETTERS = {
 
 
 def axis_of_letter(letter: str, language: Language | None) -> str | None:
-    """The axis that one letter stands for: `W` is a width, a German `B` too, a Portuguese `C` a length."""
+    """The axis that one letter means: `W` is a width, a German `B` too, a Portuguese `C` a length."""
     upper = letter.upper()
     if upper in {"A", "C", "P", "E", "F", "AL", "AN", "AB", "PR"} and language in {"en", "de", "nl"}:
         return None

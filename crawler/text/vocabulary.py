@@ -261,7 +261,7 @@ def is_part_name(heading: str, title: str) -> bool:
 
 @_remembered
 def is_of_others(heading: str) -> bool:
-    """Whether a plain heading stands above other products: `you may also like`."""
+    """Whether a plain heading is above other products: `you may also like`."""
     return bool(_OTHERS.search(heading))
 
 

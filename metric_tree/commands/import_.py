@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("source", nargs="?", metavar="SOURCE", help="id of a declared source; --list names them")
     parser.add_argument("--all", action="store_true", help="every declared source")
-    parser.add_argument("--list", action="store_true", help="the declared sources: terms, where they are had")
+    parser.add_argument("--list", action="store_true", help="the declared sources: terms, where they are available")
     parser.add_argument(
         "--sources",
         type=Path,

@@ -105,7 +105,8 @@ def parser() -> OneLineParser:
     add("--images", metavar="DIR", type=Path, help="the scene's pictures, for --detector and --overlay")
     add("--detector", metavar="MODEL", help="ONNX Mask R-CNN in torchvision's form, or a registered name to download")
     add("--detector-labels", metavar="FILE", type=Path, help="its label names, one a line from label 1 (default: COCO)")
-    add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
+    dense = "dense cloud (default: the one beside the model, if any; auto: made, of a video or pictures)"
+    add("--dense", metavar="FILE|none|auto", help=dense)
     add("--work", metavar="DIR", type=Path, help="of a video or pictures: keeps every stage and resumes")
     add("--frames", metavar="N", type=int, help="of a video or pictures: frames to use (default: by the motion)")
     add("--focal", metavar="PX", type=float, help="of a video or pictures: focal length in pixels, not refined")

@@ -47,6 +47,7 @@ ROOMS = [
     "estimator.baselines",
     "estimator.outputs",
     "estimator.capture.mapping",
+    "estimator.capture.dense",
     "estimator.capture",
     "estimator",
 ]

@@ -28,6 +28,7 @@ __all__ = ["CaptureOptions", "reconstruct"]
 REPORT = "reconstruction.json"
 #: Features and matches, kept so that a later stage can be made again.
 DATABASES = "databases"
+DENSE = ("dense.ply", "dense.ply.vis")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +36,13 @@ class CaptureOptions:
     """What the user asks for.
 
     frames : how many to choose, None for as many as the motion asks for; focal_px : in pixels of the source;
-    camera_model : COLMAP's name.
+    camera_model : COLMAP's name; dense : whether to make `dense.ply`.
     """
 
     frames: int | None = None
     focal_px: float | None = None
     camera_model: str = "SIMPLE_RADIAL"
+    dense: bool = False
 
     def __post_init__(self) -> None:
         if self.frames is not None and self.frames < 2:
@@ -99,6 +101,11 @@ def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> tuple[
         [FILE_NAME],
         lambda part: _make_poses(part, source, frames, read_colmap(work.path / "sparse" / "0")),
     )
+    dense_inputs = {"model": model_digest, "frames": frames_digest}
+    if options.dense:
+        work.stage("dense", dense_inputs, DENSE, lambda part: _make_dense(part, work.path))
+    else:
+        work.discard_stale("dense", dense_inputs, DENSE)
     return _warnings(path, frames, options)
 
 
@@ -147,6 +154,13 @@ def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene) -> Non
         poses = [_picture_pose(index, name, views.get(name)) for index, name in names.items()]
     camera = _source_camera(scene.views[0].camera, frames) if frames.one_size else None
     write_frame_poses(FramePoses(source.path.resolve(), camera, frames.turned_deg, tuple(poses)), part / FILE_NAME)
+
+
+def _make_dense(part: Path, work: Path) -> None:
+    from estimator.capture.dense.dense_cloud import make_dense_cloud
+
+    with progress("dense points") as told_done:
+        make_dense_cloud(read_colmap(work / "sparse" / "0"), work / "frames", part / "dense.ply", told_done)
 
 
 def _picture_pose(index: int, name: str, view: Any) -> FramePose:

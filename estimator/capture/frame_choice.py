@@ -38,7 +38,7 @@ class Motion:
     """What is measured of n frames.
 
     times_s : (n,); step : (n,) median motion since the frame before as a share of the longer side, 0 for the first;
-    sharpness : (n,) variance of the Laplacian over the variance of the picture; spread : (n,) median distance of
+    sharpness : (n,) variance of the Laplacian; spread : (n,) median distance of
     corners from where they were in the first frame, as a share of the longer side, NaN once too few are left.
     """
 
@@ -102,7 +102,7 @@ def _small_grey(colour: NDArray[np.uint8]) -> Grey:
 def _sharpness(grey: Grey) -> float:
     import cv2
 
-    return float(cv2.Laplacian(grey, cv2.CV_64F).var() / (grey.astype(np.float64).var() + 1.0))
+    return float(cv2.Laplacian(grey, cv2.CV_64F).var())
 
 
 def _corners(grey: Grey) -> FloatArray:

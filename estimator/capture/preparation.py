@@ -35,8 +35,8 @@ def prepare_capture(options: Namespace) -> Failure | None:
     InputFault
         A video that cannot be read, an option that does not fit, or no instances.
     """
-    options.dense = None if options.dense == "auto" else options.dense
     if options.scene is None or not is_capture(options.scene):
+        options.dense = None if options.dense == "auto" else options.dense
         for name in _CAPTURE_OPTIONS:
             if getattr(options, name.strip("-").replace("-", "_")) is not None:
                 words = Words(str(options.scene or options.objects))
@@ -58,7 +58,8 @@ def _prepare(options: Namespace) -> Failure | None:
     from estimator.capture.mapping.failures import CaptureFailure
     from estimator.capture.work_folder import WorkFolder
 
-    capture = CaptureOptions(options.frames, options.focal, options.camera_model or "SIMPLE_RADIAL")
+    dense = options.dense == "auto"
+    capture = CaptureOptions(options.frames, options.focal, options.camera_model or "SIMPLE_RADIAL", dense)
     work = WorkFolder(options.work)
     with work.locked():
         try:
@@ -69,6 +70,7 @@ def _prepare(options: Namespace) -> Failure | None:
             sys.stderr.write(f"estimate-scale: warning: {line}\n")
         _prepare_instances(options, work)
     options.scene = work.path
+    options.dense = None if dense else options.dense
     return None
 
 

@@ -64,7 +64,7 @@ class WorkFolder:
         inputs : what the outputs depend on, as JSON; outputs : files and folders, relative to the work folder, that
         `make` writes under the same names in the empty folder it is given. An output that it does not write is absent.
         """
-        key = _digest_of(json.dumps([VERSION, name, inputs], sort_keys=True).encode())
+        key = _key(name, inputs)
         stamp = self._stamp(name)
         if stamp.get("key") == key and all((self.path / output).exists() for output in stamp["outputs"]):
             return str(stamp["digest"])
@@ -85,10 +85,13 @@ class WorkFolder:
             file.write_text(json.dumps(row) + "\n", encoding="utf-8")
         return digest
 
-    def stage_seconds(self) -> dict[str, float]:
-        """Wall time of every stage as its stamp states it, whichever run made it."""
-        rows = {file.stem: self._stamp(file.stem) for file in sorted((self.path / STAMPS).glob("*.json"))}
-        return {name: float(row["seconds"]) for name, row in rows.items() if "seconds" in row}
+    def discard_stale(self, name: str, inputs: Mapping[str, Any], outputs: Sequence[str]) -> None:
+        """Remove the outputs of a stage that is not asked for now and was made from other inputs."""
+        stamp = self._stamp(name)
+        if stamp and stamp.get("key") != _key(name, inputs):
+            for output in outputs:
+                _remove(self.path / output)
+            self._stamp_file(name).unlink(missing_ok=True)
 
     def _stamp_file(self, name: str) -> Path:
         return self.path / STAMPS / f"{name}.json"
@@ -122,16 +125,25 @@ def content_digest(path: Path) -> str:
     return _digest_of("\n".join(parts).encode())
 
 
+def _key(name: str, inputs: Mapping[str, Any]) -> str:
+    return _digest_of(json.dumps([VERSION, name, inputs], sort_keys=True).encode())
+
+
 def _digest_of(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
 def _publish(made: Path, place: Path) -> None:
-    """Move what was made to its place, whole; what was there before goes first."""
-    if place.is_dir() and not place.is_symlink():
-        shutil.rmtree(place)
+    """Move what was made to its place, whole; what was there before is removed first."""
+    _remove(place)
     if not made.exists():
-        place.unlink(missing_ok=True)
         return
     place.parent.mkdir(parents=True, exist_ok=True)
     made.replace(place)
+
+
+def _remove(place: Path) -> None:
+    if place.is_dir() and not place.is_symlink():
+        shutil.rmtree(place)
+    else:
+        place.unlink(missing_ok=True)

@@ -105,7 +105,7 @@ def test_times_size_and_rotation_are_the_videos(film: Film, work: Path) -> None:
 
 
 def test_every_frame_has_its_pose(film: Film, work: Path) -> None:
-    """Camera centres within 4 mm of the truth over a path of 1.8 m, and projections within a pixel."""
+    """Camera centres within 6 mm of the truth over a path of 1.8 m, projections within a pixel, directions in 0.25°."""
     poses = read_frame_poses(work)
     assert [pose.index for pose in poses.frames] == list(range(FRAMES))
     np.testing.assert_allclose([pose.time_s for pose in poses.frames if pose.time_s is not None], film.times, atol=1e-4)
@@ -116,13 +116,18 @@ def test_every_frame_has_its_pose(film: Film, work: Path) -> None:
     true = np.array([pose.centre for pose in film.poses])
     to_scene = similarity_between(true, centres)
     error = np.linalg.norm(to_scene.inverse(centres) - true, axis=1)
-    assert error.max() < 0.004
-    turns = [
-        pose.rotation @ to_scene.rotation @ truth.rotation.T
-        for pose, truth in zip(poses.frames, film.poses, strict=True)
-        if pose.rotation is not None
-    ]
-    assert np.degrees(Rotation.from_matrix(np.array(turns)).magnitude()).max() < 0.25
+    assert error.max() < 0.006
+    # the world's own rotation is free: every frame must state the same one
+    worlds = Rotation.from_matrix(
+        np.array(
+            [
+                pose.rotation.T @ truth.rotation
+                for pose, truth in zip(poses.frames, film.poses, strict=True)
+                if pose.rotation is not None
+            ]
+        )
+    )
+    assert np.degrees((worlds.mean().inv() * worlds).magnitude()).max() < 0.25
     assert poses.camera is not None
     assert poses.camera.params[0] == pytest.approx(LENS.focal, rel=0.01)
     assert poses.camera.params[3] == pytest.approx(LENS.k, abs=0.02)

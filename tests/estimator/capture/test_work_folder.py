@@ -116,3 +116,14 @@ def test_a_digest_is_of_names_and_bytes(tmp_path: Path) -> None:
     assert content_digest(tmp_path / "a") == before
     (tmp_path / "a" / "x").write_bytes(b"2")
     assert content_digest(tmp_path / "a") != before
+
+
+def test_what_was_made_of_other_inputs_is_discarded(tmp_path: Path) -> None:
+    work = WorkFolder(tmp_path / "w")
+    with work.locked():
+        work.stage("dense", {"model": "one"}, ["d.txt"], lambda part: (part / "d.txt").touch())
+        work.discard_stale("dense", {"model": "one"}, ["d.txt"])
+        assert (tmp_path / "w" / "d.txt").exists()
+        work.discard_stale("dense", {"model": "two"}, ["d.txt"])
+        assert not (tmp_path / "w" / "d.txt").exists()
+        assert list((tmp_path / "w" / "stamps").iterdir()) == []

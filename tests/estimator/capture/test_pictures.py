@@ -1,0 +1,87 @@
+"""Folders of pictures: order, orientation, focal length, and what is no folder of pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from estimator.capture.frames import is_capture, make_frames, read_frames, source_of
+from estimator.capture.pictures import PictureFolder
+from metric_base.faults import InputFault
+
+
+def _picture(file: Path, orientation: int = 1, focal_35mm: int | None = None, size: tuple[int, int] = (80, 60)) -> None:
+    """A picture with a red upper left corner as it is stored."""
+    pixels = np.full((size[1], size[0], 3), 120, dtype=np.uint8)
+    pixels[:20, :20] = (230, 10, 10)
+    picture = Image.fromarray(pixels)
+    exif = picture.getexif()
+    exif[0x0112] = orientation
+    if focal_35mm is not None:
+        exif.get_ifd(0x8769)[0xA405] = focal_35mm
+    picture.save(file, exif=exif, quality=95)
+
+
+def test_pictures_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    for name in ("IMG_10.jpg", "IMG_9.jpg", "img_2.png", ".hidden.jpg", "notes.txt"):
+        _picture(tmp_path / name) if name.endswith(("jpg", "png")) else (tmp_path / name).write_text("x")
+    folder = PictureFolder(tmp_path)
+    assert [folder.name_of(k) for k in range(folder.n_frames)] == ["img_2.png", "IMG_9.jpg", "IMG_10.jpg"]
+
+
+@pytest.mark.parametrize(
+    ("orientation", "corner"), [(1, (0, 0)), (3, (-1, -1)), (6, (0, -1)), (8, (-1, 0)), (2, (0, -1)), (7, (-1, -1))]
+)
+def test_pictures_are_turned_upright(tmp_path: Path, orientation: int, corner: tuple[int, int]) -> None:
+    _picture(tmp_path / "a.jpg", orientation)
+    _picture(tmp_path / "b.jpg", orientation)
+    folder = PictureFolder(tmp_path)
+    frame = next(folder.frames())
+    assert (folder.width, folder.height) == ((60, 80) if orientation > 4 else (80, 60))
+    assert frame.colour.shape[:2] == (folder.height, folder.width)
+    red = frame.colour[5 if corner[0] == 0 else -5, 5 if corner[1] == 0 else -5].astype(int)
+    assert red[0] > 180 > 60 > red[2]
+
+
+def test_the_focal_length_is_exifs(tmp_path: Path) -> None:
+    _picture(tmp_path / "a.jpg", focal_35mm=26)
+    _picture(tmp_path / "b.jpg", focal_35mm=26)
+    assert PictureFolder(tmp_path).focal_px == pytest.approx(26 / 43.2666 * 100)  # the diagonal of 80 x 60 is 100
+    _picture(tmp_path / "a.jpg")
+    assert PictureFolder(tmp_path).focal_px is None
+
+
+def test_frames_are_kept_by_their_names(tmp_path: Path) -> None:
+    for k in range(6):
+        _picture(tmp_path / f"p{k}.jpg", orientation=6)
+    part = tmp_path / "part"
+    part.mkdir()
+    make_frames(part, source_of(tmp_path), wanted=3)
+    frames = read_frames(part)
+    assert (frames.names, frames.indices, frames.times_s) == (["p0.jpg", "p2.jpg", "p5.jpg"], [0, 2, 5], None)
+    assert (frames.size, frames.one_size) == ((60, 80), True)
+    assert Image.open(part / "frames" / "p0.jpg").getexif().get(0x0112) is None  # upright, once and for all
+
+
+def test_what_is_a_capture(tmp_path: Path) -> None:
+    _picture(tmp_path / "a.jpg")
+    assert not is_capture(tmp_path)  # one picture is no reconstruction's worth
+    _picture(tmp_path / "b.jpg")
+    assert is_capture(tmp_path)
+    assert is_capture(tmp_path / "film.MP4")  # so that a missing video is named as one
+    assert not is_capture(tmp_path / "nothing")
+    assert not is_capture(Path("data/scenes/demo_room"))
+    (tmp_path / "reconstruction.json").write_text("[]")
+    assert not is_capture(tmp_path)
+
+
+def test_pictures_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+    (tmp_path / "IMG_1.HEIC").write_bytes(b"x")
+    with pytest.raises(InputFault, match=r"IMG_1\.HEIC; convert it to JPEG"):
+        PictureFolder(tmp_path)
+    (tmp_path / "a.jpg").write_bytes(b"not a picture")
+    with pytest.raises(InputFault, match=r"a\.jpg: picture"):
+        PictureFolder(tmp_path)

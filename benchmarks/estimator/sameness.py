@@ -31,6 +31,8 @@ LEAST_ROOMS = 20
 FIRST_SCAN = "_00"
 #: Sizes beyond this many deviations are clipped: they are other things or halves of them.
 CLIPPED_SD = 3.0
+#: Added to the spread of a class, whose sides may all be one number.
+LEAST_SD = 0.01
 
 
 def rooms_of(file: Path) -> dict[str, list[FloatArray]]:
@@ -75,7 +77,7 @@ def _whitened(rooms: Sequence[FloatArray]) -> list[FloatArray]:
     together = np.concatenate(rooms)
     middle, spread = np.median(together, axis=0), together.std(axis=0)
     clipped = [np.clip(room - middle, -CLIPPED_SD * spread, CLIPPED_SD * spread) for room in rooms]
-    covariance = np.atleast_2d(np.cov(np.concatenate(clipped).T))
+    covariance = np.atleast_2d(np.cov(np.concatenate(clipped).T)) + LEAST_SD**2 * np.eye(together.shape[1])
     turn = np.linalg.inv(np.linalg.cholesky(covariance)).T
     return [room @ turn for room in clipped]
 

@@ -45,6 +45,10 @@ COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 50)
 NOISES = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 SHARES = (0.0, 0.1, 0.2, 0.4)
 
+#: Objects and classes of the scenes whose objects share a part of their spread, and the parts.
+SAMENESS_SCENES = ((1, 1), (3, 1), (3, 3), (5, 2), (10, 1), (10, 5), (20, 5), (50, 1), (50, 7))
+SAMENESS_SHARES = (0.0, 0.3, 0.6, 0.9)
+
 #: A class enters the pool with this many items of the fit and at most this spread of log height: what a detector's
 #: list of useful classes looks like.
 LEAST_ITEMS, WIDEST = 30, 0.35
@@ -60,12 +64,19 @@ MOST_ITEMS = 150
 OFF = 0.45
 
 METHODS = ("default", "height", "paper", "boxes")
-HEADER = "objects  noise   cut  wrong   off copies  method    median    mean     p90  cover refused"
+HEADER = (
+    "objects classes shared  noise   cut  wrong   off copies  method    median    mean     p90  cover refused  width"
+    "  score   crps"
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Knobs:
-    """One setting of the simulation; noise, cut and wrong are shares from 0 to 1."""
+    """One setting of the simulation; noise, cut, wrong and off are shares from 0 to 1.
+
+    shared : the share of the spread within a source that the objects of a class in a scene have in common, and the
+    probability that they are of one component; classes : that a scene draws from, each at least once if it can.
+    """
 
     objects: int = 8
     noise: float = 0.06
@@ -73,6 +84,8 @@ class Knobs:
     wrong: float = 0.05
     off: float = 0.05
     copies: bool = False
+    shared: float = 0.0
+    classes: int = CLASSES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,13 +126,16 @@ def simulated(
 ) -> tuple[float, list[tuple[int, MeasuredObject]]]:
     """A scene: its true scale (metres per unit), and its objects with the class that each is said to be."""
     scale = float(np.exp(generator.uniform(-3, 3)))
-    pool = generator.choice(len(world.nodes), size=min(CLASSES, len(world.nodes)), replace=False)
+    pool = generator.choice(len(world.nodes), size=min(knobs.classes, len(world.nodes)), replace=False)
     shift = {int(c): generator.multivariate_normal(np.zeros(3), shared_error(world.priors[c]).covariance) for c in pool}
+    kinds = {int(c): _kind(world.priors[c], generator) for c in pool}
     model: dict[int, FloatArray] = {}
     objects = []
     for number in range(knobs.objects):
-        true_class = int(generator.choice(pool))
-        size = _size(world, true_class, shift[true_class], generator)
+        true_class = (
+            int(pool[number]) if knobs.classes < CLASSES and number < len(pool) else int(generator.choice(pool))
+        )
+        size = _size(world, true_class, shift[true_class], kinds[true_class], knobs.shared, generator)
         if knobs.copies:
             size = model.setdefault(true_class, size)
         said = true_class
@@ -133,14 +149,15 @@ def scores(
     world: World, knobs: Knobs, scenes: int, seed: int, methods: Sequence[str] = METHODS
 ) -> list[dict[str, object]]:
     """One row per method: error median, mean and 90th percentile, coverage, share refused."""
-    found: dict[str, list[tuple[float, bool, bool]]] = {name: [] for name in methods}
+    found: dict[str, list[tuple[float, ...]]] = {name: [] for name in methods}
     for number in range(scenes):
         scale, objects = simulated(world, knobs, np.random.default_rng([seed, number]))
         for name in methods:
             estimate = _estimate(world, objects, name)
             low, high = estimate.interval
             error = abs(estimate.modes[0].scale / scale - 1)
-            found[name].append((error, low <= scale <= high, estimate.status == "unresolved"))
+            covered, refused = low <= scale <= high, estimate.status == "unresolved"
+            found[name].append((error, covered, refused, *_proper_scores(estimate, np.log(scale))))
     return [_row(knobs, name, np.array(values, dtype=float)) for name, values in found.items()]
 
 
@@ -152,7 +169,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--fold", type=int, default=0, help="fold of the items, 0 to 4")
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--part", choices=("counts", "noise", "faults", "copies", "all"), default="all")
+    parser.add_argument("--part", choices=("counts", "noise", "faults", "copies", "sameness", "all"), default="all")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     parser.add_argument("--output", type=Path, help="write the rows as JSON")
     options = parser.parse_args(argv)
@@ -180,6 +197,11 @@ def _settings(part: str) -> list[Knobs]:
         "faults": [replace(base, cut=c, wrong=0.0) for c in SHARES]
         + [replace(base, cut=0.0, wrong=w) for w in SHARES]
         + [replace(base, off=o) for o in SHARES],
+        "sameness": [
+            replace(base, objects=n, classes=c, shared=share, noise=0.05, cut=0.0, wrong=0.0, off=0.0)
+            for n, c in SAMENESS_SCENES
+            for share in SAMENESS_SHARES
+        ],
         "copies": [replace(base, objects=n, copies=True) for n in (4, 10, 20)],
     }
     return [knobs for name, group in settings.items() if part in {name, "all"} for knobs in group]
@@ -198,13 +220,30 @@ def _rows(items: Tree, node_id: str, fold: int) -> FloatArray:
     return np.asarray(sizes[np.array(keep, dtype=bool) & np.isfinite(sizes).all(axis=1)])
 
 
-def _size(world: World, number: int, shift: FloatArray, generator: np.random.Generator) -> FloatArray:
+def _kind(prior: Prior, generator: np.random.Generator) -> tuple[int, FloatArray]:
+    """What the objects of a class share in a scene: the component, and the place within it (3,) in deviations."""
+    return _component(prior, generator), generator.standard_normal(3)
+
+
+def _component(prior: Prior, generator: np.random.Generator) -> int:
+    return int(generator.choice(len(prior.weights), p=prior.weights / prior.weights.sum()))
+
+
+def _size(
+    world: World,
+    number: int,
+    shift: FloatArray,
+    kind: tuple[int, FloatArray],
+    shared: float,
+    generator: np.random.Generator,
+) -> FloatArray:
     """(3,) mm: an item of the fold, or a draw within a source moved by the class's shared error of this scene."""
     if world.sizes is not None:
         return np.asarray(world.sizes[number][generator.integers(len(world.sizes[number]))])
     prior = world.priors[number]
-    component = generator.choice(len(prior.weights), p=prior.weights / prior.weights.sum())
-    return np.exp(generator.multivariate_normal(prior.means[component], prior.covariances[component]) + shift)
+    component = kind[0] if generator.random() < shared else _component(prior, generator)
+    own = np.sqrt(shared) * kind[1] + np.sqrt(1 - shared) * generator.standard_normal(3)
+    return np.exp(prior.means[component] + np.linalg.cholesky(prior.covariances[component]) @ own + shift)
 
 
 def _measured(
@@ -243,7 +282,7 @@ def _estimate(world: World, objects: Sequence[tuple[int, MeasuredObject]], metho
 
 
 def _row(knobs: Knobs, name: str, values: FloatArray) -> dict[str, object]:
-    error, covered, refused = values.T
+    error, covered, refused, width, interval_score, crps = values.T
     return {
         "objects": knobs.objects,
         "noise": knobs.noise,
@@ -251,20 +290,42 @@ def _row(knobs: Knobs, name: str, values: FloatArray) -> dict[str, object]:
         "wrong": knobs.wrong,
         "off": knobs.off,
         "copies": knobs.copies,
+        "shared": knobs.shared,
+        "classes": knobs.classes,
         "method": name,
         "median": float(np.median(error)),
         "mean": float(error.mean()),
         "p90": float(np.quantile(error, 0.9)),
         "coverage": float(covered.mean()),
         "refused": float(refused.mean()),
+        "width": float(width.mean()),
+        "interval_score": float(interval_score.mean()),
+        "crps": float(crps.mean()),
     }
+
+
+def _proper_scores(estimate: Estimate, truth: float) -> tuple[float, float, float]:
+    """Width of the interval, its score, and the CRPS, all in log scale (Gneiting and Raftery 2007).
+
+    The score of a central interval of level L is its width plus 2 / (1 - L) times how far the truth lies outside; the
+    CRPS is the integral of (F(u) - 1[u >= truth])^2 over the grid and out to the truth.
+    """
+    low, high = np.log(estimate.interval)
+    outside = max(low - truth, truth - high, 0.0)
+    curve = estimate.curve
+    u, step = curve.log_scale, curve.log_scale[1] - curve.log_scale[0]
+    below = curve.below + np.cumsum(curve.density) * step
+    crps = float(((below - (u >= truth)) ** 2).sum() * step) + max(u[0] - truth, truth - u[-1], 0.0)
+    return float(high - low), float(high - low + 2 / (1 - LEVEL) * outside), crps
 
 
 def _line(row: dict[str, object]) -> str:
     return (
-        f"{row['objects']:>7} {row['noise']:>6.0%} {row['cut']:>5.0%} {row['wrong']:>6.0%} {row['off']:>5.0%} "
+        f"{row['objects']:>7} {row['classes']:>7} {row['shared']:>6.0%} "
+        f"{row['noise']:>6.0%} {row['cut']:>5.0%} {row['wrong']:>6.0%} {row['off']:>5.0%} "
         f"{row['copies']!s:>6}  {row['method']:<8} {row['median']:>7.1%} {row['mean']:>7.1%} {row['p90']:>7.1%} "
-        f"{row['coverage']:>6.0%} {row['refused']:>7.0%}"
+        f"{row['coverage']:>6.0%} {row['refused']:>7.0%} {row['width']:>6.3f} {row['interval_score']:>6.3f} "
+        f"{row['crps']:>6.4f}"
     )
 
 

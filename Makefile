@@ -24,7 +24,7 @@ demo: .venv/.core ## the scale of a shipped scene: a table, and out/demo.png
 demo-video: .venv/.insert ## a shipped video: its reconstruction, its scale, and an inserted object in out/demo_video.mp4
 	@mkdir -p out
 	$(BIN)/estimate-scale data/scenes/demo_video/video.mp4 --work out/demo_video --instances data/scenes/demo_video/instances.json --frames 24
-	$(BIN)/insert-object out/demo_video --model data/models/rocking_horse.glb --at frame=30,x=330,y=330 --facing 50 --show-interval --out out/demo_video.mp4
+	$(BIN)/insert-object out/demo_video --model data/models/rocking_horse.glb --facing 50 --out out/demo_video.mp4
 	@echo "video: out/demo_video.mp4; true scale: see data/scenes/demo_video/truth.json"
 
 test: check ## lint, types and all tests

@@ -21,8 +21,8 @@ __all__ = ["Space", "candidates", "place_at_point", "place_on_category", "place_
 
 #: The cloud around the point that was clicked, in pixels, and how many of its points say what is there.
 NEAR_PX, NEAR_POINTS = 14.0, 4
-#: The hit on a plane and the cloud around the pixel agree within this share of the depth.
-SAME_DEPTH = 0.06
+#: Points within this share of their depth of a plane are on it: the noise of a cloud.
+SAME_HEIGHT = 0.012
 #: A small level patch: its points rise and fall by no more than this share of their distance from the camera.
 LEVEL_SHARE = 0.008
 #: Candidates offered, and the share of the views that must see one.
@@ -48,16 +48,17 @@ def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
         size = f"{view.camera.width} x {view.camera.height}"
         raise NoPlace(f"--at: expected a pixel of {view.name} ({size}); found x={x:g}, y={y:g}")
     ray = ray_through(view, x, y)
-    around = _depth_around(space.cloud, view, x, y)
-    hits = [hit for plane in range(len(space.supports.surfaces)) if (hit := _hit(space, plane, view, ray)) is not None]
-    if around is not None:
-        near = [hit for hit in hits if abs(np.log(hit[0] / around)) < SAME_DEPTH]
-        if not near:
+    points, _ = _near(space.cloud, view, x, y)
+    numbers = range(len(space.supports.surfaces))
+    hits = [hit for number in numbers if (hit := _hit(space, number, view, ray)) is not None]
+    if len(points) >= NEAR_POINTS:
+        # what the pixel shows decides between planes, and against all of them
+        hits = [hit for hit in hits if _share_on(space, hit[1], points, hit[0]) > 0.5]
+        if not hits:
             return _level_patch(space, view, x, y, ray)
-        hits = near
     if not hits:
         raise NoPlace(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; see --preview")
-    depth, plane = min(hits, key=lambda hit: hit[0] if around is None else abs(np.log(hit[0] / around)))
+    depth, plane = min(hits)
     return _place(space, plane, view.centre + ray * depth, view.centre)
 
 
@@ -121,10 +122,11 @@ def _hit(space: Space, number: int, view: View, ray: FloatArray) -> tuple[float,
     return (depth, number) if surface.holds(local[None])[0] else None
 
 
-def _depth_around(cloud: Cloud, view: View, x: float, y: float) -> float | None:
-    """Median depth of the nearest surface around a pixel, None where the cloud is empty."""
-    depths = _near(cloud, view, x, y)[1]
-    return float(np.median(depths)) if len(depths) >= NEAR_POINTS else None
+def _share_on(space: Space, number: int, points: FloatArray, depth: float) -> float:
+    """Share of the points that are on a plane, within its roughness and the cloud's own noise at this depth."""
+    plane = space.supports.surfaces[number].plane
+    rise = points @ plane.basis[2] - plane.height
+    return float(np.mean(np.abs(rise) < max(3 * plane.sigma, SAME_HEIGHT * depth)))
 
 
 def _near(cloud: Cloud, view: View, x: float, y: float) -> tuple[FloatArray, FloatArray]:

@@ -1,9 +1,9 @@
 """The environment at a place, from the pictures.
 
 Each still gives every pixel's direction from the place: by the depth of the cloud where it has points nearby, so that a
-wall two metres away shifts as it should. What no picture shows (mostly the ceiling behind the camera) is filled from
-the border of what they show, then raised until a white surface under this light would be as bright as the brightest
-ordinary surfaces of the pictures.
+wall two metres away shifts as it should. What no picture shows (mostly the ceiling and its lamps) is filled from the
+border of what they show, then scaled until a white surface is as bright as the brightest ordinary surfaces of the
+pictures. Most of the unseen light comes from where lamps are: high above the middle of the room.
 """
 
 from __future__ import annotations
@@ -25,14 +25,16 @@ __all__ = ["environment_at"]
 
 #: Stills that are looked at, and pixels between samples.
 MAX_STILLS, STEP = 24, 6
-#: The brightest ordinary surfaces are white paint, paper and tiles, which reflect this much ...
-WHITE_ALBEDO = 0.82
+#: The brightest ordinary surfaces are painted walls (0.5 to 0.8), paper and tiles: taken together they reflect this ...
+WHITE_ALBEDO = 0.65
 #: ... and this share of the pixels is brighter than they are (lamps, windows, highlights).
 BRIGHTER_SHARE = 0.03
+#: This share of the unseen light comes from the lamp, as this power of the cosine about its direction (25 degrees).
+LAMP_SHARE, LAMP_POWER = 0.6, 12
+#: The unseen part is never darker, and never brighter, than this times the border of what is seen.
+UNSEEN = (0.3, 8.0)
 #: A value at this level is clipped: the lamp behind it is brighter by an unknown factor.
 CLIPPED, CLIPPED_TIMES = 0.96, 6.0
-#: How far what no picture shows may be raised over the border of what they show.
-RAISED = (0.3, 8.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,7 +54,8 @@ def environment_at(place: Place, height: float, cloud: Cloud, stills: Stills) ->
     shown = total / np.maximum(count, 1e-6)[..., None]
     shown = shown * (1 + (CLIPPED_TIMES - 1) * (shown.max(axis=-1, keepdims=True) > CLIPPED))
     filled = _filled(shown, seen)
-    raised = _raised(filled, seen, _white_level(samples))
+    lamp = _lamp_direction(middle, place.basis, cloud)
+    raised = _raised(filled, seen, _white_level(samples), lamp)
     return Environment(raised.astype(np.float32), place.basis, seen.astype(np.float32))
 
 
@@ -120,19 +123,35 @@ def _filled(shown: FloatArray, seen: FloatArray) -> FloatArray:
 
 def _white_level(samples: _Samples) -> float:
     """Luminance of the brightest ordinary surfaces."""
-    bright = luminance(samples.colours)
-    return float(np.quantile(bright, 1 - BRIGHTER_SHARE))
+    return float(np.quantile(luminance(samples.colours), 1 - BRIGHTER_SHARE))
 
 
-def _raised(filled: FloatArray, seen: FloatArray, white: float) -> FloatArray:
-    """The unseen upper part raised so that white under this light has the level `white`: E(up) = pi white / albedo."""
-    up = np.maximum(map_directions()[..., 2], 0.0) * solid_angles()[:, None]
-    hidden = (1 - seen) * (map_directions()[..., 2] > 0)
+def _lamp_direction(middle: FloatArray, basis: FloatArray, cloud: Cloud) -> FloatArray:
+    """(3,) unit direction, in the basis, from the object to the place high above the middle of the room."""
+    local = (cloud.points - middle) @ basis.T
+    low, high = np.percentile(local, [5, 95], axis=0)
+    lamp = np.append((low + high)[:2] / 2, max(float(high[2]), 0.25 * float((high - low)[:2].max())))
+    return np.asarray(lamp / max(float(np.linalg.norm(lamp)), 1e-12))
+
+
+def _raised(filled: FloatArray, seen: FloatArray, white: float, lamp: FloatArray) -> FloatArray:
+    """The unseen upper part scaled so that white under this light has the level `white`: E(up) = pi white / albedo.
+
+    LAMP_SHARE of the unseen part's irradiance becomes a lobe about the lamp's direction (3,).
+    """
+    directions = map_directions()
+    rise = np.maximum(directions[..., 2], 0.0)
+    weight = rise * solid_angles()[:, None]
+    hidden = (1 - seen) * (rise > 0)
     bright = luminance(filled)
-    wanted = np.pi * white / WHITE_ALBEDO
-    shown_part = float((up * (1 - hidden) * bright).sum())
-    hidden_part = float((up * hidden * bright).sum())
-    if hidden_part <= 1e-6 * max(shown_part, 1e-12):
+    shown = float((weight * (1 - hidden) * bright).sum())
+    unseen = float((weight * hidden * bright).sum())
+    lobe = hidden * np.maximum(directions @ lamp, 0.0) ** LAMP_POWER
+    total = float((weight * lobe).sum())
+    if unseen <= 1e-9 or total <= 1e-9:
         return filled
-    factor = float(np.clip((wanted - shown_part) / hidden_part, *RAISED))
-    return np.asarray(filled * (1 + (factor - 1) * hidden[..., None]))
+    wanted = unseen * float(np.clip((np.pi * white / WHITE_ALBEDO - shown) / unseen, *UNSEEN))
+    mean = np.einsum("hw,hwc->c", weight * hidden, filled)
+    colour = mean / max(float(luminance(mean)), 1e-9)
+    rest = 1 + ((1 - LAMP_SHARE) * wanted / unseen - 1) * hidden
+    return np.asarray(filled * rest[..., None] + (LAMP_SHARE * wanted / total) * lobe[..., None] * colour)

@@ -64,13 +64,15 @@ def load_part(context: Any, picture_program: Any, shadow_program: Any, part: Bod
 
 
 def _texture(context: Any, pixels: NDArray[np.uint8]) -> Any:
-    """A repeating texture with mipmaps; glTF's first row is v = 0, as is OpenGL's."""
+    """A repeating texture with mipmaps; glTF's first row is v = 0, as is OpenGL's.
+
+    No anisotropic filter: where texture coordinates run wild, llvmpipe samples one pixel for minutes.
+    """
     import moderngl
 
     texture = context.texture((pixels.shape[1], pixels.shape[0]), 4, np.ascontiguousarray(pixels).tobytes())
     texture.build_mipmaps()
     texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-    texture.anisotropy = 4.0
     return texture
 
 

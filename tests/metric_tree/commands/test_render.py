@@ -72,3 +72,22 @@ def test_a_folder_without_models_is_one_line(folder: Path, capsys: pytest.Captur
     (folder / "models" / "box.glb").unlink()
     assert _run(folder) == 2
     assert "expected models that the ids of" in capsys.readouterr().err
+
+
+def test_wild_texture_coordinates_take_no_minutes() -> None:
+    """Coordinates of one axis that run over hundreds of repeats: an anisotropic filter hangs on them in llvmpipe."""
+    from insertion.models.model import Material, Model, Part
+    from insertion.render.context import gl_context
+    from insertion.render.studio import studio_views
+
+    box = trimesh.creation.box((1, 1, 1))
+    wild = np.column_stack([np.zeros(8), np.random.default_rng(0).uniform(-15, 275, 8)])
+    texture = np.full((417, 500, 4), 200, np.uint8)
+    part = Part(
+        np.asarray(box.vertices),
+        np.asarray(box.vertex_normals),
+        wild,
+        np.asarray(box.faces),
+        Material(np.ones(4), base_texture=texture),
+    )
+    assert len(list(studio_views(gl_context(), Model("box", (part,)), 64))) == 4

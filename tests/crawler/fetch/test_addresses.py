@@ -56,7 +56,7 @@ def crawl(base: str, out: Path, host: str) -> tuple[int, Any, str]:
     code = REBINDING.replace("{ANSWERS}", repr(["127.0.0.1"]))
     start = base.replace("127.0.0.1", host) + "/list/0"
     words = [sys.executable, "-c", code, "crawl", "generic", "--out", str(out), *CONTACT, "--start-url", start]
-    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=180, check=False)
     return done.returncode, json.loads(done.stdout) if done.stdout else None, done.stderr
 
 

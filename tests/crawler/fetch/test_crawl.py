@@ -35,7 +35,7 @@ def command(site: MadeSite, out: Path, *words: str) -> list[str]:
 
 def crawl(site: MadeSite, out: Path, *words: str, status: int = 0) -> Any:
     done = subprocess.run(
-        command(site, out, *words), cwd=ROOT, capture_output=True, text=True, timeout=120, check=False
+        command(site, out, *words), cwd=ROOT, capture_output=True, text=True, timeout=240, check=False
     )
     assert done.returncode == status, done.stderr
     return json.loads(done.stdout) if status == 0 else done.stderr
@@ -161,9 +161,9 @@ def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_ur
         _until(lambda: all(_stored(tmp_path / "out" / name) > 5 for name in ("one", "two")))
         one.send_signal(signal.SIGKILL)
         one.wait()
-        assert two.wait(timeout=90) == 0
+        assert two.wait(timeout=180) == 0
         crawl_again = command(site, tmp_path / "out", *words, "--worker", "one", "--resume")
-        subprocess.run(crawl_again, cwd=ROOT, capture_output=True, env=environment, timeout=60, check=True)
+        subprocess.run(crawl_again, cwd=ROOT, capture_output=True, env=environment, timeout=180, check=True)
         found = {item["title"] for item in items(tmp_path / "out")}
         twice = sum(count - 1 for path, count in site.fetched.items() if path.startswith("/item/"))
     assert len(found) == shop.products
@@ -182,7 +182,7 @@ def _stored(folder: Path) -> int:
             return 0
 
 
-def _until(holds: Any, seconds: float = 30.0) -> None:
+def _until(holds: Any, seconds: float = 120.0) -> None:
     end = time.monotonic() + seconds
     while not holds():
         assert time.monotonic() < end, "waited in vain"

@@ -34,7 +34,7 @@ def words(spider: str, out: Path, *more: str) -> list[str]:
 
 def ran(spider: str, out: Path, *more: str) -> tuple[int, Any, str]:
     """Exit status, summary and standard error of a crawl; Scrapy's reactor allows one in a process."""
-    done = subprocess.run(words(spider, out, *more), cwd=ROOT, capture_output=True, text=True, timeout=60, check=False)
+    done = subprocess.run(words(spider, out, *more), cwd=ROOT, capture_output=True, text=True, timeout=180, check=False)
     return done.returncode, json.loads(done.stdout) if done.stdout else None, done.stderr
 
 
@@ -48,7 +48,7 @@ def tables(database: Path) -> set[str]:
 
 
 def killed(process: subprocess.Popen[bytes], database: Path) -> None:
-    end = time.monotonic() + 30
+    end = time.monotonic() + 120
     while not database.exists() or "origin" not in tables(database) or not stored_counts(database)["items"]:
         assert time.monotonic() < end
         time.sleep(0.05)

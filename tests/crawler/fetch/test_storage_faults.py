@@ -83,7 +83,7 @@ def test_a_crawl_on_a_full_disk_ends_with_one_line(small_disk: Path, more: list[
             cwd=ROOT,
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=180,
             check=False,
         )
         assert (done.returncode, done.stderr.count("\n"), done.stdout) == (2, 1, ""), done.stderr
@@ -96,7 +96,7 @@ def test_a_crawl_on_a_full_disk_ends_with_one_line(small_disk: Path, more: list[
             cwd=ROOT,
             capture_output=True,
             text=True,
-            timeout=120,
+            timeout=240,
             check=False,
         )
     assert (again.returncode, items(moved)) == (0, 300), again.stderr
@@ -111,7 +111,7 @@ def test_a_file_that_may_not_grow_ends_the_crawl_with_one_line(tmp_path: Path) -
         start = ["--private", "--start-url", f"{site.base}/list/0"]
         done = subprocess.run(
             words("generic", tmp_path / "out", *start),
-            cwd=ROOT, capture_output=True, text=True, timeout=60, check=False, preexec_fn=bounded,
+            cwd=ROOT, capture_output=True, text=True, timeout=180, check=False, preexec_fn=bounded,
         )  # fmt: skip
         assert (done.returncode, done.stderr.count("\n"), done.stdout) == (2, 1, ""), done.stderr
         assert "frontier.sqlite: expected a frontier that can be written and asked" in done.stderr
@@ -127,12 +127,12 @@ def test_a_crawl_that_loses_its_server_ends_with_one_line(tmp_path: Path, redis_
             words("generic", out, *more), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         server = redis.Redis.from_url(redis_url)
-        end = time.monotonic() + 30
+        end = time.monotonic() + 120
         while not server.hlen("metric-tree:out:done"):
             assert time.monotonic() < end
             time.sleep(0.05)
         server.shutdown(nosave=True)
-        output, message = process.communicate(timeout=60)
+        output, message = process.communicate(timeout=180)
     assert (process.returncode, message.count("\n"), output) == (2, 1, ""), message
     assert f"{redis_url}: expected a frontier that can be written and asked" in message
 
@@ -144,7 +144,7 @@ def test_a_damaged_frontier_is_one_line(tmp_path: Path, damage: bytes) -> None:
     (out / "frontier.sqlite").write_bytes(damage)
     start = ["--private", "--start-url", "http://127.0.0.1:9/x", "--resume"]
     done = subprocess.run(
-        words("generic", out, *start), cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+        words("generic", out, *start), cwd=ROOT, capture_output=True, text=True, timeout=180, check=False
     )
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert "frontier.sqlite" in done.stderr

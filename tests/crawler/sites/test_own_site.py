@@ -73,7 +73,7 @@ def test_a_crawl_of_a_site_of_ones_own(tmp_path: Path) -> None:
     with MadeSite(Shop(products=5, faults=False)) as site:
         more = ["--private", "--site", str(declaration), "--start-url", f"{site.base}/list/0"]
         done = subprocess.run(
-            words("made", tmp_path / "out", *more), cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+            words("made", tmp_path / "out", *more), cwd=ROOT, capture_output=True, text=True, timeout=180, check=False
         )
     assert (done.returncode, items(tmp_path / "out")) == (0, 5), done.stderr
     lines = [line for path in (tmp_path / "out").glob("items-*.jsonl") for line in path.read_text().splitlines()]

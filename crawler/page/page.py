@@ -113,6 +113,8 @@ def saved_page(path: Path, url: str) -> Page:
     """
     if not path.is_file():
         raise BadPage(f"{path}: expected an HTML page; found {'a folder' if path.is_dir() else 'no file'}")
+    if path.stat().st_size > MAXIMUM_BYTES:
+        raise BadPage(f"{path}: expected at most {MAXIMUM_BYTES} bytes; found {path.stat().st_size}")
     body = path.read_bytes()
     if body[:2] == b"\x1f\x8b":
         body = _unpack(path, body)

@@ -7,6 +7,7 @@ import json
 import sys
 from pathlib import Path
 
+from metric_base.escaping import visible_json
 from metric_base.terminal import print_table
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -37,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     except SlowPage as error:
         raise InputFault(f"{arguments.file}: {error}") from None
     if arguments.json:
-        sys.stdout.write(f"{line}\n")
+        sys.stdout.write(f"{visible_json(line)}\n")
     else:
         record = json.loads(line)
         print_table(["field", "value"], [(name, _shown(value)) for name, value in record.items() if value])

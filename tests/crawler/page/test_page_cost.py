@@ -98,6 +98,14 @@ def test_extract_says_that_a_page_is_too_slow(
     assert "page.html: expected a page that is read in" in message
 
 
+def test_a_file_without_measure_is_not_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "page.html"
+    with path.open("wb") as file:
+        file.truncate(200_000_000_000)  # a file of holes, which takes no room
+    assert main(["extract", str(path), "--url", "https://shop.example/p"]) == 2
+    assert "expected at most 32000000 bytes; found 200000000000" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("address", "url"),
     [

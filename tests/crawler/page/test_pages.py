@@ -214,3 +214,14 @@ _PIECES = [*re.findall(r"\S+", _TAGS), *_TEXTS]
 def test_broken_markup_never_crashes_the_reader(body: str) -> None:
     found = item(body)
     assert found.extents_mm is None or all(mm > 0 for mm in found.extents_mm)
+
+
+def test_what_a_page_says_cannot_steer_a_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "page.html"
+    title = "Box \x1b]0;x\x9b31m \u202egnirts"
+    path.write_text(f"<html><h1>{title}</h1><table><tr><td>Size</td><td>1 x 2 x 3 m</td></tr></table></html>", "utf-8")
+    for more in ([], ["--json"]):
+        assert main(["extract", str(path), "--url", "https://shop.example/p/1", *more]) == 0
+        shown = capsys.readouterr().out
+        assert not {"\x1b", "\x9b", "\u202e"} & set(shown)
+    assert json.loads(shown)["extents_mm"] == [3000, 2000, 1000]

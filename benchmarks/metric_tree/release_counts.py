@@ -69,7 +69,7 @@ def main() -> None:
     """Print every table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("raw", nargs="+", type=Path, metavar="RAW", help="raw items of the release, as the build took")
-    parser.add_argument("--release", type=Path, default=Path("data/release/1.0.0"), help="(default: %(default)s)")
+    parser.add_argument("--release", type=Path, default=Path("data/release/2.0.0"), help="(default: %(default)s)")
     parser.add_argument("--input", type=Path, metavar="SIZES", help="the sources' files, for rows without sizes")
     parser.add_argument("--workers", type=int, default=1, help="processes (default: %(default)s)")
     arguments = parser.parse_args()

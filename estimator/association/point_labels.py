@@ -34,11 +34,18 @@ DEPTH_TOLERANCE = 0.03
 # the wall seen through the thing: few things are three times as deep as they look wide, and those are seen from
 # elsewhere too.
 DEPTH_DIAGONALS = 1.5
+# The part of a box's width and height where the thing is rather than what is behind it, and the reach in depth about
+# its middle, in diagonals of the box.
+BOX_CENTRE = 0.5
+BOX_DIAGONALS = 1.0
 # A point belongs to an object when at least six tenths of the views that see both put it inside the object's mask: a
 # mask misses a tenth of what it shows and noisy points at outlines more, the wall behind is inside in half of the views
 # at most. A box is wider than the object, so most views agree on background too: there nearly all views must agree.
 MASK_SHARE = 0.6
 BOX_SHARE = 0.85
+# Smear along the ray is seen where it is by the two pictures of its match, the surface by most views of the object: a
+# point with less than this share of the usual number of views that look at it within the mask is no part of the object.
+SUPPORT_SHARE = 0.15
 
 
 # Most pairs of a view and a dense point that are looked at. A cloud that has more is thinned evenly, so that memory and
@@ -112,13 +119,18 @@ def point_votes(
     best = np.zeros(count)
     owner = np.full(count, -1)
     by_point = labels.looked.tocsc()
-    for number, members in enumerate(tracks):
+    # the smallest first: of a poster and the cabinet behind it that agree as well, the poster has its points
+    held = [int(np.diff(labels.membership.indptr)[list(members)].max(initial=0)) for members in tracks]
+    for number in np.argsort(held, kind="stable").tolist():
+        members = tracks[number]
         inside = _column_counts(labels.membership, members, count)
         rows = np.flatnonzero(inside)
         asked = np.zeros(by_point.shape[0], dtype=np.float32)
         asked[[instances[member].view for member in members]] = 1
-        against = asked @ by_point[:, rows] - _column_counts(labels.masked, members, count)[rows]
+        unhidden = _column_counts(labels.masked, members, count)[rows]
+        against = asked @ by_point[:, rows] - unhidden
         share = inside[rows] / (inside[rows] + np.maximum(against, 0))
+        share[unhidden < _least_support(unhidden, share)] = 0
         boxes = all(instances[member].from_box for member in members)
         # a hair per vote settles ties between masks that overlap: the more often seen, the surer
         score = share + 1e-6 * inside[rows]
@@ -126,6 +138,12 @@ def point_votes(
         best[rows[wins]] = score[wins]
         owner[rows[wins]] = number
     return tuple(np.flatnonzero(owner == number) for number in range(len(tracks)))
+
+
+def _least_support(views: IntArray, share: FloatArray) -> float:
+    """The least number of views of a point that is believed, from those (n,) of all and their shares of votes (n,)."""
+    agreed = views[share >= MASK_SHARE]
+    return SUPPORT_SHARE * float(np.median(agreed)) if agreed.size else 0.0
 
 
 def view_labels(pixels: FloatArray, instances: Iterable[Instance]) -> list[IntArray]:
@@ -246,19 +264,29 @@ def _matrices(
         seen.append(rows)
         here = [instances[number] for number in by_view[index]]
         for number, inside in zip(by_view[index], view_labels(sight.pixels, here), strict=True):
-            near = _at_depth(sight.depth[inside], instances[number], views[index].camera)
+            near = _at_depth(sight.depth[inside], sight.pixels[inside], instances[number], views[index].camera)
             members[number] = rows[inside[near]]
     return _indicator(seen, count), _indicator(members, count)
 
 
-def _at_depth(depth: FloatArray, instance: Instance, camera: Camera) -> BoolArray:
-    """(n,) whether points of a mask are near their median depth; all of a box, which is mostly background."""
-    if instance.from_box or not depth.size:
+def _at_depth(depth: FloatArray, pixels: FloatArray, instance: Instance, camera: Camera) -> BoolArray:
+    """(n,) whether points of a mask, at depths (n,) and pixels (n, 2), are near the middle of the thing.
+
+    The middle of a mask is its median depth. Of a box half is background, so there it is the median of the inner half,
+    where the thing is.
+    """
+    if not depth.size:
         return np.ones(depth.shape, dtype=bool)
-    middle = float(np.median(depth))
+    size = np.array(instance.mask.shape[::-1], dtype=float)
+    inner = depth
+    if instance.from_box:
+        central = np.abs(pixels - instance.origin - size / 2) <= BOX_CENTRE * size / 2
+        inner = depth[central.all(axis=1)] if central.all(axis=1).any() else depth
+    middle = float(np.median(inner))
     # the first parameter of every camera model is a focal length in pixels
-    diagonal = float(np.hypot(*instance.mask.shape)) * middle / float(camera.params[0])
-    return np.asarray(np.abs(depth - middle) <= DEPTH_DIAGONALS * diagonal)
+    diagonal = float(np.hypot(*size)) * middle / float(camera.params[0])
+    reach = BOX_DIAGONALS if instance.from_box else DEPTH_DIAGONALS
+    return np.asarray(np.abs(depth - middle) <= reach * diagonal)
 
 
 def _indicator(rows: Sequence[IntArray], count: int) -> csr_array:

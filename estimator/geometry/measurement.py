@@ -30,10 +30,13 @@ __all__ = ["PAPER", "MeasurementOptions", "Measurements", "measure_objects"]
 MIN_OBJECT_POINTS = 16
 # The dense cloud is taken for an object from here on; below, whichever cloud holds more.
 MIN_DENSE_POINTS = 100
+# Points this many height bins below the floor are not on a thing: twice the half thickness of a level surface.
+BELOW_FLOOR_BINS = 5.0
 # Boxes bound a thing only where several of them cross: two leave a wedge that is open behind it.
 MIN_BOX_VIEWS = 3
 # What boxes add to the log sizes' standard deviation: background within the box, more of it along the line of sight.
-BOX_SIGMA = (0.15, 0.15, 0.05)
+# It is the robust spread of the errors with boxes drawn around the masks of hard made rooms.
+BOX_SIGMA = (0.25, 0.3, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +125,8 @@ def _measure(
     with _stopwatch(timings, "dimensions"):
         eyes = np.array([view.centre for view in scene.views])
         seen_from = [eyes[_views_of(track, instances)] for track in tracks]
-        shapes = _shapes(clouds, votes, noise, seen_from, basis, options)
+        above = [_above_ground(cloud, rows, ground, basis) for cloud, rows in zip(clouds, votes, strict=True)]
+        shapes = _shapes(clouds, above, noise, seen_from, basis, options)
     with _stopwatch(timings, "truncation"):
         views = scene.views
         outlines = [outline(i, views[i.view].camera.width, views[i.view].camera.height) for i in instances]
@@ -191,6 +195,16 @@ def _shapes(
             box = dimensions(left, basis, blur, options.robust_footprint)
         shapes.append(_Shape("dense" if cloud else "sparse", own, clouds[cloud].rows[rows], box))
     return shapes
+
+
+def _above_ground(
+    cloud: PointLabels, votes: Sequence[IntArray], ground: Ground | None, basis: FloatArray
+) -> list[IntArray]:
+    """The votes without what is below the floor: mirror images in it, and matches gone wrong."""
+    if ground is None or ground.floor is None:
+        return list(votes)
+    lowest = ground.floor - BELOW_FLOOR_BINS * ground.bin
+    return [rows[cloud.points.take(rows, axis=0) @ basis[2] > lowest] for rows in votes]
 
 
 def _blur(eyes: FloatArray, middle: FloatArray, share: float) -> FloatArray:

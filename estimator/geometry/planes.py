@@ -42,6 +42,9 @@ MIN_BINS_APART = 6
 CELL_BINS = 6
 # Below a floor lie only strays: one point in twenty. Below a table lie floor, legs and walls.
 BELOW_FLOOR_SHARE = 0.05
+# ... but below a glossy floor are mirror images of what stands on it: one point in seven. Only a plane that is as wide
+# as this share of the widest may have as many.
+BELOW_GLOSSY_SHARE, WIDE_SHARE = 0.15, 0.5
 # A level surface within this tilt of the cameras' vertical, in its standard deviations, is believed.
 BELIEVED_SIGMAS = 3.0
 # The window about a plane cuts a tilted surface short, so each fit goes part of the way.
@@ -120,12 +123,18 @@ def support_planes(up: FloatArray, points: FloatArray) -> tuple[SupportPlane, ..
 
 
 def floor_of(planes: Sequence[SupportPlane], points: FloatArray) -> SupportPlane | None:
-    """The plane that everything may stand on: the lowest, if next to nothing of the cloud (n, 3) lies below it."""
-    if not planes:
-        return None
-    lowest = planes[0]
-    below = points @ lowest.basis[2] < lowest.height - 2 * HALF_THICKNESS_BINS * lowest.cell / CELL_BINS
-    return lowest if np.count_nonzero(below) <= BELOW_FLOOR_SHARE * len(points) else None
+    """The plane that everything may stand on, None where the cloud (n, 3) shows none.
+
+    It is the lowest plane with next to nothing below it. A glossy floor has mirror images below it, so a wide plane may
+    have more: as wide as the widest of them.
+    """
+    widest = max((np.count_nonzero(plane.cells) for plane in planes), default=0)
+    for plane in planes:
+        below = points @ plane.basis[2] < plane.height - 2 * HALF_THICKNESS_BINS * plane.cell / CELL_BINS
+        wide = np.count_nonzero(plane.cells) >= WIDE_SHARE * widest
+        if np.count_nonzero(below) <= (BELOW_GLOSSY_SHARE if wide else BELOW_FLOOR_SHARE) * len(points):
+            return plane if wide or plane is planes[0] else None
+    return None
 
 
 def _plane(basis: FloatArray, inliers: FloatArray, bin_width: float) -> SupportPlane:

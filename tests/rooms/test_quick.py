@@ -7,9 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from estimator.association.duplicates import overlap
 from estimator.association.point_labels import sparse_labels
 from estimator.reading import read_instances, read_scene
-from tests.made.rooms.knobs import Knobs
+from metric_base.arrays import FloatArray
+from tests.made.rooms.furnish import furnished_room
+from tests.made.rooms.knobs import HARD, Knobs, with_knobs
 from tests.made.rooms.quick import MadeScene, quick_scene
 from tests.made.rooms.scene_files import write_scene
 from tests.made.rooms.similarity import random_similarity, similarity_between
@@ -107,3 +110,26 @@ def test_files_read_back_as_the_scene_that_was_written(made: MadeScene, room: Wo
     found = read_instances(None, again)
     assert [item.track for item in found] == [item.track for item in made.instances]
     assert all(np.array_equal(a.mask, b.mask) for a, b in zip(found, made.instances, strict=True))
+
+
+def test_hard_rooms_have_the_faults_of_real_ones() -> None:
+    """Points between surfaces, below the floor and fewer on bare faces; masks that are off at the border."""
+    knobs = with_knobs(HARD, objects=5, views=8)
+    world = furnished_room("study", 1101, knobs)
+    plain = quick_scene(world, with_knobs(knobs, smear=0, gloss=0, bare_faces=0, mask_error_px=0), dense_a_frame=800)
+    hard = quick_scene(world, knobs, dense_a_frame=800)
+    assert (heights(hard, world) < -0.05).mean() > (heights(plain, world) < -0.05).mean() + 0.005
+    assert hard.scene.dense is not None
+    assert plain.scene.dense is not None
+    assert len(hard.scene.dense.points) < len(plain.scene.dense.points)
+    own = {mask.id: mask for mask in plain.instances}
+    shares = [overlap(mask, own[mask.id]) for mask in hard.instances if mask.id in own]
+    assert 0.5 < np.median(shares) < 0.99
+
+
+def heights(made: MadeScene, world: World) -> FloatArray:
+    """(n,) heights of the dense points above the floor, in metres."""
+    assert made.scene.dense is not None
+    true = np.array([pose.centre for pose in world.poses])
+    back = similarity_between(np.array([view.centre for view in made.scene.views]), true)
+    return np.asarray(back(made.scene.dense.points)[:, 2])

@@ -4,8 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.sparse import csr_array
 
-from estimator.association.point_labels import dense_labels, point_votes, sparse_labels, view_labels, visible_rows
+from estimator.association.point_labels import (
+    PointLabels,
+    dense_labels,
+    point_votes,
+    sparse_labels,
+    view_labels,
+    visible_rows,
+)
 from estimator.records.scene import DenseCloud, Instance
 from tests.made.shapes import box, floor, made_scene, orbit
 
@@ -118,3 +126,34 @@ def test_a_stray_far_behind_its_mask_is_left_out():
     labels = dense_labels(replace(made.scene, dense=cloud), [instance])
     assert len(points) - 1 not in labels.membership.indices
     assert labels.membership.nnz > 500
+
+
+def labels_by_hand(inside, looked):
+    """Labels of n points: inside (m, n) the masks, looked (v, n) by the views, mask k being of view k."""
+    inside, looked = csr_array(np.array(inside, dtype=np.float32)), csr_array(np.array(looked, dtype=np.float32))
+    count = inside.shape[1]
+    return PointLabels(np.zeros((count, 3)), np.arange(count), inside, looked, looked, inside)
+
+
+def masks_of_views(count):
+    return [Instance(str(k), k, "chair", np.ones((2, 2), dtype=bool), (0, 0)) for k in range(count)]
+
+
+def test_a_point_that_two_of_many_views_see_is_no_part_of_the_object():
+    """Twenty views see the first three points inside the mask; only two see the last, which smear left on the way."""
+    seen = np.ones((20, 4))
+    seen[2:, 3] = 0
+    labels = labels_by_hand(seen, seen)
+    assert point_votes(labels, masks_of_views(20), [range(20)])[0].tolist() == [0, 1, 2]
+    few = labels_by_hand(seen[:6], seen[:6])
+    assert point_votes(few, masks_of_views(6), [range(6)])[0].tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+def test_of_two_that_agree_as_well_the_smaller_has_the_point(order):
+    """A poster within the mask of its cabinet keeps its points, in whatever order they come."""
+    inside = np.array([[1, 1, 1, 1], [0, 0, 1, 1]])
+    labels = labels_by_hand(inside, np.ones((2, 4)))
+    masks = [Instance(str(k), 0, "chair", np.ones((2, 2), dtype=bool), (0, 0)) for k in range(2)]
+    rows = point_votes(labels, masks, [[k] for k in order])
+    assert [rows[order.index(k)].tolist() for k in range(2)] == [[0, 1], [2, 3]]

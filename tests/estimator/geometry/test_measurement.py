@@ -121,6 +121,18 @@ def test_an_unseen_foot_reaches_down_to_what_it_stands_on(room, category, share)
     assert bare.truncated[2]
 
 
+def test_mirror_images_in_the_floor_add_nothing_to_a_height(room):
+    """A tenth of a cabinet's points again below the floor, where its masks reach too far down."""
+    points, random = room.scene.dense.points, np.random.default_rng(0)
+    number = next(k for k, thing in enumerate(room.things) if thing.category == "cabinet")
+    own = points[(room.owner == number) & (points[:, 2] < 0.4)]
+    images = own[random.choice(len(own), len(own) // 3)] * [1, 1, -1]
+    lower = [replace(i, mask=np.vstack([i.mask, np.repeat(i.mask[-1:], 12, axis=0)])) for i in room.instances]
+    scene = replace(room.scene, dense=DenseCloud(np.vstack([points, images])))
+    height = by_category(measure_objects(scene, lower))["cabinet"].extents[2]
+    assert abs(np.log(height / SIZES["cabinet"][2])) < 0.03
+
+
 def test_a_clock_on_the_wall_stays_there():
     wall = box(None, (5, 0.1, 2.4), (0, 1.0, 0))
     clock = Thing("clock", (Solid("box", np.array([0.3, 0.04, 0.3]), np.array([0, 0.93, 1.5])),))

@@ -37,6 +37,18 @@ def test_a_plane_knows_where_it_was_seen(room):
     assert planes[1].coverage(table + 3) == 0
 
 
+def test_a_glossy_floor_is_the_floor_though_its_mirror_images_are_below(room):
+    """One point in ten is the mirror image of something that stands on the floor."""
+    points = room.scene.dense.points
+    random = np.random.default_rng(0)
+    above = points[(points[:, 2] > 0.05) & (points[:, 2] < 0.7)]
+    images = above[random.choice(len(above), len(points) // 9)] * [1, 1, -1]
+    glossy = np.vstack([points, images])
+    ground = floor_of(support_planes(UP, glossy), glossy)
+    assert ground is not None
+    assert abs(ground.height) < 0.01
+
+
 def test_a_table_is_no_floor(room):
     """Where much of the cloud lies below the lowest plane it is not what everything stands on."""
     points = room.scene.dense.points

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-__all__ = ["Knobs", "with_knobs"]
+__all__ = ["HARD", "Knobs", "with_knobs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,7 +17,10 @@ class Knobs:
     tilted : angle of the tilted objects and their share. mislabelled : share of objects that bear another category's
     name in every frame. missing_feet : share of objects whose lowest fifth is never reconstructed. depth_noise : one
     sigma of a dense point's depth, relative. keypoint_noise : one sigma of an observation in pixels. stray : share of
-    points that lie nowhere. texture : contrast of all textures (1 ordinary). views : frames.
+    points that lie nowhere. smear : how much of real depth's faults there is, 0 to 1: points between two surfaces at
+    outlines, more noise at grazing angles, heavy tails. gloss : share of the floor's points that are mirror images of
+    what stands on it. bare_faces : share of the faces of objects that have no texture. mask_error_px : one sigma of the
+    masks' border, in pixels. texture : contrast of all textures (1 ordinary). views : frames.
     """
 
     objects: int | None = None
@@ -30,17 +33,33 @@ class Knobs:
     depth_noise: float = 0.004
     keypoint_noise: float = 0.5
     stray: float = 0.01
+    smear: float = 0.0
+    gloss: float = 0.0
+    bare_faces: float = 0.0
+    mask_error_px: float = 0.0
     texture: float = 1.0
     views: int = 24
 
     def __post_init__(self) -> None:
-        for name in ("coverage", "tilted", "mislabelled", "missing_feet", "stray"):
+        for name in ("coverage", "tilted", "mislabelled", "missing_feet", "stray", "smear", "gloss", "bare_faces"):
             if not 0 <= getattr(self, name) <= 1:
                 msg = f"{name}: expected a share from 0 to 1, found {getattr(self, name)}"
                 raise ValueError(msg)
         if self.views < 2:
             msg = f"views: expected 2 or more, found {self.views}"
             raise ValueError(msg)
+
+
+#: A hand-held video of an ordinary room whose depth, masks and floor have the faults of real ones.
+HARD = Knobs(
+    coverage=0.6,
+    depth_noise=0.006,
+    smear=0.4,
+    gloss=0.03,
+    bare_faces=0.3,
+    mask_error_px=2.0,
+    missing_feet=0.15,
+)
 
 
 def with_knobs(knobs: Knobs, **changes: float | None) -> Knobs:

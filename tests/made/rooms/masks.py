@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from estimator.records.scene import Instance
 from metric_base.arrays import IntArray
 from tests.made.rooms.world import World
 
-__all__ = ["MIN_PIXELS", "coco_dataset", "instances_of"]
+__all__ = ["MIN_PIXELS", "blurred_masks", "coco_dataset", "instances_of"]
 
 #: Visible pixels below which a detector would not find the thing (about eight by eight).
 MIN_PIXELS = 64
@@ -32,6 +34,34 @@ def instances_of(world: World, ids: Sequence[IntArray]) -> tuple[Instance, ...]:
                 Instance(f"{view}-{thing.track}", view, thing.label, crop, origin, 0.99, track=thing.track)
             )
     return tuple(instances)
+
+
+def blurred_masks(
+    instances: Sequence[Instance], size: tuple[int, int], sigma_px: float, generator: np.random.Generator
+) -> tuple[Instance, ...]:
+    """The masks with a border that is off by a smooth error of `sigma_px`; size : (width, height) of the image.
+
+    Half of the error is the same all around a mask, which is then too wide or too narrow as a whole. Masks that grow
+    overlap their neighbours; what is left of a mask that shrinks below `MIN_PIXELS` goes.
+    """
+    blurred = []
+    pad = int(np.ceil(4 * sigma_px))
+    for instance in instances:
+        whole = np.pad(instance.mask, pad)
+        # signed distance from the border, positive inside
+        inside = distance_transform_edt(whole) - distance_transform_edt(~whole)
+        field = gaussian_filter(generator.normal(size=whole.shape), 4 * sigma_px)
+        shift = generator.normal() + field / max(field.std(), 1e-12)
+        mask = inside + sigma_px / np.sqrt(2) * shift > 0
+        left, top = instance.origin[0] - pad, instance.origin[1] - pad
+        rows, columns = np.arange(whole.shape[0]) + top, np.arange(whole.shape[1]) + left
+        mask &= ((rows >= 0) & (rows < size[1]))[:, None] & (columns >= 0) & (columns < size[0])
+        if np.count_nonzero(mask) < MIN_PIXELS:
+            continue
+        y, x = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        crop = mask[y[0] : y[-1] + 1, x[0] : x[-1] + 1]
+        blurred.append(replace(instance, mask=crop, origin=(int(left + x[0]), int(top + y[0]))))
+    return tuple(blurred)
 
 
 def coco_dataset(world: World, ids: Sequence[IntArray], names: Sequence[str]) -> dict[str, Any]:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
 from metric_base.arrays import BoolArray, FloatArray, IntArray
+from tests.made.rooms.depth_errors import BARE_KEPT, bare_samples, outlook, relative_errors
 from tests.made.rooms.knobs import Knobs
-from tests.made.rooms.masks import instances_of
+from tests.made.rooms.masks import blurred_masks, instances_of
 from tests.made.rooms.render import Frame, Renderer
 from tests.made.rooms.similarity import Similarity, random_similarity
 from tests.made.rooms.truth import Truth, truth_of
@@ -30,6 +31,8 @@ SAME_DEPTH = 0.02
 STATIC_PIXELS = 4.0
 #: The lowest part of an object without a foot that leaves no points.
 FOOT_SHARE = 0.2
+#: A floor mirrors what is this low above it, in metres; what is lower than the other figure is the floor or a rug.
+MIRROR_HEIGHT, MIRROR_FLOOR = 0.6, 0.01
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,11 +47,17 @@ class MadeScene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Samples:
-    """Surface points: where they are at their own frame (n, 3), that frame (n,), and the object they lie on (n,)."""
+    """Surface points: where they are at their own frame (n, 3), that frame (n,), their object (n,), their pixel."""
 
     points: FloatArray
     frame: IntArray
     number: IntArray
+    row: IntArray
+    column: IntArray
+
+    def some(self, kept: BoolArray) -> _Samples:
+        """Those that are kept (n,)."""
+        return _Samples(*(getattr(self, name)[kept] for name in ("points", "frame", "number", "row", "column")))
 
 
 def quick_scene(
@@ -67,20 +76,28 @@ def quick_scene(
     cloud = _dense(world, frames, dense_a_frame, knobs, to_scene, generator) if dense_a_frame else None
     ids = tuple(frame.ids for frame in frames)
     scene = Scene(Path(f"{world.kind}-{world.seed}"), "memory", views, points, cloud)
-    return MadeScene(scene, instances_of(world, ids), truth_of(world, to_scene), ids)
+    instances = instances_of(world, ids)
+    if knobs.mask_error_px:
+        size = (world.camera.width, world.camera.height)
+        instances = blurred_masks(instances, size, knobs.mask_error_px, generator)
+    return MadeScene(scene, instances, truth_of(world, to_scene), ids)
 
 
 def _sparse(
     world: World, frames: list[Frame], knobs: Knobs, to_scene: Similarity, generator: np.random.Generator
 ) -> tuple[FloatArray, tuple[View, ...]]:
-    samples = _surface_samples(world, frames, SPARSE_A_FRAME, generator)
+    samples = _surface_samples(world, frames, SPARSE_A_FRAME, knobs.bare_faces, generator)
     pixels, seen = _project(world, frames, samples)  # (n, v, 2), (n, v)
     seen &= generator.random(seen.shape) < OBSERVED
     pixels = pixels + generator.normal(0, knobs.keypoint_noise, pixels.shape)
     places, static = _triangulated_places(world, samples, pixels, seen)
+    noisy = _add_depth_noise(world, frames, samples, places, knobs, generator)
+    if knobs.smear:
+        # structure from motion drops observations that a point misses
+        again, _ = _project(world, frames, replace(samples, points=noisy))
+        seen &= np.linalg.norm(again - pixels, axis=2) < STATIC_PIXELS
     kept = static & (seen.sum(axis=1) >= LEAST_VIEWS)
-    noisy = _add_depth_noise(world, places, samples.frame, knobs, generator)[kept]
-    pixels, seen = pixels[kept], seen[kept]
+    noisy, pixels, seen = noisy[kept], pixels[kept], seen[kept]
     views = []
     for index, pose in enumerate(world.poses):
         rows = np.flatnonzero(seen[:, index])
@@ -92,19 +109,23 @@ def _dense(
     world: World, frames: list[Frame], count: int, knobs: Knobs, to_scene: Similarity, generator: np.random.Generator
 ) -> DenseCloud:
     """Moving things leave no dense points: no second view agrees with them."""
-    samples = _surface_samples(world, frames, count, generator)
-    still = ~_is_moving(world)[samples.number]
-    samples = _Samples(samples.points[still], samples.frame[still], samples.number[still])
-    _, seen = _project(world, frames, samples)
+    samples = _surface_samples(world, frames, count, knobs.bare_faces, generator)
+    samples = samples.some(~_is_moving(world)[samples.number])
+    noisy = _add_depth_noise(world, frames, samples, samples.points, knobs, generator)
+    # with real errors a view sees a point where its depth agrees, and the two views of the match always do
+    _, seen = _project(world, frames, replace(samples, points=noisy) if knobs.smear else samples)
     seen[np.arange(len(seen)), samples.frame] = True
+    if knobs.smear:
+        seen[np.arange(len(seen)), np.minimum(samples.frame + 1, len(frames) - 1)] = True
     offsets = np.concatenate([[0], np.cumsum(seen.sum(axis=1))])
-    noisy = _add_depth_noise(world, samples.points, samples.frame, knobs, generator)
     return DenseCloud(to_scene(noisy), offsets.astype(np.int64), np.nonzero(seen)[1].astype(np.int64))
 
 
-def _surface_samples(world: World, frames: list[Frame], count: int, generator: np.random.Generator) -> _Samples:
+def _surface_samples(
+    world: World, frames: list[Frame], count: int, bare_faces: float, generator: np.random.Generator
+) -> _Samples:
     """`count` random pixels of every frame, lifted onto the surface they show, but for feet that leave no points."""
-    points, numbers, at = [], [], []
+    points, numbers, at, lines, across = [], [], [], [], []
     for index, (frame, pose) in enumerate(zip(frames, world.poses, strict=True)):
         rows = generator.integers(0, world.camera.height, count)
         columns = generator.integers(0, world.camera.width, count)
@@ -114,9 +135,12 @@ def _surface_samples(world: World, frames: list[Frame], count: int, generator: n
         points.append(_lift(world.camera, pose, pixels, depth[hit]))
         numbers.append(frame.ids[rows, columns][hit])
         at.append(np.full(int(hit.sum()), index))
-    samples = _Samples(np.concatenate(points), np.concatenate(at), np.concatenate(numbers))
-    bare = _is_bare_foot(world, samples)
-    return _Samples(samples.points[~bare], samples.frame[~bare], samples.number[~bare])
+        lines.append(rows[hit])
+        across.append(columns[hit])
+    samples = _Samples(*map(np.concatenate, (points, at, numbers, lines, across)))
+    samples = samples.some(~_is_bare_foot(world, samples))
+    bare = bare_samples(world, samples.points, samples.number, bare_faces)
+    return samples.some(~bare | (generator.random(len(bare)) < BARE_KEPT)) if bare.any() else samples
 
 
 def _is_bare_foot(world: World, samples: _Samples) -> BoolArray:
@@ -198,14 +222,52 @@ def _triangulate(world: World, views: IntArray, pixels: FloatArray) -> tuple[Flo
 
 
 def _add_depth_noise(
-    world: World, points: FloatArray, frame: IntArray, knobs: Knobs, generator: np.random.Generator
+    world: World,
+    frames: list[Frame],
+    samples: _Samples,
+    points: FloatArray,
+    knobs: Knobs,
+    generator: np.random.Generator,
 ) -> FloatArray:
-    """Points moved along their own rays by the depth noise; a share of strays lies anywhere along the ray."""
-    centres = np.array([pose.centre for pose in world.poses])[frame]
-    stretch = 1 + generator.normal(0, knobs.depth_noise, len(points))
+    """Points (n, 3) moved along their own rays by the depth noise; a share of strays lies anywhere along the ray."""
+    centres = np.array([pose.centre for pose in world.poses])[samples.frame]
+    if knobs.smear or knobs.bare_faces:
+        stretch = 1 + _real_errors(world, frames, samples, knobs, generator)
+    else:
+        stretch = 1 + generator.normal(0, knobs.depth_noise, len(points))
     stray = generator.random(len(points)) < knobs.stray
     stretch[stray] = generator.uniform(0.5, 1.5, int(stray.sum()))
-    return np.asarray(centres + (points - centres) * stretch[:, None])
+    noisy = centres + (points - centres) * stretch[:, None]
+    if knobs.gloss:
+        noisy = _mirrored(noisy, samples, knobs.gloss, generator)
+    return np.asarray(noisy)
+
+
+def _real_errors(
+    world: World, frames: list[Frame], samples: _Samples, knobs: Knobs, generator: np.random.Generator
+) -> FloatArray:
+    """(n,) relative errors with the faults of real depth."""
+    bare = bare_samples(world, samples.points, samples.number, knobs.bare_faces)
+    errors = np.empty(len(bare))
+    for index, frame in enumerate(frames):
+        own = np.flatnonzero(samples.frame == index)
+        rows, columns = samples.row[own], samples.column[own]
+        sight = outlook(frame, world.camera, rows, columns)
+        depth = frame.depth[rows, columns].astype(float)
+        errors[own] = relative_errors(sight, depth, bare[own], knobs, generator)
+    return errors
+
+
+def _mirrored(points: FloatArray, samples: _Samples, share: float, generator: np.random.Generator) -> FloatArray:
+    """Points (n, 3) of which a share of the floor's are replaced by mirror images of low points of objects."""
+    floor = np.flatnonzero((samples.number == 0) & (samples.points[:, 2] < MIRROR_FLOOR))
+    low = np.flatnonzero((samples.number > 0) & (samples.points[:, 2] < MIRROR_HEIGHT))
+    chosen = floor[generator.random(len(floor)) < share]
+    if not low.size:
+        return points
+    mirrored = points.copy()
+    mirrored[chosen] = points[generator.choice(low, len(chosen))] * [1, 1, -1]
+    return mirrored
 
 
 def _view(name: str, camera: Pinhole, pose: Pose, to_scene: Similarity, keypoints: FloatArray, rows: IntArray) -> View:

@@ -10,7 +10,7 @@ INSTALL = $(UV) pip install --quiet --python $(BIN)/python --build-constraints .
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 
-.PHONY: help demo demo-video test check coverage reference lock dist sbom clean
+.PHONY: help demo demo-video test check coverage reference lock dist sbom clean fuzz
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -77,3 +77,8 @@ sbom: | $(UV) ## list all components of the full install (CycloneDX): out/sbom.j
 
 clean: ## remove what make made
 	rm -rf .venv .tools out .pytest_cache .mypy_cache .ruff_cache
+
+# Damaged input for every reader; MINUTES for all of them together.
+MINUTES ?= 10
+fuzz: .venv/.dev
+	$(BIN)/python -m tests.fuzz $(MINUTES)

@@ -13,6 +13,8 @@ Name = TypeVar("Name", bound=Path | str)
 
 #: How much of a strange value a fault shows: a line of a terminal, not a page.
 MAX_SHOWN = 120
+#: The same of what was expected, where names from the file may be quoted.
+MAX_EXPECTED = 600
 
 
 class Words(str):
@@ -32,7 +34,7 @@ class InputFault(ValueError):
     def at(cls, file: Path | str, field: str, expected: str, found: object) -> Self:
         """The fault in one line; `found` is shown as Python would write it, or as `Words`, cut to a readable length."""
         shown = found if isinstance(found, Words) else repr(found)
-        return cls(f"{file}: {field}: expected {expected}, found {shown[:MAX_SHOWN]}")
+        return cls(f"{file}: {field[:MAX_SHOWN]}: expected {expected[:MAX_EXPECTED]}, found {shown[:MAX_SHOWN]}")
 
 
 class FieldFault(ValueError):

@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 
 from estimator.reconstructions.cameras import make_camera
+from estimator.reconstructions.checked_files import is_file
 from estimator.reconstructions.ply import read_points
 from estimator.records.scene import MAX_COORDINATE, Camera, View
 from metric_base.arrays import FloatArray, IntArray
@@ -81,7 +82,7 @@ def picture_file(file: Path, name: str) -> Path | None:
     parts = [part for part in name.replace("\\", "/").split("/") if part not in {"", ".", ".."}]
     names = [Path(*parts), Path(parts[-1])] if parts else []
     candidates = (file.parent / place / path for path in names for place in PICTURE_PLACES)
-    return next((path for path in candidates if path.is_file()), None)
+    return next((path for path in candidates if is_file(path)), None)
 
 
 def picture_size(file: Path, name: str) -> tuple[int, int]:
@@ -108,7 +109,7 @@ def picture_size(file: Path, name: str) -> tuple[int, int]:
 
 def points_beside(file: Path, names: Iterable[str]) -> FloatArray:
     """(n, 3) points of the first of the PLY files beside `file` that is there; none if none is."""
-    place = next((path for name in names if (path := file.parent / name).is_file()), None)
+    place = next((path for name in names if is_file(path := file.parent / name)), None)
     if place is None:
         return np.empty((0, 3))
     points = read_points(place)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from estimator.reconstructions.checked_files import is_file
 from estimator.records.scene import Scene, View
 
 __all__ = ["image_file", "image_folders"]
@@ -27,6 +28,6 @@ def image_file(folders: tuple[Path, ...], view: View) -> Path | None:
     """The view's picture in the first folder that has it, or None; a name never leads out of the folder."""
     for folder in folders:
         file = folder / view.name
-        if file.resolve().is_relative_to(folder) and file.is_file():
+        if is_file(file) and file.resolve().is_relative_to(folder):
             return file
     return None

@@ -11,7 +11,7 @@ import numpy as np
 from estimator.instances.coco import category_names, entries_by_id
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.label_images import read_png
-from estimator.reconstructions.checked_files import json_array, json_object
+from estimator.reconstructions.checked_files import is_file, json_array, json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
 
@@ -72,7 +72,7 @@ def _instances(
     if not isinstance(stated, str) or Path(stated).name != stated:
         raise FieldFault("file_name", "the name of a PNG", stated)
     folders = (file.parent / place.format(stem=file.stem) for place in FOLDERS)
-    picture = next((path for folder in folders if (path := folder / stated).is_file()), None)
+    picture = next((path for folder in folders if is_file(path := folder / stated)), None)
     if picture is None:
         raise InputFault.at(file, "file_name", f"{file.stem}/{stated} beside the file", Words("no such file"))
     colours = read_png(picture)

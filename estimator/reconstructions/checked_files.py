@@ -20,7 +20,17 @@ from numpy.typing import DTypeLike, NDArray
 
 from metric_base.faults import FieldFault, InputFault, Words
 
-__all__ = ["STDIN", "ByteReader", "folder_entries", "json_array", "json_object", "read_bytes", "read_json", "read_text"]
+__all__ = [
+    "STDIN",
+    "ByteReader",
+    "folder_entries",
+    "is_file",
+    "json_array",
+    "json_object",
+    "read_bytes",
+    "read_json",
+    "read_text",
+]
 
 _JSON_KINDS = {
     type(None): "null", bool: "a truth value", int: "a number", float: "a number", str: "a string",
@@ -103,6 +113,14 @@ def _read_pipe(path: Path, descriptor: int, limit: int, whole: bool) -> bytes:
     if whole:
         raise InputFault.at(path, "file", f"at most {limit:,} bytes", Words("more"))
     return b"".join(parts)[:limit]
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a regular file; no name, however long or strange, is a fault."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def folder_entries(folder: Path) -> list[Path]:

@@ -150,6 +150,8 @@ def _converted(record: dict[str, Any], kind: type[_Upright | _Free]) -> _Upright
         entry = msgspec.convert(record, kind)
     except msgspec.ValidationError as fault:
         raise _field_fault(record, str(fault)) from None
+    except UnicodeEncodeError:
+        raise FieldFault("", "text in Unicode", Words("half of a surrogate pair")) from None
     for field in ("dimensions", "confidence", "sigma"):
         numbers = getattr(entry, field, None)
         for name in () if numbers is None else numbers.__struct_fields__:

@@ -1,0 +1,41 @@
+"""A short run of the fuzzing (`make fuzz` is the long one), and the inputs that once did harm."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.fuzz.__main__ import fuzz, one_outcome
+from tests.fuzz.readers import READERS, Reader, write_seeds
+
+#: Inputs that once did harm: `<reader>--<file of the seed>`.
+CORPUS = Path(__file__).parent / "corpus"
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("seeds")
+    write_seeds(folder)
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
+def test_whole_files_are_taken_and_damaged_ones_do_no_harm(reader: Reader, seeds: Path) -> None:
+    assert one_outcome(reader, seeds / reader.seed, seeds) == "taken"
+    counts = fuzz(reader, seeds, seconds=1.5, most=40, seed=7, kept=None)
+    assert counts["taken"] + counts["refused"] == counts["inputs"] > 0
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("file", sorted(CORPUS.glob("*--*")), ids=lambda file: file.name)
+def test_what_once_did_harm(file: Path, seeds: Path, tmp_path: Path) -> None:
+    name, _, part = file.name.partition("--")
+    reader = next(reader for reader in READERS if reader.name == name)
+    folder = tmp_path / "scene"
+    shutil.copytree(seeds / reader.seed, folder)
+    (target,) = folder.rglob(part)
+    shutil.copyfile(file, target)
+    assert one_outcome(reader, folder, seeds).partition(":")[0] in {"taken", "refused"}

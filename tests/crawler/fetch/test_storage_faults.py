@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 import resource
 import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from scrapy import Request
+from scrapy.http import Response
 
 from crawler.fetch.frontier import Outcome, Task
 from crawler.fetch.frontier_sqlite import SqliteFrontier
-from crawler.fetch.watched import WatchedFrontier
+from crawler.fetch.scheduler import KEY, CommitMiddleware
+from crawler.fetch.watched import StorageFault, WatchedFrontier
+from crawler.items import RawItem
+from crawler.page.budget import SlowPage
 from tests.crawler.fetch.test_crawl_faults import ROOT, items, words
 from tests.made.made_site import MadeSite, Shop
 
@@ -148,3 +156,39 @@ def test_a_damaged_frontier_is_one_line(tmp_path: Path, damage: bytes) -> None:
     )
     assert (done.returncode, done.stderr.count("\n")) == (2, 1), done.stderr
     assert "frontier.sqlite" in done.stderr
+
+
+def _answered(frontier: WatchedFrontier, fault: Exception) -> None:
+    """A page whose reader raises passes through the middleware that commits pages."""
+
+    async def result() -> AsyncIterator[Any]:
+        yield RawItem(source="shop", source_id="1")
+        raise fault
+
+    async def drain() -> None:
+        settings = SimpleNamespace(getint=lambda _: 0)
+        crawler = SimpleNamespace(frontier=frontier, stats=None, settings=settings, spider=None, engine=None)
+        task = frontier.lease()
+        assert task is not None
+        request = Request(task.url, meta={KEY: task.key})
+        response = Response(task.url, body=b"<p>", request=request)
+        assert [part async for part in CommitMiddleware(crawler).process_spider_output(response, result())] == []  # type: ignore[arg-type]
+
+    asyncio.run(drain())
+
+
+def test_a_page_over_its_budget_costs_itself_alone(tmp_path: Path) -> None:
+    stored = SqliteFrontier(tmp_path / "f.sqlite")
+    stored.add([Task("http://a.example/1"), Task("http://a.example/2")])
+    _answered(WatchedFrontier(stored, "f.sqlite"), SlowPage("slow"))
+    assert stored.failures() == {"too slow": 1}
+    assert (stored.counts()["waiting"], stored.counts()["items"]) == (1, 0)
+
+
+def test_a_picture_that_cannot_be_stored_does_not_cost_its_page(tmp_path: Path) -> None:
+    stored = SqliteFrontier(tmp_path / "f.sqlite")
+    stored.add([Task("http://a.example/1")])
+    watched = WatchedFrontier(stored, "f.sqlite")
+    _answered(watched, StorageFault("pictures/ab: expected room for a picture, found: No space left on device"))
+    assert "No space left" in str(watched.fault)
+    assert (stored.counts()["leased"], stored.failures()) == (1, {})

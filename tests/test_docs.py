@@ -16,6 +16,8 @@ from tests.test_arrow import PACKAGES
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 CODE = sorted(path for package in (*PACKAGES, "benchmarks") for path in (ROOT / package).rglob("*.py"))
+#: Documents of others, and words for what only those who wrote the code have seen.
+FOREIGN = re.compile(r"\b(methods|contracts|layout|style|peers|stack)\.md\b|\bthe issue(?!s)\b|\bthe contract\b")
 #: A block of commands that are run as they are written, in a folder that holds the repository's `data`.
 CONSOLE = re.compile(r"^```console\n(.*?)^```", re.MULTILINE | re.DOTALL)
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
@@ -32,6 +34,17 @@ def test_links_lead_to_files(page: Path) -> None:
     targets = [link.partition("#")[0] for link in LINK.findall(page.read_text(encoding="utf-8"))]
     local = [target for target in targets if target and "://" not in target and not target.startswith("mailto:")]
     assert [target for target in local if not (page.parent / target).exists()] == []
+
+
+def test_code_cites_only_documents_that_are_here() -> None:
+    cited = {}
+    for path in CODE:
+        text = path.read_text(encoding="utf-8")
+        gone = [name for name in re.findall(r"\bdocs/[\w/.-]+?\.md\b", text) if not (ROOT / name).is_file()]
+        bad = gone + [match.group() for match in FOREIGN.finditer(text)]
+        if bad:
+            cited[_name(path)] = bad
+    assert cited == {}
 
 
 def test_generated_pages_are_current(tmp_path: Path) -> None:

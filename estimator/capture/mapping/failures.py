@@ -22,7 +22,7 @@ CODES = tuple(ADVICE)
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A code of the contract's list, and one line for a person."""
+    """A code (docs/how-to/scale-from-a-video.md lists them), and one line for a person."""
 
     code: str
     message: str

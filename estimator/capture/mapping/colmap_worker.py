@@ -128,8 +128,10 @@ def incremental(request: Request) -> dict[str, Any]:
 
 
 def global_(request: Request) -> dict[str, Any]:
-    """COLMAP's global mapper, with focal lengths calibrated from the pairs where none was given."""
-    options = pycolmap.GlobalPipelineOptions(num_threads=request["threads"], random_seed=request["seed"])
+    """COLMAP's global mapper, on the named pictures."""
+    options = pycolmap.GlobalPipelineOptions(
+        num_threads=request["threads"], random_seed=request["seed"], image_names=request["names"]
+    )
     options.mapper.bundle_adjustment.refine_focal_length = request["refine_focal"]
     models = pycolmap.global_mapping(request["database"], request["pictures"], request["scratch"], options=options)
     return _written(models, request)

@@ -222,3 +222,17 @@ def test_what_does_not_fit_is_named(
 def test_capture_options_belong_to_captures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["data/scenes/demo_room", "--work", str(tmp_path)]) == 2
     assert "--work: expected a video or a folder of pictures as SCENE" in capsys.readouterr().err
+
+
+def test_a_work_folder_is_measured_from_its_sparse_points(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its dense cloud is for what is drawn, unless it is named."""
+    import shutil
+
+    shutil.copytree(work, tmp_path / "w")
+    (tmp_path / "w" / "dense.ply").write_bytes(b"no cloud")
+    assert main([str(tmp_path / "w"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["scale"] == json.loads((work / "result.json").read_text())["scale"]
+    assert main([str(tmp_path / "w"), "--dense", str(tmp_path / "w" / "dense.ply")]) == 2
+    assert "dense.ply: header" in capsys.readouterr().err

@@ -88,6 +88,10 @@ class WordNet:
         record = self._synset(synset)
         return tuple(above.name() for above in (*record.hypernyms(), *record.instance_hypernyms()))
 
+    def canonical(self, synset: str) -> str:
+        """The synset under the name of its first word: `couch.n.01` is `sofa.n.01`."""
+        return str(self._synset(synset).name())
+
     def is_instance(self, synset: str) -> bool:
         """Whether the synset is one particular thing or person, such as one inventor."""
         return bool(self._synset(synset).instance_hypernyms())

@@ -23,6 +23,7 @@ VERBS = {
     "import": "an open data set into raw items",
     "build": "raw items to a release",
     "review": "what waits for a reviewer; record a decision",
+    "explain": "why an item is in its category",
     "validate": "every rule of a release",
     "report": "a readable page about a release",
     "select": "the categories fit for segmentation and scale",

@@ -10,13 +10,14 @@ import numpy as np
 
 from metric_base.faults import InputFault
 from metric_base.terminal import print_json, print_table
+from metric_tree.description import everyday_sentence, item_quantiles, shipped_evidence
 from metric_tree.prior import Prior
 from metric_tree.schema import IMAGES
 from metric_tree.tree import Node, NoPrior, open_tree
 
 __all__ = ["HELP", "add_arguments", "run", "summary"]
 
-HELP = "A category: its node, path, counts, quantiles in millimetres and prior."
+HELP = "A category: its node, path, counts, evidence, quantiles in millimetres and prior."
 
 #: The quantiles that are shown: the ends of the 90 % interval, the quartiles and the median.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("name", metavar="NAME", help="name, synset, alias or detector label")
     parser.add_argument("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")
     parser.add_argument("--vocabulary", help="read NAME as this label list does (coco_80, lvis_v1, ...)")
+    parser.add_argument("--kind", help="also the sizes of the shipped items of this kind: product, measured, ...")
     parser.add_argument("--images", metavar="N", type=int, help="name N pictures, spread over the sizes")
     parser.add_argument("--sheet", metavar="FILE.png", type=Path, help="draw them to one scale (12 unless --images)")
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
@@ -40,6 +42,8 @@ def run(arguments: argparse.Namespace) -> int:
     node = open_tree(arguments.tree).find(arguments.name, arguments.vocabulary)
     dims = tuple(arguments.dims.split(",")) if arguments.dims else None
     description = summary(node, dims)
+    if arguments.kind is not None:
+        description["items_of_kind"] = item_quantiles(node, arguments.kind, QUANTILES)
     if arguments.images is not None or arguments.sheet is not None:
         description["images"] = _images(node, arguments.images, arguments.sheet)
     if arguments.json:
@@ -68,13 +72,15 @@ def summary(node: Node, dims: tuple[str, ...] | None = None) -> dict[str, Any]:
         "n_items": node.n_items,
         "children": [child.node_id for child in node.children],
         "dims": list(prior.dims) if prior else list(node.dims),
+        "sentence": everyday_sentence(node.name.partition(" (")[0], prior) if prior else None,
+        "shipped": shipped_evidence(node),
         "quantiles_mm": _quantiles(prior) if prior else None,
         "prior": _described(prior) if prior else None,
     }
 
 
 def _images(node: Node, count: int | None, sheet: Path | None) -> list[dict[str, Any]]:
-    """The fields of pictures that a reader needs to use and to credit them; drawn where a sheet is asked for."""
+    """The fields of pictures that a person needs to use and to credit them; drawn where a sheet is asked for."""
     from metric_tree.report.contact_sheet import picture_rows, write_sheet
 
     if count is not None and count < 1:
@@ -114,6 +120,9 @@ def _print(description: dict[str, Any]) -> None:
             ("path", " > ".join(description["path"])),
             ("pose", description["pose"]),
             ("items", description["n_items"]),
+            ("in words", description["sentence"] or "nothing is known of its size"),
+            ("evidence", _shares(description)),
+            ("licences", ", ".join(f"{name} ({n})" for name, n in description["shipped"]["licence"].items()) or "none"),
             ("children", ", ".join(description["children"]) or "none"),
             ("tree", f"{description['tree']['name']} {description['tree']['version']}"),
         ],
@@ -125,10 +134,23 @@ def _print(description: dict[str, Any]) -> None:
     if description["prior"] is None:
         print_table(["prior"], [("none: no item with a size at or below this node",)])
         return
-    rows = [
-        (dim, *(f"{value:.0f}" if value >= 100 else f"{value:.3g}" for value in q.values()))
-        for dim, q in description["quantiles_mm"].items()
-    ]
     prior = description["prior"]
     title = f"mm; {prior['n']} items of {prior['n_sources']} sources, {prior['borrowed']:.0%} borrowed from the parent"
+    _print_quantiles(description["quantiles_mm"], title)
+    if "items_of_kind" in description:
+        own = description["items_of_kind"]
+        _print_quantiles(own["quantiles_mm"], f"mm; the {own['n']} shipped items of kind {own['kind']}")
+
+
+def _print_quantiles(quantiles: dict[str, dict[str, float]], title: str) -> None:
+    rows = [
+        (dim, *(f"{value:.0f}" if value >= 100 else f"{value:.3g}" for value in q.values()))
+        for dim, q in quantiles.items()
+    ]
     print_table(["dimension", *(f"{q:.0%}" for q in QUANTILES)], rows, title=title)
+
+
+def _shares(description: dict[str, Any]) -> str:
+    """The kinds of evidence of the fit by their share, the largest first."""
+    shares = description["prior"]["share_by_kind"] if description["prior"] else {}
+    return ", ".join(f"{kind} {share:.0%}" for kind, share in sorted(shares.items(), key=lambda one: -one[1])) or "none"

@@ -10,10 +10,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from metric_base.faults import InputFault
 from metric_base.terminal import print_json, print_table
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Container, Iterable, Sequence
 
     from taxonomy.matching.decisions import Decision
 
@@ -45,12 +46,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     waits.add_argument("--all", action="store_true", help=f"print all words, not {SHOWN}")
     blind = actions.add_parser("blind", help="what a reviewer has not read, shuffled and without any answer")
-    blind.add_argument("--reader", required=True, help="the reader that will answer")
+    blind.add_argument("raw", metavar="RAW", nargs="*", type=Path, help="raw items to take an example of each from")
+    blind.add_argument("--reader", required=True, help="the reviewer that will answer")
+    blind.add_argument("--source", help="only subjects of this source")
+    blind.add_argument("--limit", type=int, metavar="N", help="at most N subjects")
     blind.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
     blind.add_argument("--seed", type=int, default=SEED, help="order of the list")
     record = actions.add_parser("record", help="record one decision")
     record.add_argument("subject", help="'SOURCE: words' or '*: words' of a match, the mt: id of an insertion")
-    record.add_argument("decision", help="a synset, an mt: id, or none; of an insertion its parent, or none")
+    record.add_argument("decision", help="a synset, an mt: id, none, or withdrawn; of an insertion its parent, or none")
+    record.add_argument("--amend", action="store_true", help="replace an earlier word of the same reviewer")
     record.add_argument("--reader", required=True, help="a person's name, or 'program: what it is'")
     record.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
     record.add_argument("--why", default="", help="one line")
@@ -71,7 +76,8 @@ def _list(arguments: argparse.Namespace) -> None:
     from taxonomy.matching.decisions import decisions, waiting
 
     open_subjects = waiting(decisions(arguments.folder))
-    words = _unsettled_words(arguments.raw)
+    read = {decision.subject for decision in decisions(arguments.folder) if decision.what == "match"}
+    words = _unsettled_words(arguments.raw, read)
     if arguments.json:
         rows = [{"source": s, "words": w, "found": f, "rule": r, "items": n} for (s, w, f, r), n in words.most_common()]
         print_json({"schema": SCHEMA, "waiting": [{"what": w, "subject": s} for w, s in open_subjects], "words": rows})
@@ -84,17 +90,19 @@ def _list(arguments: argparse.Namespace) -> None:
         print_table(["source", "words", "found", "rule", "items"], [(*key, n) for key, n in shown], title=title)
 
 
-def _unsettled_words(raw: Iterable[str]) -> Counter[tuple[str, str, str | None, str]]:
-    """Items by (source, words, concept below the threshold, rule) that the matcher leaves to a reviewer."""
+def _unsettled_words(raw: Iterable[str], read: Container[str]) -> Counter[tuple[str, str, str | None, str]]:
+    """Items by (source, words, concept below the threshold, rule) that no reviewer has read and no rule settles."""
     from metric_tree.build.ingest import blocks, items_of, raw_files
+    from taxonomy.matching.decisions import EVERY_SOURCE
     from taxonomy.matching.matcher import default_matcher
 
     words: Counter[tuple[str, str, str | None, str]] = Counter()
     for block in blocks(raw_files(map(Path, raw))):
         for item in items_of(block):
-            found = default_matcher().finding(item.source, item.category_path, item.title, item.synset)
-            if not found.settled:
-                words[item.source, found.subject, found.concept, found.rule] += 1
+            finding = default_matcher().finding(item.source, item.category_path, item.title, item.synset)
+            subjects = (f"{item.source}: {finding.subject}", f"{EVERY_SOURCE}: {finding.subject}")
+            if not finding.settled and not any(subject in read for subject in subjects):
+                words[item.source, finding.subject, finding.concept, finding.rule] += 1
     return words
 
 
@@ -102,31 +110,68 @@ def _blind(arguments: argparse.Namespace) -> None:
     from taxonomy.insertions import insertions
     from taxonomy.matching.decisions import decisions
 
-    found = [d for d in decisions(arguments.folder) if d.what == arguments.what]
-    read = {d.subject for d in found if d.reader == arguments.reader}
-    subjects = {d.subject for d in found}
+    if arguments.limit is not None and arguments.limit < 1:
+        raise InputFault(f"--limit: expected a number from 1; found {arguments.limit}")
+    given = [d for d in decisions(arguments.folder) if d.what == arguments.what]
+    read = {d.subject for d in given if d.reader == arguments.reader}
     names = {i.id: i.name for i in insertions().values()} if arguments.what == "insertion" else {}
-    todo = sorted((subjects | set(names)) - read)
+    todo = sorted(({d.subject for d in given} | set(names)) - read)
+    if arguments.source is not None:
+        todo = [subject for subject in todo if subject.startswith(f"{arguments.source}: ")]
     random.Random(arguments.seed).shuffle(todo)  # noqa: S311 - an order, not a secret
-    rows = [(subject, names.get(subject, subject.partition(": ")[2])) for subject in todo]
+    todo = todo[: arguments.limit]
+    examples = _examples(arguments.raw, set(todo))
+    rows = [
+        {"subject": subject, "words": names.get(subject, subject.partition(": ")[2])} | examples.get(subject, {})
+        for subject in todo
+    ]
     if arguments.json:
-        print_json([{"subject": subject, "words": words} for subject, words in rows])
+        print_json(rows)
     else:
-        print_table(["subject", "words"], rows, title=f"{len(rows)} subjects for {arguments.reader}")
+        columns = ("subject", "words", *(("title", "size", "picture") if arguments.raw else ()))
+        cells = [[row.get(column, "") for column in columns] for row in rows]
+        print_table(columns, cells, title=f"{len(rows)} subjects for {arguments.reader}")
+
+
+def _examples(raw: Sequence[Path], subjects: set[str]) -> dict[str, dict[str, str]]:
+    """Title, size in mm and picture of the first item of each subject that the raw items have."""
+    if not raw:
+        return {}
+    from metric_tree.build.ingest import blocks, items_of, raw_files
+    from taxonomy.matching.decisions import EVERY_SOURCE
+    from taxonomy.matching.matcher import default_matcher
+
+    examples: dict[str, dict[str, str]] = {}
+    for item in (item for block in blocks(raw_files(raw)) for item in items_of(block)):
+        words = default_matcher().finding(item.source, item.category_path, item.title, item.synset).subject
+        for subject in {f"{item.source}: {words}", f"{EVERY_SOURCE}: {words}"} & subjects - set(examples):
+            size = " x ".join(f"{value:.4g}" for value in item.extents_mm or ())
+            examples[subject] = {"title": item.title or "", "size": size, "picture": next(iter(item.images), "")}
+        if len(examples) == len(subjects):
+            break
+    return examples
 
 
 def _record(arguments: argparse.Namespace) -> None:
     from metric_base.folders import taxonomy_directory
-    from taxonomy.matching.decisions import NONE, BadDecision, Decision, decisions, record_decision
+    from taxonomy.matching.decisions import NONE, WITHDRAWN, BadDecision, Decision, decisions, record_decision
     from taxonomy.matching.lexicon import default_lexicon
     from taxonomy.naming.spelling import fold_text
 
     source, separator, words = arguments.subject.partition(": ")
     if separator and arguments.what == "match":
         _expect_source(source, decisions(arguments.folder))
+    elif arguments.what == "insertion" and arguments.subject not in default_lexicon().inserted:
+        nearest = difflib.get_close_matches(arguments.subject, sorted(default_lexicon().inserted), n=OFFERED, cutoff=0)
+        raise BadDecision(
+            f"subject: expected an insertion ({', '.join(nearest)} are nearest); found {arguments.subject!r}"
+        )
     concept = None if arguments.decision == NONE else arguments.decision
-    if concept is not None and not default_lexicon().knows(concept):
-        raise BadDecision(f"decision: expected a WordNet 3.0 synset, an mt: id or {NONE}; found {concept!r}")
+    withdrawn = concept == WITHDRAWN
+    if concept is not None and not withdrawn:
+        if not default_lexicon().knows(concept):
+            raise BadDecision(f"decision: expected a WordNet 3.0 synset, an mt: id or {NONE}; found {concept!r}")
+        concept = default_lexicon().canonical(concept)
     decision = Decision(
         what=arguments.what,
         subject=f"{source}: {fold_text(words)}" if separator else arguments.subject,
@@ -134,14 +179,15 @@ def _record(arguments: argparse.Namespace) -> None:
         reader=arguments.reader,
         when=datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ"),
         why=arguments.why,
+        blind=not (arguments.amend or withdrawn),
     )
     folder = arguments.folder or taxonomy_directory() / "decisions"
     file = folder / "recorded.jsonl"
-    record_decision(decision, file)
+    record_decision(decision, file, amend=arguments.amend or withdrawn)
     if arguments.json:
         print_json({"schema": SCHEMA, "recorded": decision.subject, "file": str(file)})
     else:
-        row = (decision.subject, arguments.decision, decision.reader)
+        row = (decision.subject, decision.decision or NONE, decision.reader)
         print_table(["subject", "decision", "reader"], [row], title=str(file))
 
 

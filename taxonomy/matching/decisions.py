@@ -16,6 +16,7 @@ from metric_base.folders import taxonomy_directory
 
 __all__ = [
     "EVERY_SOURCE",
+    "WITHDRAWN",
     "Agreement",
     "BadDecision",
     "Decision",
@@ -36,6 +37,9 @@ EVERY_SOURCE = "*"
 
 #: How a file writes that there is no category: the words name no thing of one size.
 NONE = "none"
+
+#: How a file writes that a reviewer takes an earlier word back: the subject then waits for that reviewer again.
+WITHDRAWN = "withdrawn"
 
 #: Reviewers whose agreement settles a subject.
 _READERS = 2
@@ -159,17 +163,25 @@ def agreement(given: Iterable[Decision], what: What | None = None) -> Agreement:
     return Agreement(n, observed, 1.0 if expected == 1 else (observed - expected) / (1 - expected))
 
 
-def record_decision(decision: Decision, file: Path) -> None:
+def record_decision(decision: Decision, file: Path, *, amend: bool = False) -> None:
     """Add a decision to a file, which is whole at every moment: written beside it, then renamed.
+
+    Parameters
+    ----------
+    decision : the reviewer's word; with `amend`, one that replaces an earlier word of the same reviewer.
+    file : a `*.jsonl` file; the other ones of its folder are read for earlier words.
+    amend : whether an earlier word is replaced, or taken back where the decision is `withdrawn`.
 
     Raises
     ------
     BadDecision
-        The same reviewer has decided the same subject in this file already.
+        The reviewer has decided the subject already, or with `amend` has not.
     """
+    earlier = [one for one in decisions(file.parent) if _identity(one) == _identity(decision)]
+    stands = bool(earlier) and earlier[-1].decision != WITHDRAWN
+    _expect(amend or not stands, f"{file}: subject", f"one that {decision.reader} has not decided", decision.subject)
+    _expect(stands or not amend, f"{file}: subject", f"one that {decision.reader} has decided", decision.subject)
     before = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
-    same = [d for d in map(Decision.from_line, before) if (d.what, d.subject, d.reader) == _identity(decision)]
-    _expect(not same, f"{file}: subject", f"one that {decision.reader} has not decided", decision.subject)
     file.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=file.parent, suffix=".part", delete=False) as part:
         part.write("\n".join([*before, decision.line(), ""]))
@@ -191,11 +203,15 @@ def _identity(decision: Decision) -> tuple[str, str, str]:
 
 
 def _by_subject(given: Iterable[Decision]) -> dict[tuple[str, str], dict[str, Decision]]:
-    """Decisions by subject, then by reviewer in order; a reviewer's later word replaces an earlier one."""
+    """Decisions by subject, then by reviewer in order; a later word replaces an earlier one, or takes it back."""
     grouped: defaultdict[tuple[str, str], dict[str, Decision]] = defaultdict(dict)
     for decision in given:
-        grouped[decision.what, decision.subject][decision.reader] = decision
-    return dict(grouped)
+        words = grouped[decision.what, decision.subject]
+        if decision.decision == WITHDRAWN:
+            words.pop(decision.reader, None)
+        else:
+            words[decision.reader] = decision
+    return {key: words for key, words in grouped.items() if words}
 
 
 def _settled(read: Sequence[Decision]) -> Decision | None:

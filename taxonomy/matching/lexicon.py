@@ -54,6 +54,10 @@ class Lexicon:
         """Whether the id is an insertion or a noun synset."""
         return concept in self.inserted or (not concept.startswith(PREFIX) and self.wordnet.knows(concept))
 
+    def canonical(self, concept: str) -> str:
+        """The one name of a concept: `couch.n.01` is `sofa.n.01`, as WordNet names the synset."""
+        return concept if concept in self.inserted else self.wordnet.canonical(concept)
+
     def hypernyms(self, concept: str) -> tuple[str, ...]:
         """All concepts above, nearest first."""
         above = self._above.get(concept)

@@ -30,7 +30,7 @@ from taxonomy.naming.spelling import plain_fold, singular_phrases
 __all__ = ["NEAR", "Answer", "Resolver"]
 
 #: Two senses whose evidence differs by less are both meant.
-NEAR = 0.85
+NEAR = 1.05
 
 #: Share of the known compounds of a head noun that are such things, from which the head alone is taken.
 HEAD_TRUST = 0.65
@@ -85,8 +85,12 @@ class Resolver:
         if _CODE.match(text):
             node = coded_node(text)
             return self._at(node, "code") if node else None
-        written = self._written(text)
-        return written or self._composed(text) or self._phrase(text)
+        if written := self._written(text):
+            return written
+        parts = [part for part in _ALTERNATIVES.split(text) if part]
+        if len(parts) > 1:
+            return self._agreed(parts)
+        return self._composed(text) or self._phrase(text)
 
     def _written(self, text: str) -> Answer | None:
         """The answer for a text that is a name as it is, in brackets, counted, plural, or without its spaces."""
@@ -120,10 +124,7 @@ class Resolver:
         return None
 
     def _composed(self, text: str) -> Answer | None:
-        """The answer for alternatives, dotted paths and inverted names (`table, dining`)."""
-        parts = [part for part in _ALTERNATIVES.split(text) if part]
-        if len(parts) > 1:
-            return self._agreed(parts)
+        """The answer for dotted paths and inverted names (`table, dining`)."""
         if "." in text.strip(".") and " " not in text.strip():
             *_, before, last = ["", *filter(None, text.split("."))]
             return self._written(last) or (self._written(before) if before and plain_fold(last) else None)

@@ -16,6 +16,7 @@ from metric_tree.commands import main
 from taxonomy.insertions import insertions
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import (
+    WITHDRAWN,
     BadDecision,
     Decision,
     agreement,
@@ -178,3 +179,76 @@ def test_shipped_insertions_stand_where_two_readers_put_them() -> None:
     parents = {insertion.id: insertion.parent for insertion in insertions().values()}
     assert {subject for subject, parent in parents.items() if readings[subject].count(parent) < 2} == set()
     assert set(readings) - set(parents) <= set(replaced_ids())
+
+
+def test_a_withdrawn_word_counts_no_more() -> None:
+    given = [decision("a", "x"), decision("b", "x"), decision("b", WITHDRAWN, blind=False)]
+    assert rulings(given) == {}
+    assert waiting(given) == [("match", "*: chair")]
+    assert rulings([*given, decision("b", "x")])["*", "chair"].decision == "x"
+
+
+def test_an_amendment_needs_an_earlier_word(tmp_path: Path) -> None:
+    file = tmp_path / "d.jsonl"
+    with pytest.raises(BadDecision, match="one that a has decided"):
+        record_decision(decision("a", "x"), file, amend=True)
+    record_decision(decision("a", "x"), tmp_path / "c.jsonl")  # another file of the folder
+    record_decision(decision("a", "y", blind=False), file, amend=True)
+    record_decision(decision("a", WITHDRAWN, blind=False), file, amend=True)
+    with pytest.raises(BadDecision, match="one that a has decided"):
+        record_decision(decision("a", WITHDRAWN, blind=False), file, amend=True)
+    record_decision(decision("a", "z"), file)
+    assert [one.decision for one in decisions(tmp_path)] == ["x", "y", WITHDRAWN, "z"]
+
+
+@pytest.mark.usefixtures("wordnet")
+def test_a_review_is_amended_withdrawn_and_named_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    record = ["review", "record", "*: foo", "--folder", str(tmp_path), "--json"]
+    assert main([*record, "couch.n.01", "--reader", "Ada"]) == 0
+    assert main([*record, "sofa.n.01", "--reader", "Grace"]) == 0
+    assert waiting(decisions(tmp_path)) == [], "two words of one synset are one answer"
+    assert main([*record, "chair.n.01", "--reader", "Grace"]) == 2
+    assert main([*record, "chair.n.01", "--reader", "Grace", "--amend"]) == 0
+    assert main([*record, "withdrawn", "--reader", "Ada"]) == 0
+    capsys.readouterr()
+    assert main(["review", "list", "--folder", str(tmp_path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["waiting"] == [{"what": "match", "subject": "*: foo"}]
+    assert (
+        main(["review", "record", "mt:nothing_such", "none", "--what", "insertion", "--reader", "Ada", *record[3:5]])
+        == 2
+    )
+    assert "subject: expected an insertion" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("wordnet")
+def test_a_blind_list_shows_an_example_of_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    item = RawItem(
+        source="shop",
+        source_id="1",
+        title="A zzyzx",
+        category_path=("zzyzx",),
+        dimensions_mm={"height": 10.0},
+        extents_mm=(10.0,),
+        images=("https://example.org/1.jpg",),
+        kind="product",
+    )
+    raw = tmp_path / "raw.jsonl"
+    raw.write_text(item.line() + "\n", encoding="utf-8")
+    folder = tmp_path / "decisions"
+    for subject in ("shop: zzyzx", "*: bar", "*: baz"):
+        record_decision(decision("Ada", None, subject), folder / "d.jsonl")
+    blind = ["review", "blind", "--reader", "Grace", "--folder", str(folder), "--json"]
+    assert main([*blind, "--source", "shop", str(raw)]) == 0
+    (row,) = json.loads(capsys.readouterr().out)
+    assert row == {
+        "subject": "shop: zzyzx",
+        "words": "zzyzx",
+        "title": "A zzyzx",
+        "size": "10",
+        "picture": "https://example.org/1.jpg",
+    }
+    assert main([*blind, "--limit", "2"]) == 0
+    assert len(json.loads(capsys.readouterr().out)) == 2
+    assert main([*blind, "--limit", "0"]) == 2
+    assert main(["review", "list", str(raw), "--folder", str(folder), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["words"] == [], "what one reviewer has read does not wait for a first"

@@ -1,0 +1,85 @@
+"""A category in words: how large such things are, and what is known of it by kind of evidence and licence."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from metric_base.faults import InputFault
+from metric_tree.prior import Prior
+from metric_tree.tree import Node
+
+__all__ = ["KINDS", "everyday_sentence", "item_quantiles", "shipped_evidence"]
+
+#: Kinds of evidence of items (`metric_tree.schema.ITEMS`).
+KINDS = ("measured", "product", "standard", "statistic", "curated", "asset", "museum", "default")
+
+_AXES = {"height": "high", "length": "long", "width": "wide"}
+_COLUMNS = ("length_mm", "width_mm", "height_mm")
+
+
+def everyday_sentence(name: str, prior: Prior) -> str:
+    """The median and the 90 % interval of the main axis in words.
+
+    `A mug is about 9.5 cm high; nine of ten are 8 to 12 cm.` The axis is the
+    height where the prior has one, else the first of its dimensions.
+
+    Parameters
+    ----------
+    name : what the thing is called.
+    prior : its sizes in mm.
+    """
+    axis = "height" if "height" in prior.dims else prior.dims[0]
+    place = prior.dims.index(axis)
+    middle, (low, high) = float(prior.quantile(0.5)[place]), prior.interval(0.9)[place]
+    how = _AXES.get(axis, "across")
+    article = "An" if name[:1].lower() in "aeiou" else "A"
+    unit, factor = _unit(middle)
+    return (
+        f"{article} {name} is about {_number(middle / factor)} {unit} {how}; "
+        f"nine of ten are {_number(float(low) / factor)} to {_number(float(high) / factor)} {unit}."
+    )
+
+
+def shipped_evidence(node: Node) -> dict[str, dict[str, int]]:
+    """How many shipped items at or below a node are of each kind, and under each licence, the most first."""
+    items = node.items()
+    counts = {name: Counter(value or "unstated" for value in items[name].to_pylist()) for name in ("kind", "licence")}
+    return {name: dict(count.most_common()) for name, count in counts.items()}
+
+
+def item_quantiles(node: Node, kind: str, quantiles: tuple[float, ...]) -> dict[str, Any]:
+    """Counts and quantiles in mm of the shipped items of one kind, by dimension; a dimension without any is left out.
+
+    Raises
+    ------
+    metric_base.faults.InputFault
+        No such kind, or no shipped item of it.
+    """
+    if kind not in KINDS:
+        raise InputFault(f"--kind: expected one of {', '.join(KINDS)}; found {kind!r}")
+    items = node.items()
+    rows = [row for row in items.select(["kind", *_COLUMNS]).to_pylist() if row["kind"] == kind]
+    if not rows:
+        there = ", ".join(shipped_evidence(node)["kind"]) or "no item at all"
+        raise InputFault(f"--kind: expected a kind that {node.node_id} has shipped items of ({there}); found {kind!r}")
+    sizes = np.array([[row[column] for column in _COLUMNS] for row in rows], dtype=float)  # (n, 3), NaN where missing
+    table: dict[str, dict[str, float]] = {}
+    for column, values in zip(_COLUMNS, sizes.T, strict=True):
+        known = values[~np.isnan(values)]
+        if known.size:
+            table[column.removesuffix("_mm")] = {
+                f"{q:g}": round(float(value), 2)
+                for q, value in zip(quantiles, np.quantile(known, quantiles), strict=True)
+            }
+    return {"kind": kind, "n": len(rows), "quantiles_mm": table}
+
+
+def _unit(mm: float) -> tuple[str, float]:
+    return ("m", 1000.0) if mm >= 1000 else ("cm", 10.0) if mm >= 20 else ("mm", 1.0)
+
+
+def _number(value: float) -> str:
+    return f"{value:.0f}" if value >= 20 else f"{value:.2g}"

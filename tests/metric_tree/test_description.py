@@ -1,0 +1,44 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from metric_base.faults import InputFault
+from metric_tree.description import everyday_sentence, item_quantiles, shipped_evidence
+from metric_tree.tree import Tree
+
+
+def test_the_sentence_gives_median_and_interval(mini: Tree) -> None:
+    prior = mini.find("swivel chair").prior()
+    sentence = everyday_sentence("swivel chair", prior)
+    low, high = prior.interval(0.9)[prior.dims.index("height")] / 1000
+    middle = prior.quantile(0.5)[prior.dims.index("height")] / 1000
+    assert sentence == (f"A swivel chair is about {middle:.2g} m high; nine of ten are {low:.2g} to {high:.2g} m.")
+
+
+def test_the_unit_follows_the_size(mini: Tree) -> None:
+    assert " cm " in everyday_sentence("mouse", mini.find("mouse.n.04").prior(("height",)))
+    assert everyday_sentence("apple", mini.find("swivel chair").prior(("length",))).startswith(
+        "An apple is about 62 cm"
+    )
+
+
+def test_evidence_counts_the_items_below(mini: Tree) -> None:
+    chair = mini.find("chair")
+    evidence = shipped_evidence(chair)
+    assert sum(evidence["kind"].values()) == chair.items().num_rows == sum(evidence["licence"].values())
+
+
+def test_quantiles_are_those_of_the_kind(mini: Tree) -> None:
+    node = mini.find("swivel chair")
+    (kind,) = shipped_evidence(node)["kind"]
+    found = item_quantiles(node, kind, (0.5,))
+    heights = np.array(node.items()["height_mm"].to_pylist(), dtype=float)
+    assert found["n"] == heights.size
+    assert found["quantiles_mm"]["height"]["0.5"] == pytest.approx(np.median(heights), abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["heirloom", "museum"])
+def test_a_kind_without_items_is_refused(mini: Tree, kind: str) -> None:
+    with pytest.raises(InputFault, match="--kind: expected"):
+        item_quantiles(mini.find("swivel chair"), kind, (0.5,))

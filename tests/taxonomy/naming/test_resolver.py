@@ -1,0 +1,137 @@
+"""The resolver on a tree of a dozen nodes that is made here; the shipped tables of words are what they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from taxonomy.naming.candidates import Names
+from taxonomy.naming.modifiers import after_counts, leading_phrase, without_numbers
+from taxonomy.naming.resolver import Answer, Resolver
+from taxonomy.naming.spelling import fold_text, plain_fold, singular_phrases
+
+#: id, name, aliases, items, parent
+NODES = [
+    ("entity.n.01", "entity", (), 900, None),
+    ("furniture.n.01", "furniture", (), 500, "entity.n.01"),
+    ("chair.n.01", "chair", (), 300, "furniture.n.01"),
+    ("mt:office_chair", "office chair", ("desk chair",), 100, "chair.n.01"),
+    ("sofa.n.01", "sofa", ("couch",), 80, "furniture.n.01"),
+    ("computer_monitor.n.01", "computer monitor", ("tv monitor",), 40, "entity.n.01"),
+    ("television_receiver.n.01", "television", ("tv",), 40, "entity.n.01"),
+    ("animal.n.01", "animal", (), 90, "entity.n.01"),
+    ("bat.n.01", "bat", (), 10, "animal.n.01"),
+    ("cat.n.01", "cat", (), 30, "animal.n.01"),
+    ("bat.n.05", "bat and stick", (), 20, "entity.n.01"),
+    ("hat.n.01", "hat", ("lid",), 50, "entity.n.01"),
+    ("bottle.n.01", "bottle", (), 50, "entity.n.01"),
+    ("door.n.01", "door", (), 50, "entity.n.01"),
+    ("mouse.n.01", "mouse", (), 5, "animal.n.01"),
+    ("mouse.n.04", "mouse", ("computer mouse",), 5, "entity.n.01"),
+]
+
+LABELS: Mapping[str, Mapping[str, float]] = {"mouse": {"mouse.n.04": 3.0}, "settee": {"sofa.n.01": 2.0}}
+
+
+def resolver() -> Resolver:
+    ids, names, aliases, items, parents = zip(*NODES, strict=True)
+    return Resolver(Names(ids, names, aliases, items, parents, lambda _: (), lambda form: LABELS.get(form, {})))
+
+
+RESOLVER = resolver()
+
+
+def answer(text: str) -> Answer:
+    found = RESOLVER.answer(text)
+    assert found is not None, text
+    return found
+
+
+@pytest.mark.parametrize(
+    ("text", "node", "how"),
+    [
+        ("chair", "chair.n.01", "own name"),
+        ("the chairs", "chair.n.01", "folded"),
+        ("chair.001", "chair.n.01", "own name"),
+        ("tvmonitor", "computer_monitor.n.01", "folded"),
+        ("settee", "sofa.n.01", "label list"),
+        ("couch/sofa", "sofa.n.01", "alias"),
+        ("furniture.chair", "chair.n.01", "own name"),
+        ("black office chair", "mt:office_chair", "modifier stripped"),
+        ("wooden chair", "chair.n.01", "modifier stripped"),
+        ("wall-mounted tv", "television_receiver.n.01", "modifier stripped"),
+        ("55 inch tv", "television_receiver.n.01", "alias"),
+        ("pair of chairs", "chair.n.01", "folded"),
+        ("cat on a chair", "cat.n.01", "own name"),
+        ("shampoo bottle", "bottle.n.01", "broader kind"),
+        ("n03001627", None, "code"),
+        ("/m/01mzpv", "chair.n.01", "code"),
+        ("mouse", "mouse.n.04", "own name"),
+        ("bat (animal)", "bat.n.01", "own name"),
+    ],
+)
+def test_ways_to_write_a_name(text: str, node: str | None, how: str) -> None:
+    if node is None:
+        assert RESOLVER.answer(text) is None
+        return
+    found = answer(text)
+    assert (found.node_id, found.how, found.ambiguous) == (node, how, False)
+
+
+@pytest.mark.parametrize("text", ["tv/chair", "wall plug", "gas pump", "zzyzx", "chiar", "", "lid"])
+def test_what_would_mislead_is_unknown(text: str) -> None:
+    assert RESOLVER.answer(text) is None
+
+
+def test_two_near_senses_are_ambiguous() -> None:
+    bat = answer("bat")
+    assert bat.ambiguous
+    assert {one.node_id for one in bat.candidates} == {"bat.n.01", "bat.n.05"}
+    assert not answer("cats").ambiguous
+
+
+def test_an_ancestor_and_its_descendant_are_one_sense() -> None:
+    nodes = [*NODES, ("swivel_chair.n.01", "chair", (), 1, "chair.n.01")]
+    ids, names, aliases, items, parents = zip(*nodes, strict=True)
+    kin = Resolver(Names(ids, names, aliases, items, parents, lambda _: (), lambda _: {}))
+    found = kin.answer("chair")
+    assert found is not None
+    assert not found.ambiguous
+
+
+def test_likeness_of_spelling_is_offered_and_never_taken() -> None:
+    assert RESOLVER.answer("televison") is None
+    assert RESOLVER.nearest("televison")[0] == "television"
+    assert list(RESOLVER.ranked("televison", 1)) == ["television_receiver.n.01"]
+
+
+@given(st.text(max_size=30))
+def test_no_text_breaks_it(text: str) -> None:
+    found = RESOLVER.answer(text)
+    assert found is None or found.node_id in {node for node, *_ in NODES}
+    assert len(list(RESOLVER.ranked(text, 3))) <= 3
+
+
+@given(st.text(max_size=30))
+def test_folding_is_idempotent(text: str) -> None:
+    assert fold_text(fold_text(text)) == fold_text(text)
+    assert plain_fold(plain_fold(text)) == plain_fold(text)
+
+
+@pytest.mark.parametrize(
+    ("plural", "single"), [("knives", "knife"), ("wine glasses", "wine glass"), ("dice", "die"), ("boxes", "box")]
+)
+def test_plurals(plural: str, single: str) -> None:
+    assert single in list(singular_phrases(plural))
+
+
+def test_counts_and_what_follows_are_cut() -> None:
+    assert after_counts("stack of two books") == "two books"
+    assert after_counts("bottle of wine") is None
+    assert leading_phrase("man in a suit") == "man"
+    assert leading_phrase("chair") is None
+    assert without_numbers("chair_03") == "chair"
+    assert without_numbers("3d printer") == "3d printer"

@@ -1,0 +1,60 @@
+"""A full disk is one line, and nothing half-written stays: on a small tmpfs, where mounting is allowed."""
+
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.outputs.overlay import _write_picture
+from estimator.outputs.rescaled import write_scaled
+from estimator.reading import read_scene
+from metric_base.faults import InputFault
+from metric_base.files import whole_file, whole_folder
+from tests.made.small_scene import write_small_scene
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of 64 KiB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", str(disk)], capture_output=True, check=False
+    )
+    if mounted.returncode:
+        pytest.skip(f"mounting a tmpfs is not allowed here: {mounted.stderr.decode(errors='replace').strip()}")
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+def test_a_scaled_model(small_disk: Path, tmp_path: Path) -> None:
+    write_small_scene(tmp_path / "whole")
+    (small_disk / "filler").write_bytes(b"x" * 60_000)
+    with pytest.raises(
+        InputFault, match="--write-scaled: expected a place that can be written, found No space left"
+    ) as fault:
+        write_scaled(read_scene(tmp_path / "whole" / "colmap"), 0.5, small_disk / "metric")
+    assert "\n" not in str(fault.value)
+    assert [path.name for path in small_disk.iterdir()] == ["filler"]
+
+
+def test_pictures_of_an_overlay(small_disk: Path) -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (300, 300, 3), dtype=np.uint8)
+    with (
+        pytest.raises(InputFault, match="--overlay: expected a place that can be written, found No space left"),
+        whole_folder(small_disk / "overlay", "--overlay") as folder,
+    ):
+        _write_picture(folder / "a" / "b.png", noise)
+    assert list(small_disk.iterdir()) == []
+
+
+def test_a_file_that_was_there_stays(small_disk: Path) -> None:
+    file = small_disk / "result.json"
+    file.write_text("before")
+    with pytest.raises(InputFault, match="No space left"), whole_file(file, "--output") as work:
+        work.write_bytes(b"x" * 100_000)
+    assert [(path.name, path.read_text()) for path in small_disk.iterdir()] == [("result.json", "before")]

@@ -104,7 +104,8 @@ def picture_credits() -> str:
     rows = metric_tree.open().release.table("images").select(["attribution", "licence"]).to_pylist()
     credits_ = sorted({(row["attribution"] or "see the source", row["licence"]) for row in rows})
     lines = "\n".join(f"- {attribution} ({licence})" for attribution, licence in credits_)
-    return f"# Credits of the pictures\n\n{NOTE}\n\nThe pictures of the shipped release are rendered from these models.\n\n{lines}\n"
+    intro = "The pictures of the shipped release are rendered from these models."
+    return f"# Credits of the pictures\n\n{NOTE}\n\n{intro}\n\n{lines}\n"
 
 
 #: File in `docs/reference` to the function that writes it.

@@ -81,7 +81,21 @@ class Node:
             yield from child.descendants()
 
     def items(self) -> pa.Table:
-        """The shipped items at or below this node (`metric_tree.schema.ITEMS`)."""
+        """The shipped items at or below this node, one row each.
+
+        Returns
+        -------
+        pyarrow.Table
+            Columns of `metric_tree.schema.ITEMS`: `item_id`, `node_id`, `source`, `source_id`, `title`, `length_mm`,
+            `width_mm`, `height_mm` (mm in the ordinary pose, null where not known), `extents_mm` (every stated outer
+            size in mm, longest first), `kind`, `year`, `region`, `url`, `licence`, `flags`. Items that may be used for
+            the fit and not shipped are not among them, so that there may be fewer rows than `n_items`.
+
+        >>> import metric_tree
+        >>> items = metric_tree.open().find("mug").items()
+        >>> items.column_names[5:8], items.num_rows > 0
+        (['length_mm', 'width_mm', 'height_mm'], True)
+        """
         return self._rows("items")
 
     def images(self) -> pa.Table:

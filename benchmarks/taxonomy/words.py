@@ -1,7 +1,8 @@
 """What share of everyday words is understood: `python -m benchmarks.taxonomy.words --names FILE [--tree REF]`.
 
 FILE is a CSV with the columns `name` and `expected_node` (one node, or empty where the word should stay unknown), or
-`word` and `expected` (nodes or names, any of them, with `|` between). A word is right if the node is expected, or a
+`word` and `expected` (nodes, or `name:` and a name, any of them, with `|`
+between). A word is right if the node is expected, or a
 kind of an expected one, or an expected one's kind that is no further up than `STEPS`; `--tree taxonomy` asks the
 nodes that a build of the tables of this checkout would have. `--show` prints the words that are not right.
 """
@@ -55,7 +56,7 @@ def verdict(tree: Tree, word: str, expected: set[str]) -> tuple[str, str]:
     if not expected:
         return "taken, expected nothing", node.node_id
     ids = {one.removesuffix("/other") for one in expected}
-    names = {plain_fold(one) for one in expected}
+    names = {plain_fold(one.removeprefix("name:")) for one in expected}
     own = {node.node_id.removesuffix("/other"), node.synset or ""}
     called = {plain_fold(name) for name in (node.name, *node.aliases)}
     if own & ids or called & names or ids & set(node.hypernyms) or _above(node) & ids:

@@ -76,3 +76,26 @@ def test_a_damaged_cloud_takes_no_memory(number: str, shared: Path) -> None:
     assert any("far from everything" in line for line in scene.warnings)
     extent = np.ptp(np.vstack([scene.points, [view.centre for view in scene.views]]), axis=0).max()
     assert np.ptp(scene.dense.points, axis=0).max() < 500 * extent
+
+
+@pytest.mark.parametrize("name", ["coincident", "collinear_tum", "planar_tum", "translations_zero_tum"])
+def test_damaged_geometry_is_not_believed(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    shutil.copytree(DAMAGED / name, tmp_path / "scene", copy_function=shutil.copyfile)
+    assert main([str(tmp_path / "scene"), "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["scale"] is None
+
+
+def test_the_unit_of_a_scene_does_not_matter(capsys: pytest.CaptureFixture[str]) -> None:
+    scales = []
+    for name in ("objects_x1.json", "objects_x100000.json", "objects_x1e-05.json"):
+        assert main(["--objects", str(DAMAGED / name), "--json"]) == 0
+        scales.append(json.loads(capsys.readouterr().out)["scale"])
+    assert scales[0] == pytest.approx(scales[1] * 1e5, rel=5e-3)
+    assert scales[0] == pytest.approx(scales[2] * 1e-5, rel=5e-3)
+
+
+@pytest.mark.parametrize("name", ["persons100_same.json", "persons100_extents.json"])
+def test_a_hundred_alike_are_not_certain_of_a_wrong_reading(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    status = main(["--objects", str(DAMAGED / name), "--json"])
+    scale = json.loads(capsys.readouterr().out)["scale"]
+    assert status == 3 or 0.8 < scale < 1.25

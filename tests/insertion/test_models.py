@@ -1,0 +1,92 @@
+"""glTF files: what is read, what is refused, and the size asked for."""
+
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from insertion.models.gltf import read_model
+from insertion.models.size import model_size
+from metric_base.faults import InputFault
+from tests.made.insertions import write_glb
+from tests.made.rooms.shapes import solid
+
+SIZE = np.array([0.5, 0.4, 0.9])
+
+
+@pytest.fixture(scope="module")
+def chair(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_glb(solid("chair", SIZE), tmp_path_factory.mktemp("model") / "chair.glb")
+
+
+def _with(chair: Path, out: Path, **changes: object) -> Path:
+    """The file with fields of its JSON changed."""
+    data = chair.read_bytes()
+    length = struct.unpack_from("<I", data, 12)[0]
+    text = json.dumps(json.loads(data[20 : 20 + length]) | changes).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<IIIII", 0x46546C67, 2, 20 + len(text) + len(data) - 20 - length, len(text), 0x4E4F534A)
+    out.write_bytes(head + text + data[20 + length :])
+    return out
+
+
+def test_a_model_has_the_size_of_its_file(chair: Path) -> None:
+    model = read_model(chair)
+    assert model.size_m == pytest.approx({"length": 0.5, "width": 0.4, "height": 0.9}, rel=1e-6)
+    assert model.warnings == ()
+
+
+def test_a_dark_linear_factor_keeps_its_digits(chair: Path, tmp_path: Path) -> None:
+    dark = [0.0031, 0.0132, 0.0007, 1.0]
+    material = [{"pbrMetallicRoughness": {"baseColorFactor": dark, "metallicFactor": 0.25, "roughnessFactor": 0.5}}]
+    part = read_model(_with(chair, tmp_path / "dark.glb", materials=material)).parts[0]
+    assert part.material.base_color == pytest.approx(dark)
+    assert (part.material.metallic, part.material.roughness) == (0.25, 0.5)
+
+
+def test_an_animation_is_ignored_with_a_word(chair: Path, tmp_path: Path) -> None:
+    model = read_model(_with(chair, tmp_path / "moves.glb", animations=[{"channels": [], "samplers": []}]))
+    assert "animation" in model.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"asset": {"version": "1.0"}}, "asset.version"),
+        ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco_mesh_compression"),
+        ({"meshes": []}, "chair|expected"),
+        ({"accessors": []}, "expected a readable"),
+    ],
+)
+def test_what_cannot_be_read_is_named(chair: Path, tmp_path: Path, changes: dict, words: str) -> None:
+    with pytest.raises(InputFault, match=words):
+        read_model(_with(chair, tmp_path / "bad.glb", **changes))
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(cut=st.integers(0, 4000), noise=st.binary(max_size=40))
+def test_a_damaged_file_is_refused_or_read(chair: Path, tmp_path: Path, cut: int, noise: bytes) -> None:
+    data = bytearray(chair.read_bytes())
+    cut = min(cut, len(data))
+    data[cut : cut + len(noise)] = noise
+    file = tmp_path / "damaged.glb"
+    file.write_bytes(bytes(data[: max(cut, 24)]) if len(noise) % 2 else bytes(data))
+    try:
+        assert np.isfinite(read_model(file).bounds).all()
+    except InputFault as fault:
+        assert str(file) in str(fault)
+
+
+def test_the_size_asked_for(chair: Path) -> None:
+    model = read_model(chair)
+    assert model_size(model, "file").factor == 1.0
+    assert model_size(model, "height=0.45").factor == pytest.approx(0.5)
+    for words in ("height=0", "height=-1", "height=nan", "size=3", "tall", "prior"):
+        with pytest.raises(InputFault, match="--size"):
+            model_size(model, words)

@@ -93,6 +93,9 @@ def evidence_of(
     for place, there in zip(list(stated), usable(list(stated.values())).tolist(), strict=True):
         if not any(there):
             reasons[place] = f"none of its extents is among {', '.join(stated.pop(place).prior.dims)}"
+        elif not np.any(there & ~np.asarray(objects[place].truncated, dtype=bool)):
+            reasons[place] = "every extent that its prior judges is truncated"
+            del stated[place]
     return stated, reasons
 
 

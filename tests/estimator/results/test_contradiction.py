@@ -121,3 +121,12 @@ def test_evidence_without_objects_is_an_answer(mini: Tree) -> None:
 def test_a_reason_that_begins_with_the_name_is_not_doubled(mini: Tree) -> None:
     result = answer(mini, None, ("unicorn", CHAIR))
     assert result.warnings[0].startswith("no node is called 'unicorn'")
+
+
+def test_an_object_of_which_no_dimension_counts_is_skipped(mini: Tree) -> None:
+    cut = MeasuredObject("1", "bar stool", np.array(STOOL), np.full(3, 0.03), truncated=np.ones(3, dtype=bool))
+    whole = MeasuredObject("2", "swivel chair", np.array(CHAIR), np.full(3, 0.03))
+    first, second = scale_of_objects([cut, whole], mini).objects
+    assert (first.verdict, first.used, first.weight) == ("skipped", (), 0.0)
+    assert first.reason == "every extent that its prior judges is truncated"
+    assert second.verdict == "used"

@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 
 from metric_base.faults import InputFault
 from metric_base.terminal import print_json, print_table, warn
+from metric_tree.build.ingest import SHARDS
 from metric_tree.build.steps import Build, Options, Progress, build_release, shipped_curated
 from metric_tree.build.tables import CURATED
 from metric_tree.release import open_release
@@ -166,16 +167,34 @@ def _progress() -> Iterator[Progress | None]:
         yield None
         return
     from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        SpinnerColumn,
+        TaskID,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
     from rich.progress import Progress as Bar
-    from rich.progress import SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 
-    columns = (SpinnerColumn(), TextColumn("{task.description}: {task.completed} parts"), TimeElapsedColumn())
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left:"),
+        TimeRemainingColumn(),
+    )
     with Bar(*columns, console=Console(stderr=True)) as bar:
         tasks: dict[str, TaskID] = {}
 
         def shown(step: str, done: int) -> None:
             if step not in tasks:
-                tasks[step] = bar.add_task(step)
+                tasks[step] = bar.add_task(
+                    step, total=None if step == "ingest" else SHARDS
+                )  # blocks are not counted ahead
             bar.update(tasks[step], completed=done)
 
         yield shown

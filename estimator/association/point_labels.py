@@ -94,16 +94,17 @@ def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
         raise ValueError("the scene has no dense cloud")
     views, count = scene.views, len(scene.dense.points)
     kept = np.arange(0, count, max(1, -(-len(views) * count // MAX_PAIRS)))
+    own = np.ascontiguousarray(scene.dense.points[kept])
     # coordinate by coordinate in memory: projection runs along one at a time
-    points = np.asfortranarray(scene.dense.points[kept])
+    points = np.asfortranarray(own)
     looks = (_Sight(*_unhidden(view, points)) for view in views)
     looked, masked = _matrices(looks, views, instances, len(points))
     listed = _rows_by_view(scene.dense, kept, len(views))
     if listed is None:
-        return PointLabels(points, kept, masked, looked, looked, masked)
+        return PointLabels(own, kept, masked, looked, looked, masked)
     sights = (_listed_sight(view, points, rows) for view, rows in zip(views, listed, strict=True))
     visibility, membership = _matrices(sights, views, instances, len(points))
-    return PointLabels(points, kept, membership, visibility, looked, masked)
+    return PointLabels(own, kept, membership, visibility, looked, masked)
 
 
 def point_votes(

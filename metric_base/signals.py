@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-__all__ = ["Terminated", "orderly_termination"]
+__all__ = ["Terminated", "keep_termination", "orderly_termination"]
 
 
 class Terminated(BaseException):
@@ -27,6 +27,13 @@ def orderly_termination() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def keep_termination() -> None:
+    """Take SIGTERM back after the import of a library that put a handler of its own in place (pycolmap's glog does)."""
+    ours = threading.current_thread() is threading.main_thread()
+    if ours and signal.getsignal(signal.SIGTERM) is _terminate:
+        signal.signal(signal.SIGTERM, _terminate)
 
 
 def _terminate(_number: int, _frame: FrameType | None) -> None:

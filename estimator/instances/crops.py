@@ -50,7 +50,7 @@ class ViewNames:
 
 
 def joined_instances(
-    file: Path, scene: Scene, names: Sequence[str], found: Iterable[Instance | None], warnings: Iterable[str]
+    file: Path, scene: Scene, names: Sequence[str], entries: Iterable[Instance | None], warnings: Iterable[str]
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances that are there, and warnings with one more for images that match no view.
 
@@ -63,7 +63,7 @@ def joined_instances(
         raise InputFault.at(
             file, "image names", expected, Words(f"{lost[0]!r} and {len(lost) - 1} others, none of them")
         )
-    instances = tuple(instance for instance in found if instance is not None)
+    instances = tuple(instance for instance in entries if instance is not None)
     told_lost = (f"{file}: {len(lost)} of {len(names)} images match no view, such as {lost[0]!r}",) if lost else ()
     return instances, (*warnings, *told_lost)
 

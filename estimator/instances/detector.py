@@ -235,14 +235,14 @@ def detect_instances(scene: Scene, images: Path, detector: Detector) -> tuple[tu
     if not there:
         expected = f"pictures by the names of the model's views, such as {scene.views[0].name!r}"
         raise InputFault.at(images, "--images", expected, Words("none of them"))
-    found: list[Instance] = []
+    instances: list[Instance] = []
     for row, view, file in progress(there, "detecting"):
-        found += _instances(row, view, detector(_picture(file)), detector)
-    if not found:
+        instances += _instances(row, view, detector(_picture(file)), detector)
+    if not instances:
         expected = f"a detection of score {MIN_SCORE} or more in one of {len(there)} pictures"
         raise InputFault.at(detector.path, "detections", expected, Words("none"))
     lost = len(files) - len(there)
-    return tuple(found), ((f"{images}: {lost} of {len(files)} views have no picture",) if lost else ())
+    return tuple(instances), ((f"{images}: {lost} of {len(files)} views have no picture",) if lost else ())
 
 
 def _instances(row: int, view: View, seen: Detections, detector: Detector) -> Iterator[Instance]:

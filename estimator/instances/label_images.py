@@ -47,14 +47,14 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
     if not files:
         raise InputFault.at(folder, "pictures", "at least one <image>.png", 0)
     rows = ViewNames(scene)
-    found: list[Instance | None] = []
+    instances: list[Instance | None] = []
     for file in files:
         row = _row(rows, file)
         if row is not None:
-            found += _of_picture(scene, row, file, names, objects)
+            instances += _of_picture(scene, row, file, names, objects)
     meaning = "objects (a name stands at several values)" if objects else "categories (each name stands once)"
     warnings = [f"{folder}: pixel values are read as {meaning}"]
-    return joined_instances(folder, scene, [_matching_name(rows, file) for file in files], found, warnings)
+    return joined_instances(folder, scene, [_matching_name(rows, file) for file in files], instances, warnings)
 
 
 def _names(file: Path) -> dict[int, str]:

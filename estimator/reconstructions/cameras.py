@@ -12,6 +12,7 @@ import numpy as np
 from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, Words
+from metric_base.signals import keep_termination
 
 __all__ = ["CAMERA_MODELS", "PINHOLES", "make_camera", "pixels_in_view", "project", "projected_views"]
 
@@ -132,6 +133,7 @@ def _raw_projected(camera: Camera, points: FloatArray) -> FloatArray:
     """(n, 2) pixels as COLMAP gives them; pycolmap is a heavy import, so pinholes do without."""
     import pycolmap
 
+    keep_termination()
     lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
     return np.array(lens.img_from_cam(points), dtype=np.float64)
 

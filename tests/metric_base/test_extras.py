@@ -17,6 +17,8 @@ from metric_base.terminal import exit_status
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = [path.parent.name for path in sorted(ROOT.glob("*/py.typed"))]
+#: `mpl_toolkits` is part of matplotlib; Blender brings its own Python with the other two.
+FROM_ELSEWHERE = {"mpl_toolkits", "bpy", "mathutils"}
 DECLARED = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
@@ -33,7 +35,7 @@ def _used_modules() -> set[str]:
                     modules |= {alias.name.partition(".")[0] for alias in node.names}
                 elif isinstance(node, ast.ImportFrom):
                     modules.add((node.module or "").partition(".")[0])
-    return modules - set(PACKAGES) - set(sys.stdlib_module_names) - {"mpl_toolkits"}
+    return modules - set(PACKAGES) - set(sys.stdlib_module_names) - FROM_ELSEWHERE
 
 
 def _distributions() -> dict[str, set[str]]:

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 from metric_base.faults import InputFault
 
 if TYPE_CHECKING:
-    from insertion.insert import Placed
-    from insertion.request import ObjectRequest
-    from insertion.result import InsertionResult
-    from insertion.stage import Stage
+    from insertion.records.result import InsertionResult
+    from insertion.staging.insert import Placed
+    from insertion.staging.options import ObjectRequest
+    from insertion.staging.stage import Stage
 
 __all__ = ["add_scene_arguments", "main", "parser", "requests_of", "stage_of", "tree_of"]
 
@@ -50,7 +50,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     words = list(sys.argv[1:] if argv is None else argv)
     if words[:1] == ["study"]:
-        from insertion.study.command import run_study
+        from insertion.study.study_command import run_study
 
         return exit_status(f"{PROGRAM} study", lambda: run_study(words[1:]))
     return exit_status(PROGRAM, lambda: _run(parser().parse_args(words)))
@@ -114,10 +114,10 @@ def requests_of(options: argparse.Namespace) -> list[ObjectRequest]:
 def stage_of(options: argparse.Namespace) -> Stage:
     """The scene of the arguments, ready for insertion."""
     from estimator.reading import read_instances, read_scene
-    from insertion.request import read_scale
     from insertion.scene.footage import PictureFootage, Stills
     from insertion.scene.video_footage import video_footage
-    from insertion.stage import make_stage
+    from insertion.staging.options import read_scale
+    from insertion.staging.stage import make_stage
 
     scale = read_scale(options.scene, options.scale)
     scene = read_scene(options.scene, options.dense)
@@ -133,9 +133,9 @@ def _run(options: argparse.Namespace) -> int:
     from insertion.blender.process import blender_program
     from insertion.blender.tracing import traced_layers
     from insertion.exports.write import LayerWriter, write_exports
-    from insertion.insert import insert_objects, place_objects
     from insertion.outputs import output_kind, picture_writer
     from insertion.scene.video_footage import VideoFootage
+    from insertion.staging.insert import insert_objects, place_objects
 
     output_kind(options.out)
     if options.renderer == "blender":
@@ -181,7 +181,7 @@ def _exports(folder: Path | None) -> Iterator[Path | None]:
 
 def _request(stated: dict[str, Any]) -> ObjectRequest:
     from insertion.places.request import facing_of, point_of
-    from insertion.request import ObjectRequest
+    from insertion.staging.options import ObjectRequest
 
     ways = [name for name in ("at", "on", "plane") if stated.get(name) is not None]
     if len(ways) > 1:
@@ -216,9 +216,9 @@ def tree_of(options: argparse.Namespace) -> Any:
 
 
 def _write_preview(stage: Stage, placed: Placed, file: Path) -> None:
-    from insertion.insert import space_for
     from insertion.places.locate import candidates
-    from insertion.places.preview import write_preview
+    from insertion.staging.insert import space_for
+    from insertion.staging.preview import write_preview
 
     write_preview(stage, candidates(space_for(stage, placed.model, placed.size)), placed, file)
 

@@ -50,9 +50,22 @@ ROOMS = [
     "estimator.capture.dense",
     "estimator.capture",
     "estimator",
+    "insertion.records",
+    "insertion.models",
+    "insertion.scene",
+    "insertion.places",
+    "insertion.light",
+    "insertion.render",
+    "insertion.composite",
+    "insertion.video",
+    "insertion.staging",
+    "insertion.exports",
+    "insertion.blender",
+    "insertion.study",
+    "insertion",
 ]
 #: Commands import any package, each module where it is used, so that a light command stays light.
-COMMANDS = ("metric_tree.commands", "estimator.command")
+COMMANDS = ("metric_tree.commands", "estimator.command", "insertion.command", "insertion.study.study_command")
 #: In the order of the flow.
 PACKAGES = list(dict.fromkeys(room.partition(".")[0] for room in ROOMS))
 #: More than this in one folder is hard to see.

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from estimator.records.scene import View
 from insertion.blender.process import run_blender
 from insertion.exports.metric_frame import MetricFrame, metric_frame, object_matrix
-from insertion.insert import Placed, insert_objects, place_objects
-from insertion.light.encoding import decoded, encoded, luminance
-from insertion.request import ObjectRequest
-from insertion.result import ScaleUsed
+from insertion.records.encoding import decoded, encoded, luminance
+from insertion.records.result import ScaleUsed
 from insertion.scene.footage import PictureFootage, Stills
-from insertion.stage import Stage, make_stage
+from insertion.staging.insert import Placed, insert_objects, place_objects
+from insertion.staging.options import ObjectRequest
+from insertion.staging.stage import Stage, make_stage
 from tests.made.insertions import write_glb
 from tests.made.rooms.furnish import furnished_room
 from tests.made.rooms.knobs import Knobs

@@ -11,9 +11,9 @@ import numpy as np
 from estimator.records.scene import Camera
 from insertion.composite.boxes import Box, window_behind
 from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
-from insertion.insert import Placed
 from insertion.light.environment import Environment
 from insertion.render.pinhole import Window
+from insertion.staging.insert import Placed
 
 __all__ = ["SAMPLES", "full_window", "insertion_job", "support_albedo", "write_environment"]
 

@@ -14,11 +14,11 @@ from estimator.records.scene import Camera
 from insertion.blender.job import full_window, insertion_job
 from insertion.blender.process import run_blender
 from insertion.exports.metric_frame import camera_keys, metric_frame
-from insertion.insert import Placed
 from insertion.light.environment import Environment
 from insertion.scene.footage import Shot
 from insertion.scene.rays import camera_rays
-from insertion.stage import Stage
+from insertion.staging.insert import Placed
+from insertion.staging.stage import Stage
 
 __all__ = ["traced_layers", "write_blend"]
 

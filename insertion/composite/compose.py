@@ -14,8 +14,8 @@ from insertion.composite.layers import object_layer, shadow_layer
 from insertion.composite.match import Look, grain
 from insertion.composite.occlusion import hidden_share
 from insertion.composite.received import received_share
-from insertion.light.encoding import decoded, encoded
 from insertion.places.surface import Surface
+from insertion.records.encoding import decoded, encoded
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.cloud import Cloud, FrontPoints
 from metric_base.arrays import BoolArray

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from estimator.records.scene import View
 from insertion.composite.boxes import Box, window_behind
+from insertion.records.result import ScaleUsed
 from insertion.render.renderer import ObjectRenderer
-from insertion.result import ScaleUsed
 from insertion.scene.rays import camera_rays
 
 __all__ = ["draw_interval"]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.composite.boxes import Box
-from insertion.light.encoding import decoded
+from insertion.records.encoding import decoded
 from insertion.scene.cloud import Cloud, FrontPoints
 
 __all__ = ["Look", "Looks", "grain", "look_of"]

@@ -12,8 +12,8 @@ import numpy as np
 
 from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
-from insertion.insert import Placed
 from insertion.render.pinhole import focal_lengths
+from insertion.staging.insert import Placed
 from metric_base.arrays import FloatArray
 
 __all__ = ["write_gltf_scene"]

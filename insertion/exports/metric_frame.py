@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.records.scene import View
-from insertion.insert import Placed
 from insertion.scene.footage import Shot
+from insertion.staging.insert import Placed
 from metric_base.arrays import FloatArray
 
 __all__ = ["CameraKey", "MetricFrame", "camera_keys", "metric_frame", "object_matrix"]

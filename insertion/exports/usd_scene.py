@@ -10,9 +10,9 @@ import numpy as np
 
 from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
-from insertion.insert import Placed
 from insertion.models.model import Material, Part
 from insertion.render.pinhole import focal_lengths
+from insertion.staging.insert import Placed
 
 __all__ = ["write_usd_scene"]
 

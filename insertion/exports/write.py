@@ -14,10 +14,10 @@ from estimator.outputs.rescaled import write_scaled
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
 from insertion.exports.nerfstudio import write_transforms
-from insertion.insert import Placed
-from insertion.result import InsertionResult
+from insertion.records.result import InsertionResult
 from insertion.scene.footage import Shot
-from insertion.stage import Stage
+from insertion.staging.insert import Placed
+from insertion.staging.stage import Stage
 from metric_base.arrays import FloatArray
 
 __all__ = ["LayerWriter", "write_exports"]

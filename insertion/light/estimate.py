@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.light.encoding import decoded, luminance
 from insertion.light.environment import HEIGHT, WIDTH, Environment, map_directions, solid_angles
 from insertion.places.place import Place
+from insertion.records.encoding import decoded, luminance
 from insertion.scene.cloud import Cloud, even_rows, points_seen
 from insertion.scene.footage import Stills
 from insertion.scene.rays import camera_rays

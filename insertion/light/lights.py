@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insertion.light.encoding import LUMINANCE
 from insertion.light.environment import Environment, map_directions, solid_angles
+from insertion.records.encoding import LUMINANCE
 from metric_base.arrays import FloatArray
 
 __all__ = ["Lights", "directional_lights"]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import Scene, View
-from insertion.light.encoding import decoded
+from insertion.records.encoding import decoded
 from insertion.scene.footage import Stills
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 

@@ -13,9 +13,9 @@ from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
 from insertion.exports.nerfstudio import write_transforms
 from insertion.exports.usd_scene import write_usd_scene
-from insertion.insert import Placed, place_objects
-from insertion.request import ObjectRequest
-from insertion.stage import Stage
+from insertion.staging.insert import Placed, place_objects
+from insertion.staging.options import ObjectRequest
+from insertion.staging.stage import Stage
 from tests.made.insertions import film_room, stage_of, write_glb
 from tests.made.rooms.shapes import solid
 

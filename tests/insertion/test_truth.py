@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insertion.insert import Placed, insert_objects, place_objects
-from insertion.request import ObjectRequest
-from insertion.result import InsertionResult
+from insertion.records.result import InsertionResult
+from insertion.staging.insert import Placed, insert_objects, place_objects
+from insertion.staging.options import ObjectRequest
 from tests.made.insertions import FilmedRoom, added, film_room, stage_of, write_glb
 from tests.made.rooms.render import Renderer
 from tests.made.rooms.shapes import solid

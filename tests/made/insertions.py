@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from estimator.records.scene import DenseCloud, Instance, Scene
-from insertion.result import ScaleUsed
+from insertion.records.result import ScaleUsed
 from insertion.scene.footage import PictureFootage, Stills
-from insertion.stage import Stage, make_stage
+from insertion.staging.stage import Stage, make_stage
 from metric_base.arrays import FloatArray
 from tests.made.rooms.furnish import furnished_room, turn_about_z
 from tests.made.rooms.knobs import Knobs

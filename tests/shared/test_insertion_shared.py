@@ -9,12 +9,12 @@ import pytest
 
 from estimator.reading import read_instances, read_scene
 from estimator.reconstructions.cameras import pixels_in_view
-from insertion.insert import place_objects
 from insertion.places.request import At
-from insertion.request import ObjectRequest
-from insertion.result import ScaleUsed
+from insertion.records.result import ScaleUsed
 from insertion.scene.footage import PictureFootage, Stills
-from insertion.stage import make_stage
+from insertion.staging.insert import place_objects
+from insertion.staging.options import ObjectRequest
+from insertion.staging.stage import make_stage
 from tests.made.insertions import write_glb
 from tests.made.rooms.shapes import solid
 

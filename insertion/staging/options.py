@@ -9,7 +9,7 @@ from insertion.places.request import At
 
 __all__ = ["ObjectRequest", "ScaleUsed", "read_scale"]
 
-from insertion.result import ScaleUsed
+from insertion.records.result import ScaleUsed
 from metric_base.faults import InputFault
 
 

@@ -14,8 +14,8 @@ from metric_base.files import whole_file
 
 if TYPE_CHECKING:
     from estimator.records.scene import View
-    from insertion.insert import Placed
-    from insertion.stage import Stage
+    from insertion.staging.insert import Placed
+    from insertion.staging.stage import Stage
     from metric_base.arrays import FloatArray
 
 __all__ = ["write_preview"]

@@ -54,7 +54,7 @@ def _report_parser() -> argparse.ArgumentParser:
 
 def _make(options: argparse.Namespace) -> int:
     from insertion.command import requests_of, stage_of, tree_of
-    from insertion.insert import place_objects
+    from insertion.staging.insert import place_objects
     from insertion.study.page import study_page
     from metric_base.files import whole_file
     from metric_base.terminal import output_file
@@ -74,7 +74,7 @@ def _make(options: argparse.Namespace) -> int:
 
 def _pictures(stage: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
     """The chosen picture at every step: the first object grows and shrinks about its foot, the rest stays."""
-    from insertion.insert import resized, single_picture
+    from insertion.staging.insert import resized, single_picture
     from insertion.study.page import STEPS
 
     chosen = _shot(stage, placed, frame)

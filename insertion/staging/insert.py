@@ -23,14 +23,14 @@ from insertion.models.size import Size, model_size
 from insertion.places.heading import heading
 from insertion.places.locate import Space, candidates, place_at_point, place_on_category, place_on_plane
 from insertion.places.place import NoPlace, Place
+from insertion.records.result import FrameReport, InsertionResult
 from insertion.render.body import Body, body_of
 from insertion.render.context import gl_context
 from insertion.render.renderer import ObjectRenderer
-from insertion.request import ObjectRequest
-from insertion.result import FrameReport, InsertionResult
 from insertion.scene.cloud import FrontPoints, front_points
 from insertion.scene.footage import Shot
-from insertion.stage import Stage
+from insertion.staging.options import ObjectRequest
+from insertion.staging.stage import Stage
 from metric_base.arrays import FloatArray
 
 if TYPE_CHECKING:

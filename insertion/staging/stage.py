@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from estimator.records.scene import Instance, Scene
 from insertion.places.supports import Supports, supports_of
-from insertion.result import ScaleUsed
+from insertion.records.result import ScaleUsed
 from insertion.scene.carried_masks import MaskCarrier
 from insertion.scene.cloud import Cloud, coloured_cloud
 from insertion.scene.footage import Footage, Shot, Stills

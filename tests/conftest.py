@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,19 @@ from metric_tree.commands import main
 from metric_tree.tree import Tree, open_tree
 from tests.made import minitree
 
+# A shell that starts the tests in the background has them ignore Ctrl-C, and the commands under test would inherit that.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
 # How long an example takes depends on what else the machine does; times are the benchmarks' business.
 settings.register_profile("suite", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("suite")
+
+
+@pytest.fixture(autouse=True)
+def _no_given_width(monkeypatch: pytest.MonkeyPatch) -> None:
+    """pytest-xdist gives its workers a width of their own; a table in a pipe is as wide as it needs to be."""
+    monkeypatch.delenv("COLUMNS", raising=False)
 
 
 @pytest.fixture

@@ -38,7 +38,9 @@ def traced_layers(
         job = insertion_job(objects, camera_keys(shots, frame), camera, frame, environment, folder)
         run_blender(job | {"out": str(folder)}, folder)
         stems = {shot.index: f"{number:06d}" for number, shot in enumerate(shots)}
-        yield lambda shot: _bent(np.load(folder / f"{stems[shot.index]}.npy").astype(np.float32), camera)
+        yield lambda shot: _bent(
+            np.load(folder / f"{stems[shot.index]}.npy", allow_pickle=False).astype(np.float32), camera
+        )
 
 
 def write_blend(file: Path, stage: Stage, objects: Sequence[Placed], environment: Environment) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -31,8 +32,8 @@ _PARENT_DEATH_SIGNAL = 1
 
 def main(words: Sequence[str]) -> None:
     """Run one step on its request."""
-    _end_with_parent()
-    step, file = words
+    step, file, parent = words
+    _end_with_parent(int(parent))
     request: Request = json.loads(Path(file).read_text(encoding="utf-8"))
     pycolmap.logging.minloglevel = 1
     result = STEPS[step](request)
@@ -201,11 +202,14 @@ def _say(row: dict[str, Any]) -> None:
     sys.stdout.flush()
 
 
-def _end_with_parent() -> None:
+def _end_with_parent(parent: int) -> None:
+    """End when the process `parent` ends, and at once if it has ended already."""
     try:
         ctypes.CDLL(None, use_errno=True).prctl(_PARENT_DEATH_SIGNAL, signal.SIGKILL)
     except (OSError, AttributeError):  # not Linux: an orphan works on in a part folder that the next run removes
         return
+    if os.getppid() != parent:  # it was killed before the line above: nobody else would end this process
+        sys.exit(1)
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ def started_worker(step: str, request: dict[str, Any], scratch: Path) -> subproc
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     with (scratch / f"{step}.log").open("w") as log:
         return subprocess.Popen(
-            [sys.executable, "-m", _MODULE, step, str(file)],
+            [sys.executable, "-m", _MODULE, step, str(file), str(os.getpid())],
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,

@@ -12,7 +12,7 @@ from metric_tree.commands import main
 from metric_tree.tree import Tree, open_tree
 from tests.made import minitree
 
-# A shell that starts the tests in the background has them ignore Ctrl-C, and the commands under test would inherit that.
+# A shell that starts the tests in the background makes them ignore Ctrl-C; the commands under test would inherit it.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

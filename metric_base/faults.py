@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Self, TypeVar
 
-__all__ = ["FieldFault", "InputFault", "Words", "at_field", "in_file"]
+__all__ = ["FieldFault", "InputFault", "StorageFault", "Words", "at_field", "in_file"]
 
 Name = TypeVar("Name", bound=Path | str)
 
@@ -73,3 +73,7 @@ def in_file(file: Name) -> Iterator[Name]:
         yield file
     except FieldFault as fault:
         raise InputFault.at(file, fault.field or "content", fault.expected, fault.found) from None
+
+
+class StorageFault(InputFault):
+    """Files of a run, or the server that it shares with others, cannot be written or asked."""

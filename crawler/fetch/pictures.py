@@ -9,7 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from crawler.fetch.watched import StorageFault
+from metric_base.faults import StorageFault
 from metric_base.files import whole_file
 
 __all__ = ["SCHEMA", "Picture", "Refusal", "decode_picture", "picture"]

@@ -17,9 +17,10 @@ from twisted.python.failure import Failure
 
 from crawler.fetch.frontier import Outcome, Task, task_key
 from crawler.fetch.pictures import Picture
-from crawler.fetch.watched import FULL, StorageFault, WatchedFrontier
+from crawler.fetch.watched import FULL, WatchedFrontier
 from crawler.items import RawItem
 from crawler.page.budget import SlowPage
+from metric_base.faults import StorageFault
 
 __all__ = ["KEY", "LIMIT_SETTING", "SITES", "CommitMiddleware", "FrontierScheduler", "close_crawl", "frontier_of"]
 

@@ -15,9 +15,9 @@ from contextlib import contextmanager
 from typing import Any, Literal, TypeVar
 
 from crawler.fetch.frontier import Frontier, Outcome, Task
-from metric_base.faults import InputFault
+from metric_base.faults import InputFault, StorageFault
 
-__all__ = ["FULL", "StorageFault", "WatchedFrontier", "storage_faults", "store_errors"]
+__all__ = ["FULL", "WatchedFrontier", "storage_faults", "store_errors"]
 
 Answer = TypeVar("Answer")
 
@@ -25,10 +25,6 @@ Answer = TypeVar("Answer")
 FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EIO})
 
 _NOTHING = dict.fromkeys(("waiting", "leased", "done", "failed", "items", "pictures"), 0)
-
-
-class StorageFault(InputFault):
-    """The crawl's own files, or the server that it shares its frontier on, cannot be written or asked."""
 
 
 def store_errors() -> tuple[type[Exception], ...]:

@@ -103,7 +103,7 @@ for name in {hidden!r}:
     sys.modules[name] = None
 from metric_tree.commands import main
 from estimator.command import main as estimate
-assert main(["query", "chair"]) == 0
+assert main(["query", "chair", "--images", "2"]) == 0
 assert estimate(["--objects", {str(tmp_path / "objects.json")!r}]) in (0, 3)
 raise SystemExit(estimate([{str(ROOT / "data/scenes/demo_room")!r}]))
 """

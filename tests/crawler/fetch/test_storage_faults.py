@@ -20,9 +20,10 @@ from scrapy.http import Response
 from crawler.fetch.frontier import Outcome, Task
 from crawler.fetch.frontier_sqlite import SqliteFrontier
 from crawler.fetch.scheduler import KEY, CommitMiddleware
-from crawler.fetch.watched import StorageFault, WatchedFrontier
+from crawler.fetch.watched import WatchedFrontier
 from crawler.items import RawItem
 from crawler.page.budget import SlowPage
+from metric_base.faults import StorageFault
 from tests.crawler.fetch.test_crawl_faults import ROOT, items, words
 from tests.made.made_site import MadeSite, Shop
 

@@ -10,7 +10,7 @@ INSTALL = $(UV) pip install --quiet --python $(BIN)/python --build-constraints .
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 
-.PHONY: help demo demo-video test check coverage reference lock dist sbom clean fuzz
+.PHONY: help demo demo-video test check coverage reference lock dist sbom clean fuzz hunt
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -35,6 +35,9 @@ check: .venv/.dev ## lint and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+hunt: .venv/.dev ## the property tests on new random examples
+	HYPOTHESIS_PROFILE=hunt $(BIN)/python -m pytest -n 2 -m hypothesis
 
 coverage: .venv/.dev ## the tests with the share of lines they run
 	$(BIN)/python -m pytest -n 2 --dist loadfile --cov --cov-report=term:skip-covered --cov-report=xml:out/coverage.xml

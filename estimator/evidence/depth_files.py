@@ -34,10 +34,12 @@ def read_depth(file: Path, png_metres: float = 0.001) -> FloatArray:
 
 def _npy(file: Path) -> FloatArray:
     try:
-        values = np.load(file, mmap_mode="r", allow_pickle=False)
+        # np.load would open a .npz or a pickle under this name too.
+        values = np.lib.format.open_memmap(file, mode="r")
         return np.asarray(np.squeeze(values), dtype=float)
-    except (OSError, ValueError, EOFError) as fault:
-        raise InputFault.at(file, "array", "a NumPy array of numbers", Words(str(fault))) from None
+    except Exception as fault:  # noqa: BLE001 - NumPy raises a dozen kinds for damaged headers
+        words = Words(str(fault) or type(fault).__name__)
+        raise InputFault.at(file, "array", "a NumPy array of numbers", words) from None
 
 
 def _pfm(file: Path) -> FloatArray:

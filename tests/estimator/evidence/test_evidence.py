@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from PIL import Image
 
@@ -297,6 +297,8 @@ def test_a_folder_without_depth_maps(walk: Walk, nothing: Measurements, tmp_path
 
 @pytest.mark.parametrize("name", ["a.npy", "a.pfm", "a.png"])
 @given(content=st.binary(max_size=300))
+@example(content=b"PK\x03\x04")  # an archive's first bytes
+@example(content=b"\x93NUMPY\x01\x00")
 def test_damaged_depth_maps_are_one_line(tmp_path_factory: pytest.TempPathFactory, name: str, content: bytes) -> None:
     file = tmp_path_factory.mktemp("depth") / name
     file.write_bytes(content)

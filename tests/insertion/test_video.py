@@ -118,6 +118,6 @@ def test_a_video_comes_back_with_its_times_sound_and_rotation(
     assert min(_mean_in_box(changed[k], frames[k]["silhouette"]) for k in clear) > 3 * noise
 
 
-def _mean_in_box(values: np.ndarray, box: tuple[float, float, float, float]) -> float:
-    x, y, width, height = (int(number) for number in box)
+def _mean_in_box(values: np.ndarray, box: dict[str, float]) -> float:
+    x, y, width, height = (int(box[name]) for name in ("x", "y", "width", "height"))
     return float(values[max(y, 0) : y + height, max(x, 0) : x + width].mean())

@@ -140,6 +140,7 @@ def _tree(options: argparse.Namespace) -> Tree:
 
 def _asked(options: argparse.Namespace) -> Options:
     from estimator.evidence.lengths import known_length_evidence
+    from estimator.evidence.options import up_direction
     from estimator.reconstructions.known_lengths import parse_known_lengths
     from estimator.results.reports import Options
 
@@ -149,6 +150,7 @@ def _asked(options: argparse.Namespace) -> Options:
         level=options.level,
         evidence=known_length_evidence(lengths),
         trust_known_length=options.trust_known_length,
+        up=up_direction(options),
         leave_one_class_out=options.leave_one_class_out,
     )
 

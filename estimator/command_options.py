@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
-from estimator.evidence.options import add_evidence_options, evidence_sources
+from estimator.evidence.options import add_evidence_options, evidence_sources, up_direction
 from metric_base.completion import SHELLS, completion_script
 from metric_base.faults import InputFault
 
@@ -152,6 +152,7 @@ def _check(options: argparse.Namespace) -> None:
     if options.paper_lists is not None and options.method != "paper":
         raise InputFault(f"--paper-lists: expected --method paper; found --method {options.method}")
     _check_detector(options)
+    up_direction(options)
     evidence_sources(options)  # a value that cannot be read is said before the work is done
     geometric = {"--overlay": options.overlay, "--write-scaled": options.write_scaled}
     for name, value in geometric.items():

@@ -38,6 +38,7 @@ def estimate_scale(
     level: float = 0.9,
     evidence: Sequence[ScaleEvidence | EvidenceSource] = (),
     method: str = "default",
+    up: Sequence[float] | None = None,
 ) -> ScaleResult:
     """The scale of a scene, in metres per scene unit, from the sizes of the things that its instances show.
 
@@ -49,6 +50,8 @@ def estimate_scale(
     evidence : beside the objects, for `default` and `height`: `ScaleEvidence`, or sources that look at the scene
         (`estimator.evidence`: camera height, GPS, markers, metric depth, a rig's baseline)
     method : `default`, or a baseline: `height`, `paper`, `sucar`
+    up : the vertical of the scene's axes where it is known from outside (an inertial unit), of any length; it replaces
+        what the cameras and level surfaces show, and a warning says if they contradict it
 
     Returns
     -------
@@ -76,7 +79,7 @@ def estimate_scale(
         tree = metric_tree.open()
     ready = tuple(item for item in evidence if isinstance(item, ScaleEvidence))
     sources = tuple(item for item in evidence if not isinstance(item, ScaleEvidence))
-    options = Options(method=method, level=level, evidence=ready)
+    options = Options(method=method, level=level, evidence=ready, up=up)
     return _estimate(scene, instances, tree, options, sources).result
 
 
@@ -150,7 +153,8 @@ def _estimate(
         return SceneEstimate(_ruled_out(result, faults), scene, instances, None)
     from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 
-    measurements = measure_objects(scene, instances, PAPER if options.method == "paper" else MeasurementOptions())
+    choices = PAPER if options.method == "paper" else MeasurementOptions()
+    measurements = measure_objects(scene, instances, replace(choices, up=options.up))
     seconds |= measurements.timings
     warnings = (*warnings, *measurements.warnings)
     up = _up_report(measurements.up)

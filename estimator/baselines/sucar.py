@@ -15,6 +15,7 @@ import numpy as np
 
 from estimator.baselines.candidates import candidate_scales, estimate_on
 from estimator.evidence.triangulation import view_rays
+from estimator.geometry.up import given_up
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
@@ -46,13 +47,14 @@ def sucar_result(
     """The scale by every detection's box; each row of the result is one detection."""
     by_name = meanings(tree, {item.category for item in instances}, HEIGHT)
     started = time.perf_counter()
-    down = prescribed_down(scene)
+    down = prescribed_down(scene) if options.up is None else -given_up(options.up).vector
     heights = box_heights(scene, instances, down)
     boxes = [
         _object(number, item, height) for number, (item, height) in enumerate(zip(instances, heights, strict=True))
     ]
     answer = _answer(boxes, by_name, options)
-    up = UpReport((float(-down[0]), float(-down[1]), float(-down[2])), "prescribed: first camera", 0.0)
+    how = "prescribed: first camera" if options.up is None else "given"
+    up = UpReport((float(-down[0]), float(-down[1]), float(-down[2])), how, 0.0)
     elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
     return result_of(boxes, tree, by_name, answer, options, up, heard, elapsed)
 

@@ -11,7 +11,7 @@ from metric_base.faults import InputFault, Words
 if TYPE_CHECKING:
     from estimator.evidence.source import EvidenceSource
 
-__all__ = ["add_evidence_options", "evidence_sources"]
+__all__ = ["add_evidence_options", "evidence_sources", "up_direction"]
 
 
 def add_evidence_options(parser: argparse.ArgumentParser) -> None:
@@ -27,6 +27,34 @@ def add_evidence_options(parser: argparse.ArgumentParser) -> None:
     add("--metric-depth", metavar="DIR", type=Path, help=depth)
     baseline = "a rig's two cameras by their folders of pictures and their distance, as left:right:0.12"
     add("--baseline", metavar="A:B:METRES", action="append", default=[], help=baseline)
+
+    add(
+        "--up",
+        metavar="X,Y,Z",
+        help="up in the scene's axes, as an inertial unit knows it (not gravity, which is down)",
+    )
+
+
+def up_direction(options: argparse.Namespace) -> tuple[float, float, float] | None:
+    """The direction of `--up`; None without it.
+
+    Raises
+    ------
+    InputFault
+        It is no direction, or there is no scene to look at.
+    """
+    if options.up is None:
+        return None
+    if options.objects is not None:
+        raise InputFault("--up: expected a SCENE; found --objects")
+    from estimator.geometry.up import given_up
+
+    try:
+        x, y, z = (float(part) for part in options.up.split(","))
+        given_up((x, y, z))
+    except ValueError:
+        raise InputFault.at("--up", "direction", "X,Y,Z, three finite numbers, not all 0", options.up) from None
+    return x, y, z
 
 
 def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:

@@ -18,7 +18,7 @@ from estimator.geometry.planes import SupportPlane, level_basis, refine_up, supp
 from estimator.geometry.standing import stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.geometry.truncation import Outline, Sides, Surroundings, outline, side_evidence
-from estimator.geometry.up import Up, camera_up
+from estimator.geometry.up import Up, camera_up, given_up, up_contradiction
 from estimator.geometry.upright_box import Dimensions, dimensions, inliers
 from estimator.records.measured_object import Box, MeasuredObject
 from estimator.records.scene import Instance, Scene
@@ -44,7 +44,8 @@ class MeasurementOptions:
     """How to measure. `PAPER` holds the paper's choices; the extent rule is the same for all.
 
     supports : objects reach down to the plane they stand on; standing : whether a category stands on the floor (True),
-    hangs (False), or may do either (None).
+    hangs (False), or may do either (None). up : the vertical if it is known from outside, in the scene's axes; it
+    replaces what the cameras and planes show.
     """
 
     association: Literal["shared", "incremental"] = "shared"
@@ -54,6 +55,7 @@ class MeasurementOptions:
     planes_for_up: bool = True
     dense: bool = True
     standing: Callable[[str], bool | None] = stands
+    up: Sequence[float] | None = None
 
 
 PAPER = MeasurementOptions("incremental", "forest", robust_footprint=False, supports=False, planes_for_up=False)
@@ -92,14 +94,19 @@ def measure_objects(
     with _stopwatch(timings, "order"):
         # Algorithm 1 goes through the frames as they were taken
         world = sorted_scene(scene, instances, keep_views=options.association == "incremental")
-    inner = _measure(world.scene, world.instances, options, timings)
+    given = None if options.up is None else given_up(world.frame.basis @ np.asarray(options.up))
+    inner = _measure(world.scene, world.instances, options, timings, given)
     return _in_world(inner, world, timings, options)
 
 
 def _measure(
-    scene: Scene, instances: Sequence[Instance], options: MeasurementOptions, timings: dict[str, float]
+    scene: Scene,
+    instances: Sequence[Instance],
+    options: MeasurementOptions,
+    timings: dict[str, float],
+    given: Up | None,
 ) -> Measurements:
-    """The measurements of a sorted scene, in its own frame."""
+    """The measurements of a sorted scene, in its own frame; given : the vertical if it is known from outside."""
     with _stopwatch(timings, "labels"):
         clouds = [sparse_labels(scene, instances)]
         if options.dense and scene.dense is not None:
@@ -114,6 +121,8 @@ def _measure(
         surface = clouds[-1].points
         if options.planes_for_up:
             up = refine_up(up, surface)
+        contradiction = None if given is None else up_contradiction(given, up)
+        up = given or up
         planes = support_planes(up.vector, surface) if options.supports else ()
         basis = level_basis(up.vector)
         ground = ground_of(surface, basis, planes) if options.supports else None
@@ -137,7 +146,7 @@ def _measure(
             _object(track, shape, seen, instances, ground, basis, up, options)
             for track, shape, seen in zip(tracks, shapes, sides, strict=True)
         )
-    return Measurements(objects, up, planes, tracks)
+    return Measurements(objects, up, planes, tracks, warnings=() if contradiction is None else (contradiction,))
 
 
 def _in_world(
@@ -155,7 +164,8 @@ def _in_world(
     up, planes = world.frame.world_up(inner.up), tuple(world.frame.world_plane(plane) for plane in inner.planes)
     objects = tuple(replace(thing, id=str(number + 1)) for number, (_, thing) in enumerate(pairs))
     tracks = tuple(track for track, _ in pairs)
-    return Measurements(objects, up, planes, tracks, timings, _warnings(up, planes, options))
+    warnings = (*inner.warnings, *_warnings(up, planes, options))
+    return Measurements(objects, up, planes, tracks, timings, warnings)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter1d, median_filter
 
-from estimator.geometry.up import Up, combine_up, tilts
+from estimator.geometry.up import BELIEVED_SIGMAS, Up, combine_up, tilts
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.statistics import robust_sigma
 
@@ -45,8 +45,6 @@ BELOW_FLOOR_SHARE = 0.05
 # ... but below a glossy floor are mirror images of what stands on it: one point in seven. Only a plane that is as wide
 # as this share of the widest may have as many.
 BELOW_GLOSSY_SHARE, WIDE_SHARE = 0.15, 0.5
-# A level surface within this tilt of the cameras' vertical, in its standard deviations, is believed.
-BELIEVED_SIGMAS = 3.0
 # The window about a plane cuts a tilted surface short, so each fit goes part of the way.
 ROUNDS = 12
 # Beyond this part along x a vertical counts as near the x axis.

@@ -14,8 +14,9 @@ import numpy as np
 
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault
 
-__all__ = ["Up", "camera_up", "combine_up", "tilts"]
+__all__ = ["BELIEVED_SIGMAS", "Up", "camera_up", "combine_up", "given_up", "tilts", "up_contradiction"]
 
 # People hold a camera level within about two degrees from frame to frame; fewer views than would show that
 # spread cannot prove a better one.
@@ -30,6 +31,10 @@ PITCH_DEG = 15.0
 # However many points a level surface has, reconstructions bend by about a hundredth of their width, and floors slope a
 # little.
 PLANE_FLOOR_DEG = 0.7
+# Gravity by an inertial unit is good to some tenths of a degree at rest, and to about this on a moving hand.
+GIVEN_DEG = 1.0
+# Two verticals within this tilt, in their standard deviations, are believed to be one.
+BELIEVED_SIGMAS = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,6 +77,33 @@ def combine_up(camera: Up, normal: FloatArray, sigma_deg: float) -> Up:
     weights = np.array([camera.sigma_deg, sigma_deg]) ** -2
     vector = weights[0] * camera.vector + weights[1] * normal
     return Up(vector / np.linalg.norm(vector), f"{camera.method}+plane", float(weights.sum() ** -0.5))
+
+
+def given_up(vector: Sequence[float] | FloatArray) -> Up:
+    """Up that is known from outside, such as from an inertial unit: a vector (3,) of any length but 0.
+
+    Raises
+    ------
+    InputFault
+        It is not three finite numbers, or all are 0.
+    """
+    direction = np.asarray(vector, dtype=float)
+    if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
+        raise InputFault.at("up", "direction", "three finite numbers, not all 0", tuple(vector))
+    return Up(direction / np.linalg.norm(direction), "given", GIVEN_DEG)
+
+
+def up_contradiction(given: Up, seen: Up) -> str | None:
+    """How a given up contradicts what the cameras and level surfaces show; None where it does not."""
+    if seen.method == "none":
+        return None
+    angle = float(np.degrees(np.arccos(np.clip(given.vector @ seen.vector, -1, 1))))
+    limit = BELIEVED_SIGMAS * float(np.hypot(given.sigma_deg, seen.sigma_deg))
+    if angle <= limit:
+        return None
+    if 180 - angle <= limit:
+        return f"the given up points down ({seen.method}): gravity points down, up is its opposite"
+    return f"the given up is {angle:.0f}° from what the scene shows ({seen.method}, ±{seen.sigma_deg:.1f}°)"
 
 
 def tilts(up: FloatArray, axis: FloatArray, degrees: FloatArray) -> FloatArray:

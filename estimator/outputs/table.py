@@ -120,13 +120,23 @@ def _has_size(item: ObjectReport) -> bool:
 
 
 def _unmeasured(result: ScaleResult) -> list[str]:
-    """One line for each reason why objects have no size: far tracks of few points may be many."""
-    reasons = [(item.category, item.reason or "") for item in result.objects if not _has_size(item)]
-    counts = Counter((category, "too few points" if "points" in reason else reason) for category, reason in reasons)
-    lines: dict[str, list[str]] = {}
-    for (category, reason), count in counts.items():
-        lines.setdefault(reason, []).append(f"{count} {category}")
-    return [visible(f"not measured ({reason}): {', '.join(parts)}") for reason, parts in lines.items()]
+    """One line for each reason why things have no size.
+
+    It counts masks: those of one thing that hold no points of the cloud cannot be joined to one object.
+    """
+    masks: dict[str, Counter[str]] = {}
+    for item in result.objects:
+        if not _has_size(item):
+            reason = "too few points" if "points" in (item.reason or "") else item.reason or ""
+            masks.setdefault(reason, Counter())[item.category] += max(item.views, 1)
+    lines = (
+        (reason, ", ".join(f"{name} in {_masks(n)}" for name, n in counts.items())) for reason, counts in masks.items()
+    )
+    return [visible(f"not measured ({reason}): {names}") for reason, names in lines]
+
+
+def _masks(count: int) -> str:
+    return "1 mask" if count == 1 else f"{count} masks"
 
 
 def _own_scales(scales: Sequence[float | None]) -> list[str]:

@@ -57,7 +57,10 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True)
 class ObjectReport:
-    """One object: its extents in scene units by dimension, what was used, its own scale, and the verdict."""
+    """One object: its extents in scene units by dimension, what was used, its own scale, and the verdict.
+
+    views : pictures whose masks it was measured from.
+    """
 
     id: str
     category: str
@@ -73,6 +76,7 @@ class ObjectReport:
     reason: str | None
     score: float = 1.0
     notes: tuple[str, ...] = ()
+    views: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,6 +150,7 @@ class ScaleResult:
             "category": item.category,
             "node": item.node,
             "points": item.points,
+            "views": item.views,
             "score": _rounded(item.score),
             "dimensions": {name: _rounded(value) for name, value in item.dimensions.items()},
             "dimensions_m": metres,

@@ -25,7 +25,8 @@ __all__ = ["Answer", "Options", "named_values", "names_of", "result_of"]
 class Options:
     """What the caller asks of an estimate.
 
-    evidence : beside the objects; trust_known_length : a known length that contradicts the objects is believed.
+    evidence : beside the objects; trust_known_length : a known length that contradicts the objects is believed;
+    up : the vertical in the scene's axes where it is known from outside.
     """
 
     method: str = "default"
@@ -33,6 +34,7 @@ class Options:
     evidence: tuple[ScaleEvidence, ...] = ()
     leave_one_class_out: bool = False
     trust_known_length: bool = False
+    up: Sequence[float] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,6 +117,7 @@ def _report(
         reason=reason,
         score=item.score,
         notes=item.notes,
+        views=item.views,
     )
 
 

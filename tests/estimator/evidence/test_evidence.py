@@ -321,6 +321,32 @@ def test_the_baseline_of_a_rig(walk: Walk, nothing: Measurements) -> None:
     assert one(RigBaseline("left", "right", 0.12).observe(walk.scene, nothing)).scale is None
 
 
+# the vertical from outside
+
+
+def test_a_given_up_replaces_that_of_the_scene(walk: Walk, nothing: Measurements, mini: Tree) -> None:
+    def result(up: np.ndarray) -> estimator.ScaleResult:
+        return estimator.estimate_scale(walk.scene, (), mini, evidence=[CameraHeight(1.5, 0.1)], up=up)
+
+    right, wrong = result(3 * nothing.up.vector), result(-nothing.up.vector)
+    assert right.up is not None
+    assert right.up.method == "given"
+    assert right.up.vector == pytest.approx(nothing.up.vector)
+    assert right.scale == pytest.approx(walk.scale, rel=0.02)
+    assert not any("given up" in line for line in right.warnings)
+    assert any("the given up points down" in line for line in wrong.warnings)
+
+
+def test_an_up_that_is_no_direction(walk: Walk, mini: Tree, capsys: pytest.CaptureFixture[str]) -> None:
+    from estimator.command import main
+
+    with pytest.raises(InputFault, match="up: direction"):
+        estimator.estimate_scale(walk.scene, (), mini, up=(0, 0, 0))
+    for words in (["scene", "--up", "1,2"], ["scene", "--up", "-0,0,0"], ["--objects", "x.json", "--up", "0,0,1"]):
+        assert main(words) == 2
+        assert "--up: " in capsys.readouterr().err
+
+
 # beside objects
 
 

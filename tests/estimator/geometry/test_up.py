@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.planes import refine_up, support_planes
-from estimator.geometry.up import camera_up, combine_up
+from estimator.geometry.up import camera_up, combine_up, given_up, up_contradiction
 from estimator.records.scene import View
+from metric_base.faults import InputFault
 from tests.made.shapes import box, floor, made_scene, view_at
 
 UP = np.array([0, 0, 1.0])
@@ -77,6 +78,7 @@ def test_scattered_cameras_leave_up_unknown():
     up = camera_up(views + flipped)
     assert up.method == "none"
     assert np.linalg.norm(up.vector) == pytest.approx(1)
+    assert up_contradiction(given_up(np.cross(up.vector, [1, 2, 3])), up) is None, "nothing to contradict"
 
 
 def test_no_views_is_an_error_with_a_name():
@@ -133,3 +135,21 @@ def test_joining_weighs_by_variance():
     leaning = np.array([np.sin(0.1), 0, np.cos(0.1)])
     assert off_deg(combine_up(camera, leaning, 10.0).vector) < off_deg(combine_up(camera, leaning, 1.0).vector)
     assert combine_up(camera, leaning, 0.0).sigma_deg < camera.sigma_deg
+
+
+@pytest.mark.parametrize(
+    ("tilt", "words"),
+    [(2.0, None), (25.0, "25° from what the scene shows"), (180.0, "points down"), (100.0, "100° from")],
+)
+def test_a_given_up_is_compared_with_what_the_cameras_show(tilt, words):
+    seen = camera_up(panned(np.linspace(-90, 90, 20), np.zeros(20)))
+    given = given_up(7 * Rotation.from_euler("x", tilt, degrees=True).apply(UP))
+    assert off_deg(given.vector) == pytest.approx(tilt)
+    line = up_contradiction(given, seen)
+    assert line is None if words is None else words in line
+
+
+@pytest.mark.parametrize("vector", [(0, 0, 0), (1, 2), (1, 2, np.nan), (np.inf, 0, 0)])
+def test_what_is_no_direction_is_refused(vector):
+    with pytest.raises(InputFault, match="three finite numbers"):
+        given_up(vector)

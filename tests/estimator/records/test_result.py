@@ -87,12 +87,19 @@ def test_own_scales_have_three_digits_under_one_another() -> None:
 def test_unmeasured_objects_share_a_line() -> None:
     far = [
         replace(
-            REPORT, id=str(n), dimensions={}, used=(), scale=None, verdict="skipped", reason=f"{n} points, 16 needed"
+            REPORT,
+            id=str(n),
+            dimensions={},
+            used=(),
+            scale=None,
+            verdict="skipped",
+            reason=f"{n} points, 16 needed",
+            views=n,
         )
         for n in range(5)
     ]
     text = result_text(replace(RESULT, objects=(REPORT, *far)))
-    assert "not measured (too few points): 5 chair" in text
+    assert "not measured (too few points): chair in 11 masks" in text
     assert "16 needed" not in text
 
 

@@ -74,7 +74,7 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
 
     if options.method == "sucar":
         raise InputFault("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
-    asked = _asked(options)
+    asked = _estimate_options(options)
     result = objects_result(read_objects(options.objects), _tree(options), asked, options.paper_lists)
     if options.figure is not None and result.exit_code == 0:
         from estimator.outputs.figure import write_figure
@@ -88,7 +88,7 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
     from estimator.pipeline import scene_estimate
     from estimator.reading import read_scene
 
-    asked = _asked(options)
+    asked = _estimate_options(options)
     detector = None
     if options.detector is not None:
         from estimator.instances.detector import load_detector
@@ -138,7 +138,7 @@ def _tree(options: argparse.Namespace) -> Tree:
     return metric_tree.open(options.tree)
 
 
-def _asked(options: argparse.Namespace) -> Options:
+def _estimate_options(options: argparse.Namespace) -> Options:
     from estimator.evidence.lengths import known_length_evidence
     from estimator.evidence.options import up_direction
     from estimator.reconstructions.known_lengths import parse_known_lengths

@@ -150,7 +150,7 @@ def _estimate(
         from estimator.baselines.sucar import sucar_result
 
         result = sucar_result(scene, instances, tree, options, warnings, seconds)
-        return SceneEstimate(_ruled_out(result, faults), scene, instances, None)
+        return SceneEstimate(_reject(result, faults), scene, instances, None)
     from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 
     choices = PAPER if options.method == "paper" else MeasurementOptions()
@@ -166,7 +166,7 @@ def _estimate(
         observed = [row for source in sources for row in source.observe(scene, measurements)]
         options = replace(options, evidence=(*options.evidence, *observed))
         result = scale_of_objects(measurements.objects, tree, options, up, warnings, seconds)
-    return SceneEstimate(_ruled_out(result, faults), scene, instances, measurements)
+    return SceneEstimate(_reject(result, faults), scene, instances, measurements)
 
 
 def _self_contradictions(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -180,7 +180,7 @@ def _self_contradictions(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]
     return contradictions(consistency(scene))
 
 
-def _ruled_out(result: ScaleResult, faults: Sequence[str]) -> ScaleResult:
+def _reject(result: ScaleResult, faults: Sequence[str]) -> ScaleResult:
     """The result, unresolved where the reconstruction itself is at fault."""
     if not faults:
         return result

@@ -116,7 +116,7 @@ def read_instances_and_warnings(
     """The instances as `read_instances` takes them, and warnings."""
     if isinstance(source, Mapping):
         return instances_of_masks(source, scene)
-    place = _found_instances(scene) if source is None else Path(source)
+    place = _default_instances(scene) if source is None else Path(source)
     return read_instance_files(scene, place, None if categories is None else Path(categories))
 
 
@@ -164,7 +164,7 @@ def default_instances(scene: Scene) -> Path | None:
     return None
 
 
-def _found_instances(scene: Scene) -> Path:
+def _default_instances(scene: Scene) -> Path:
     place = default_instances(scene)
     if place is not None:
         return place

@@ -16,7 +16,7 @@ def completion_script(program: str, options: Mapping[str, str], shell: str) -> s
     """
     names = sorted(name for name in options if name.startswith("--"))
     if shell == "fish":
-        lines = [f"complete -c {program} -l {name[2:]} -d '{_quoted(options[name])}'" for name in names]
+        lines = [f"complete -c {program} -l {name[2:]} -d '{_quote(options[name])}'" for name in names]
         return "\n".join(lines) + "\n"
     function = f"_{program.replace('-', '_')}"
     bash = f"""{function}() {{
@@ -32,6 +32,6 @@ complete -o filenames -F {function} {program}
     return bash if shell == "bash" else f"autoload -U +X bashcompinit && bashcompinit\n{bash}"
 
 
-def _quoted(text: str) -> str:
+def _quote(text: str) -> str:
     """Text between single quotes of fish; argparse's own %s are not for a shell."""
     return text.replace("%(default)s", "see --help").replace("\\", "\\\\").replace("'", "\\'")

@@ -30,7 +30,7 @@ __all__ = [
     "print_json",
     "print_table",
     "progress",
-    "styled",
+    "style_text",
     "table_text",
     "version",
     "warn",
@@ -73,9 +73,9 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
         except BrokenPipeError:  # the reader of a pipe left; what it took is all it wanted
             status = DONE
         except KeyboardInterrupt:
-            status = _said(program, "interrupted", INTERRUPTED)
+            status = _report(program, "interrupted", INTERRUPTED)
         except Terminated:
-            status = _said(program, "terminated", TERMINATED)
+            status = _report(program, "terminated", TERMINATED)
         except Exception as error:  # noqa: BLE001 - the last door: what is not the input's fault is the program's
             status = _fault_status(program, error)
     flush_or_silence(sys.stdout)
@@ -170,7 +170,7 @@ def table_text(
     return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
 
 
-def styled(text: str, style: str) -> str:
+def style_text(text: str, style: str) -> str:
     """The text, in its style where standard output is a terminal."""
     return f"\x1b[{_STYLES[style]}m{text}\x1b[0m" if sys.stdout.isatty() else text
 
@@ -197,10 +197,10 @@ def _path_fault(error: OSError) -> str:
 def _fault_status(program: str, error: Exception) -> int:
     message = _input_fault(error)
     if message is not None:
-        return _said(program, message, INPUT_FAULT)
+        return _report(program, message, INPUT_FAULT)
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exc()
-    return _said(program, f"fault of the program: {type(error).__name__}: {error}", PROGRAM_FAULT)
+    return _report(program, f"fault of the program: {type(error).__name__}: {error}", PROGRAM_FAULT)
 
 
 def _input_fault(error: Exception) -> str | None:
@@ -216,7 +216,7 @@ def _input_fault(error: Exception) -> str | None:
     return None
 
 
-def _said(program: str, message: str, status: int) -> int:
+def _report(program: str, message: str, status: int) -> int:
     with suppress(OSError):  # nobody reads it
         sys.stderr.write(f"{program}: {visible(' '.join(message.split()))}\n")
     return status

@@ -83,7 +83,7 @@ def axis_assignments(axes: FloatArray, extents: FloatArray, pose: str) -> tuple[
     owner : (m,) the row of each candidate, ascending
     """
     known = np.full_like(axes, np.nan) if pose == "any" else axes
-    left = _left_over(known, extents)  # (n, 3)
+    left = _remaining_extents(known, extents)  # (n, 3)
     codes = (~np.isnan(known)) @ np.array([1, 2, 4]) * 4 + (~np.isnan(left)).sum(axis=1)
     assigned, owners = [], []
     for code in np.unique(codes):
@@ -143,7 +143,7 @@ def _flat(
     return Sizes(None, None, None, outer)
 
 
-def _left_over(known: FloatArray, extents: FloatArray) -> FloatArray:
+def _remaining_extents(known: FloatArray, extents: FloatArray) -> FloatArray:
     """The extents (n, 3) that no known axis accounts for, longest first, NaN beyond the last."""
     left = extents.copy()
     for axis in range(3):

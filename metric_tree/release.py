@@ -81,7 +81,7 @@ def publish_release(
     directory.parent.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", dir=directory.parent))
     try:
-        files = {name: _written(work / name, tables[name].cast(schema)) for name, schema in TABLES.items()}
+        files = {name: _write_table(work / name, tables[name].cast(schema)) for name, schema in TABLES.items()}
         if extras is not None:
             shutil.copytree(extras, work, dirs_exist_ok=True, copy_function=link_file)
         whole = {"schema": SCHEMA, **manifest, "files": files}
@@ -158,7 +158,7 @@ def _manifest(path: Path) -> dict[str, Any]:
     return dict(manifest)
 
 
-def _written(path: Path, table: pa.Table) -> dict[str, Any]:
+def _write_table(path: Path, table: pa.Table) -> dict[str, Any]:
     pq.write_table(table, path, compression="zstd", row_group_size=ROW_GROUP)
     return {"sha256": sha256(path), "rows": table.num_rows, "bytes": path.stat().st_size}
 

@@ -250,7 +250,7 @@ class Tree:
         """
         if not isinstance(text, str) or not text.strip():
             raise UnknownName(f"name: expected a name; found {text!r}")
-        if vocabulary is not None and (listed := self._listed(text, vocabulary)) is not None:
+        if vocabulary is not None and (listed := self._label_node(text, vocabulary)) is not None:
             return Meaning(listed, "label list", math.inf, (), False)
         answer = self._resolver.answer(text)
         if answer is None:
@@ -266,9 +266,9 @@ class Tree:
         >>> metric_tree.open().search("wardrob", limit=1)[0].name
         'wardrobe'
         """
-        return tuple(self.node(node_id) for node_id in self._resolver.ranked(text, limit))
+        return tuple(self.node(node_id) for node_id in self._resolver.nodes_by_relevance(text, limit))
 
-    def _listed(self, text: str, vocabulary: str) -> Node | None:
+    def _label_node(self, text: str, vocabulary: str) -> Node | None:
         """The node of a label; None if no list of the detectors has it in this tree."""
         if vocabulary == DETECTORS:
             from taxonomy.naming.label_votes import listed_nodes

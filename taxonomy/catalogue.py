@@ -131,7 +131,7 @@ class Catalogue:
         self._words = words
         self._inserted = dict(inserted or {})
         self._labels = dict(labels or {})
-        self._reviewed = reviewed or ReviewedAliases({}, {})
+        self._reviewed_aliases = reviewed or ReviewedAliases({}, {})
         for leaf in self.leaves.values():
             if leaf.parent_id not in {kind.node_id for kind in levels.kinds} or leaf.node_id in levels.nodes:
                 raise BadLevels(f"leaf {leaf.node_id}: expected a new id under a kind; found {leaf.parent_id!r}")
@@ -147,7 +147,7 @@ class Catalogue:
         if concept not in self.levels.nodes:
             return None
         if self.levels.home_of(concept) is None and self.levels.nodes[concept].level == KIND:
-            concept = self.levels.unnamed(concept) or concept
+            concept = self.levels.unspecified_parent(concept) or concept
         return None if self.levels.home_of(concept) is None else concept + OTHER
 
     def wordnet_path(self, leaf: str) -> tuple[str, ...]:
@@ -178,7 +178,7 @@ class Catalogue:
             self.successors,
             self._inserted,
             self._labels,
-            self._reviewed,
+            self._reviewed_aliases,
         )
 
     @cached_property
@@ -188,7 +188,7 @@ class Catalogue:
         home = {node.node_id: self.levels.home_of(node.node_id) for node in self.levels.nodes.values()}
         other = [self._other(node, kind) for node in self.levels.nodes.values() if (kind := home[node.node_id])]
         leaves = [self._leaf(leaf) for leaf in self.leaves.values()]
-        return (*inner, *_named_apart([*inner, *leaves, *other])[len(inner) :])
+        return (*inner, *_with_distinct_names([*inner, *leaves, *other])[len(inner) :])
 
     def _inner(self, node: InnerNode) -> Category:
         return Category(
@@ -220,7 +220,7 @@ class Catalogue:
         )
 
     def _other(self, node: InnerNode, kind: str) -> Category:
-        name = f"{_said_of(node)} (unspecified)"
+        name = f"{_source_words(node)} (unspecified)"
         return Category(
             node_id=node.node_id + OTHER,
             name=name,
@@ -246,9 +246,9 @@ class Catalogue:
     def _aliases(self, node_id: str, name: str, further: tuple[str, ...]) -> tuple[str, ...]:
         merged = (word for old, new in self.successors.items() if new == node_id for word in self._words.lemmas(old))
         inserted = self._inserted[node_id].aliases if node_id in self._inserted else ()
-        added = self._reviewed.added.get(node_id, ())
+        added = self._reviewed_aliases.added.get(node_id, ())
         words = (*self._words.lemmas(node_id), *inserted, *further, *self._labels.get(node_id, ()), *merged, *added)
-        unwanted = {name.casefold(), *(word.casefold() for word in self._reviewed.dropped.get(node_id, ()))}
+        unwanted = {name.casefold(), *(word.casefold() for word in self._reviewed_aliases.dropped.get(node_id, ()))}
         return tuple(word for word in dict.fromkeys(words) if word.casefold() not in unwanted)
 
 
@@ -270,10 +270,12 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
     leaves = [_leaf(row, where) for where, row in table_rows(folder / "leaves.csv", _LEAVES)]
     inserted = insertions(folder / "insertions.jsonl")
     levels = frozen_levels(folder / "levels.csv")
-    return Catalogue(levels, leaves, words, replaced_ids(folder), inserted, _labels(directory), _reviewed(folder))
+    return Catalogue(
+        levels, leaves, words, replaced_ids(folder), inserted, _labels(directory), _reviewed_aliases(folder)
+    )
 
 
-def _reviewed(folder: Path) -> ReviewedAliases:
+def _reviewed_aliases(folder: Path) -> ReviewedAliases:
     """The table `aliases.csv`; a folder without it has no reviewed aliases.
 
     Raises
@@ -322,7 +324,7 @@ def _above(concept: str, words: Concepts) -> str | None:
     return words.hypernyms(concept)[0] if concept.startswith(PREFIX) else None
 
 
-def _said_of(node: InnerNode) -> str:
+def _source_words(node: InnerNode) -> str:
     """What a source said that named no more than an inner node: `lighter`, not `lighter, match and tobacco`."""
     joined = "," in node.name or " and " in node.name
     return node.node_id.partition(".")[0].replace("_", " ") if joined and _synset(node.node_id) else node.name
@@ -332,7 +334,7 @@ def _synset(node_id: str) -> str | None:
     return None if node_id.startswith(PREFIX) or node_id.endswith(OTHER) else node_id
 
 
-def _named_apart(categories: list[Category]) -> list[Category]:
+def _with_distinct_names(categories: list[Category]) -> list[Category]:
     """Categories whose names differ: a leaf that shares its name says in brackets what kind of thing it is."""
     bearers: dict[str, list[str]] = {}
     for category in categories:

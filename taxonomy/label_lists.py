@@ -82,7 +82,7 @@ def vocabulary(name: str, directory: Path | None = None) -> tuple[Label, ...]:
 
 def label_of(label: str, name: str) -> Label | None:
     """The row of a label in a list, or None where it has no such label; case, `_` and `-` are folded."""
-    return _index(name).get(_folded(label))
+    return _index(name).get(_fold(label))
 
 
 def labelled_node(label: str, name: str, meant: Callable[[str], Sequence[str]] | None = None) -> str:
@@ -117,10 +117,10 @@ def _nearest(label: str, name: str, node_ids: Sequence[str]) -> list[str]:
     """Labels of the same node, else of the word with a meaning (`bow_(weapon)`), else of a like spelling."""
     rows = vocabulary(name)
     same = [row.label for row in rows if row.node_id is not None and row.node_id in node_ids]
-    senses = [row.label for row in rows if "_(" in row.label and _folded(row.label.split("_(")[0]) == _folded(label)]
+    senses = [row.label for row in rows if "_(" in row.label and _fold(row.label.split("_(")[0]) == _fold(label)]
     if same or senses:
         return list(dict.fromkeys(senses + same))
-    like = difflib.get_close_matches(_folded(label), list(_index(name)), n=NEAREST)
+    like = difflib.get_close_matches(_fold(label), list(_index(name)), n=NEAREST)
     return [_index(name)[key].label for key in like]
 
 
@@ -128,9 +128,9 @@ def _nearest(label: str, name: str, node_ids: Sequence[str]) -> list[str]:
 def _index(name: str) -> dict[str, Label]:
     index: dict[str, Label] = {}
     for label in vocabulary(name):
-        index.setdefault(_folded(label.label), label)
+        index.setdefault(_fold(label.label), label)
     return index
 
 
-def _folded(label: str) -> str:
+def _fold(label: str) -> str:
     return " ".join("".join(c if c.isalnum() else " " for c in label.casefold()).split())

@@ -78,7 +78,7 @@ class Levels:
         roots = [node.node_id for node in self.nodes.values() if node.level == 1]
         _expect(len(roots) == 1, f"{where}: level", "one root", roots)
         claims = [claim for node in self.nodes.values() for claim in node.claims]
-        _expect(len(claims) == len(set(claims)), f"{where}: claims", "each once", sorted(_repeated(claims)))
+        _expect(len(claims) == len(set(claims)), f"{where}: claims", "each once", sorted(_duplicates(claims)))
 
     @cached_property
     def kinds(self) -> tuple[InnerNode, ...]:
@@ -102,9 +102,9 @@ class Levels:
         """
         if self.nodes[node_id].level < KIND:
             return self.claimant.get(node_id)
-        return None if self.unnamed(node_id) in self.nodes else node_id
+        return None if self.unspecified_parent(node_id) in self.nodes else node_id
 
-    def unnamed(self, kind: str) -> str | None:
+    def unspecified_parent(self, kind: str) -> str | None:
         """The node further up whose unspecified items a kind takes in, such as `dog.n.01` of "other dog"."""
         return next((claim for claim in self.nodes[kind].claims if claim != kind and claim in self.nodes), None)
 
@@ -178,7 +178,7 @@ def parse_dims(letters: str, where: str) -> tuple[str, ...]:
     return tuple(DIMENSIONS[letter] for letter in letters)
 
 
-def _repeated(values: Sequence[str]) -> set[str]:
+def _duplicates(values: Sequence[str]) -> set[str]:
     seen: set[str] = set()
     return {value for value in values if value in seen or seen.add(value)}  # type: ignore[func-returns-value]
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from estimator.records.scene import View
 from insertion.blender.process import run_blender
 from insertion.exports.metric_frame import MetricFrame, metric_frame, object_matrix
-from insertion.records.encoding import decoded, encoded, luminance
+from insertion.records.encoding import linear_to_srgb, luminance, srgb_to_linear
 from insertion.records.result import ScaleUsed
 from insertion.scene.footage import PictureFootage, Stills
 from insertion.staging.insert import Placed, insert_objects, place_objects
@@ -84,7 +84,7 @@ def _room_files(world: World, folder: Path) -> list[dict[str, Any]]:
         for name in sorted(set(mesh.material)):
             chosen = np.array([material == name for material in mesh.material])
             part = Mesh(mesh.vertices, mesh.faces[chosen], (name,) * int(chosen.sum()))
-            colour = decoded(np.rint(255 * look_of(name, number, world.seed, 1.0)[:3]).astype(np.uint8))
+            colour = srgb_to_linear(np.rint(255 * look_of(name, number, world.seed, 1.0)[:3]).astype(np.uint8))
             file = folder / f"room_{number}_{name}.glb"
             # `write_glb` turns z up into y up
             write_glb(join([part]), file, (float(colour[0]), float(colour[1]), float(colour[2])))
@@ -142,7 +142,7 @@ def _bare_pictures(world: World, light: str, out: Path) -> None:
         run_blender(_job(world, light, rows, _room_files(world, out), traced), out)
     for k in range(len(world.poses)):
         linear = np.load(traced / f"{k:06d}.npy")[..., :3].astype(np.float32)
-        cv2.imwrite(str(images / f"frame{k:03d}.png"), np.rint(encoded(linear))[..., ::-1].astype(np.uint8))
+        cv2.imwrite(str(images / f"frame{k:03d}.png"), np.rint(linear_to_srgb(linear))[..., ::-1].astype(np.uint8))
 
 
 def _stage(made: MadeScene, to_scene: Similarity, out: Path) -> Stage:
@@ -170,7 +170,8 @@ def _true_pictures(
     if missing:
         run_blender(_job(world, light, missing, [*_room_files(world, out), item], traced), out)
     return [
-        np.rint(encoded(np.load(traced / f"{k:06d}.npy")[..., :3].astype(np.float32))).astype(np.uint8) for k in rows
+        np.rint(linear_to_srgb(np.load(traced / f"{k:06d}.npy")[..., :3].astype(np.float32))).astype(np.uint8)
+        for k in rows
     ]
 
 
@@ -194,7 +195,10 @@ def _compare(
     outside = ~(cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
     dark = outside & (cv2.GaussianBlur(ratio, (0, 0), 2.0) < 0.93)
     ours_ratio = _ratio(ours, bare)
-    linear_ours, linear_true = luminance(decoded(ours))[inner].mean(), luminance(decoded(truth))[inner].mean()
+    linear_ours, linear_true = (
+        luminance(srgb_to_linear(ours))[inner].mean(),
+        luminance(srgb_to_linear(truth))[inner].mean(),
+    )
     record = {
         "view": row,
         "object_pixels": int(inner.sum()),
@@ -211,7 +215,9 @@ def _compare(
 
 
 def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.float32]:
-    return np.asarray((luminance(decoded(after)) + 0.005) / (luminance(decoded(before)) + 0.005), dtype=np.float32)
+    return np.asarray(
+        (luminance(srgb_to_linear(after)) + 0.005) / (luminance(srgb_to_linear(before)) + 0.005), dtype=np.float32
+    )
 
 
 def _object_mask(stage: Stage, placed: Placed, row: int) -> NDArray[np.bool_]:

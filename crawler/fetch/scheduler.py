@@ -94,13 +94,13 @@ class FrontierScheduler(BaseScheduler):
         return Request(
             task.url,
             callback=getattr(self._spider, task.callback),
-            errback=self._failed,
+            errback=self._commit_failure,
             meta=meta,
             priority=task.priority,
             dont_filter=True,  # the frontier has seen to it that a task comes once
         )
 
-    def _failed(self, failure: Failure) -> None:
+    def _commit_failure(self, failure: Failure) -> None:
         request: Request = failure.request
         if isinstance(failure.value, OSError) and failure.value.errno in FULL:
             self._frontier.fail(failure.value)  # the disk of the cache; the page is not to blame

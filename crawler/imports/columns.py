@@ -31,13 +31,13 @@ def expect_columns(table: Table, path: Path, header: Sequence[str]) -> None:
         One is missing; the message names the file, those that are missing and those that there are.
     """
     known = _GIVEN.union(table.read, header)
-    missing = sorted({column for column in _read(table) if column not in known})
+    missing = sorted({column for column in _named_columns(table) if column not in known})
     if missing:
         present = ", ".join(map(repr, header))[:200]
         raise MissingColumn(f"{path}: columns: expected {', '.join(map(repr, missing))}; found {present}")
 
 
-def _read(table: Table) -> Iterator[str]:
+def _named_columns(table: Table) -> Iterator[str]:
     """Every column that the table's axes, templates and rules name."""
     for axis in table.columns_of_axes.values():
         yield axis.column

@@ -121,7 +121,7 @@ def _reading(source: Source, table: Table, row: Row) -> Reading:
             raise Refused(table.refused, "file", row["file"])
         for rule in table.reject:
             if _holds(rule, row):
-                raise Refused(rule.outcome, rule.column, _tested(rule, row))
+                raise Refused(rule.outcome, rule.column, _rule_text(rule, row))
         return _item(source, table, row, _size(table, row))
     except Refused as refused:
         return refused.refusal(source, f"{row['file']}:{row['row']}")
@@ -222,12 +222,12 @@ def _difference(table: Table, row: Row, axis: str) -> float:
     return millimetres(abs(sides), _unit(table, declared)) * declared.factor
 
 
-def _tested(rule: Rule, row: Row) -> str:
+def _rule_text(rule: Rule, row: Row) -> str:
     return fill_template(rule.column, row) if "{" in rule.column else row.get(rule.column, "")
 
 
 def _holds(rule: Rule, row: Row) -> bool:
-    text = _tested(rule, row)
+    text = _rule_text(rule, row)
     if rule.matches:
         return bool(rule.matches.search(text))
     if rule.listed:

@@ -83,19 +83,19 @@ def statements(page: Page, structured: Sequence[tuple[str, str]] = (), title: st
     title : the product's; a label may repeat its words (`table height`).
     """
     own = plain(title)
-    listed = _read(list(facts(page)), page.language, own)
+    listed = _statements(list(facts(page)), page.language, own)
     declared = [Fact(label, text, "", "list", 0) for label, text in structured]
     listed += [
-        replace(statement, trust=min(statement.trust, AXES)) for statement in _read(declared, page.language, own)
+        replace(statement, trust=min(statement.trust, AXES)) for statement in _statements(declared, page.language, own)
     ]
     if not any(statement.trust >= TRUSTED for statement in listed):
-        scripts = _read(list(embedded_facts(page)), page.language, own)
+        scripts = _statements(list(embedded_facts(page)), page.language, own)
         listed += [replace(statement, trust=SCRIPT) for statement in scripts]
     return listed
 
 
-def _read(pairs: Sequence[Fact], language: Language | None, title: str) -> list[Statement]:
-    return _labelled(pairs, language, title) + _by_axis(pairs, language, title)
+def _statements(pairs: Sequence[Fact], language: Language | None, title: str) -> list[Statement]:
+    return _labelled_statements(pairs, language, title) + _by_axis(pairs, language, title)
 
 
 def best_statement(candidates: Iterable[Statement]) -> Statement | None:
@@ -111,10 +111,10 @@ def best_statement(candidates: Iterable[Statement]) -> Statement | None:
         s.size for s in ranked if s.trust >= min(best.trust, SIZE) and len(s.size.lengths) == len(best.size.lengths)
     ]
     size = consensus([best.size, *peers])
-    return _completed(best if size is None else replace(best, size=size), ranked)
+    return _with_third_axis(best if size is None else replace(best, size=size), ranked)
 
 
-def _completed(best: Statement, ranked: Sequence[Statement]) -> Statement:
+def _with_third_axis(best: Statement, ranked: Sequence[Statement]) -> Statement:
     """With the third axis where it has a row of its own: `Size (W x L): 140 x 200 cm`, `Height: 18 cm`."""
     axes = {length.axis for length in best.size.lengths}
     if best.trust < AXES or len(best.size.lengths) != 2 or not axes <= {"length", "width", "height", "depth"}:
@@ -131,7 +131,7 @@ def _rank(statement: Statement) -> tuple[bool, bool, int, int]:
     return statement.trust >= TRUSTED, statement.trust > LOOSE and count > 1, count, statement.trust
 
 
-def _labelled(pairs: Iterable[Fact], language: Language | None, title: str) -> list[Statement]:
+def _labelled_statements(pairs: Iterable[Fact], language: Language | None, title: str) -> list[Statement]:
     statements = []
     for fact in pairs:
         label = plain(f"{fact.label} {fact.section}")

@@ -151,12 +151,12 @@ def flags_of(lengths: Sequence[Length]) -> tuple[str, ...]:
         flags.append("absurd_size")
     if any(length.high_mm > length.low_mm for length in lengths):
         flags.append("range")
-    if len(lengths) == 3 and all(length.mm in _typed_in(length.unit) for length in lengths):
+    if len(lengths) == 3 and all(length.mm in _form_values(length.unit) for length in lengths):
         flags.append("placeholder")
     return tuple(flags)
 
 
-def _typed_in(unit: str) -> tuple[float, ...]:
+def _form_values(unit: str) -> tuple[float, ...]:
     """What is typed into a form that asks for a size: `1 x 1 x 1 cm`, `0,1 x 0,1 x 0,1 cm`; in mm."""
     return tuple(round(millimetres(value, unit), 1) for value in (0.01, 0.1, 1.0))
 

@@ -97,12 +97,12 @@ def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     own = np.ascontiguousarray(scene.dense.points[kept])
     # coordinate by coordinate in memory: projection runs along one at a time
     points = np.asfortranarray(own)
-    looks = (_Sight(*_unhidden(view, points)) for view in views)
+    looks = (_Sight(*_visible_rows(view, points)) for view in views)
     looked, masked = _matrices(looks, views, instances, len(points))
     listed = _rows_by_view(scene.dense, kept, len(views))
     if listed is None:
         return PointLabels(own, kept, masked, looked, looked, masked)
-    sights = (_listed_sight(view, points, rows) for view, rows in zip(views, listed, strict=True))
+    sights = (_sight_of_rows(view, points, rows) for view, rows in zip(views, listed, strict=True))
     visibility, membership = _matrices(sights, views, instances, len(points))
     return PointLabels(own, kept, membership, visibility, looked, masked)
 
@@ -171,10 +171,10 @@ def visible_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray]:
     The buffer's cells are as large as the cloud's density asks for; a point is kept when it lies within
     `DEPTH_TOLERANCE` of the nearest depth in its cell.
     """
-    return _unhidden(view, points)[:2]
+    return _visible_rows(view, points)[:2]
 
 
-def _unhidden(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+def _visible_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     """Rows of the points (n, 3) that no nearer point hides, their pixels (m, 2) and depths (m,)."""
     rows, pixels, depth = _inside_rows(view, points)
     if rows.size == 0:
@@ -245,7 +245,7 @@ class _Sight:
     depth: FloatArray
 
 
-def _listed_sight(view: View, points: FloatArray, rows: IntArray) -> _Sight:
+def _sight_of_rows(view: View, points: FloatArray, rows: IntArray) -> _Sight:
     """The sight of the listed rows (k,) of points (n, 3), less those that project outside the image."""
     inside, pixels, depth = _inside_rows(view, np.asfortranarray(points[rows]))
     return _Sight(rows[inside], pixels, depth)

@@ -78,13 +78,13 @@ def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> tuple[
         "features",
         {"frames": frames_digest, "lens": [lens.model, lens.focal_px, lens.one_camera]},
         [f"{DATABASES}/features.db", f"{DATABASES}/features.json"],
-        lambda part: make_features(_made(part / DATABASES), pictures, frames.names, lens),
+        lambda part: make_features(_make_folder(part / DATABASES), pictures, frames.names, lens),
     )
     matches_digest = work.stage(
         "matches",
         {"features": features_digest},
         [f"{DATABASES}/matches.db", f"{DATABASES}/matches.json"],
-        lambda part: make_matches(_made(part / DATABASES), databases, frames.names, isinstance(source, Video)),
+        lambda part: make_matches(_make_folder(part / DATABASES), databases, frames.names, isinstance(source, Video)),
     )
     model_digest = work.stage(
         "model",
@@ -109,7 +109,7 @@ def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> tuple[
     return _warnings(path, frames, options)
 
 
-def _made(folder: Path) -> Path:
+def _make_folder(folder: Path) -> Path:
     folder.mkdir(exist_ok=True)
     return folder
 

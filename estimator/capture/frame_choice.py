@@ -59,7 +59,7 @@ def motion_of(frames: Iterable[tuple[float, NDArray[np.uint8]]]) -> Motion:
         sharpness.append(_sharpness(grey))
         steps.append(0.0 if before is None else _step(before, grey))
         anchor = anchor or (grey, _corners(grey))
-        spread.append(_moved(anchor[0], grey, anchor[1]))
+        spread.append(_median_motion(anchor[0], grey, anchor[1]))
         before = grey
     return Motion(*(np.asarray(values, dtype=np.float64) for values in (times, steps, sharpness, spread)))
 
@@ -114,11 +114,11 @@ def _corners(grey: Grey) -> FloatArray:
 
 
 def _step(before: Grey, grey: Grey) -> float:
-    moved = _moved(before, grey, _corners(before))
+    moved = _median_motion(before, grey, _corners(before))
     return BROKEN_STEP if np.isnan(moved) else moved
 
 
-def _moved(before: Grey, grey: Grey, corners: FloatArray) -> float:
+def _median_motion(before: Grey, grey: Grey, corners: FloatArray) -> float:
     """Median distance that corners moved, as a share of the longer side; NaN where too few are tracked both ways."""
     import cv2
 

@@ -91,7 +91,7 @@ def make_frames(part: Path, source: Source, wanted: int | None) -> None:
         for frame in source.frames():
             told_done(frame.index, None)
             if frame.index in set(chosen.tolist()):
-                rows.append(_written(part / "frames", frame, source))
+                rows.append(_write_frame(part / "frames", frame, source))
     document = {
         "schema": SCHEMA,
         "source": str(source.path.resolve()),
@@ -141,7 +141,7 @@ def _even(n: int, wanted: int | None) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, n - 1, min(wanted or n, n)).astype(np.int64))
 
 
-def _written(folder: Path, frame: VideoFrame, source: Source) -> dict[str, Any]:
+def _write_frame(folder: Path, frame: VideoFrame, source: Source) -> dict[str, Any]:
     """Write one frame, not larger than MAX_SIDE, and describe it."""
     import cv2
 

@@ -74,14 +74,14 @@ def localised_frames(
             waiting, before = [], None  # too far from a reconstructed frame: what follows has none behind it
         else:
             anchor = tracker.anchor(view, grey)
-            this = tracker.reconstructed(view, frame)
+            this = tracker.model_pose(view, frame)
             poses = [*tracker.between(waiting, before, anchor, last, this), this]
             waiting, before, last = [], anchor, this
-        yield from (_named(pose, names) for pose in poses)
-    yield from (_named(pose, names) for pose in tracker.between(waiting, before, None, last))
+        yield from (_with_name(pose, names) for pose in poses)
+    yield from (_with_name(pose, names) for pose in tracker.between(waiting, before, None, last))
 
 
-def _named(pose: FramePose, names: dict[int, str]) -> FramePose:
+def _with_name(pose: FramePose, names: dict[int, str]) -> FramePose:
     return replace(pose, name=names.get(pose.index))
 
 
@@ -97,7 +97,7 @@ class _Tracker:
         pixels = view.keypoints[chosen] * (grey.shape[1] / view.camera.width) - 0.5  # OpenCV's centres are whole
         return _Anchor(grey, view.point_index[chosen], pixels.astype(np.float32))
 
-    def reconstructed(self, view: View, frame: VideoFrame) -> FramePose:
+    def model_pose(self, view: View, frame: VideoFrame) -> FramePose:
         """The pose of the model, checked by the frame's own observations."""
         points = PosePoints(self._scene.points[view.point_index], rays_of(view.camera, view.keypoints))
         error = residuals_px(points, view.rotation, view.translation, view.camera.params[0])
@@ -120,7 +120,7 @@ class _Tracker:
         rows: list[list[IntArray]] = [[] for _ in held]
         pixels: list[list[FloatArray]] = [[] for _ in held]
         for anchor, order in ((before, range(len(held))), (after, range(len(held) - 1, -1, -1))):
-            for k, (some, places) in zip(order, self._tracked(anchor, [held[k] for k in order]), strict=False):
+            for k, (some, places) in zip(order, self._track(anchor, [held[k] for k in order]), strict=False):
                 rows[k].append(some)
                 pixels[k].append(places)
         points = [self._points(rows[k], pixels[k], held[k].grey) for k in range(len(held))]
@@ -133,9 +133,9 @@ class _Tracker:
             poses.append(pose)
             guess = pose if pose.origin == "localised" else guess
         poses = poses if first is not None else poses[::-1]
-        return self._filled(poses, points, first, last)
+        return self._fill_gaps(poses, points, first, last)
 
-    def _tracked(self, anchor: _Anchor | None, held: list[_Held]) -> Iterator[tuple[IntArray, FloatArray]]:
+    def _track(self, anchor: _Anchor | None, held: list[_Held]) -> Iterator[tuple[IntArray, FloatArray]]:
         """Rows and pixels of the anchor's points in each frame, always from the anchor itself: nothing drifts."""
         import cv2
 
@@ -185,7 +185,7 @@ class _Tracker:
         error = residuals_px(points, rotation, translation, float(self._camera.params[0]))
         return float(np.median(error)) * self._source_px if len(error) else float("nan")
 
-    def _filled(
+    def _fill_gaps(
         self,
         poses: list[FramePose],
         points: list[tuple[IntArray, PosePoints] | None],
@@ -201,10 +201,10 @@ class _Tracker:
             if pose.origin != "none" or not earlier or not later:
                 filled.append(pose)
                 continue
-            filled.append(self._interpolated(pose, earlier[-1], later[0], tracked))
+            filled.append(self._interpolate(pose, earlier[-1], later[0], tracked))
         return filled
 
-    def _interpolated(
+    def _interpolate(
         self, pose: FramePose, before: FramePose, after: FramePose, tracked: tuple[IntArray, PosePoints] | None
     ) -> FramePose:
         from scipy.spatial.transform import Rotation, Slerp

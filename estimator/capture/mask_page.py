@@ -81,7 +81,7 @@ class MaskPage:
         self._server.daemon_threads = True
         self.url = f"http://{LOOPBACK}:{self._server.server_address[1]}/{self._secret}/"
 
-    def drawn(self) -> dict[str, Any]:
+    def collect(self) -> dict[str, Any]:
         """Serve until the person is done; the COCO dataset of what was drawn."""
         thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         thread.start()
@@ -109,7 +109,7 @@ class MaskPage:
         ValueError
             It is not a drawing of these frames, or it is done and empty.
         """
-        drawing = _checked(document, {frame.name: (frame.width, frame.height) for frame in self._frames})
+        drawing = _check_drawing(document, {frame.name: (frame.width, frame.height) for frame in self._frames})
         with whole_file(self._draft) as file:
             file.write_text(json.dumps(drawing), encoding="utf-8")
         self._drawing = drawing
@@ -197,7 +197,7 @@ def _draft_of(file: Path, names: set[str]) -> Drawing:
     return {name: kept.get(name, []) if isinstance(kept, dict) else [] for name in names}
 
 
-def _checked(document: Any, sizes: Mapping[str, tuple[int, int]]) -> Drawing:
+def _check_drawing(document: Any, sizes: Mapping[str, tuple[int, int]]) -> Drawing:
     drawing: Drawing = {name: [] for name in sizes}
     if not isinstance(document, dict) or not isinstance(document.get("images"), list):
         raise ValueError("expected a list of images")
@@ -205,11 +205,11 @@ def _checked(document: Any, sizes: Mapping[str, tuple[int, int]]) -> Drawing:
         name = image.get("name") if isinstance(image, dict) else None
         if not isinstance(name, str) or name not in sizes or not isinstance(image.get("things"), list):
             raise ValueError("expected the frames of this page")
-        drawing[name] = [_checked_thing(thing, sizes[name]) for thing in image["things"]]
+        drawing[name] = [_check_thing(thing, sizes[name]) for thing in image["things"]]
     return drawing
 
 
-def _checked_thing(thing: Any, size: tuple[int, int]) -> dict[str, Any]:
+def _check_thing(thing: Any, size: tuple[int, int]) -> dict[str, Any]:
     if not isinstance(thing, dict) or thing.get("kind") not in ("box", "polygon"):
         raise ValueError("expected a box or a polygon")
     name = thing.get("name")

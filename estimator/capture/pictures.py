@@ -54,7 +54,7 @@ class PictureFolder:
             words = f"{foreign[0]}; convert it to JPEG" if foreign else "none"
             raise InputFault.at(path, "pictures", ", ".join(sorted(PICTURE_SUFFIXES)), Words(words))
         self.n_frames = len(self.files)
-        described = [_described(file) for file in self.files]
+        described = [_size_and_focal(file) for file in self.files]
         self.sizes = {(width, height) for width, height, _ in described}
         self.width, self.height, self.focal_px = described[0]
 
@@ -74,7 +74,7 @@ def _natural(file: Path) -> list[tuple[int, str]]:
     return [(int(word), "") if word.isdecimal() else (-1, word) for word in words]
 
 
-def _described(file: Path) -> tuple[int, int, float | None]:
+def _size_and_focal(file: Path) -> tuple[int, int, float | None]:
     """Width, height and focal length in pixels of a picture as it is shown upright."""
     from PIL import Image, UnidentifiedImageError
 

@@ -61,7 +61,7 @@ def _prepare(options: Namespace) -> Failure | None:
     dense = options.dense == "auto"
     capture = CaptureOptions(options.frames, options.focal, options.camera_model or "SIMPLE_RADIAL", dense)
     work = WorkFolder(options.work)
-    with work.locked():
+    with work.lock():
         try:
             warnings = reconstruct(options.scene, work, capture)
         except CaptureFailure as refusal:
@@ -175,7 +175,7 @@ def _draw(options: Namespace, work: WorkFolder) -> None:
     page = MaskPage(frames, names, work.path / DRAFT, options.draw or 0)
     sys.stderr.write(f"estimate-scale: draw round the things and name them: {page.url} (Ctrl-C ends)\n")
     sys.stderr.flush()
-    document = page.drawn()
+    document = page.collect()
     with whole_file(work.path / INSTANCES, "--work") as file:
         file.write_text(json.dumps(document) + "\n", encoding="utf-8")
 

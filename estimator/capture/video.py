@@ -47,9 +47,9 @@ class Video:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with _opened(path) as container:
+        with _open_video(path) as container:
             stream = _stream(path, container)
-            first = next(_decoded(path, container, stream), None)
+            first = next(_decode(path, container, stream), None)
             if first is None:
                 raise InputFault.at(path, "video", "at least one frame that can be decoded", Words("none"))
             rate = stream.average_rate or stream.guessed_rate
@@ -63,9 +63,9 @@ class Video:
     def frames(self) -> Iterator[VideoFrame]:
         """All frames from the first, one at a time; a damaged end ends them."""
         last = -np.inf
-        with _opened(self.path) as container:
+        with _open_video(self.path) as container:
             stream = _stream(self.path, container)
-            for index, frame in enumerate(_decoded(self.path, container, stream)):
+            for index, frame in enumerate(_decode(self.path, container, stream)):
                 time_s = frame.time if frame.time is not None else index / (self.rate or 30.0)
                 # a time that does not grow would put two frames in one place
                 last = max(float(time_s), float(np.nextafter(last, np.inf)))
@@ -81,7 +81,7 @@ class Video:
         return np.ascontiguousarray(np.rot90(colour, -self.turned_deg // 90))
 
 
-def _opened(path: Path) -> Any:
+def _open_video(path: Path) -> Any:
     try:
         import av
     except ImportError:
@@ -105,7 +105,7 @@ def _stream(path: Path, container: Any) -> Any:
     raise InputFault.at(path, "video", "a video stream", Words("none"))
 
 
-def _decoded(path: Path, container: Any, stream: Any) -> Iterator[Any]:
+def _decode(path: Path, container: Any, stream: Any) -> Iterator[Any]:
     """The frames up to the first that cannot be decoded."""
     import av
 

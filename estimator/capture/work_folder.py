@@ -35,7 +35,7 @@ class WorkFolder:
         self.seconds: dict[str, float] = {}
 
     @contextmanager
-    def locked(self) -> Iterator[None]:
+    def lock(self) -> Iterator[None]:
         """Hold the folder; the system frees it when the process ends, however it ends.
 
         Raises

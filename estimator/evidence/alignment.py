@@ -54,10 +54,10 @@ def align(source: FloatArray, target: FloatArray) -> Alignment | None:
         return None
     floor = 1e-6 * float(np.ptp(target, axis=0).max())
     inliers = np.sqrt(best) <= max(INLIER_TIMES * math.sqrt(least), floor)
-    return _refined(source, target, inliers)
+    return _refine(source, target, inliers)
 
 
-def _refined(source: FloatArray, target: FloatArray, inliers: BoolArray) -> Alignment | None:
+def _refine(source: FloatArray, target: FloatArray, inliers: BoolArray) -> Alignment | None:
     squares = _residuals(source[inliers], target[inliers], source[inliers], target[inliers])
     scale = _similarity(source[inliers], target[inliers])
     m = int(inliers.sum())

@@ -109,7 +109,7 @@ def sorted_scene(scene: Scene, instances: Sequence[Instance], *, keep_views: boo
     if scene.dense is not None:
         cloud = frame.points(scene.dense.points)
         dense_order = _distinct_points(cloud)[0]
-        dense = _permuted(scene.dense, cloud, dense_order, view_rank)
+        dense = _permute(scene.dense, cloud, dense_order, view_rank)
     rows = _instance_order(instances, view_rank)
     masks = [replace(instances[row], view=int(view_rank[instances[row].view])) for row in rows.tolist()]
     distinct = np.arange(len(masks)) if keep_views else distinct_rows(masks)
@@ -155,7 +155,7 @@ def _instance_order(instances: Sequence[Instance], view_rank: IntArray) -> IntAr
     return np.array(sorted(range(len(instances)), key=keys.__getitem__), dtype=np.int64)
 
 
-def _permuted(cloud: DenseCloud, points: FloatArray, order: IntArray, view_rank: IntArray) -> DenseCloud:
+def _permute(cloud: DenseCloud, points: FloatArray, order: IntArray, view_rank: IntArray) -> DenseCloud:
     """The cloud with its points (n, 3) in another frame and order (n,), seen by views of another order."""
     if cloud.visible_offsets is None or cloud.visible_views is None:
         return DenseCloud(points[order])

@@ -210,7 +210,9 @@ def _cut_and_excess(
     hidden = np.zeros(outer.shape, dtype=bool)
     if not instance.from_box:
         side, point = np.nonzero(outer)
-        hidden[side, point] = _hidden(instance, border.pixels[point], towards[side], surroundings, (low[2], size))
+        hidden[side, point] = _occluded_pixels(
+            instance, border.pixels[point], towards[side], surroundings, (low[2], size)
+        )
     share = ((hidden | border.at_border) & outer).sum(axis=1) / outer.sum(axis=1)
     # a middle behind the camera has no direction: the object surrounds the view and is cut there
     cut = (share > CUT_SHARE) | ~(length > 0)
@@ -220,7 +222,7 @@ def _cut_and_excess(
     return cut.reshape(3, 2), excess.reshape(3, 2)
 
 
-def _hidden(
+def _occluded_pixels(
     instance: Instance,
     pixels: FloatArray,
     towards: FloatArray,

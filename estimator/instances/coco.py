@@ -123,14 +123,14 @@ def _warnings(
     )
     if empty:
         warnings.append(f"{file}: {empty} masks without a pixel are left out")
-    turned = [image for image in frame.images.values() if _turned(image, scene)]
+    turned = [image for image in frame.images.values() if _is_turned(image, scene)]
     if turned:
         found_size = f"{turned[0].file_name!r} is {turned[0].size}"
         warnings.append(f"{file}: {len(turned)} images are of another shape than their camera, such as {found_size}")
     return warnings
 
 
-def _turned(image: CocoImage, scene: Scene) -> bool:
+def _is_turned(image: CocoImage, scene: Scene) -> bool:
     if image.view is None or image.size is None:
         return False
     return differs_in_aspect(image.size, scene.views[image.view].camera)

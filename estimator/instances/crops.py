@@ -22,7 +22,7 @@ class ViewNames:
     """The rows of a scene's views by file name, then by base name where only one view bears it."""
 
     def __init__(self, scene: Scene) -> None:
-        names = [_folded(view.name) for view in scene.views]
+        names = [_fold(view.name) for view in scene.views]
         bases = [PurePosixPath(name).name for name in names]
         once = Counter(bases)
         self._by_name = {name: row for row, name in enumerate(names)}
@@ -34,14 +34,14 @@ class ViewNames:
 
     def row(self, file_name: str) -> int | None:
         """The view of an image file, or None."""
-        name = _folded(file_name)
+        name = _fold(file_name)
         exact = self._by_name.get(name)
         return self._by_base.get(PurePosixPath(name).name) if exact is None else exact
 
     def row_of_stem(self, stem: str) -> int | None:
         """The view of a file that has the name of its image, with or without the image's own ending, or None."""
         row = self.row(stem)
-        return self._by_stem.get(_folded(stem)) if row is None else row
+        return self._by_stem.get(_fold(stem)) if row is None else row
 
     def name_of_stem(self, stem: str) -> str:
         """The name of that view, or the stem itself."""
@@ -73,7 +73,7 @@ def mask_crop(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, in
 
     Each pixel of the camera takes the mask's value at its own centre; only the crop is ever resampled.
     """
-    rows, columns = _sampled(camera.height, mask.shape[0]), _sampled(camera.width, mask.shape[1])
+    rows, columns = _source_pixels(camera.height, mask.shape[0]), _source_pixels(camera.width, mask.shape[1])
     row_hits = np.flatnonzero(np.asarray(mask.any(axis=1))[rows])
     column_hits = np.flatnonzero(np.asarray(mask.any(axis=0))[columns])
     if not len(row_hits) or not len(column_hits):
@@ -89,10 +89,10 @@ def differs_in_aspect(size: tuple[int, int], camera: Camera) -> bool:
     return bool(abs(np.log(ratio)) > ASPECT_TOLERANCE)
 
 
-def _sampled(length: int, source_length: int) -> IntArray:
+def _source_pixels(length: int, source_length: int) -> IntArray:
     """(length,) the source's pixel under the centre of each pixel."""
     return ((np.arange(length) + 0.5) * source_length / length).astype(np.int64)
 
 
-def _folded(name: str) -> str:
+def _fold(name: str) -> str:
     return name.replace("\\", "/").removeprefix("./")

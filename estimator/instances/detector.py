@@ -115,7 +115,7 @@ class Detector:
         """
         if self._one_stage is not None:
             return self._one_stage_detections(self._one_stage, picture)
-        fed, factor = self._prepared(picture)
+        fed, factor = self._prepare(picture)
         boxes, labels, scores, masks = self._run(fed[None] if self._batched else fed)
         whole = masks.shape[2:] == fed.shape[1:]
         height, width = picture.shape[:2]
@@ -171,7 +171,7 @@ class Detector:
             raise InputFault.at(self.path, "outputs", expected, Words(str(shapes)))
         return boxes, labels, scores, masks
 
-    def _prepared(self, picture: Picture) -> tuple[FloatPicture, FloatArray]:
+    def _prepare(self, picture: Picture) -> tuple[FloatPicture, FloatArray]:
         """The input (3, H', W') and the factors (x, y) from the picture's pixels to its own."""
         import cv2
 

@@ -47,20 +47,20 @@ def _read_file(scene: Scene, file: Path, names: Path | None) -> Instances:
         return read_yolo(scene, file.parent, file)
     document = read_json(file)
     if is_panoptic(document):
-        return _told(read_panoptic(scene, file, document), names, file)
+        return _warn_of_names(read_panoptic(scene, file, document), names, file)
     if is_labelme(document):
-        return _told(read_labelme(scene, [file], file), names, file)
+        return _warn_of_names(read_labelme(scene, [file], file), names, file)
     return read_coco(scene, file, names, document)
 
 
 def _read_folder(scene: Scene, folder: Path, names: Path | None) -> Instances:
     entries = [entry for entry in folder_entries(folder) if entry.is_file()]
     if any(entry.name == CATEGORIES for entry in entries):
-        return _told(read_label_images(scene, folder), names, folder)
+        return _warn_of_names(read_label_images(scene, folder), names, folder)
     masks = [entry for entry in entries if entry.suffix in MASK_SUFFIXES and entry.name != LABELS]
     documents = [entry for entry in masks if entry.suffix == ".json"]
     if documents and is_labelme(read_json(documents[0])):
-        return _told(read_labelme(scene, documents, folder), names, folder)
+        return _warn_of_names(read_labelme(scene, documents, folder), names, folder)
     if masks:
         return read_mask_files(scene, folder, masks, names)
     if any(entry.suffix == ".txt" for entry in entries) or (folder / "labels").is_dir():
@@ -68,7 +68,7 @@ def _read_folder(scene: Scene, folder: Path, names: Path | None) -> Instances:
     raise InputFault.at(folder, "instances", FORMS, Words(", ".join(entry.name for entry in entries[:5]) or "nothing"))
 
 
-def _told(read: Instances, names: Path | None, place: Path) -> Instances:
+def _warn_of_names(read: Instances, names: Path | None, place: Path) -> Instances:
     """What was read, with a warning where `names` was given in vain."""
     instances, warnings = read
     return instances, warnings if names is None else (*warnings, ignored_categories(names, place, "are masks"))

@@ -42,7 +42,7 @@ def coco_mask(segmentation: object, size: tuple[int, int]) -> BoolArray:
     if (lengths < 0).any() or lengths.sum() != width * height:
         expected = f"runs that add up to {height} x {width} pixels"
         raise FieldFault("segmentation counts", expected, Words(str(lengths.sum())))
-    return _drawn(lengths, width, height)
+    return _mask_of_runs(lengths, width, height)
 
 
 def box_mask(box: object, size: tuple[int, int]) -> BoolArray:
@@ -76,10 +76,10 @@ def _polygon_mask(polygons: list[object], size: tuple[int, int]) -> BoolArray:
         raise FieldFault("polygons", f"outlines of at most {MAX_OUTLINE_PX} pixels", int(length))
     runs = coco.frPyObjects([outline.ravel().tolist() for outline in outlines], height, width)
     spelled = coco.merge(runs)["counts"].decode("ascii")
-    return _drawn(_spelled_lengths(spelled), width, height)
+    return _mask_of_runs(_spelled_lengths(spelled), width, height)
 
 
-def _drawn(lengths: IntArray, width: int, height: int) -> BoolArray:
+def _mask_of_runs(lengths: IntArray, width: int, height: int) -> BoolArray:
     """(h, w) of runs of 0, 1, 0, ... that follow each other down the columns."""
     inside = np.arange(len(lengths)) % 2 == 1
     return np.asarray(np.repeat(inside, lengths).reshape(width, height).T)

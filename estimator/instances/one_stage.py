@@ -132,18 +132,18 @@ def _rows(
         shares = next(answer for answer in threes if answer.shape[1] == 4)
         logits = next(answer for answer in threes if answer is not shares)
         chances = 1 / (1 + np.exp(-np.clip(logits, -50, 50)))
-        return _cornered(shares) * np.tile(picture, 2), chances.argmax(axis=1), chances.max(axis=1), none
+        return _box_corners(shares) * np.tile(picture, 2), chances.argmax(axis=1), chances.max(axis=1), none
     rows = threes[0]
     if form == "yolo-end":
         return rows[:, :4], rows[:, 5].astype(np.int64), rows[:, 4], rows[:, 6:]
     rows = rows.T if form == "yolo" else rows
     n_basis = next((answer.shape[1] for answer in answers if answer.ndim == 4), 0)
     chances = rows[:, 4 : rows.shape[1] - n_basis]
-    boxes = _cornered(rows[:, :4]) * (np.tile(picture, 2) if form == "detr" else 1.0)
+    boxes = _box_corners(rows[:, :4]) * (np.tile(picture, 2) if form == "detr" else 1.0)
     return boxes, chances.argmax(axis=1), chances.max(axis=1), rows[:, rows.shape[1] - n_basis :]
 
 
-def _cornered(boxes: FloatArray) -> FloatArray:
+def _box_corners(boxes: FloatArray) -> FloatArray:
     """(n, 4) x1 y1 x2 y2 of boxes by their middle, width and height."""
     half = boxes[:, 2:] / 2
     return np.hstack([boxes[:, :2] - half, boxes[:, :2] + half])

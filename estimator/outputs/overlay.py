@@ -187,7 +187,7 @@ def _with_panels(
 
     bold, plain = _fonts()
     sizes = np.array([_panel_size(report, labels, bold, plain) for report, labels in texts]).reshape(-1, 2)
-    things = np.array([_seen(lines, canvas.shape) for lines in edges]).reshape(-1, 4)
+    things = np.array([_visible_bounds(lines, canvas.shape) for lines in edges]).reshape(-1, 4)
     places = np.rint(label_places(things, sizes, (canvas.shape[1], canvas.shape[0])))
     sheet = Image.fromarray(canvas)
     shade = Image.new("RGBA", sheet.size, (0, 0, 0, 0))
@@ -237,7 +237,7 @@ def _panel_size(
     return math.ceil(max(widths)) + 2 * _PAD_PX, (1 + len(labels)) * _LINE_PX + _PAD_PX
 
 
-def _seen(lines: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+def _visible_bounds(lines: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """(4,) left, top, right and bottom of what is seen of a box."""
     places = lines.reshape(-1, 2)
     with np.errstate(invalid="ignore"):

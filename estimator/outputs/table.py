@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from estimator.records.result import Alternative, ObjectReport, ScaleResult
 from metric_base.escaping import visible
-from metric_base.terminal import Cell, output_width, styled, table_text
+from metric_base.terminal import Cell, output_width, style_text, table_text
 
 __all__ = ["csv_text", "headline", "result_text"]
 
@@ -35,11 +35,11 @@ def result_text(result: ScaleResult, *, wide: bool = False) -> str:
     lines = [headline(result)]
     if result.up is not None:
         vector = ", ".join(f"{value:.3f}" for value in result.up.vector)
-        lines.append(styled(f"up ({vector})  {result.up.method}, ±{result.up.sigma_deg:.1f}°", "dim"))
+        lines.append(style_text(f"up ({vector})  {result.up.method}, ±{result.up.sigma_deg:.1f}°", "dim"))
     if result.objects or result.evidence:
         lines.append(_object_table(result, width, wide).rstrip("\n"))
-        lines += [styled(line, "dim") for text in _unmeasured(result) for line in textwrap.wrap(text, width)]
-        lines += [styled(line, "dim") for line in textwrap.wrap(NOTE, width)]
+        lines += [style_text(line, "dim") for text in _unmeasured_lines(result) for line in textwrap.wrap(text, width)]
+        lines += [style_text(line, "dim") for line in textwrap.wrap(NOTE, width)]
     if result.without_support is not None:
         lines += textwrap.wrap(_line("without support planes", result.without_support, result.scale), width)
     if result.leave_one_class_out:
@@ -51,11 +51,11 @@ def headline(result: ScaleResult) -> str:
     """The scale and its interval in one line, or the modes of a scale that is unresolved."""
     if result.scale is None or result.interval is None:
         modes = ", ".join(f"{mode.scale:.4g} ({mode.mass:.0%})" for mode in result.modes) or "none"
-        return styled(f"scale unresolved; modes in m/unit: {modes}", "red")
+        return style_text(f"scale unresolved; modes in m/unit: {modes}", "red")
     low, high, level = result.interval.low, result.interval.high, result.interval.level
     down, up = max(1 - low / result.scale, 0.0), max(high / result.scale - 1, 0.0)
     spread = f"-{down:.0%} +{up:.0%}"
-    scale = styled(f"scale {result.scale:.4g} m per unit", "bold")
+    scale = style_text(f"scale {result.scale:.4g} m per unit", "bold")
     return f"{scale}   {level:.0%} interval {low:.4g} to {high:.4g} ({spread})"
 
 
@@ -119,7 +119,7 @@ def _has_size(item: ObjectReport) -> bool:
     return bool(item.dimensions)
 
 
-def _unmeasured(result: ScaleResult) -> list[str]:
+def _unmeasured_lines(result: ScaleResult) -> list[str]:
     """One line for each reason why things have no size.
 
     It counts masks: those of one thing that hold no points of the cloud cannot be joined to one object.

@@ -213,7 +213,9 @@ def _log_products(
     nodes = nodes.along(0.5 * (grids[:, 0] + grids[:, -1]), 0.5 * (grids[:, -1] - grids[:, 0]))
     powers = _unit_powers(grids.shape[1])
     floor = np.exp(components.log_floor).astype(np.float32)[:, None, None]
-    density = _summed(_quadratics(components, nodes, ways.entry[components.object]), powers, components) + floor
+    density = (
+        _sum_exponentials(_quadratics(components, nodes, ways.entry[components.object]), powers, components) + floor
+    )
     n, j, h = density.shape
     indicator = ((ways.entry == np.arange(len(grids))[:, None]) * ways.power[:, None]).astype(np.float32)  # (w, e)
     log_product = (indicator @ np.log(density).reshape(n, j * h)).reshape(-1, j, h)
@@ -245,7 +247,7 @@ def line_density(components: Rows, u: FloatArray) -> NDArray[np.float32]:
     lam, middle = components.line_precision, 0.5 * (u[0] + u[-1])
     centre = components.line_centre - middle
     coefficients = np.array([-0.5 * lam, lam * centre, components.line_log_peak - 0.5 * lam * centre**2], np.float32)
-    return _summed(coefficients.T[:, None], _powers(u - middle), components)[:, 0]
+    return _sum_exponentials(coefficients.T[:, None], _powers(u - middle), components)[:, 0]
 
 
 def _powers(t: FloatArray) -> FloatArray:
@@ -258,7 +260,7 @@ def _unit_powers(points: int) -> FloatArray:
     return _powers(np.linspace(-1, 1, points))
 
 
-def _summed(coefficients: NDArray[np.float32], powers: FloatArray, components: Rows) -> NDArray[np.float32]:
+def _sum_exponentials(coefficients: NDArray[np.float32], powers: FloatArray, components: Rows) -> NDArray[np.float32]:
     """The exponentials of quadratics, (m, j, 3) coefficients, summed over each object's rows: (n, j, g).
 
     Single precision: exponents of a thousand are off by 1e-4, a tenth of what the nodes are, for a third of the time.

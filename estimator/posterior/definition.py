@@ -16,7 +16,7 @@ import numpy as np
 
 from estimator.posterior.axes import prior_axes
 from estimator.posterior.class_likelihood import EFFECTIVE_OBJECTS
-from estimator.posterior.likelihood import ObjectEvidence, has_readings, hypothesis_rows, measured
+from estimator.posterior.likelihood import ObjectEvidence, has_readings, hypothesis_rows, measurement_arrays
 from estimator.posterior.sameness import Hypothesis, hypotheses
 from metric_base.arrays import FloatArray
 
@@ -41,7 +41,7 @@ def hypothesis_likelihood(
 ) -> FloatArray:
     """The integral (g,) of one hypothesis."""
     n, axes = len(evidence), prior_axes(way.prior)
-    parts = hypothesis_rows(measured(evidence), np.arange(n), [(way,)] * n)
+    parts = hypothesis_rows(measurement_arrays(evidence), np.arange(n), [(way,)] * n)
     precision, residual = _full(parts.precision), parts.residual.T  # (m, 3, 3), (m, 3)
     covariance = way.error.covariance[np.ix_(axes, axes)]  # (d, d)
     low, high = residual.min(axis=0)[axes], residual.max(axis=0)[axes]

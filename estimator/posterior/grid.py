@@ -70,7 +70,7 @@ def curve(grid: FloatArray, log_density: FloatArray, lines: FloatArray) -> Curve
     sharpest = float(lines[:, 1].min()) if len(lines) else math.inf
     factor = int(min(max(REFINEMENT, math.ceil(REFINEMENT * step / sharpest)), 512))
     fine = np.linspace(grid[0], grid[-1], (len(grid) - 1) * factor + 1)
-    log_fine = _upsampled(log_density, factor) + log_lines(fine, lines).sum(axis=0)
+    log_fine = _upsample(log_density, factor) + log_lines(fine, lines).sum(axis=0)
     log_ends = log_density[[0, -1]] + log_lines(grid[[0, -1]], lines).sum(axis=0)
     top = float(log_fine.max())
     density = np.exp(log_fine - top)
@@ -160,7 +160,7 @@ def _cumulative(posterior: Curve) -> FloatArray:
     return posterior.below + np.concatenate([[0.0], np.cumsum(pairs)])
 
 
-def _upsampled(values: FloatArray, factor: int) -> FloatArray:
+def _upsample(values: FloatArray, factor: int) -> FloatArray:
     """(g,) values at `factor` times the points by four-point Lagrange interpolation, (factor (g - 1) + 1,)."""
     first, last = 2 * values[0] - values[1], 2 * values[-1] - values[-2]  # straight on beyond the ends
     padded = np.concatenate([[first], values, [last]])

@@ -18,7 +18,14 @@ import numpy as np
 from estimator.posterior import grid
 from estimator.posterior.class_likelihood import JointTerms, LoneTerms, Ways, joint_classes, line_density, lone_classes
 from estimator.posterior.components import Rows
-from estimator.posterior.likelihood import Measured, ObjectEvidence, has_readings, hypothesis_rows, measured, rows
+from estimator.posterior.likelihood import (
+    Measured,
+    ObjectEvidence,
+    has_readings,
+    hypothesis_rows,
+    measurement_arrays,
+    rows,
+)
 from estimator.posterior.sameness import hypotheses
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray, IntArray
@@ -144,7 +151,7 @@ def status_of(modes: Sequence[Mode], bounds: tuple[float, float], curve: Curve |
 
 def object_curves(evidence: Sequence[ObjectEvidence], log_scale: FloatArray) -> FloatArray:
     """Each object's own likelihood over log scale relative to the outlier's, (n, g); for figures."""
-    components = rows(measured(evidence))
+    components = rows(measurement_arrays(evidence))
     density = line_density(components, log_scale)
     return np.asarray(density + np.exp(components.log_floor)[:, None])
 
@@ -165,7 +172,7 @@ class _Classes:
 
 
 def _classes(evidence: Sequence[ObjectEvidence], lines: FloatArray) -> _Classes:
-    objects = measured(evidence)
+    objects = measurement_arrays(evidence)
     base = rows(objects)
     u = _grid(base, lines)
     names = sorted({item.prior.node_id for item in evidence})

@@ -70,7 +70,7 @@ def hypotheses(prior: Prior, free: bool = False) -> tuple[Hypothesis, ...]:
 
     free : some object's vertical is unknown, so that each hypothesis comes with each reading of the axes.
     """
-    plain = [*_assorted(prior), *_one_kind(prior), *_foreign(prior)]
+    plain = [*_assorted_hypotheses(prior), *_one_kind(prior), *_foreign(prior)]
     if not free:
         return tuple(plain)
     third = math.log(len(READINGS))
@@ -79,7 +79,7 @@ def hypotheses(prior: Prior, free: bool = False) -> tuple[Hypothesis, ...]:
     )
 
 
-def _assorted(prior: Prior) -> list[Hypothesis]:
+def _assorted_hypotheses(prior: Prior) -> list[Hypothesis]:
     between = prior.disagreement()
     within = np.einsum("k,kij->ij", prior.weights, prior.covariances)
     assorted, related, _ = _kind_weights(prior)

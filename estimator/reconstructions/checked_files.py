@@ -58,7 +58,7 @@ def read_bytes(path: Path, most: int = -1, limit: int = MAX_BYTES) -> bytes:
         It is missing, a folder, a device, unreadable, empty, or of more than `limit` bytes; or a pipe that nobody
         writes to.
     """
-    with opened(path) as descriptor:
+    with open_file(path) as descriptor:
         mode = os.fstat(descriptor).st_mode
         if stat.S_ISREG(mode):
             size = os.fstat(descriptor).st_size
@@ -77,7 +77,7 @@ def read_bytes(path: Path, most: int = -1, limit: int = MAX_BYTES) -> bytes:
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[int]:
+def open_file(path: Path) -> Iterator[int]:
     """A descriptor of a file that is opened without waiting; the system's refusals are faults of the input."""
     try:
         # a pipe without a writer would keep us waiting in `open` itself

@@ -118,7 +118,7 @@ def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
 def _object(place: int, record: dict[str, Any]) -> MeasuredObject:
     if "dimensions" not in record and "extents" not in record and "category" in record:
         raise FieldFault(".dimensions", "dimensions or extents", None)
-    entry: _Upright | _Free = _converted(record, _Upright if "dimensions" in record else _Free)
+    entry: _Upright | _Free = _convert(record, _Upright if "dimensions" in record else _Free)
     names = entry.sigma.__struct_fields__
     extents = _sorted_extents(entry.extents) if isinstance(entry, _Free) else _numbers(entry.dimensions)
     confidence, sigma = _numbers(entry.confidence), _numbers(entry.sigma)
@@ -144,7 +144,7 @@ def _object(place: int, record: dict[str, Any]) -> MeasuredObject:
     )
 
 
-def _converted(record: dict[str, Any], kind: type[_Upright | _Free]) -> _Upright | _Free:
+def _convert(record: dict[str, Any], kind: type[_Upright | _Free]) -> _Upright | _Free:
     """The record by its schema; FieldFault with the place of the first value that does not fit."""
     try:
         entry = msgspec.convert(record, kind)

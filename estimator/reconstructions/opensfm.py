@@ -54,7 +54,7 @@ def read_opensfm(folder: Path) -> Scene:
         views = tuple(_view(name, shot, cameras) for name, shot in shots.items())
     tracks = folder / TRACKS
     if tracks.is_file():
-        views = _observed(tracks, views, names)
+        views = _with_observations(tracks, views, names)
     else:
         views = projected_views(views, points)
         warnings = (*warnings, f"{folder}: no {TRACKS}, so points are projected into every view that could see them")
@@ -147,7 +147,7 @@ def _view(name: str, entry: object, cameras: dict[str, Camera]) -> View:
     )
 
 
-def _observed(file: Path, views: tuple[View, ...], names: list[str]) -> tuple[View, ...]:
+def _with_observations(file: Path, views: tuple[View, ...], names: list[str]) -> tuple[View, ...]:
     """The views with their own observations of the points, tracks joined by id and images by name."""
     rows, tracks, normalised = read_observations(file, [view.name for view in views], names)
     order = np.argsort(rows, kind="stable")

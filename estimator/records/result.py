@@ -110,9 +110,9 @@ class ScaleResult:
             "schema": SCHEMA,
             "status": self.status,
             "method": self.method,
-            "scale": _rounded(self.scale),
+            "scale": _round(self.scale),
             "interval": None if self.interval is None else _interval(self.interval),
-            "modes": [{"scale": _rounded(mode.scale), "mass": round(mode.mass, 4)} for mode in self.modes],
+            "modes": [{"scale": _round(mode.scale), "mass": round(mode.mass, 4)} for mode in self.modes],
             "up": None if self.up is None else _up(self.up),
             "tree": {"name": self.tree[0], "version": self.tree[1]},
             "objects": [self._object(item) for item in self.objects],
@@ -128,7 +128,7 @@ class ScaleResult:
         lengths = [item for item in self.evidence if item.kind == "known_length"]
         if lengths:
             record["known_lengths"] = [
-                {"scale": _rounded(item.scale), "relative_sigma": _rounded(item.sd_log)} for item in lengths
+                {"scale": _round(item.scale), "relative_sigma": _round(item.sd_log)} for item in lengths
             ]
         return record
 
@@ -144,20 +144,20 @@ class ScaleResult:
     def _object(self, item: ObjectReport) -> dict[str, Any]:
         metres = None
         if self.scale is not None:
-            metres = {name: _rounded(value * self.scale) for name, value in item.dimensions.items()}
+            metres = {name: _round(value * self.scale) for name, value in item.dimensions.items()}
         return {
             "id": item.id,
             "category": item.category,
             "node": item.node,
             "points": item.points,
             "views": item.views,
-            "score": _rounded(item.score),
-            "dimensions": {name: _rounded(value) for name, value in item.dimensions.items()},
+            "score": _round(item.score),
+            "dimensions": {name: _round(value) for name, value in item.dimensions.items()},
             "dimensions_m": metres,
-            "confidence": {name: _rounded(value) for name, value in item.confidence.items()},
+            "confidence": {name: _round(value) for name, value in item.confidence.items()},
             "truncated": list(item.truncated),
             "used": list(item.used),
-            "scale": _rounded(item.scale),
+            "scale": _round(item.scale),
             "weight": round(item.weight, 3),
             "verdict": item.verdict,
             "reason": item.reason,
@@ -166,12 +166,12 @@ class ScaleResult:
 
 
 def _interval(interval: Interval) -> dict[str, float | None]:
-    return {"level": interval.level, "low": _rounded(interval.low), "high": _rounded(interval.high)}
+    return {"level": interval.level, "low": _round(interval.low), "high": _round(interval.high)}
 
 
 def _up(up: UpReport) -> dict[str, Any]:
     return {
-        "vector": [_rounded(value) for value in up.vector],
+        "vector": [_round(value) for value in up.vector],
         "method": up.method,
         "sigma_deg": round(up.sigma_deg, 2) if math.isfinite(up.sigma_deg) else None,
     }
@@ -181,8 +181,8 @@ def _evidence(item: EvidenceReport) -> dict[str, Any]:
     return {
         "kind": item.kind,
         "id": item.id,
-        "scale": _rounded(item.scale),
-        "sd_log": _rounded(item.sd_log),
+        "scale": _round(item.scale),
+        "sd_log": _round(item.sd_log),
         "weight": round(item.weight, 3),
         "verdict": item.verdict,
         "reason": item.reason,
@@ -193,13 +193,13 @@ def _alternative(other: Alternative) -> dict[str, Any]:
     return {
         "name": other.name,
         "objects": other.objects,
-        "scale": _rounded(other.scale),
-        "low": _rounded(other.low),
-        "high": _rounded(other.high),
+        "scale": _round(other.scale),
+        "low": _round(other.low),
+        "high": _round(other.high),
     }
 
 
-def _rounded(value: float | None) -> float | None:
+def _round(value: float | None) -> float | None:
     if value is None or not np.isfinite(value):
         return None
     return float(f"{value:.{DIGITS}g}")

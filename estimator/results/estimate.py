@@ -66,7 +66,7 @@ def scale_of_objects(
         estimate = replace(estimate, status="unresolved")
     elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
     rows = _evidence_rows(options, estimate, lines, clash)
-    answer = Answer(estimate, places, _used(evidence), reasons, rows)
+    answer = Answer(estimate, places, _used_dimensions(evidence), reasons, rows)
     heard = (*warnings, *_evidence_warnings(rows), *([] if clash is None else [clash.line(options.trust_known_length)]))
     result = result_of(objects, tree, by_name, answer, options, up, heard, elapsed)
     if estimate is None or not places:
@@ -136,7 +136,7 @@ def _evidence_warnings(rows: Sequence[EvidenceReport]) -> list[str]:
     ]
 
 
-def _used(evidence: Sequence[ObjectEvidence]) -> list[tuple[str, ...]]:
+def _used_dimensions(evidence: Sequence[ObjectEvidence]) -> list[tuple[str, ...]]:
     """The dimensions of each object that count in full: there, known to the prior, not cut."""
     return [
         names_of(item.object, there & ~np.asarray(item.object.truncated, dtype=bool))

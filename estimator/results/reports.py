@@ -138,7 +138,7 @@ def _warnings(
     estimate: Estimate | None, objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning]
 ) -> list[str]:
     unknown = sorted({item.category for item in objects if by_name[item.category].prior is None})
-    lines = [_said_once(name, by_name[name].reason) for name in unknown]
+    lines = [_reason_with_name(name, by_name[name].reason) for name in unknown]
     if estimate is None:
         lines.append("unresolved: no usable object" if objects else "unresolved: no object")
     elif (
@@ -156,7 +156,7 @@ def _warnings(
     return lines
 
 
-def _said_once(name: str, reason: str | None) -> str:
+def _reason_with_name(name: str, reason: str | None) -> str:
     """What a warning says of a category; most reasons say its name themselves."""
     reason = reason or ""
     if reason.startswith(f"{name!r}: "):

@@ -37,7 +37,7 @@ def dimension_names(item: MeasuredObject) -> tuple[str, str, str]:
 
 def outlier_reason(item: ObjectEvidence, scale: float, own_scale: float) -> str:
     """The dimension that lies furthest from the class's usual sizes at `scale`, else that the proportions do."""
-    names, sizes = _judged(item, scale)
+    names, sizes = _judged_sizes(item, scale)
     off = [
         (_excess(size, *bounds), name, size, bounds)
         for name, size, bounds in zip(names, sizes, _usual(item.prior), strict=True)
@@ -49,7 +49,7 @@ def outlier_reason(item: ObjectEvidence, scale: float, own_scale: float) -> str:
     return f"proportions unlike its class; alone it says scale {own_scale:.3g}"
 
 
-def _judged(item: ObjectEvidence, scale: float) -> tuple[tuple[str, ...], list[float]]:
+def _judged_sizes(item: ObjectEvidence, scale: float) -> tuple[tuple[str, ...], list[float]]:
     """The prior's dimensions and the object's sizes on them in mm; a free box is judged by its sorted extents."""
     extents = np.asarray(item.object.extents) * scale * 1000
     if is_sorted(item.prior):

@@ -43,7 +43,7 @@ class Box:
         """For arrays (h, w, ...)."""
         return slice(self.y0, self.y1), slice(self.x0, self.x1)
 
-    def joined(self, other: Box | None) -> Box:
+    def union(self, other: Box | None) -> Box:
         """The box about both."""
         if other is None:
             return self

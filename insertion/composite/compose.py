@@ -15,7 +15,7 @@ from insertion.composite.match import Look, grain
 from insertion.composite.occlusion import hidden_share
 from insertion.composite.received import received_share
 from insertion.places.surface import Surface
-from insertion.records.encoding import decoded, encoded
+from insertion.records.encoding import linear_to_srgb, srgb_to_linear
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.cloud import Cloud, FrontPoints
 from metric_base.arrays import BoolArray
@@ -70,7 +70,7 @@ def compose(
     dark_box = shadow_box(view, renderer.body, renderer.plane)
     if body_box is None and dark_box is None:
         return Composed(picture, None, 0.0)
-    box = dark_box.joined(body_box) if dark_box is not None else body_box
+    box = dark_box.union(body_box) if dark_box is not None else body_box
     assert box is not None  # one of the two is there
     layer = _nothing(box)
     if body_box is not None:
@@ -79,7 +79,7 @@ def compose(
     share, plane_depth = shadow_layer(renderer, view, box)
     share = received_share(share, plane_depth, renderer, view, box, front, instances, plane)
     before = picture[box.slices]
-    after = _mixed(before, layer, hidden, share, look, box, seed)
+    after = _blend(before, layer, hidden, share, look, box, seed)
     out = picture.copy()
     out[box.slices] = after
     visible = _visible(layer.alpha, hidden)
@@ -116,10 +116,10 @@ def compose_traced(
         each.append(Composed(picture, silhouette, _visible(layer.alpha, covered), whole, alpha, layer.depth))
     flat = np.ones((*whole.shape, 3), np.float32)
     layer = ObjectImage(traced[..., :3], traced[..., 3], np.full(whole.shape, np.nan, np.float32))
-    return _mixed(picture, layer, hidden, flat, look, whole, seed), each
+    return _blend(picture, layer, hidden, flat, look, whole, seed), each
 
 
-def _mixed(
+def _blend(
     before: Picture,
     layer: ObjectImage,
     hidden: NDArray[np.float32],
@@ -128,19 +128,19 @@ def _mixed(
     box: Box,
     seed: int,
 ) -> Picture:
-    light = decoded(before)
+    light = srgb_to_linear(before)
     kept = (1 - hidden)[..., None]
     covering = np.dstack([layer.colour * look.gain.astype(np.float32) * kept, layer.alpha[..., None] * kept])
-    covering = _blurred(covering, look.blur_px)
+    covering = _blur(covering, look.blur_px)
     alpha = covering[..., 3:]
     mixed = light * share * (1 - alpha) + covering[..., :3]
-    grey = encoded(mixed)
+    grey = linear_to_srgb(mixed)
     grey += grain(look, box, grey.mean(axis=-1), seed) * alpha
     changed = (alpha[..., 0] > 1e-3) | ((1 - share).max(axis=-1) > 1e-3)
     return np.where(changed[..., None], np.clip(np.rint(grey), 0, 255).astype(np.uint8), before)
 
 
-def _blurred(layer: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
+def _blur(layer: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
     """Blurred by the picture's own blur, less the renderer's."""
     import cv2
 

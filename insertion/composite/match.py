@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.composite.boxes import Box
-from insertion.records.encoding import decoded
+from insertion.records.encoding import srgb_to_linear
 from insertion.scene.cloud import Cloud, FrontPoints
 
 __all__ = ["Look", "Looks", "grain", "look_of"]
@@ -96,7 +96,7 @@ def _gain(picture: Picture, front: FrontPoints, cloud: Cloud) -> NDArray[np.floa
     """(3,) median ratio of the picture's linear colours to the cloud's, of points that are not hidden or clipped."""
     step = max(1, len(front.rows) // 8000)
     rows, at = front.rows[::step], front.pixels[::step].astype(np.int64)
-    here, mean = decoded(picture[at[:, 1], at[:, 0]]), cloud.colours[rows]
+    here, mean = srgb_to_linear(picture[at[:, 1], at[:, 0]]), cloud.colours[rows]
     good = (here > 0.02).all(axis=1) & (here < 0.9).all(axis=1) & (mean > 0.02).all(axis=1) & (mean < 0.9).all(axis=1)
     if np.count_nonzero(good) < MIN_POINTS:
         return np.ones(3)

@@ -57,7 +57,7 @@ def hidden_share(
         return np.zeros(box.shape, np.float32)
     inside = front.inside(box.x0, box.y0, box.x1, box.y1)
     pixels = inside.pixels - [box.x0, box.y0]
-    depths = np.where(front.marked(on_support, box.x0, box.y0, box.x1, box.y1), np.inf, inside.depths)
+    depths = np.where(front.marks_inside(on_support, box.x0, box.y0, box.x1, box.y1), np.inf, inside.depths)
     hidden = np.zeros(box.shape, dtype=bool)
     masked = np.zeros(box.shape, dtype=bool)
     silhouette = layer.alpha > 0.5

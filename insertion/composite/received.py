@@ -67,7 +67,7 @@ def received_share(
         places, normals = _places(view, box, depth, renderer)
         middle = renderer.body.corners.mean(axis=0)
         places[..., 3] = off & (np.linalg.norm(places[..., :3] - middle, axis=-1) < REACH_SIZES)
-        received = renderer.received(places, normals)
+        received = renderer.received_light(places, normals)
     weight = cv2.GaussianBlur((off | beside).astype(np.float32), (0, 0), 0.7)[..., None]
     size = (share.shape[1], share.shape[0])
     weight = cv2.resize(weight, size, interpolation=cv2.INTER_LINEAR)[..., None]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from insertion.light.environment import HEIGHT, WIDTH, Environment, map_directions, solid_angles
 from insertion.places.place import Place
-from insertion.records.encoding import decoded, luminance
+from insertion.records.encoding import luminance, srgb_to_linear
 from insertion.scene.cloud import Cloud, even_rows, points_seen
 from insertion.scene.footage import Stills
 from insertion.scene.rays import camera_rays
@@ -53,9 +53,9 @@ def environment_at(place: Place, height: float, cloud: Cloud, stills: Stills) ->
     seen = np.clip(count / 2.0, 0.0, 1.0)
     shown = total / np.maximum(count, 1e-6)[..., None]
     shown = shown * (1 + (CLIPPED_TIMES - 1) * (shown.max(axis=-1, keepdims=True) > CLIPPED))
-    filled = _filled(shown, seen)
+    filled = _fill(shown, seen)
     lamp = _lamp_direction(middle, place.basis, cloud)
-    raised = _raised(filled, seen, _white_level(samples), lamp)
+    raised = _raise_top(filled, seen, _white_level(samples), lamp)
     return Environment(raised.astype(np.float32), place.basis, seen.astype(np.float32))
 
 
@@ -70,7 +70,7 @@ def _samples(middle: FloatArray, basis: FloatArray, cloud: Cloud, stills: Stills
         away = places - middle
         away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9)
         directions.append(away @ basis.T)
-        colours.append(decoded(stills.picture(row)[STEP // 2 :: STEP, STEP // 2 :: STEP]).reshape(-1, 3))
+        colours.append(srgb_to_linear(stills.picture(row)[STEP // 2 :: STEP, STEP // 2 :: STEP]).reshape(-1, 3))
     return _Samples(np.concatenate(directions), np.concatenate(colours))
 
 
@@ -99,7 +99,7 @@ def _splat(samples: _Samples) -> tuple[FloatArray, FloatArray]:
     return np.asarray(np.stack(sums, axis=-1).reshape(HEIGHT, WIDTH, 3)), count.reshape(HEIGHT, WIDTH)
 
 
-def _filled(shown: FloatArray, seen: FloatArray) -> FloatArray:
+def _fill(shown: FloatArray, seen: FloatArray) -> FloatArray:
     """What is not seen, from ever wider neighbourhoods of what is (push and pull), half without its colour."""
     from scipy.ndimage import gaussian_filter
 
@@ -134,7 +134,7 @@ def _lamp_direction(middle: FloatArray, basis: FloatArray, cloud: Cloud) -> Floa
     return np.asarray(lamp / max(float(np.linalg.norm(lamp)), 1e-12))
 
 
-def _raised(filled: FloatArray, seen: FloatArray, white: float, lamp: FloatArray) -> FloatArray:
+def _raise_top(filled: FloatArray, seen: FloatArray, white: float, lamp: FloatArray) -> FloatArray:
     """The unseen upper part scaled so that white under this light has the level `white`: E(up) = pi white / albedo.
 
     LAMP_SHARE of the unseen part's irradiance becomes a lobe about the lamp's direction (3,).

@@ -21,7 +21,7 @@ def reflection_levels(environment: Environment) -> list[NDArray[np.float32]]:
     Level k is the convolution with the GGX lobe of alpha = roughness^2 about the mirrored direction, with the view
     along the normal (the usual split of the reflection integral).
     """
-    source = _reduced(environment.radiance, *_SOURCE)
+    source = _shrink(environment.radiance, *_SOURCE)
     directions = map_directions(*_SOURCE).reshape(-1, 3)
     weight = np.repeat(solid_angles(*_SOURCE), _SOURCE[1])  # (s,)
     levels = [environment.radiance]
@@ -40,6 +40,6 @@ def _lobe(cosine: FloatArray, roughness: float) -> FloatArray:
     return np.asarray(alpha2 / (half2 * (alpha2 - 1) + 1) ** 2 * np.maximum(cosine, 0.0))
 
 
-def _reduced(picture: NDArray[np.float32], height: int, width: int) -> FloatArray:
+def _shrink(picture: NDArray[np.float32], height: int, width: int) -> FloatArray:
     rows, columns = picture.shape[0] // height, picture.shape[1] // width
     return np.asarray(picture.reshape(height, rows, width, columns, 3).mean(axis=(1, 3)), dtype=np.float64)

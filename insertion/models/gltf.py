@@ -36,7 +36,7 @@ def read_model(path: Path) -> Model:
     header, binary = _header(path)
     _check(path, header)
     try:
-        scene = _trimesh_scene(path, _numbered(header), binary)
+        scene = _trimesh_scene(path, _number_materials(header), binary)
         parts = tuple(_parts(scene, header))
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError) as fault:
         raise InputFault(f"{path}: expected a readable glTF 2.0 file; found {type(fault).__name__}: {fault}") from fault
@@ -96,7 +96,7 @@ def _warnings(header: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _numbered(header: dict[str, Any]) -> dict[str, Any]:
+def _number_materials(header: dict[str, Any]) -> dict[str, Any]:
     """The header whose materials are named by their index."""
     materials = [{**material, "name": str(row)} for row, material in enumerate(header.get("materials", []))]
     return {**header, "materials": materials} if materials else header

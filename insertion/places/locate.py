@@ -232,7 +232,7 @@ def _visibility(space: Space, points: FloatArray) -> tuple[FloatArray, FloatArra
             apparent = np.linalg.norm(top - foot, axis=1) / view.camera.height
             seen = np.isfinite(foot[:, 0]) & np.isfinite(top[:, 0]) & (depth > 0)
             seen &= (apparent > APPARENT[0]) & (apparent < APPARENT[1]) & ((view.centre - points) @ up > 0)
-            seen &= _unhidden(space, view, points + 0.5 * space.height * up)
+            seen &= _visible_points(space, view, points + 0.5 * space.height * up)
             centre = np.array([view.camera.width, view.camera.height]) / 2
             off = np.linalg.norm((foot + top) / 2 - centre, axis=1)
         better = seen & (off < middle_best)
@@ -241,7 +241,7 @@ def _visibility(space: Space, points: FloatArray) -> tuple[FloatArray, FloatArra
     return good / len(space.scene.views), cameras
 
 
-def _unhidden(space: Space, view: View, points: FloatArray) -> BoolArray:
+def _visible_points(space: Space, view: View, points: FloatArray) -> BoolArray:
     """(k,) whether little of the cloud lies clearly in front of each point in a view."""
     step = max(1, len(space.cloud.points) // 6000)
     pixels, depths = pixels_in_view(view, space.cloud.points[::step])

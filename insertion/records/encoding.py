@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LUMINANCE", "decoded", "encoded", "luminance"]
+__all__ = ["LUMINANCE", "linear_to_srgb", "luminance", "srgb_to_linear"]
 
 #: Weights of linear red, green and blue in luminance (Rec. 709).
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)
@@ -22,12 +22,12 @@ def _curve() -> Linear:
 _CURVE = _curve()
 
 
-def decoded(picture: Picture) -> Linear:
+def srgb_to_linear(picture: Picture) -> Linear:
     """Linear light in 0 to 1 of an 8-bit sRGB picture of any shape."""
     return np.asarray(_CURVE[picture])
 
 
-def encoded(linear: NDArray[np.floating]) -> Linear:
+def linear_to_srgb(linear: NDArray[np.floating]) -> Linear:
     """SRGB values in 0 to 255, not rounded, of linear light; what is out of range is clipped."""
     light = np.clip(linear, 0.0, 1.0)
     srgb = np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)

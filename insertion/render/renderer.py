@@ -105,7 +105,7 @@ class ObjectRenderer:
             depth = np.where(seen[..., 1] > 0.01, seen[..., 0] / seen[..., 1], np.nan) * body.unit
         return ObjectImage(colour[..., :3].copy(), np.clip(colour[..., 3], 0, 1), depth.astype(np.float32))
 
-    def received(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
+    def received_light(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
         """(h, w, 3) share of the light that still reaches other things.
 
         places : (h, w, 4) in the local frame, the fourth 1 where a place is known; normals : (h, w, 3) unit.

@@ -94,7 +94,7 @@ def plane_map(
         flat.use()
         context.disable(context.DEPTH_TEST | context.BLEND)
         flat.clear()
-        _cast(program, parts, _flattened(direction, basis, reach))
+        _cast(program, parts, _shadow_matrix(direction, basis, reach))
         sums.use()
         context.enable(context.BLEND)
         context.blend_func = context.ONE, context.ONE
@@ -109,7 +109,7 @@ def plane_map(
     return PlaneMap(np.clip(share, 0.0, 1.0).astype(np.float32), reach)
 
 
-def _flattened(direction: FloatArray, basis: FloatArray, reach: float) -> FloatArray:
+def _shadow_matrix(direction: FloatArray, basis: FloatArray, reach: float) -> FloatArray:
     """(4, 4) from the local frame along a light onto the plane, -1 to 1 over the map; what is below is clipped."""
     rise = float(direction @ basis[2])
     clip = np.zeros((4, 4))

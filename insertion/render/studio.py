@@ -65,7 +65,7 @@ def studio_views(context: Any, model: Model, pixels: int) -> Iterator[StudioView
         _draw(context, smooth, program, parts)
         context.copy_framebuffer(plain, smooth)
         rgba = np.frombuffer(plain.read(components=4), "u1").reshape(side, side, 4)
-        yield StudioView(_cropped(rgba), pixels / (2 * radius * body.unit))
+        yield StudioView(_crop(rgba), pixels / (2 * radius * body.unit))
     for thing in (smooth, plain):
         thing.release()
 
@@ -104,7 +104,7 @@ def _draw(context: Any, target: Any, program: Any, parts: list[Any]) -> None:
     context.disable(context.BLEND)
 
 
-def _cropped(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _crop(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """The box of the foreground; colours without the premultiplied alpha."""
     rows, columns = np.nonzero(rgba[..., 3])
     box = rgba[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1].astype(np.float64)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Instance, Scene, View
 from insertion.scene.cloud import Cloud, front_points
-from insertion.scene.rays import normalized
+from insertion.scene.rays import normalized_pixels
 from metric_base.arrays import FloatArray
 
 __all__ = ["MaskCarrier"]
@@ -44,7 +44,7 @@ class MaskCarrier:
             return ()
         depths = self._depths.setdefault(source, self._planes(source))
         carried = [
-            _carried(item, self._scene.views[source], view, plane)
+            _carry(item, self._scene.views[source], view, plane)
             for item, plane in zip(self._by_view[source], depths, strict=True)
             if plane is not None
         ]
@@ -65,7 +65,7 @@ class MaskCarrier:
         """(3,) inverse depth a, b, c over normalized coordinates, of each instance of a view; None without points."""
         view = self._scene.views[row]
         front = front_points(view, self._cloud)
-        flat = normalized(view.camera, front.pixels)
+        flat = normalized_pixels(view.camera, front.pixels)
         return [_inverse_depth(item, front.pixels, flat, front.depths) for item in self._by_view[row]]
 
 
@@ -89,12 +89,12 @@ def _inverse_depth(item: Instance, pixels: FloatArray, flat: FloatArray, depths:
     return np.array([a - b * centre[0] - c * centre[1], b, c])
 
 
-def _carried(item: Instance, source: View, view: View, plane: FloatArray) -> Instance | None:
+def _carry(item: Instance, source: View, view: View, plane: FloatArray) -> Instance | None:
     """The instance as the other view shows it, None where it is out of the picture."""
     import cv2
 
     outlines, _ = cv2.findContours(item.mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    moved = [_moved(line[:, 0] + np.array(item.origin) + 0.5, source, view, plane) for line in outlines]
+    moved = [_move_outline(line[:, 0] + np.array(item.origin) + 0.5, source, view, plane) for line in outlines]
     kept = [line for line in moved if line is not None]
     if not kept or len(kept) < len(moved):
         return None
@@ -109,8 +109,8 @@ def _carried(item: Instance, source: View, view: View, plane: FloatArray) -> Ins
     return replace(item, mask=mask.astype(bool), origin=(int(low[0]), int(low[1])))
 
 
-def _moved(outline: NDArray[np.floating], source: View, view: View, plane: FloatArray) -> FloatArray | None:
-    flat = normalized(source.camera, np.asarray(outline, dtype=np.float64))
+def _move_outline(outline: NDArray[np.floating], source: View, view: View, plane: FloatArray) -> FloatArray | None:
+    flat = normalized_pixels(source.camera, np.asarray(outline, dtype=np.float64))
     inverse = plane[0] + flat @ plane[1:]
     if (inverse <= 0).any():
         return None

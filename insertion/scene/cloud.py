@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import Scene, View
-from insertion.records.encoding import decoded
+from insertion.records.encoding import srgb_to_linear
 from insertion.scene.footage import Stills
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
@@ -54,7 +54,7 @@ class FrontPoints:
         kept = self._within(x0, y0, x1, y1)
         return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense)
 
-    def marked(self, marks: BoolArray, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
+    def marks_inside(self, marks: BoolArray, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
         """The marks (m,) of the points that `inside` keeps."""
         return marks[self._within(x0, y0, x1, y1)]
 
@@ -68,9 +68,9 @@ def front_points(view: View, cloud: Cloud, row: int | None = None) -> FrontPoint
     row : of the view in the scene, if it is one of the scene's: then its own visibility decides, where it is known.
     """
     if row is None or cloud.seen_by is None:
-        return FrontPoints(*_seen(view, cloud.points), cloud.dense)
+        return FrontPoints(*_visible_points(view, cloud.points), cloud.dense)
     known = cloud.seen_by[row]
-    rows, pixels, depths = _seen(view, cloud.points[known])
+    rows, pixels, depths = _visible_points(view, cloud.points[known])
     return FrontPoints(known[rows], pixels, depths, cloud.dense)
 
 
@@ -85,7 +85,7 @@ def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
     for row in even_rows(stills.rows, MAX_STILLS):
         seen, pixels, _ = points_seen(scene, row, points)
         at = pixels.astype(np.int64)
-        total[seen] += decoded(stills.picture(row)[at[:, 1], at[:, 0]])
+        total[seen] += srgb_to_linear(stills.picture(row)[at[:, 1], at[:, 0]])
         count[seen] += 1
     with np.errstate(invalid="ignore"):
         colours = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)
@@ -109,10 +109,10 @@ def _visibility(scene: Scene, step: int) -> tuple[IntArray, ...] | None:
 
 def points_seen(scene: Scene, row: int, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     """Rows of the points that a view sees and no other point hides, their (m, 2) pixels and (m,) depths."""
-    return _seen(scene.views[row], points)
+    return _visible_points(scene.views[row], points)
 
 
-def _seen(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+def _visible_points(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     pixels, depths = pixels_in_view(view, points)
     inside = np.flatnonzero(np.isfinite(pixels[:, 0]))
     pixels, depths = pixels[inside], depths[inside]

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
 
-__all__ = ["camera_rays", "normalized", "pixel_grid", "ray_through"]
+__all__ = ["camera_rays", "normalized_pixels", "pixel_grid", "ray_through"]
 
 _PINHOLES = ("PINHOLE", "SIMPLE_PINHOLE")
 
 
-def normalized(camera: Camera, pixels: FloatArray) -> FloatArray:
+def normalized_pixels(camera: Camera, pixels: FloatArray) -> FloatArray:
     """(n, 2) x / z and y / z in the camera of (n, 2) pixels, the lens undone."""
     if camera.model in _PINHOLES:
         return np.asarray((pixels - camera.params[-2:]) / camera.params[:-2])
@@ -29,7 +29,7 @@ def normalized(camera: Camera, pixels: FloatArray) -> FloatArray:
 
 def ray_through(view: View, x: float, y: float) -> FloatArray:
     """(3,) direction in the scene of the ray through a pixel, of length 1 along the optical axis."""
-    flat = normalized(view.camera, np.array([[x, y]]))[0]
+    flat = normalized_pixels(view.camera, np.array([[x, y]]))[0]
     return np.asarray(np.append(flat, 1.0) @ view.rotation)
 
 
@@ -47,5 +47,5 @@ def camera_rays(camera: Camera) -> NDArray[np.float32]:
 @lru_cache(maxsize=2)
 def _rays(model: str, width: int, height: int, params: bytes) -> NDArray[np.float32]:
     camera = Camera(model, width, height, np.frombuffer(params, dtype=np.float64))
-    flat = normalized(camera, pixel_grid(0, 0, width, height))
+    flat = normalized_pixels(camera, pixel_grid(0, 0, width, height))
     return flat.reshape(height, width, 2).astype(np.float32)

@@ -36,7 +36,7 @@ from metric_base.arrays import FloatArray
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
-__all__ = ["LayerSink", "Placed", "insert_objects", "place_objects", "resized", "single_picture", "space_for"]
+__all__ = ["LayerSink", "Placed", "insert_objects", "place_objects", "resize", "single_picture", "space_for"]
 
 #: This share of the cloud's points inside the object's box is no stray.
 TAKEN_SHARE = 3e-4
@@ -105,7 +105,7 @@ class _Run:
 
 def place_objects(stage: Stage, requests: Sequence[ObjectRequest], tree: Tree | None = None) -> list[Placed]:
     """Every object at its place. Raises InputFault, or NoPlace with the reason."""
-    return [_placed(stage, request, tree) for request in requests]
+    return [_place_object(stage, request, tree) for request in requests]
 
 
 def insert_objects(
@@ -135,7 +135,7 @@ def insert_objects(
             started = time.perf_counter()
             if layers is not None:
                 layers.picture(shot, picture)
-            out = _drawn(run, shot, picture)
+            out = _draw_objects(run, shot, picture)
             rendered = time.perf_counter()
             write(shot, out)
             seconds["render"] += rendered - started
@@ -144,7 +144,7 @@ def insert_objects(
     return [_result(stage, item, seconds) for item in running]
 
 
-def resized(placed: Placed, times: float) -> Placed:
+def resize(placed: Placed, times: float) -> Placed:
     """The same object grown about its foot."""
     size = replace(placed.size, factor=placed.size.factor * times)
     return replace(placed, size=size, body=replace(placed.body, unit=placed.body.unit * times))
@@ -156,7 +156,7 @@ def single_picture(stage: Stage, objects: Sequence[Placed], shot: Shot) -> Pictu
         if other.index == shot.index:
             context = gl_context()
             running = [_Running(item, _renderer(context, stage, item)) for item in objects]
-            out = _drawn(_Run(stage, running, Looks(smooth=False), False, None, None), shot, picture)
+            out = _draw_objects(_Run(stage, running, Looks(smooth=False), False, None, None), shot, picture)
             context.release()
             return out
     raise LookupError(shot.name)
@@ -169,7 +169,7 @@ def space_for(stage: Stage, model: Model, size: Size) -> Space:
     return Space(stage.scene, stage.cloud, stage.supports, radius, float(model.extents[1]) * units)
 
 
-def _placed(stage: Stage, request: ObjectRequest, tree: Tree | None) -> Placed:
+def _place_object(stage: Stage, request: ObjectRequest, tree: Tree | None) -> Placed:
     model = read_model(request.model)
     size = model_size(model, request.size, tree, request.category)
     place = _place(stage, request, space_for(stage, model, size))
@@ -212,7 +212,7 @@ def _renderer(context: Any, stage: Stage, item: Placed) -> ObjectRenderer:
     return ObjectRenderer(context, item.body, environment_at(item.place, height, stage.cloud, stage.stills))
 
 
-def _drawn(run: _Run, shot: Shot, picture: Picture) -> Picture:
+def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:
     """The picture with all objects, the farthest first."""
     view = shot.view
     if view is None:
@@ -222,7 +222,7 @@ def _drawn(run: _Run, shot: Shot, picture: Picture) -> Picture:
     front = front_points(view, run.stage.cloud, shot.row)
     look = run.looks.next(picture, front, run.stage.cloud)
     order = sorted(run.objects, key=lambda item: -float(np.linalg.norm(view.centre - item.placed.body.position)))
-    picture, each = _composed(run, shot, view, picture, front, look, order)
+    picture, each = _compose(run, shot, view, picture, front, look, order)
     for item, composed in zip(order, each, strict=True):
         item.frames.append(FrameReport(shot.name, shot.time_s, composed.silhouette, composed.visible))
         if run.layers is not None:
@@ -232,7 +232,7 @@ def _drawn(run: _Run, shot: Shot, picture: Picture) -> Picture:
     return picture
 
 
-def _composed(
+def _compose(
     run: _Run, shot: Shot, view: View, picture: Picture, front: FrontPoints, look: Look, order: Sequence[_Running]
 ) -> tuple[Picture, list[Composed]]:
     stage, masks = run.stage, run.stage.masks(shot)
@@ -251,7 +251,7 @@ def _composed(
     return picture, each
 
 
-def _taken(stage: Stage, placed: Placed) -> list[str]:
+def _collision_warning(stage: Stage, placed: Placed) -> list[str]:
     """A warning where the cloud has things in the space of the object."""
     local = (stage.cloud.points - placed.body.position) @ placed.body.basis.T / placed.body.unit
     corners = placed.body.corners @ placed.body.basis.T
@@ -264,7 +264,7 @@ def _taken(stage: Stage, placed: Placed) -> list[str]:
 def _result(stage: Stage, item: _Running, seconds: dict[str, float]) -> InsertionResult:
     placed = item.placed
     unposed = sum(shot.view is None for shot in stage.footage.shots)
-    warnings = [*placed.model.warnings, *placed.size.warnings, *_taken(stage, placed)]
+    warnings = [*placed.model.warnings, *placed.size.warnings, *_collision_warning(stage, placed)]
     if unposed:
         warnings.append(f"{unposed} frame(s) have no known pose and are left as they are")
     return InsertionResult(

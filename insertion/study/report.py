@@ -29,13 +29,13 @@ def report_text(curve: Curve) -> str:
             "participants, larger pictures, or things of known size beside the object may show one."
         )
         return "\n".join(lines)
-    lines.append(f"most say right at {curve.observer.peak:+.1f} %{_between(curve.peak_interval)}")
-    lines.append(f"just-noticeable step: {curve.observer.noticeable:.1f} %{_between(curve.noticeable_interval)}")
+    lines.append(f"most say right at {curve.observer.peak:+.1f} %{_interval_text(curve.peak_interval)}")
+    lines.append(f"just-noticeable step: {curve.observer.noticeable:.1f} %{_interval_text(curve.noticeable_interval)}")
     lines.append(f"the paper: at most {PAPER_PEAK[1]:.2f} say right, at {PAPER_PEAK[0]:+.0f} %")
     return "\n".join(lines)
 
 
-def _between(interval: tuple[float, float] | None) -> str:
+def _interval_text(interval: tuple[float, float] | None) -> str:
     return "" if interval is None else f" (95 %: {interval[0]:+.1f} to {interval[1]:+.1f} %)"
 
 

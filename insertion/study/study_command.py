@@ -74,11 +74,11 @@ def _make(options: argparse.Namespace) -> int:
 
 def _pictures(stage: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
     """The chosen picture at every step: the first object grows and shrinks about its foot, the rest stays."""
-    from insertion.staging.insert import resized, single_picture
+    from insertion.staging.insert import resize, single_picture
     from insertion.study.page import STEPS
 
     chosen = _shot(stage, placed, frame)
-    return {step: single_picture(stage, [resized(placed[0], 1 + step / 100), *placed[1:]], chosen) for step in STEPS}
+    return {step: single_picture(stage, [resize(placed[0], 1 + step / 100), *placed[1:]], chosen) for step in STEPS}
 
 
 def _shot(stage: Any, placed: Sequence[Any], frame: str | None) -> Any:

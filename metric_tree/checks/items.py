@@ -139,7 +139,7 @@ def _outlier_findings(own: pa.Table, extents: FloatArray) -> Iterator[Finding]:
         return
     factors = slip_factors(extents, against)
     for row in np.flatnonzero(factors != 1.0):
-        text = f"extents_mm: expected about {_centre(against)}; found {_listed(extents[row])}"
+        text = f"extents_mm: expected about {_centre(against)}; found {_size_text(extents[row])}"
         item_id = own["item_id"][int(row)].as_py()
         if np.isfinite(factors[row]):
             yield Finding("W309", item_id, f"{text}, {_times(factors[row])}")
@@ -188,7 +188,7 @@ def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], extents: Floa
             against = sibling_reference(others) if len(others) else None
             factor = float(slip_factors(medians[node_id][None], against)[0]) if against else 1.0
             if np.isfinite(factor) and factor != 1.0:
-                found = f"{_listed(medians[node_id])}, {_times(factor)}"
+                found = f"{_size_text(medians[node_id])}, {_times(factor)}"
                 yield Finding("W314", node_id, f"extents_mm: expected about {_centre(against)}; found {found}")
 
 
@@ -198,10 +198,10 @@ def _times(factor: float) -> str:
 
 
 def _centre(against: Reference | None) -> str:
-    return _listed(np.exp(against.centre)) if against else "nothing"
+    return _size_text(np.exp(against.centre)) if against else "nothing"
 
 
-def _listed(extents: FloatArray) -> str:
+def _size_text(extents: FloatArray) -> str:
     return " x ".join(f"{side:.0f}" for side in extents if np.isfinite(side)) + " mm"
 
 

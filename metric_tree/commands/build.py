@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Build and print what came of it."""
     options = Options(
         version=_semantic(arguments.version),
-        created=_created(arguments.created),
+        created=_creation_date(arguments.created),
         name=arguments.name,
         fold_out=arguments.fold_out,
         noncommercial=not arguments.without_noncommercial,
@@ -213,7 +213,7 @@ def _semantic(text: str) -> str:
     return text
 
 
-def _created(text: str | None) -> str:
+def _creation_date(text: str | None) -> str:
     if text is None:
         epoch = os.environ.get(DATE_VARIABLE)
         moment = datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now(UTC)

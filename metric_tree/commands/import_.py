@@ -51,8 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Import, write, and print the counts of each source."""
     if arguments.list:
-        return _print_sources(_declared(arguments), arguments.json, arguments.verbose)
-    chosen = _chosen(arguments)
+        return _print_sources(_declared_sources(arguments), arguments.json, arguments.verbose)
+    chosen = _chosen_sources(arguments)
     _see_places(arguments)
     summaries = []
     for declared in _with_progress(chosen):
@@ -68,19 +68,19 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(summaries if arguments.all else summaries[0])
     else:
         columns = ("source", "rows", "items", "sampled_out", "refused")
-        rows = [(*(entry[c] for c in columns), _listed(entry["reasons"])) for entry in summaries]
+        rows = [(*(entry[c] for c in columns), _reason_counts(entry["reasons"])) for entry in summaries]
         print_table([*columns, "reasons"], rows)
     return 0
 
 
-def _chosen(arguments: argparse.Namespace) -> Sequence[Source]:
+def _chosen_sources(arguments: argparse.Namespace) -> Sequence[Source]:
     if arguments.all == bool(arguments.source):
         given = f"both, {arguments.source} and --all" if arguments.all else "neither"
         raise InputFault(f"SOURCE: expected one source, or --all; found {given}")
-    return _declared(arguments) if arguments.all else [source(arguments.source, arguments.sources)]
+    return _declared_sources(arguments) if arguments.all else [source(arguments.source, arguments.sources)]
 
 
-def _declared(arguments: argparse.Namespace) -> Sequence[Source]:
+def _declared_sources(arguments: argparse.Namespace) -> Sequence[Source]:
     """All declared sources: the package's, or those of the folder that was given."""
     declared = sources(arguments.sources)
     if not declared:
@@ -142,5 +142,5 @@ def _print_sources(declared: Sequence[Source], as_json: bool, verbose: bool) -> 
     return 0
 
 
-def _listed(reasons: dict[str, int]) -> str:
+def _reason_counts(reasons: dict[str, int]) -> str:
     return ", ".join(f"{code} {n}" for code, n in reasons.items())

@@ -75,7 +75,7 @@ def summary(node: Node, dims: tuple[str, ...] | None = None) -> dict[str, Any]:
         "sentence": everyday_sentence(node.name.partition(" (")[0], prior) if prior else None,
         "shipped": shipped_evidence(node),
         "quantiles_mm": _quantiles(prior) if prior else None,
-        "prior": _described(prior) if prior else None,
+        "prior": _prior_record(prior) if prior else None,
     }
 
 
@@ -98,7 +98,7 @@ def _quantiles(prior: Prior) -> dict[str, dict[str, float]]:
     }
 
 
-def _described(prior: Prior) -> dict[str, Any]:
+def _prior_record(prior: Prior) -> dict[str, Any]:
     return {
         "family": "lognormal-mixture",
         "weights": prior.weights.tolist(),

@@ -83,7 +83,9 @@ def disagreement(
     within = _within(x, known, mass, np.nan_to_num(means)[code], rows, spread)
     own_kinds = tuple(kinds[row] for row in first)
     spreads = _spreads(x, known, mass, means, rows)
-    return _completed(Disagreement(tuple(map(str, names)), own_kinds, means, rows, within, within, 0.0, spreads))
+    return _with_source_covariance(
+        Disagreement(tuple(map(str, names)), own_kinds, means, rows, within, within, 0.0, spreads)
+    )
 
 
 def with_statements(one: Disagreement, names: Sequence[str], kinds: Sequence[str], means: FloatArray) -> Disagreement:
@@ -91,7 +93,7 @@ def with_statements(one: Disagreement, names: Sequence[str], kinds: Sequence[str
     if not len(names):
         return one
     rows = np.where(np.isnan(means), 0.0, CERTAIN_ROWS)
-    return _completed(
+    return _with_source_covariance(
         replace(
             one,
             sources=(*one.sources, *names),
@@ -103,7 +105,7 @@ def with_statements(one: Disagreement, names: Sequence[str], kinds: Sequence[str
     )
 
 
-def _completed(one: Disagreement) -> Disagreement:
+def _with_source_covariance(one: Disagreement) -> Disagreement:
     """With the covariance between its sources of the world."""
     trust = np.array([float(kind in WORLD_KINDS) for kind in one.kinds])
     between = _moments(one.means, one.rows, trust, one.within)

@@ -170,7 +170,7 @@ def _offsets(model: KindModel, table: _Table, kinds: Sequence[str], families: Se
     return np.asarray(biases[table.kind, table.family[:, None]])
 
 
-def _restricted(means: FloatArray, variances: FloatArray, present: FloatArray) -> FloatArray:
+def _restricted_likelihood(means: FloatArray, variances: FloatArray, present: FloatArray) -> FloatArray:
     """Restricted log likelihood of each line, (n,): -(sum ln V + ln sum 1/V + sum (m - mu)^2 / V) / 2."""
     weight = present / variances
     total = weight.sum(axis=1)
@@ -180,8 +180,8 @@ def _restricted(means: FloatArray, variances: FloatArray, present: FloatArray) -
 
 
 def _plain_and_mixed(means: FloatArray, variances: FloatArray, present: FloatArray) -> tuple[FloatArray, FloatArray]:
-    plain = np.log(1 - MIXED_SHARE) + _restricted(means, variances, present)
-    mixed = np.log(MIXED_SHARE) + _restricted(means, variances + MIXED_SD**2, present)
+    plain = np.log(1 - MIXED_SHARE) + _restricted_likelihood(means, variances, present)
+    mixed = np.log(MIXED_SHARE) + _restricted_likelihood(means, variances + MIXED_SD**2, present)
     return plain, mixed
 
 

@@ -21,7 +21,7 @@ __all__ = [
     "disagreements",
     "known_shares",
     "level_counts",
-    "mixed",
+    "mixed_leaves",
     "source_counts",
     "typical_nodes",
 ]
@@ -119,7 +119,7 @@ def disagreements(tree: Tree) -> list[tuple[str, int, int, float]]:
     return sorted(rows, key=lambda row: -row[3])
 
 
-def mixed(tree: Tree) -> list[tuple[str, int, str]]:
+def mixed_leaves(tree: Tree) -> list[tuple[str, int, str]]:
     """Leaves that look like two kinds of thing under one name: path, items, medians of the parts; most items first.
 
     The part sizes are geometric means over the dimensions, in mm.

@@ -31,7 +31,7 @@ from metric_tree.report.counts import (
     disagreements,
     known_shares,
     level_counts,
-    mixed,
+    mixed_leaves,
     source_counts,
     typical_nodes,
 )
@@ -125,7 +125,7 @@ def _findings(tree: Tree) -> str:
         else paragraph("The checks find nothing.")
     )
     differing = [(*row[:3], f"{row[3]:.0f} %") for row in disagreements(tree)[:SHOWN]]
-    several = mixed(tree)
+    several = mixed_leaves(tree)
     return (
         "<h3>Findings of the checks</h3>\n"
         + checked

@@ -131,7 +131,7 @@ def rulings(given: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
     """What is settled, by (source, words) of matches: the decision that two reviewers share."""
     settled = {}
     for (what, subject), by_reader in _by_subject(given).items():
-        decision = _settled(list(by_reader.values()))
+        decision = _majority_decision(list(by_reader.values()))
         if what == "match" and decision is not None:
             source, _, words = subject.partition(": ")
             settled[source, words] = decision
@@ -140,7 +140,9 @@ def rulings(given: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
 
 def waiting(given: Iterable[Decision]) -> list[tuple[str, str]]:
     """(what, subject) of all that only one reviewer has read, or that two read differently and no third has settled."""
-    return [key for key, by_reader in _by_subject(given).items() if _settled(list(by_reader.values())) is None]
+    return [
+        key for key, by_reader in _by_subject(given).items() if _majority_decision(list(by_reader.values())) is None
+    ]
 
 
 def disagreements(given: Iterable[Decision]) -> list[tuple[Decision, Decision]]:
@@ -214,7 +216,7 @@ def _by_subject(given: Iterable[Decision]) -> dict[tuple[str, str], dict[str, De
     return {key: words for key, words in grouped.items() if words}
 
 
-def _settled(read: Sequence[Decision]) -> Decision | None:
+def _majority_decision(read: Sequence[Decision]) -> Decision | None:
     """The decision that at least two reviewers share, or None."""
     shares = Counter(decision.decision for decision in read)
     return next((decision for decision in read if shares[decision.decision] >= _READERS), None)

@@ -84,7 +84,7 @@ class Lexicon:
 
     def _of_form(self, form: str) -> tuple[str, ...]:
         senses = (sense for lemma in self._lemmas.get(form, ()) for sense in self.wordnet.senses(lemma))
-        return tuple(dict.fromkeys((*self._inserted_by_name.get(form, ()), *senses)))
+        return tuple(dict.fromkeys((*self._insertions_by_name.get(form, ()), *senses)))
 
     def forms(self, phrase: str) -> Iterator[str]:
         """What a folded phrase may be a spelling or a plural of, itself first."""
@@ -97,12 +97,12 @@ class Lexicon:
             yield from (f"{single} of {rest}" for single in singulars(first))
         compact = phrase.replace(" ", "")
         if len(compact) >= _SHORTEST_COMPOUND:
-            yield from self._spaced.get(compact, ())
+            yield from self._names_without_spaces.get(compact, ())
             for single in singulars(compact):
-                yield from self._spaced.get(single, ())
+                yield from self._names_without_spaces.get(single, ())
 
     @cached_property
-    def _inserted_by_name(self) -> Mapping[str, tuple[str, ...]]:
+    def _insertions_by_name(self) -> Mapping[str, tuple[str, ...]]:
         names: defaultdict[str, dict[str, None]] = defaultdict(dict)
         placed: defaultdict[str, dict[str, None]] = defaultdict(dict)
         for insertion in self.inserted.values():
@@ -120,10 +120,10 @@ class Lexicon:
         return {name: tuple(nouns) for name, nouns in lemmas.items()}
 
     @cached_property
-    def _spaced(self) -> Mapping[str, tuple[str, ...]]:
+    def _names_without_spaces(self) -> Mapping[str, tuple[str, ...]]:
         """Names by their spelling without spaces, where that differs: `barstool` to `bar stool`."""
         spaced: defaultdict[str, list[str]] = defaultdict(list)
-        for name in (*self._inserted_by_name, *self._lemmas):
+        for name in (*self._insertions_by_name, *self._lemmas):
             spaced[name.replace(" ", "")].append(name)
         return {compact: tuple(names) for compact, names in spaced.items()}
 

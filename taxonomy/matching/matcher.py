@@ -71,15 +71,15 @@ class Matcher:
         texts = _texts(reading, category_path, title)
         subject = fold_text(texts[0]) if texts else fold_text(title)
         finding = (
-            self._ruled(source, category_path, texts)
-            or self._named_by_source(synset, subject)
+            self._finding_by_decision(source, category_path, texts)
+            or self._finding_by_source_synset(synset, subject)
             or self._of_class(reading, category_path, subject)
             or self._of_title(reading, category_path, texts, title)
             or self._of_words(reading, texts, subject)
         )
-        return self._refined(finding, reading, title)
+        return self._narrow(finding, reading, title)
 
-    def _ruled(self, source: str, path: tuple[str, ...], texts: tuple[str, ...]) -> Finding | None:
+    def _finding_by_decision(self, source: str, path: tuple[str, ...], texts: tuple[str, ...]) -> Finding | None:
         whole_path = " > ".join(fold_text(part) for part in path)
         nouns = (fold_text(noun_phrase(text)) for text in texts)
         for subject in dict.fromkeys((*map(fold_text, texts[:1]), whole_path, *map(fold_text, texts), *nouns)):
@@ -87,7 +87,7 @@ class Matcher:
                 return self._namer.finding_of_decision(ruling, subject)
         return None
 
-    def _named_by_source(self, synset: str | None, subject: str) -> Finding | None:
+    def _finding_by_source_synset(self, synset: str | None, subject: str) -> Finding | None:
         if not synset:
             return None
         try:
@@ -127,7 +127,7 @@ class Matcher:
             next(said, findings[0] if findings else no_concept("none", "no words", subject)), subject=subject
         )
 
-    def _refined(self, finding: Finding, reading: Reading, title: str) -> Finding:
+    def _narrow(self, finding: Finding, reading: Reading, title: str) -> Finding:
         """A narrower concept that the title's noun phrase names, where the source is read so."""
         if not (reading.refined and finding.concept and title):
             return finding

@@ -87,14 +87,14 @@ class Namer:
         noun = noun_phrase(text)
         phrase = fold_text(noun)
         bare = _NUMBER.sub("", phrase)
-        if known := self._known(said, domain, "exact"):
+        if known := self._finding_of_name(said, domain, "exact"):
             return known
         if several := self._several(text, noun, domain, whole):
             return several
-        known = self._known(phrase, domain, "exact") or self._known(bare, domain, "exact")
+        known = self._finding_of_name(phrase, domain, "exact") or self._finding_of_name(bare, domain, "exact")
         if known or whole:
             return known or no_concept("unknown", f"unknown name {phrase!r}", phrase)
-        return self._numbered(phrase, domain) or self._of_phrase(bare, domain)
+        return self._finding_with_number(phrase, domain) or self._of_phrase(bare, domain)
 
     def _several(self, text: str, noun: str, domain: Domain, whole: bool) -> Finding | None:
         """Why a text names no single thing; or the first of things joined by `and`, where the others are its parts."""
@@ -110,11 +110,11 @@ class Namer:
             return self._new_finding(first, domain, whole)
         return no_concept("set", "several things", fold_text(text))
 
-    def _numbered(self, phrase: str, domain: Domain) -> Finding | None:
+    def _finding_with_number(self, phrase: str, domain: Domain) -> Finding | None:
         """A name with a number in it that the phrase ends with (`karlstad 3 seters sofa`)."""
         for form in Phrase(phrase.split()).endings():
             numbered = " " in form and any(word.isdigit() for word in form.split())
-            if numbered and (known := self._known(form, domain, "compound")):
+            if numbered and (known := self._finding_of_name(form, domain, "compound")):
                 return replace(known, subject=phrase)
         return None
 
@@ -128,15 +128,15 @@ class Namer:
         if {head, head.removesuffix("s")} & _PART_WORDS and not alone:
             return no_concept("part", f"{head!r} is a part of something", phrase)
         for form, rule in _compounds(words):
-            if known := self._known(form, domain, rule):
+            if known := self._finding_of_name(form, domain, rule):
                 return replace(known, subject=phrase)
         return no_concept("unknown", f"unknown name {phrase!r}", phrase)
 
-    def _known(self, phrase: str, domain: Domain, rule: str) -> Finding | None:
+    def _finding_of_name(self, phrase: str, domain: Domain, rule: str) -> Finding | None:
         """The finding of a phrase that is a name in itself: by a reviewer's word on it, else by its senses."""
         forms = self.lexicon.forms(phrase)
         if ruled := next((self._meanings[form] for form in forms if form in self._meanings), None):
-            return self._ruled(ruled, phrase, domain, rule)
+            return self._apply_decision(ruled, phrase, domain, rule)
         senses = (sense(concepts, domain, self.lexicon) for concepts in self.lexicon.concepts(phrase))
         chosen = next(filter(None, senses), None)
         if chosen is None:
@@ -144,7 +144,7 @@ class Namer:
         rule = f"{rule}/{chosen.certainty}"
         return Finding(chosen.concept, self.score(rule), self._reason(phrase, chosen), rule, phrase)
 
-    def _ruled(self, ruled: Decision, phrase: str, domain: Domain, rule: str) -> Finding | None:
+    def _apply_decision(self, ruled: Decision, phrase: str, domain: Domain, rule: str) -> Finding | None:
         if ruled.decision is None:
             return self.finding_of_decision(ruled, phrase)
         # a reviewer may call a handle a thing, which WordNet lists as a part; a narrow domain still has to fit

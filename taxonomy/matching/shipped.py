@@ -30,13 +30,13 @@ class MatchedTaxonomy:
     def match(self, item: RawItem) -> Match:
         """The leaf of an item; without one, the reason says whether the words or the place are missing."""
         if item.kind == _CURATED and item.synset:
-            return self._placed(item.synset, 1.0, "the curated table names it")
+            return self._match(item.synset, 1.0, "the curated table names it")
         finding = self._matcher.finding(item.source, item.category_path, item.title, item.synset)
         if finding.concept is None or not finding.settled:
             return Match(None, finding.score, finding.reason)
-        return self._placed(finding.concept, finding.score, finding.reason)
+        return self._match(finding.concept, finding.score, finding.reason)
 
-    def _placed(self, concept: str, score: float, reason: str) -> Match:
+    def _match(self, concept: str, score: float, reason: str) -> Match:
         leaf = self._catalogue.leaf_of(concept)
         return Match(leaf, score, reason if leaf else f"{reason}; {concept} has no leaf in the frozen tree")
 

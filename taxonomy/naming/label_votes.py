@@ -44,12 +44,12 @@ def _votes() -> Mapping[str, dict[str, float]]:
         for form, meant in nodes.items():
             for node_id in sorted(meant):
                 votes[form][node_id] = votes[form].get(node_id, 0.0) + LABEL_WEIGHT.get(name, LABEL_WEIGHT_ELSEWHERE)
-    for form in disputed - _decided():
+    for form in disputed - _clear_words():
         votes[form] = dict.fromkeys(votes[form], LABEL_WEIGHT_ELSEWHERE)
     return dict(votes)
 
 
-def _decided() -> set[str]:
+def _clear_words() -> set[str]:
     """Words of the two lists whose labels were chosen to be clear."""
     return {form for name in DETECTOR_LISTS[:2] for form in _nodes(name)}
 

@@ -85,14 +85,14 @@ class Resolver:
         if _CODE.match(text):
             node = coded_node(text)
             return self._at(node, "code") if node else None
-        if written := self._written(text):
+        if written := self._literal_answer(text):
             return written
         parts = [part for part in _ALTERNATIVES.split(text) if part]
         if len(parts) > 1:
-            return self._agreed(parts)
-        return self._composed(text) or self._phrase(text)
+            return self._common_answer(parts)
+        return self._compound_answer(text) or self._phrase(text)
 
-    def _written(self, text: str) -> Answer | None:
+    def _literal_answer(self, text: str) -> Answer | None:
         """The answer for a text that is a name as it is, in brackets, counted, plural, or without its spaces."""
         hint = _BRACKETS.search(text)
         bare = _BRACKETS.sub("", text) if hint else text
@@ -123,11 +123,11 @@ class Resolver:
                         return self._of(found, "folded", hint)
         return None
 
-    def _composed(self, text: str) -> Answer | None:
+    def _compound_answer(self, text: str) -> Answer | None:
         """The answer for dotted paths and inverted names (`table, dining`)."""
         if "." in text.strip(".") and " " not in text.strip():
             *_, before, last = ["", *filter(None, text.split("."))]
-            return self._written(last) or (self._written(before) if before and plain_fold(last) else None)
+            return self._literal_answer(last) or (self._literal_answer(before) if before and plain_fold(last) else None)
         parts = [part.strip() for part in text.split(",") if part.strip()]
         if len(parts) > 1:
             inverted = " ".join((*parts[1:], parts[0])) if len(parts) == 2 else ""
@@ -135,7 +135,7 @@ class Resolver:
             return next((answer for answer in tried if answer is not None), None)
         return None
 
-    def _agreed(self, parts: Sequence[str]) -> Answer | None:
+    def _common_answer(self, parts: Sequence[str]) -> Answer | None:
         """The one answer of several alternatives, or None where they disagree."""
         answers = [answer for part in parts if (answer := self.answer(part)) is not None]
         first = answers[0] if len(answers) == len(parts) else None
@@ -202,13 +202,13 @@ class Resolver:
         if not found:
             return None
         if hint is not None:
-            found = self._hinted(found, hint)
+            found = self._order_by_hint(found, hint)
         best = found[0]
         rival = next((one for one in found[1:] if not self._same(best.node_id, one.node_id)), None)
         margin = best.score - rival.score if rival else math.inf
         return Answer(tuple(found), how or best.how, margin)
 
-    def _hinted(self, found: Sequence[Candidate], hint: str) -> list[Candidate]:
+    def _order_by_hint(self, found: Sequence[Candidate], hint: str) -> list[Candidate]:
         """Candidates whose kinds the words in brackets name come first (`bow (weapon)`)."""
         words = set(plain_fold(hint).split())
 
@@ -228,11 +228,11 @@ class Resolver:
             return None
         return Answer((Candidate(node, 0.0, how),), how, math.inf)
 
-    def ranked(self, text: str, limit: int) -> Iterator[str]:
+    def nodes_by_relevance(self, text: str, limit: int) -> Iterator[str]:
         """At most `limit` nodes for what a person types: meanings, names that begin so or hold it, like spellings."""
-        yield from _unique(self._ranked(text), limit)
+        yield from _unique(self._nodes_by_relevance(text), limit)
 
-    def _ranked(self, text: str) -> Iterator[str]:
+    def _nodes_by_relevance(self, text: str) -> Iterator[str]:
         answer = self.answer(text)
         if answer is not None:
             yield from (one.node_id for one in answer.candidates)

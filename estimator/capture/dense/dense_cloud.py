@@ -37,7 +37,7 @@ def make_dense_cloud(scene: Scene, pictures: Path, file: Path, told: Callable[[i
     count = min(MOST_VIEWS, len(scene.views))
     chosen = np.unique(np.linspace(0, len(scene.views) - 1, count).astype(int)).tolist()
     shared = _shared_points(scene)
-    views = {row: pinhole_view(scene.views[row], pictures) for row in _needed(scene, chosen, shared)}
+    views = {row: pinhole_view(scene.views[row], pictures) for row in _views_and_sources(scene, chosen, shared)}
 
     def depth_of(row: int) -> NDArray[np.float32]:
         nearest, furthest = _depth_range(scene, row)
@@ -48,7 +48,7 @@ def make_dense_cloud(scene: Scene, pictures: Path, file: Path, told: Callable[[i
         for done, (row, depth) in enumerate(zip(chosen, pool.map(depth_of, chosen), strict=True)):
             depths[row] = depth
             told(done + 1, len(chosen))
-    points, colours, seen = _fused(views, depths)
+    points, colours, seen = _fuse(views, depths)
     if len(points):
         _write(points, colours, seen, np.array(sorted(depths)), file)
     return len(points)
@@ -74,7 +74,7 @@ def _sources(scene: Scene, row: int, shared: IntArray) -> list[int]:
     return [int(other) for other in np.argsort(-score, kind="stable")[:SOURCES]]
 
 
-def _needed(scene: Scene, chosen: Sequence[int], shared: IntArray) -> list[int]:
+def _views_and_sources(scene: Scene, chosen: Sequence[int], shared: IntArray) -> list[int]:
     return sorted({*chosen, *(source for row in chosen for source in _sources(scene, row, shared))})
 
 
@@ -85,7 +85,7 @@ def _depth_range(scene: Scene, row: int) -> tuple[float, float]:
     return 0.8 * float(near), 1.25 * float(far)
 
 
-def _fused(
+def _fuse(
     views: dict[int, PinholeView], depths: dict[int, NDArray[np.float32]]
 ) -> tuple[FloatArray, NDArray[np.uint8], BoolArray]:
     """Points (n, 3), colours (n, 3) and which of the views with depth see them (n, v); each surface once."""
@@ -96,7 +96,7 @@ def _fused(
         ys, xs = np.nonzero(np.isfinite(depths[row]) & ~taken[row])
         kept = (ys % STRIDE == 0) & (xs % STRIDE == 0)
         ys, xs = ys[kept], xs[kept]
-        world = _lifted(views[row], xs, ys, depths[row][ys, xs])
+        world = _back_project(views[row], xs, ys, depths[row][ys, xs])
         sees = np.zeros((len(world), len(rows)), dtype=bool)
         sees[:, position] = True
         cells = {}
@@ -113,7 +113,7 @@ def _fused(
     return np.concatenate(points), np.concatenate(colours), np.concatenate(seen)
 
 
-def _lifted(view: PinholeView, xs: IntArray, ys: IntArray, depth: NDArray[np.float32]) -> FloatArray:
+def _back_project(view: PinholeView, xs: IntArray, ys: IntArray, depth: NDArray[np.float32]) -> FloatArray:
     """(n, 3) world points of pixels at their depths."""
     rays = np.column_stack([xs, ys, np.ones(len(xs))]) @ np.linalg.inv(view.matrix).T
     return np.asarray((rays * depth[:, None].astype(np.float64) - view.translation) @ view.rotation)

@@ -46,7 +46,7 @@ def swept_depth(view: PinholeView, sources: Sequence[PinholeView], nearest: floa
     """
     inverse = np.linspace(1 / furthest, 1 / nearest, PLANES)
     cost = _cost_volume(view, sources, 1 / inverse)
-    smooth = _aggregated(cost)
+    smooth = _aggregate(cost)
     plane = smooth.argmin(axis=2)
     rows, columns = np.indices(plane.shape)
     correlation = 1 - cost[rows, columns, plane]
@@ -55,11 +55,11 @@ def swept_depth(view: PinholeView, sources: Sequence[PinholeView], nearest: floa
     # the outermost planes collect whatever fits nowhere
     unsure = (correlation < LEAST_CORRELATION) | (plane == 0) | (plane == PLANES - 1)
     unsure |= _window(view.grey).variance < LEAST_VARIANCE
-    unsure |= _fattened(depth)
+    unsure |= _fattening_mask(depth)
     return np.where(unsure, np.nan, depth).astype(np.float32)
 
 
-def _fattened(depth: FloatArray) -> NDArray[np.bool_]:
+def _fattening_mask(depth: FloatArray) -> NDArray[np.bool_]:
     """(h, w) pixels near the edge of a nearer thing: the window makes it wider by half of itself."""
     import cv2
 
@@ -109,7 +109,7 @@ def _window(grey: FloatPicture) -> _Window:
     return _Window(grey, mean, np.maximum(cv2.boxFilter(grey * grey, -1, (WINDOW, WINDOW)) - mean * mean, 0))
 
 
-def _aggregated(cost: FloatPicture) -> FloatPicture:
+def _aggregate(cost: FloatPicture) -> FloatPicture:
     """(h, w, d) the cost summed along paths from above, below, left and right."""
     total = np.zeros_like(cost)
     for swapped in (False, True):

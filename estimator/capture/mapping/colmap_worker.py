@@ -118,14 +118,14 @@ def incremental(request: Request) -> dict[str, Any]:
         options.mapper.init_max_forward_motion, options.mapper.init_min_tri_angle = 1.0, 3.0
     total, placed = len(request["names"]), [2]
 
-    def placed_one() -> None:
+    def count_image() -> None:
         placed[0] = min(placed[0] + 1, total)
         _say({"done": placed[0], "of": total})
 
     models = pycolmap.incremental_mapping(
-        request["database"], request["pictures"], request["scratch"], options=options, next_image_callback=placed_one
+        request["database"], request["pictures"], request["scratch"], options=options, next_image_callback=count_image
     )
-    return _written(models, request)
+    return _write_models(models, request)
 
 
 def global_(request: Request) -> dict[str, Any]:
@@ -135,7 +135,7 @@ def global_(request: Request) -> dict[str, Any]:
     )
     options.mapper.bundle_adjustment.refine_focal_length = request["refine_focal"]
     models = pycolmap.global_mapping(request["database"], request["pictures"], request["scratch"], options=options)
-    return _written(models, request)
+    return _write_models(models, request)
 
 
 STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
@@ -146,7 +146,7 @@ STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
 }
 
 
-def _written(models: dict[int, Any], request: Request) -> dict[str, Any]:
+def _write_models(models: dict[int, Any], request: Request) -> dict[str, Any]:
     ordered = sorted(models.values(), key=lambda model: -model.num_reg_images())
     rows = []
     for number, model in enumerate(ordered):

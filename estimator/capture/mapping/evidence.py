@@ -53,7 +53,7 @@ class Evidence:
     edges: FloatArray
 
     @property
-    def linked(self) -> tuple[Pair, ...]:
+    def linked_pairs(self) -> tuple[Pair, ...]:
         """Pairs with enough verified matches."""
         return tuple(pair for pair in self.pairs if pair.inliers >= LINKED)
 
@@ -67,7 +67,7 @@ class Evidence:
                 frame = parent[frame]
             return frame
 
-        for pair in self.linked:
+        for pair in self.linked_pairs:
             parent[root(pair.first)] = root(pair.second)
         members: dict[int, list[int]] = {}
         for frame in range(len(self.names)):
@@ -77,7 +77,7 @@ class Evidence:
     def rotation_share(self) -> float:
         """Share of the linked pairs that move by a tenth of the picture or more and that a rotation alone explains."""
         side = max(self.size)
-        moving = [pair for pair in self.linked if pair.moved_px > 0.1 * side]
+        moving = [pair for pair in self.linked_pairs if pair.moved_px > 0.1 * side]
         if not moving:
             return 0.0
         planar = [pair for pair in moving if pair.planar > 0.9 and pair.homography is not None]
@@ -100,7 +100,7 @@ class Evidence:
 
     def summary(self) -> dict[str, Any]:
         """Figures for the report."""
-        linked = self.linked
+        linked = self.linked_pairs
         return {
             "frames": len(self.names),
             "keypoints": float(np.median(self.keypoints)) if len(self.keypoints) else 0.0,
@@ -178,11 +178,11 @@ def model_disagreement(one: ModelShape, two: ModelShape | None) -> float | None:
         return None
     first, second = (np.array([model.centres[pair[k]] for pair in shared]) for k, model in enumerate((one, two)))
     extent = float(np.sqrt(((first - first.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    moved = _aligned(second, first)
+    moved = _align(second, first)
     return float(np.sqrt(((moved - first) ** 2).sum(axis=1).mean()) / max(extent, 1e-12))
 
 
-def _aligned(source: FloatArray, target: FloatArray) -> FloatArray:
+def _align(source: FloatArray, target: FloatArray) -> FloatArray:
     """Source (n, 3) under the similarity that brings it nearest to target (Umeyama 1991)."""
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     u, d, vt = np.linalg.svd(b.T @ a / len(a))

@@ -39,7 +39,7 @@ def early_failure(evidence: Evidence) -> Failure | None:
     n = len(evidence.names)
     if n < LEAST_FRAMES:
         return failure("too_few_frames", f"there are {n} usable frames, and {LEAST_FRAMES} are the least")
-    return _static(evidence) or _unmatched(evidence) or _rotating(evidence)
+    return _static(evidence) or _matching_failure(evidence) or _rotating(evidence)
 
 
 def model_failure(
@@ -49,7 +49,7 @@ def model_failure(
     n = len(evidence.names)
     placed = 0 if shape is None else len(shape.names)
     if shape is None or placed < max(LEAST_FRAMES, PLACED_SHARE * n):
-        return _unplaced(evidence, placed)
+        return _placement_failure(evidence, placed)
     if shape.angle_deg < LEAST_ANGLE_DEG:
         seen = f"the views of a point differ by {shape.angle_deg:.1f} degrees at most"
         return failure("pure_rotation", seen)
@@ -68,19 +68,19 @@ def model_failure(
 
 def _static(evidence: Evidence) -> Failure | None:
     """The picture moves nowhere: neither over the video nor between any two frames that match."""
-    linked = [pair.moved_px for pair in evidence.linked]
+    linked = [pair.moved_px for pair in evidence.linked_pairs]
     moved = max(linked, default=np.inf) / max(evidence.size)
     if moved < STATIC_SHARE and len(evidence.groups()[0]) > len(evidence.names) // 2:
         return failure("static_camera", f"the picture moves by {100 * moved:.1f} % of its width at most")
     return None
 
 
-def _unmatched(evidence: Evidence) -> Failure | None:
+def _matching_failure(evidence: Evidence) -> Failure | None:
     """Hardly a frame matches another: nothing to see, or smeared."""
     largest = len(evidence.groups()[0])
     if largest >= max(LEAST_FRAMES, len(evidence.names) // 4):
         return _places(evidence)
-    return _unplaced(evidence, 0)
+    return _placement_failure(evidence, 0)
 
 
 def _places(evidence: Evidence) -> Failure | None:
@@ -99,18 +99,18 @@ def _rotating(evidence: Evidence) -> Failure | None:
     return None
 
 
-def _unplaced(evidence: Evidence, placed: int) -> Failure:
+def _placement_failure(evidence: Evidence, placed: int) -> Failure:
     """Why too few frames could be placed."""
     keypoints = float(np.median(evidence.keypoints)) if len(evidence.keypoints) else 0.0
     n = len(evidence.names)
     seen = f"{placed} of {n} frames could be placed"
-    if _smeared(evidence):
+    if _is_blurred(evidence):
         return failure("motion_blur", f"{seen}, and the sharpest frames are smeared")
     if keypoints < LEAST_KEYPOINTS:
         return failure("no_texture", f"{seen}, and a frame shows {keypoints:.0f} distinct points")
     return _places(evidence) or failure("too_few_frames", f"{seen}: most frames overlap too little with others")
 
 
-def _smeared(evidence: Evidence) -> bool:
+def _is_blurred(evidence: Evidence) -> bool:
     low, high = evidence.edge_sharpness()
     return low is not None and high is not None and low < SMEARED[0] and high < SMEARED[1]

@@ -12,7 +12,7 @@ from estimator.capture.mapping.evidence import Evidence, ModelShape, model_disag
 from estimator.capture.mapping.failures import Failure
 from estimator.capture.mapping.gates import early_failure, model_failure
 from estimator.capture.mapping.progress import progress
-from estimator.capture.mapping.worker_process import finished_worker, started_worker
+from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
 
 __all__ = ["Lens", "make_features", "make_matches", "make_model"]
 
@@ -67,8 +67,8 @@ def make_features(part: Path, pictures: Path, names: list[str], lens: Lens) -> N
         "threads": THREADS,
     }
     with progress("features", len(names)) as told:
-        process = started_worker("features", request, part)
-        result = finished_worker(process, "features", part / "features.log", told)
+        process = start_worker("features", request, part)
+        result = wait_for_worker(process, "features", part / "features.log", told)
     (part / "features.json").write_text(json.dumps(result), encoding="utf-8")
 
 
@@ -77,8 +77,8 @@ def make_matches(part: Path, features: Path, names: list[str], in_order: bool) -
     shutil.copyfile(features / "features.db", part / "matches.db")
     request = {"database": str(part / "matches.db"), "names": names, "in_order": in_order, "threads": THREADS}
     with progress("matches") as told:
-        process = started_worker("matches", request, part)
-        result = finished_worker(process, "matches", part / "matches.log", told)
+        process = start_worker("matches", request, part)
+        result = wait_for_worker(process, "matches", part / "matches.log", told)
     (part / "matches.json").write_text(json.dumps(result), encoding="utf-8")
 
 
@@ -98,11 +98,11 @@ def make_model(part: Path, matches: Path, pictures: Path, evidence: Evidence, le
     }
     requests["global"]["names"] = evidence.names[:: max(1, len(evidence.names) // CHECKED)]
     with progress("mapping", len(evidence.names)) as told:
-        processes = {step: started_worker(step, request, part) for step, request in requests.items()}
+        processes = {step: start_worker(step, request, part) for step, request in requests.items()}
         try:
-            finished_worker(processes["incremental"], "incremental", part / "incremental.log", told)
+            wait_for_worker(processes["incremental"], "incremental", part / "incremental.log", told)
             shape = model_shape(part / "incremental" / "0")
-            finished_worker(processes["global"], "global", part / "global.log")
+            wait_for_worker(processes["global"], "global", part / "global.log")
         finally:
             for process in processes.values():
                 if process.poll() is None:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["WorkerFault", "finished_worker", "started_worker"]
+__all__ = ["WorkerFault", "start_worker", "wait_for_worker"]
 
 _MODULE = "estimator.capture.mapping.colmap_worker"
 
@@ -20,7 +20,7 @@ class WorkerFault(RuntimeError):
     """A step of the reconstruction ended without a result; the message says how, and where its log is."""
 
 
-def started_worker(step: str, request: dict[str, Any], scratch: Path) -> subprocess.Popen[str]:
+def start_worker(step: str, request: dict[str, Any], scratch: Path) -> subprocess.Popen[str]:
     """Start a step; its request and its log are in `scratch`."""
     file = scratch / f"{step}.request.json"
     file.write_text(json.dumps(request), encoding="utf-8")
@@ -35,7 +35,7 @@ def started_worker(step: str, request: dict[str, Any], scratch: Path) -> subproc
         )
 
 
-def finished_worker(
+def wait_for_worker(
     process: subprocess.Popen[str], step: str, log: Path, told: Callable[[int, int | None], None] | None = None
 ) -> Any:
     """The result of a step, with its progress passed on.

@@ -42,7 +42,7 @@ class _Served:
         self._thread.start()
 
     def _run(self) -> None:
-        self.document = self.page.drawn()
+        self.document = self.page.collect()
 
     def result(self) -> dict[str, Any]:
         self._thread.join(30)

@@ -47,7 +47,7 @@ def second(part):
     die("within second")
 
 work = WorkFolder(Path(sys.argv[1]))
-with work.locked():
+with work.lock():
     digest = work.stage("first", {"text": text}, ["folder", "b.txt"], first)
     work.stage("second", {"first": digest}, ["c.txt"], second)
 """
@@ -94,15 +94,15 @@ def test_a_stage_is_made_once_and_again_when_its_input_or_output_changed(tmp_pat
 
 def test_one_run_at_a_time(tmp_path: Path) -> None:
     one, two = WorkFolder(tmp_path / "w"), WorkFolder(tmp_path / "w")
-    with one.locked(), pytest.raises(InputFault, match="in use by another run"), two.locked():
+    with one.lock(), pytest.raises(InputFault, match="in use by another run"), two.lock():
         pass
-    with two.locked():
+    with two.lock():
         pass
 
 
 def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
     (tmp_path / "w").write_text("")
-    with pytest.raises(InputFault, match="--work"), WorkFolder(tmp_path / "w").locked():
+    with pytest.raises(InputFault, match="--work"), WorkFolder(tmp_path / "w").lock():
         pass
 
 
@@ -120,7 +120,7 @@ def test_a_digest_is_of_names_and_bytes(tmp_path: Path) -> None:
 
 def test_what_was_made_of_other_inputs_is_discarded(tmp_path: Path) -> None:
     work = WorkFolder(tmp_path / "w")
-    with work.locked():
+    with work.lock():
         work.stage("dense", {"model": "one"}, ["d.txt"], lambda part: (part / "d.txt").touch())
         work.discard_stale("dense", {"model": "one"}, ["d.txt"])
         assert (tmp_path / "w" / "d.txt").exists()

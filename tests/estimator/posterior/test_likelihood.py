@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal
 
 from estimator.posterior import assignments, likelihood
 from estimator.posterior.assignments import LOG_BOX, SHIFTS, VERTICAL, Layout, variants
-from estimator.posterior.likelihood import OUTLIER, measured, rows, usable
+from estimator.posterior.likelihood import OUTLIER, measurement_arrays, rows, usable
 from estimator.posterior.posterior import object_curves
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
@@ -141,8 +141,8 @@ def test_shifts_sum_to_one() -> None:
 
 
 def test_a_low_score_makes_an_outlier_likelier() -> None:
-    sure = rows(measured([evidence(CHAIR, (0.6, 0.5, 1.0))]))
-    unsure = rows(measured([evidence(CHAIR, (0.6, 0.5, 1.0), score=0.3)]))
+    sure = rows(measurement_arrays([evidence(CHAIR, (0.6, 0.5, 1.0))]))
+    unsure = rows(measurement_arrays([evidence(CHAIR, (0.6, 0.5, 1.0), score=0.3)]))
     assert unsure.log_floor[0] > sure.log_floor[0]
 
 

@@ -10,7 +10,7 @@ from metric_tree.report.counts import (
     covered_items,
     known_shares,
     level_counts,
-    mixed,
+    mixed_leaves,
     source_counts,
     typical_nodes,
 )
@@ -69,7 +69,7 @@ def test_sizes_are_drawn_as_one_figure(tree):
 
 
 def test_a_class_of_two_kinds_is_named_with_its_parts(tmp_path, tree):
-    assert mixed(tree) == []
+    assert mixed_leaves(tree) == []
     content = minitree.rows()
     for prior in content["priors.parquet"]:
         if prior["node_id"] == "swivel_chair.n.01" and len(prior["dims"]) == 3:
@@ -77,7 +77,7 @@ def test_a_class_of_two_kinds_is_named_with_its_parts(tmp_path, tree):
             prior["means"] = [[6.0] * 3, [8.0] * 3]
             prior["covariances"] = [prior["covariances"][0]] * 2
     two = Tree(minitree.release(tmp_path / "two", content))
-    assert mixed(two) == [("furniture > seat > chair > swivel chair", 14, "403 mm (70%), 2981 mm (30%)")]
+    assert mixed_leaves(two) == [("furniture > seat > chair > swivel chair", 14, "403 mm (70%), 2981 mm (30%)")]
 
 
 def test_numbers_stand_to_the_right_and_text_is_escaped():

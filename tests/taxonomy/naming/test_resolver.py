@@ -105,14 +105,14 @@ def test_an_ancestor_and_its_descendant_are_one_sense() -> None:
 def test_likeness_of_spelling_is_offered_and_never_taken() -> None:
     assert RESOLVER.answer("televison") is None
     assert RESOLVER.nearest("televison")[0] == "television"
-    assert list(RESOLVER.ranked("televison", 1)) == ["television_receiver.n.01"]
+    assert list(RESOLVER.nodes_by_relevance("televison", 1)) == ["television_receiver.n.01"]
 
 
 @given(st.text(max_size=30))
 def test_no_text_breaks_it(text: str) -> None:
     found = RESOLVER.answer(text)
     assert found is None or found.node_id in {node for node, *_ in NODES}
-    assert len(list(RESOLVER.ranked(text, 3))) <= 3
+    assert len(list(RESOLVER.nodes_by_relevance(text, 3))) <= 3
 
 
 @given(st.text(max_size=30))

@@ -145,8 +145,8 @@ def parser() -> OneLineParser:
 def _check(options: argparse.Namespace) -> None:
     _check_known_lengths(options)  # before the SCENE, which one may have swallowed
     if (options.scene is None) == (options.objects is None):
-        found = "neither" if options.scene is None else "both"
-        raise InputFault(f"arguments: expected a SCENE or --objects FILE; found {found}")
+        sources = "neither" if options.scene is None else "both"
+        raise InputFault(f"arguments: expected a SCENE or --objects FILE; found {sources}")
     if not 0 < options.level < 1:
         raise InputFault(f"--level: expected a number between 0 and 1; found {options.level}")
     if options.paper_lists is not None and options.method != "paper":

@@ -53,7 +53,7 @@ def raw_item(page: Page, source: str, own: Product | None = None, now: datetime 
     Parameters
     ----------
     source : the name of the spider that owns the page's site.
-    found : what the site's own rules say of the product; what they leave out is read from the page's structured data.
+    own : what the site's own rules say of the product; what they leave out is read from the page's structured data.
     """
     known = product(page) if own is None else own
     best = best_statement(statements(page, known.sizes, known.title))
@@ -176,28 +176,28 @@ class _Axes:
     def __init__(self, fact: Fact, foreign: bool) -> None:
         self._first = fact
         self._foreign = foreign
-        self._found: dict[str, tuple[Length, Fact]] = {}
+        self._lengths: dict[str, tuple[Length, Fact]] = {}
 
     def takes(self, fact: Fact, axis: str) -> bool:
         """Whether a row goes on with the same thing: below the same heading, no axis again in another container."""
         if (fact.section, fact.place) != (self._first.section, self._first.place):
             return False
-        known = self._found.get(axis)
+        known = self._lengths.get(axis)
         scattered = fact.place == "json" and fact.container != self._first.container
         return not scattered and (known is None or known[1].container == fact.container)
 
     def add(self, length: Length, fact: Fact) -> None:
         """Take a row in; of one axis in one container the first counts."""
-        self._found.setdefault(length.axis or "", (length, fact))
+        self._lengths.setdefault(length.axis or "", (length, fact))
 
     def statement(self) -> Statement | None:
         """What the rows state together; one axis of something else is nothing."""
-        lengths = tuple(length for length, _ in self._found.values())
-        if len(lengths) < 2 and (self._foreign or "depth" in self._found):
+        lengths = tuple(length for length, _ in self._lengths.values())
+        if len(lengths) < 2 and (self._foreign or "depth" in self._lengths):
             return None  # nor is a board's thickness alone
         place = self._first.place
         trust = SCRIPT if place == "json" else PROSE if place == "line" and len(lengths) < 2 else AXES
-        text = "; ".join(_shown(fact) for _, fact in self._found.values())
+        text = "; ".join(_shown(fact) for _, fact in self._lengths.values())
         return Statement(
             Size(lengths, "whole", "", flags_of(lengths)), min(trust, LOOSE) if self._foreign else trust, text
         )

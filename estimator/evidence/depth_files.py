@@ -62,6 +62,6 @@ def _png(file: Path) -> FloatArray:
 
     values = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     if values is None or values.dtype != np.uint16:
-        found = Words("no picture" if values is None else str(values.dtype))
-        raise InputFault.at(file, "picture", "a PNG of 16 bits", found)
+        actual = Words("no picture" if values is None else str(values.dtype))
+        raise InputFault.at(file, "picture", "a PNG of 16 bits", actual)
     return np.where(values > 0, values.astype(float), np.nan)

@@ -78,8 +78,8 @@ class Marker:
         seen = self._corners(scene)
         if seen is None:
             return silent(KIND, self.dictionary, "no picture of the scene was found")
-        found = [_row(name, self._shape(corners), corners, scene) for name, corners in sorted(seen.items())]
-        rows = [row for row in found if row is not None]
+        measured = [_row(name, self._shape(corners), corners, scene) for name, corners in sorted(seen.items())]
+        rows = [row for row in measured if row is not None]
         return tuple(rows) or silent(KIND, self.dictionary, "no marker is in two pictures or more")
 
     def _shape(self, corners: Mapping[int, object]) -> dict[int, FloatArray]:

@@ -69,9 +69,9 @@ def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:
     if all(value is None for value in values):
         return ()
     if options.objects is not None or options.method in {"paper", "sucar"}:
-        found = "--objects" if options.objects is not None else f"--method {options.method}"
+        obstacle = "--objects" if options.objects is not None else f"--method {options.method}"
         expected = "a SCENE and --method default or height"
-        raise InputFault.at("--camera-height, --gps, --marker, --metric-depth", "evidence", expected, Words(found))
+        raise InputFault.at("--camera-height, --gps, --marker, --metric-depth", "evidence", expected, Words(obstacle))
     from estimator.evidence.camera_height import CameraHeight
     from estimator.evidence.gps import Gps
     from estimator.evidence.marker import Marker

@@ -97,8 +97,8 @@ def _view(
 
 def _camera(sensor: ET.Element) -> Camera:
     resolution = sensor.find("resolution")
-    found = [node for node in sensor.iterfind("calibration") if node.find("f") is not None]
-    adjusted = [node for node in found if node.get("class") == "adjusted"] or found
+    calibrations = [node for node in sensor.iterfind("calibration") if node.find("f") is not None]
+    adjusted = [node for node in calibrations if node.get("class") == "adjusted"] or calibrations
     if resolution is None or not adjusted:
         raise FieldFault("sensor", "a resolution and an adjusted calibration", None)
     try:

@@ -100,8 +100,8 @@ class Detector:
         self._input = self._session.get_inputs()[0]
         rank = len(self._input.shape)
         if len(self._session.get_inputs()) != 1 or rank not in (3, 4):
-            found = ", ".join(f"{node.name} {node.shape}" for node in self._session.get_inputs())
-            raise InputFault.at(path, "input", "one picture (3, H, W), as torchvision exports it", Words(found))
+            inputs = ", ".join(f"{node.name} {node.shape}" for node in self._session.get_inputs())
+            raise InputFault.at(path, "input", "one picture (3, H, W), as torchvision exports it", Words(inputs))
         self._batched = rank == 4
         self._outputs = _output_names(path, self._session.get_outputs())
 
@@ -162,8 +162,7 @@ class Detector:
             raise InputFault.at(self.path, "run", f"an answer to a picture of shape {shape}", Words(line)) from None
 
     def _run(self, fed: FloatPicture) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
-        found = self._answers(self._outputs, {self._input.name: fed})
-        boxes, labels, scores, masks = found
+        boxes, labels, scores, masks = self._answers(self._outputs, {self._input.name: fed})
         n = len(boxes)
         shapes = (boxes.shape, labels.shape, scores.shape, masks.shape)
         if boxes.shape != (n, 4) or labels.shape != (n,) or scores.shape != (n,) or masks.shape[:2] != (n, 1):
@@ -297,10 +296,10 @@ def _picture(file: Path) -> Picture:
     import cv2
 
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    found = cv2.imdecode(np.fromfile(file, dtype=np.uint8), flags) if file.stat().st_size else None
-    if found is None:
+    picture = cv2.imdecode(np.fromfile(file, dtype=np.uint8), flags) if file.stat().st_size else None
+    if picture is None:
         raise InputFault.at(file, "picture", "a picture that OpenCV reads", Words("something else"))
-    return np.ascontiguousarray(found[:, :, ::-1])
+    return np.ascontiguousarray(picture[:, :, ::-1])
 
 
 def _session(path: Path) -> Any:
@@ -326,9 +325,9 @@ def _output_names(path: Path, outputs: Sequence[Any]) -> list[str]:
         by_kind.setdefault(kind, node.name)
     wanted = ("boxes", "labels", "scores", "masks")
     if len(outputs) < len(wanted) or set(by_kind) != set(wanted):
-        found = ", ".join(f"{node.name} {node.shape} {node.type}" for node in outputs)
+        actual = ", ".join(f"{node.name} {node.shape} {node.type}" for node in outputs)
         expected = "the outputs of Mask R-CNN as torchvision exports it, of YOLO or of RT-DETR"
-        raise InputFault.at(path, "outputs", expected, Words(found))
+        raise InputFault.at(path, "outputs", expected, Words(actual))
     return [by_kind[kind] for kind in wanted]
 
 

@@ -84,8 +84,8 @@ def _names(masks: _Masks, labels: dict[str, Any], image: str, stem: str) -> list
     if stated is None:
         return [None] * len(masks.masks)
     if not isinstance(stated, list) or len(stated) != len(masks.masks):
-        found = len(stated) if isinstance(stated, list) else stated
-        raise FieldFault("labels", f"{len(masks.masks)}, as many as masks", found)
+        count = len(stated) if isinstance(stated, list) else stated
+        raise FieldFault("labels", f"{len(masks.masks)}, as many as masks", count)
     named = [label if isinstance(label, str) else labels.get(str(label)) for label in stated]
     return [label if isinstance(label, str) and label.strip() else None for label in named]
 

@@ -67,8 +67,8 @@ def _polygon_mask(polygons: list[object], size: tuple[int, int]) -> BoolArray:
     for number, polygon in enumerate(polygons):
         corners = _numbers(polygon)
         if corners is None or len(corners) < 6 or len(corners) % 2:
-            found = Words(f"{len(polygon)} values" if isinstance(polygon, list) else type(polygon).__name__)
-            raise FieldFault(f"polygon {number}", "at least three pairs of finite numbers", found)
+            actual = Words(f"{len(polygon)} values" if isinstance(polygon, list) else type(polygon).__name__)
+            raise FieldFault(f"polygon {number}", "at least three pairs of finite numbers", actual)
         # corners beyond the picture are moved to its border, so that no outline is endless
         outlines.append(np.clip(corners.reshape(-1, 2), -1.0, [width + 1.0, height + 1.0]))
     length = sum(_perimeter(outline) for outline in outlines)

@@ -75,8 +75,8 @@ def registry_entry(name: str) -> RegisteredDetector:
 def registry_entry_of(file: Path) -> RegisteredDetector | None:
     """The entry whose file this is, by its sha256: somebody may have fetched it by hand."""
     with file.open("rb") as body:
-        found = hashlib.file_digest(body, "sha256").hexdigest()
-    return next((entry for entry in registry() if entry.sha256 == found), None)
+        sha256 = hashlib.file_digest(body, "sha256").hexdigest()
+    return next((entry for entry in registry() if entry.sha256 == sha256), None)
 
 
 def download(entry: RegisteredDetector) -> Path:

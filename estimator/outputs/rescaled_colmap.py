@@ -129,6 +129,6 @@ def _scaled_line(file: Path, number: int, line: str, part: str, scale: float) ->
         for column in columns(words):
             words[column] = repr(float(words[column]) * scale)
     except (ValueError, IndexError):
-        found = Words(" ".join(words))
-        raise InputFault.at(file, f"line {number}", "a record of COLMAP's text form", found) from None
+        record = Words(" ".join(words))
+        raise InputFault.at(file, f"line {number}", "a record of COLMAP's text form", record) from None
     return " ".join(words)

@@ -146,8 +146,8 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES) -> str:
     try:
         return read_bytes(path, limit=limit).decode("utf-8-sig")
     except UnicodeDecodeError as fault:
-        found = Words(f"byte {fault.object[fault.start]:#04x} at {fault.start}")
-        raise InputFault.at(path, "encoding", "UTF-8", found) from None
+        byte = Words(f"byte {fault.object[fault.start]:#04x} at {fault.start}")
+        raise InputFault.at(path, "encoding", "UTF-8", byte) from None
 
 
 def read_json(path: Path) -> Any:
@@ -160,8 +160,8 @@ def read_json(path: Path) -> Any:
     except RecursionError:
         raise InputFault.at(path, "JSON", "a document of ordinary depth", Words("endless nesting")) from None
     except json.JSONDecodeError as fault:
-        found = Words(f"{fault.msg} at line {fault.lineno}, column {fault.colno}")
-        raise InputFault.at(path, "JSON", "a valid document", found) from None
+        fault_place = Words(f"{fault.msg} at line {fault.lineno}, column {fault.colno}")
+        raise InputFault.at(path, "JSON", "a valid document", fault_place) from None
     except ValueError as fault:  # an integer of thousands of digits
         raise InputFault.at(path, "JSON", "a valid document", Words(str(fault))) from None
     finally:
@@ -205,11 +205,11 @@ class ByteReader:
 
     def count(self, field: str, smallest: int, layout: struct.Struct = _COUNT) -> int:
         """The next count of records of at least `smallest` bytes each, believed only if they could fit."""
-        (found,) = self.take(layout, field)
-        if found * smallest > self.remaining:
+        (count,) = self.take(layout, field)
+        if count * smallest > self.remaining:
             expected = f"at most {self.remaining // smallest} (the rest of the file holds no more)"
-            raise InputFault.at(self.path, field, expected, found)
-        return int(found)
+            raise InputFault.at(self.path, field, expected, count)
+        return int(count)
 
     def rows(self, dtype: DTypeLike, n: int, field: str) -> NDArray[Any]:
         """The next n records as a view of the bytes, without a copy."""

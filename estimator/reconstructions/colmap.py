@@ -108,8 +108,8 @@ def _searched_rows(sorted_ids: IntArray, order: IntArray, ids: IntArray) -> IntA
 def _view(file: Path, image: ColmapImage, model: ColmapModel, rows_of: Callable[[IntArray], IntArray]) -> View:
     field = f"image {image.name!r}"
     if image.camera_id not in model.cameras:
-        found = Words(f"{image.camera_id}, which cameras{file.suffix} lacks")
-        raise InputFault.at(file, f"{field} camera id", "a camera of the model", found)
+        camera = Words(f"{image.camera_id}, which cameras{file.suffix} lacks")
+        raise InputFault.at(file, f"{field} camera id", "a camera of the model", camera)
     pose = np.concatenate([image.quaternion, image.translation])
     if not (np.abs(pose) < MAX_COORDINATE).all():
         raise InputFault.at(file, f"{field} pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
@@ -119,8 +119,8 @@ def _view(file: Path, image: ColmapImage, model: ColmapModel, rows_of: Callable[
     ids, keypoints = image.point_ids[seen], image.keypoints[seen]
     rows = rows_of(ids)
     if (rows < 0).any():
-        found = Words(f"{ids[rows < 0][0]}, which points3D{file.suffix} lacks")
-        raise InputFault.at(file, f"{field} point id", "a point of the model", found)
+        point = Words(f"{ids[rows < 0][0]}, which points3D{file.suffix} lacks")
+        raise InputFault.at(file, f"{field} point id", "a point of the model", point)
     if not np.isfinite(keypoints).all():
         raise InputFault.at(file, f"{field} keypoints", "finite pixels", Words("NaN or infinity"))
     rotation = Rotation.from_quat(image.quaternion, scalar_first=True).as_matrix()

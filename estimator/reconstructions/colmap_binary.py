@@ -65,8 +65,8 @@ def point_places(reader: ByteReader) -> IntArray:
         places[number] = place
         place += record + _TRACK_ELEMENT_BYTES * length_of(data, place + length_at)[0]
     if place > len(data):
-        found = Words(f"a track that ends {place - len(data)} bytes beyond it")
-        raise InputFault.at(reader.path, f"point {n - 1} track", "an end within the file", found)
+        overrun = Words(f"a track that ends {place - len(data)} bytes beyond it")
+        raise InputFault.at(reader.path, f"point {n - 1} track", "an end within the file", overrun)
     reader.place = place
     reader.end()
     return places

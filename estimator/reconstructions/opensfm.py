@@ -111,18 +111,18 @@ def _points(documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
     except (TypeError, KeyError, ValueError, OverflowError):
         points = np.empty(0)
     if (documents and points.shape != (len(documents), 3)) or not (np.abs(points) < MAX_COORDINATE).all():
-        name, found = _faulty_point(documents)
+        name, coordinates = _faulty_point(documents)
         expected = f"coordinates of three finite numbers below {MAX_COORDINATE:g}"
-        raise FieldFault(f"point {name!r}", expected, found)
+        raise FieldFault(f"point {name!r}", expected, coordinates)
     return list(documents), points.reshape(-1, 3)
 
 
 def _faulty_point(documents: dict[str, Any]) -> tuple[str, object]:
     """The first point that is at fault, looked for only when one is."""
     for name, document in documents.items():
-        found = document.get("coordinates") if isinstance(document, dict) else document
-        if not (isinstance(found, list) and len(found) == 3 and all(map(_believable, found))):
-            return name, found
+        coordinates = document.get("coordinates") if isinstance(document, dict) else document
+        if not (isinstance(coordinates, list) and len(coordinates) == 3 and all(map(_believable, coordinates))):
+            return name, coordinates
     return "", None
 
 

@@ -28,8 +28,8 @@ def blender_program() -> list[str]:
     program = shutil.which(stated or "blender")
     if program is None:
         how = f"install Blender, or set {VARIABLE} to the Python of an environment with bpy (pip install bpy)"
-        found = f"found no program {stated!r}" if stated else "found no blender on PATH"
-        raise InputFault(f"--renderer blender: {found}; {how}")
+        reason = f"found no program {stated!r}" if stated else "found no blender on PATH"
+        raise InputFault(f"--renderer blender: {reason}; {how}")
     if "python" in Path(program).name:
         return [program, str(_SCRIPT)]
     return [program, "--background", "--factory-startup", "--python", str(_SCRIPT), "--"]

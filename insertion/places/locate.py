@@ -91,10 +91,10 @@ def place_on_category(space: Space, category: str, instances: Sequence[Instance]
         if np.count_nonzero(on_plane) >= max(NEAR_POINTS, 0.1 * len(votes)):
             options.append((number, _mask_of(surface, local[on_plane, :2])))
     # the highest plane that the things share is their top
-    found = [place for number, mask in reversed(options) for place in _free_places(space, number, mask)[:1]]
-    if not found:
+    places = [place for number, mask in reversed(options) for place in _free_places(space, number, mask)[:1]]
+    if not places:
         raise NoPlace(f"--on: no free level space on any {category} for an object of this size")
-    return found[0][1]
+    return places[0][1]
 
 
 def candidates(space: Space) -> list[Place]:

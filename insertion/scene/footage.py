@@ -70,8 +70,8 @@ class Stills:
         if pixels is None:
             raise InputFault(f"{file}: picture: expected one that OpenCV reads; found none")
         if pixels.shape[:2] != (camera.height, camera.width):
-            found = f"{pixels.shape[1]} x {pixels.shape[0]}"
-            raise InputFault(f"{file}: size: expected {camera.width} x {camera.height}, as its camera; found {found}")
+            size = f"{pixels.shape[1]} x {pixels.shape[0]}"
+            raise InputFault(f"{file}: size: expected {camera.width} x {camera.height}, as its camera; found {size}")
         return np.ascontiguousarray(pixels[..., ::-1])
 
 

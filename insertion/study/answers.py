@@ -49,8 +49,8 @@ def _answers_of(file: Path) -> list[Answer]:
     except (ValueError, RecursionError) as fault:
         raise InputFault(f"{file}: expected JSON; found {fault}") from None
     if not isinstance(document, dict) or document.get("schema") != ANSWERS_SCHEMA:
-        found = document.get("schema") if isinstance(document, dict) else type(document).__name__
-        raise InputFault(f"{file}: schema: expected {ANSWERS_SCHEMA}; found {found!r}")
+        schema = document.get("schema") if isinstance(document, dict) else type(document).__name__
+        raise InputFault(f"{file}: schema: expected {ANSWERS_SCHEMA}; found {schema!r}")
     rows = document.get("answers")
     if not isinstance(rows, list):
         raise InputFault(f"{file}: answers: expected a list; found {type(rows).__name__}")

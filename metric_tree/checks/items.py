@@ -188,8 +188,8 @@ def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], extents: Floa
             against = sibling_reference(others) if len(others) else None
             factor = float(slip_factors(medians[node_id][None], against)[0]) if against else 1.0
             if np.isfinite(factor) and factor != 1.0:
-                found = f"{_size_text(medians[node_id])}, {_times(factor)}"
-                yield Finding("W314", node_id, f"extents_mm: expected about {_centre(against)}; found {found}")
+                medians_text = f"{_size_text(medians[node_id])}, {_times(factor)}"
+                yield Finding("W314", node_id, f"extents_mm: expected about {_centre(against)}; found {medians_text}")
 
 
 def _times(factor: float) -> str:

@@ -191,14 +191,14 @@ def _record(arguments: argparse.Namespace) -> None:
         print_table(["subject", "decision", "reader"], [row], title=str(file))
 
 
-def _expect_source(name: str, found: Sequence[Decision]) -> None:
+def _expect_source(name: str, given: Sequence[Decision]) -> None:
     """See that a decision speaks of a source that raw items can bear: declared, a site, or decided about before."""
     from crawler.imports.sources import sources
     from crawler.sites import GENERIC, SITES
     from taxonomy.matching.decisions import EVERY_SOURCE, BadDecision
 
     known = {EVERY_SOURCE, *UNDECLARED, *(site.name for site in (GENERIC, *SITES)), *(one.id for one in sources())}
-    known |= {decision.subject.partition(": ")[0] for decision in found if decision.what == "match"}
+    known |= {decision.subject.partition(": ")[0] for decision in given if decision.what == "match"}
     if name not in known:
         nearest = difflib.get_close_matches(name, sorted(known), n=OFFERED, cutoff=0) or sorted(known)
         expected = f"a source ({', '.join(nearest)} are nearest), or {EVERY_SOURCE} for all"
@@ -208,9 +208,9 @@ def _expect_source(name: str, found: Sequence[Decision]) -> None:
 def _agreement(arguments: argparse.Namespace) -> None:
     from taxonomy.matching.decisions import NONE, agreement, decisions, disagreements
 
-    found = decisions(arguments.folder)
-    kinds = {what: agreement(found, what) for what in ("match", "insertion")}
-    differ = [(a.what, a.subject, a.decision or NONE, b.decision or NONE) for a, b in disagreements(found)]
+    given = decisions(arguments.folder)
+    kinds = {what: agreement(given, what) for what in ("match", "insertion")}
+    differ = [(a.what, a.subject, a.decision or NONE, b.decision or NONE) for a, b in disagreements(given)]
     if arguments.json:
         shares = {w: {"n": k.n, "share": k.share, "kappa": k.kappa} for w, k in kinds.items() if k.n}
         columns = ("what", "subject", "first", "second")

@@ -108,19 +108,19 @@ class Resolver:
     def _of_form(self, form: str, hint: str | None = None) -> Answer | None:
         if not form:
             return None
-        if found := self._names.candidates(form):
-            return self._of(found, None, hint)
+        if candidates := self._names.candidates(form):
+            return self._of(candidates, None, hint)
         for single in singular_phrases(form):
-            if found := self._names.candidates(single):
-                return self._of(found, "folded", hint)
+            if candidates := self._names.candidates(single):
+                return self._of(candidates, "folded", hint)
         return self._of_letters(form, hint)
 
     def _of_letters(self, form: str, hint: str | None) -> Answer | None:
         for letters in dict.fromkeys(one.replace(" ", "") for one in (form, *singular_phrases(form))):
             if len(letters) >= SHORTEST_COMPACT:
                 for spelt in self._names.compact.get(letters, ()):
-                    if found := self._names.candidates(spelt):
-                        return self._of(found, "folded", hint)
+                    if candidates := self._names.candidates(spelt):
+                        return self._of(candidates, "folded", hint)
         return None
 
     def _compound_answer(self, text: str) -> Answer | None:
@@ -188,7 +188,7 @@ class Resolver:
     def _of_wordnet(self, form: str) -> Answer | None:
         """The nearest kind in the tree of a word that the tree lacks."""
         forms = (form, *singular_phrases(form), form.replace(" ", ""))
-        known = next((found for one in forms if (found := senses(one))), ())
+        known = next(filter(None, map(senses, forms)), ())
         things = [sense for sense in known if sense.nodes and _PERSON not in sense.nodes]
         things = things or [sense for sense in known if sense.nodes]
         meant = things if not any(sense.count for sense in known) else [known[0]]
@@ -198,17 +198,17 @@ class Resolver:
             return None  # what is meant first is no thing, has no place in the tree, or is one of several things
         return self._at(node, "broader kind")
 
-    def _of(self, found: Sequence[Candidate], how: str | None, hint: str | None = None) -> Answer | None:
-        if not found:
+    def _of(self, candidates: Sequence[Candidate], how: str | None, hint: str | None = None) -> Answer | None:
+        if not candidates:
             return None
         if hint is not None:
-            found = self._order_by_hint(found, hint)
-        best = found[0]
-        rival = next((one for one in found[1:] if not self._same(best.node_id, one.node_id)), None)
+            candidates = self._order_by_hint(candidates, hint)
+        best = candidates[0]
+        rival = next((one for one in candidates[1:] if not self._same(best.node_id, one.node_id)), None)
         margin = best.score - rival.score if rival else math.inf
-        return Answer(tuple(found), how or best.how, margin)
+        return Answer(tuple(candidates), how or best.how, margin)
 
-    def _order_by_hint(self, found: Sequence[Candidate], hint: str) -> list[Candidate]:
+    def _order_by_hint(self, candidates: Sequence[Candidate], hint: str) -> list[Candidate]:
         """Candidates whose kinds the words in brackets name come first (`bow (weapon)`)."""
         words = set(plain_fold(hint).split())
 
@@ -217,8 +217,8 @@ class Resolver:
             shown = (plain_fold(node.partition(".")[0].removeprefix("mt:")) for node in above)
             return any(words & set(name.split()) for name in shown)
 
-        hinted = [Candidate(one.node_id, one.score + 3.0, one.how) for one in found if names(one)]
-        return hinted + [one for one in found if not names(one)]
+        hinted = [Candidate(one.node_id, one.score + 3.0, one.how) for one in candidates if names(one)]
+        return hinted + [one for one in candidates if not names(one)]
 
     def _same(self, one: str, other: str) -> bool:
         return one == other or self._names.kin(one, other)

@@ -14,6 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from metric_base.faults import InputFault
+from metric_base.leftovers import hold, part_of, remove_dead_files, remove_dead_folders
 
 __all__ = ["WRITE_FAULTS", "OutputNames", "inside", "whole_file", "whole_folder"]
 
@@ -36,7 +37,7 @@ def whole_file(path: Path, option: str | None = None) -> Iterator[Path]:
     """A temporary path to write to; `path` has its content when the block ends, and is untouched when it fails.
 
     The temporary name ends otherwise than the path's, so that what a kill leaves behind is not read as one of its
-    kind. A symbolic link stays and the file that it names is replaced; a device or a pipe is written to in place.
+    kind; the next run removes it. A symbolic link stays and the file that it names is replaced; a device or a pipe is written to in place.
 
     Raises
     ------
@@ -52,7 +53,8 @@ def whole_file(path: Path, option: str | None = None) -> Iterator[Path]:
                     shutil.copyfileobj(source, target)
             return
         target_path = path.resolve() if path.is_symlink() else path
-        work = target_path.with_name(f".{target_path.name}.{os.getpid()}.part")
+        remove_dead_files(target_path)
+        work = part_of(target_path)
         try:
             yield work
             work.replace(target_path)
@@ -65,6 +67,8 @@ def whole_file(path: Path, option: str | None = None) -> Iterator[Path]:
 def whole_folder(path: Path, option: str | None = None) -> Iterator[Path]:
     """A temporary folder beside `path` that takes its name when the block ends, and is removed when it fails.
 
+    What a killed run left of the same path is removed first.
+
     Raises
     ------
     InputFault
@@ -76,13 +80,17 @@ def whole_folder(path: Path, option: str | None = None) -> Iterator[Path]:
         )
     with _write_faults(path, option):
         path.parent.mkdir(parents=True, exist_ok=True)
-        work = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        remove_dead_folders(path)
+        work = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
+        held = hold(work)
         try:
             yield work
             work.chmod(0o755)  # mkdtemp keeps others out
             work.rename(path)
         finally:
             shutil.rmtree(work, ignore_errors=True)  # gone already when all went well
+            if held is not None:
+                os.close(held)
 
 
 def inside(folder: Path, name: str) -> Path:

@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import shutil
-import tempfile
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base.faults import InputFault
+from metric_base.files import whole_folder
 from metric_tree.schema import SCHEMA, TABLES
 
 __all__ = ["MANIFEST", "BadRelease", "Release", "link_file", "open_release", "publish_release", "sha256"]
@@ -78,19 +78,12 @@ def publish_release(
     """
     if directory.exists():
         raise BadRelease(f"{directory}: expected a free path for a new release; found an existing one")
-    directory.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", dir=directory.parent))
-    try:
+    with whole_folder(directory) as work:
         files = {name: _write_table(work / name, tables[name].cast(schema)) for name, schema in TABLES.items()}
         if extras is not None:
             shutil.copytree(extras, work, dirs_exist_ok=True, copy_function=link_file)
         whole = {"schema": SCHEMA, **manifest, "files": files}
         (work / MANIFEST).write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
-        work.chmod(0o755)
-        work.rename(directory)
-    except BaseException:
-        shutil.rmtree(work, ignore_errors=True)
-        raise
     return Release(directory, whole)
 
 

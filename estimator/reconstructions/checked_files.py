@@ -6,6 +6,7 @@ import gc
 import itertools
 import json
 import os
+import re
 import select
 import stat
 import struct
@@ -36,6 +37,8 @@ _JSON_KINDS = {
     type(None): "null", bool: "a truth value", int: "a number", float: "a number", str: "a string",
     list: "an array", dict: "an object",
 }  # fmt: skip
+#: JSON's escape of a surrogate; a half of a pair is no character that can be written or looked up.
+_HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
 _COUNT = struct.Struct("<Q")
 #: Standard input by the name that commands give it.
 STDIN = "-"
@@ -156,7 +159,12 @@ def read_json(path: Path) -> Any:
     collecting = gc.isenabled()
     gc.disable()  # a document holds no cycles, and looking for them in a million points takes longer than to read it
     try:
-        return json.loads(text)
+        document = json.loads(text)
+        if _HALF_CHARACTER.search(text):
+            json.dumps(document, ensure_ascii=False).encode()
+        return document
+    except UnicodeEncodeError:
+        raise InputFault.at(path, "JSON", "whole characters", Words("half of a surrogate pair")) from None
     except RecursionError:
         raise InputFault.at(path, "JSON", "a document of ordinary depth", Words("endless nesting")) from None
     except json.JSONDecodeError as fault:

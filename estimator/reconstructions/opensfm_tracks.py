@@ -11,6 +11,7 @@ import pyarrow.compute as pc
 from pyarrow import csv
 
 from estimator.reconstructions.checked_files import read_bytes
+from estimator.records.scene import MAX_COORDINATE
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.faults import InputFault, Words
 
@@ -35,9 +36,11 @@ def read_observations(
     track_rows = _rows_in(table["f1"], tracks)
     known = (image_rows >= 0) & (track_rows >= 0)
     positions = np.column_stack([table[column].to_numpy()[known] for column in ("f3", "f4")])
-    if not np.isfinite(positions).all():
-        row = int((~np.isfinite(positions)).any(axis=1).argmax())
-        raise InputFault.at(file, "position", "finite numbers", positions[row].tolist())
+    good = np.abs(positions) < MAX_COORDINATE  # false for NaN as well
+    if not good.all():
+        row = int((~good).any(axis=1).argmax())
+        expected = f"finite numbers below {MAX_COORDINATE:g}"
+        raise InputFault.at(file, "position", expected, positions[row].tolist())
     return image_rows[known], track_rows[known], positions
 
 

@@ -28,6 +28,7 @@ import pyarrow as pa
 from crawler.imports.sources import Source, sources
 from crawler.items import RawItem
 from metric_base.faults import InputFault
+from metric_base.files import whole_file
 from metric_tree.build.clean import Cleaned, NodeClass, class_priors, clean_shard
 from metric_tree.build.frequencies import stated_frequencies
 from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
@@ -158,8 +159,8 @@ def build_release(
         classes, dropped = steps.clean()
         report, tables, manifest = (steps.carry if carried else steps.fit)(classes, counts + dropped)
         extras = _add_pictures(raw, tables, report, work.directory / "extras")
+        _write_log(log, work.directory, report)  # first, since a run that finds the release there writes no log
         release = publish_release(out, tables, manifest, extras)
-        _write_log(log, work.directory, report)
     return Build(release, report, log)
 
 
@@ -331,8 +332,9 @@ def _spill_classes(result: Cleaned, stem: Path) -> Cleaned:
 
 
 def _write_log(log: Path, work: Path, content: Mapping[str, Any]) -> None:
-    with (log / "quarantine.jsonl").open("wb") as quarantine:
+    with whole_file(log / "quarantine.jsonl") as place, place.open("wb") as quarantine:
         for path in sorted(work.glob("*.refused"), reverse=True):  # ingest first, then clean
             with path.open("rb") as part:
                 shutil.copyfileobj(part, quarantine)
-    (log / "report.json").write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+    with whole_file(log / "report.json") as place:
+        place.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -58,11 +58,11 @@ class WorkFolder:
         if directory.exists() and (not note.is_file() or note.read_text(encoding="ascii") != key):
             if not note.is_file() and any(directory.iterdir()):
                 raise InputFault(f"{directory}: expected a build's work or nothing; found other files")
-            shutil.rmtree(directory)
+            _remove(directory)
         directory.mkdir(parents=True, exist_ok=True)
         note.write_text(key, encoding="ascii")
         yield cls(directory)
-        shutil.rmtree(directory)
+        _remove(directory)
 
     def map(
         self,
@@ -125,6 +125,14 @@ def fingerprint(files: Iterable[Path], options: str) -> str:
         with path.open("rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()
+
+
+def _remove(directory: Path) -> None:
+    """Remove a work folder, its note last: what a kill leaves is still known as a build's work."""
+    for entry in directory.iterdir():
+        if entry.name != _KEY:
+            shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+    shutil.rmtree(directory)
 
 
 def _is_done(future: Future[Any] | None) -> bool:

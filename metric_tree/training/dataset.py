@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from metric_base.faults import InputFault
+from metric_base.files import whole_folder
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import Picture, compose, random_background
 from metric_tree.training.pasted import Cutout
@@ -79,7 +77,7 @@ def export_dataset(
         raise InputFault(f"{out}: expected a free path for a new data set; found something there")
     summary = Summary()
     matched = list(_matching_pictures(others, classes, plan))  # first: a damaged file is reported before the long work
-    with _whole_folder(out) as work:
+    with whole_folder(out) as work:
         parts: dict[str, list[tuple[dict[str, Any], list[dict[str, Any]]]]] = {split: [] for split in SPLITS}
         for split, image, annotations in progress(_made_pictures(work, cutouts, plan), plan.pictures if cutouts else 0):
             parts[split].append((image, annotations))
@@ -249,20 +247,6 @@ def _split(name: str, val_share: float) -> str:
     """The split that a name belongs to, by its hash."""
     place = int(hashlib.sha256(name.encode()).hexdigest()[:8], 16) / 16**8
     return "val" if place < val_share else "train"
-
-
-@contextmanager
-def _whole_folder(out: Path) -> Iterator[Path]:
-    """A folder beside `out` that becomes `out` when the block ends well, and is removed when it does not."""
-    out.parent.mkdir(parents=True, exist_ok=True)
-    work = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
-    try:
-        yield work
-        work.chmod(0o755)
-        work.rename(out)
-    except BaseException:
-        shutil.rmtree(work, ignore_errors=True)
-        raise
 
 
 def background_files(folder: Path) -> tuple[Path, ...]:

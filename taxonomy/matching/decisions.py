@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import Literal, get_args
 
 from metric_base.faults import InputFault
+from metric_base.files import whole_file
 from metric_base.folders import taxonomy_directory
 
 __all__ = [
@@ -185,9 +185,8 @@ def record_decision(decision: Decision, file: Path, *, amend: bool = False) -> N
     _expect(stands or not amend, f"{file}: subject", f"one that {decision.reader} has decided", decision.subject)
     before = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
     file.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=file.parent, suffix=".part", delete=False) as part:
-        part.write("\n".join([*before, decision.line(), ""]))
-    Path(part.name).replace(file)
+    with whole_file(file) as part:
+        part.write_text("\n".join([*before, decision.line(), ""]), encoding="utf-8")
 
 
 @cache

@@ -10,7 +10,7 @@ import pytest
 from tests.fuzz.__main__ import fuzz, one_outcome
 from tests.fuzz.readers import READERS, Reader, write_seeds
 
-#: Inputs that once did harm: `<reader>--<file of the seed>`.
+#: Inputs that once did harm: `<reader>--<file of the seed>`, with a number between them where there are more.
 CORPUS = Path(__file__).parent / "corpus"
 
 
@@ -32,7 +32,7 @@ def test_whole_files_are_taken_and_damaged_ones_do_no_harm(reader: Reader, seeds
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("file", sorted(CORPUS.glob("*--*")), ids=lambda file: file.name)
 def test_what_once_did_harm(file: Path, seeds: Path, tmp_path: Path) -> None:
-    name, _, part = file.name.partition("--")
+    name, *_, part = file.name.split("--")
     reader = next(reader for reader in READERS if reader.name == name)
     folder = tmp_path / "scene"
     shutil.copytree(seeds / reader.seed, folder)

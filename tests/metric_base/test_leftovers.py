@@ -1,0 +1,53 @@
+"""What a killed run left beside its output is removed by the next one, and what another run works on is not."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from metric_base.files import whole_file, whole_folder
+
+#: Opens a file or a folder for writing and waits in the middle of it.
+WRITER = """
+import sys, time
+from pathlib import Path
+from metric_base.files import whole_file, whole_folder
+
+with {"file": whole_file, "folder": whole_folder}[sys.argv[1]](Path(sys.argv[2])) as work:
+    (work if work.is_dir() else work.parent).joinpath(work.name if not work.is_dir() else "a").write_text("half")
+    print("half-way", flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("kind", ["file", "folder"])
+def test_a_live_writer_keeps_its_part_and_a_dead_one_loses_it(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "out[1].x"  # a name that a pattern would misread
+    neighbour = tmp_path / ".out[1].x.kept"
+    neighbour.write_text("the user's own")
+    with subprocess.Popen([sys.executable, "-c", WRITER, kind, str(path)], stdout=subprocess.PIPE) as writer:
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == b"half-way\n"
+        (part,) = tmp_path.glob("*.part")
+        _write(path, kind)
+        assert part.exists()
+        writer.send_signal(signal.SIGKILL)
+    assert part.exists()
+    if path.is_dir():
+        path.rename(tmp_path / "first")
+    _write(path, kind)
+    names = {entry.name for entry in tmp_path.iterdir()} - {"first"}
+    assert names == {path.name, neighbour.name}
+
+
+def _write(path: Path, kind: str) -> None:
+    if kind == "file":
+        with whole_file(path) as work:
+            work.write_text("whole")
+    else:
+        with whole_folder(path) as work:
+            (work / "a").write_text("whole")

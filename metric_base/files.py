@@ -37,7 +37,8 @@ def whole_file(path: Path, option: str | None = None) -> Iterator[Path]:
     """A temporary path to write to; `path` has its content when the block ends, and is untouched when it fails.
 
     The temporary name ends otherwise than the path's, so that what a kill leaves behind is not read as one of its
-    kind; the next run removes it. A symbolic link stays and the file that it names is replaced; a device or a pipe is written to in place.
+    kind; the next run removes it. A symbolic link stays and the file that it names is replaced; a device or a pipe is
+    written to in place.
 
     Raises
     ------

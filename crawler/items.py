@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 from metric_base.faults import InputFault
+from metric_base.regions import REGIONS
 
-__all__ = ["KINDS", "REGIONS", "SCHEMA", "STATISTICS", "BadRawItem", "Kind", "RawItem", "Statistic", "raw_items"]
+__all__ = ["KINDS", "SCHEMA", "STATISTICS", "BadRawItem", "Kind", "RawItem", "Statistic", "raw_items"]
 
 SCHEMA = "metric-tree/raw/1"
 
@@ -23,11 +24,6 @@ KINDS: frozenset[str] = frozenset(get_args(Kind))
 #: What a row about many things states of them; a row without it is a thing.
 Statistic = Literal["mean", "median", "min", "max"]
 STATISTICS: frozenset[str] = frozenset(get_args(Statistic))
-
-#: Regions of the world, beside the two letters of a country (ISO 3166).
-REGIONS = frozenset(
-    {"world", "europe", "north-america", "latin-america", "east-asia", "south-asia", "africa", "oceania"}
-)
 
 #: Fields that a line holds only where they are set.
 _OPTIONAL = frozenset({"scene", "statistic", "relative_sd", "attribution"})

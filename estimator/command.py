@@ -143,6 +143,7 @@ def _estimate_options(options: argparse.Namespace) -> Options:
     from estimator.evidence.options import up_direction
     from estimator.reconstructions.known_lengths import parse_known_lengths
     from estimator.results.reports import Options
+    from metric_tree.context import where_of
 
     lengths = [length for words in options.known_length for length in parse_known_lengths(words)]
     return Options(
@@ -152,6 +153,7 @@ def _estimate_options(options: argparse.Namespace) -> Options:
         trust_known_length=options.trust_known_length,
         up=up_direction(options),
         leave_one_class_out=options.leave_one_class_out,
+        where=None if options.where is None else where_of(options.where),
     )
 
 

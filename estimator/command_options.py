@@ -114,6 +114,7 @@ def parser() -> OneLineParser:
     draw = "of a video or pictures: draw the instances on a page that is served on loopback"
     add("--draw", metavar="PORT", nargs="?", const=0, type=int, help=draw)
     add("--tree", metavar="REF", help="release: a version or a folder (default: the newest at hand)")
+    add("--where", metavar="region=R,year=Y", help="region and year of the things: region=europe,year=2011")
     add("--method", choices=METHODS, default="default", help="estimator (default: %(default)s)")
     add(
         "--known-length",
@@ -149,6 +150,7 @@ def _check(options: argparse.Namespace) -> None:
         raise InputFault(f"arguments: expected a SCENE or --objects FILE; found {sources}")
     if not 0 < options.level < 1:
         raise InputFault(f"--level: expected a number between 0 and 1; found {options.level}")
+    _check_where(options)
     if options.paper_lists is not None and options.method != "paper":
         raise InputFault(f"--paper-lists: expected --method paper; found --method {options.method}")
     _check_detector(options)
@@ -175,6 +177,16 @@ def _check_known_lengths(options: argparse.Namespace) -> None:
             raise InputFault(f"--known-length: expected {expected}; found {len(words)}: {' '.join(words)}")
     if options.known_length and options.method in WITHOUT_LENGTHS:
         raise InputFault(f"--known-length: expected --method default or height; found --method {options.method}")
+
+
+def _check_where(options: argparse.Namespace) -> None:
+    if options.where is None:
+        return
+    from metric_tree.context import where_of
+
+    where_of(options.where)
+    if options.method in WITHOUT_LENGTHS:
+        raise InputFault(f"--where: expected --method default or height; found --method {options.method}")
 
 
 def _check_detector(options: argparse.Namespace) -> None:

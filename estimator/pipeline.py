@@ -6,7 +6,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import metric_tree
 from estimator.records.measured_object import MeasuredObject
@@ -17,6 +17,7 @@ from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import Options
 from estimator.results.scene_estimate import SceneEstimate
 from metric_base.faults import InputFault
+from metric_tree.context import Where, where_of
 from metric_tree.tree import Tree
 
 if TYPE_CHECKING:
@@ -39,6 +40,7 @@ def estimate_scale(
     evidence: Sequence[ScaleEvidence | EvidenceSource] = (),
     method: str = "default",
     up: Sequence[float] | None = None,
+    where: Where | Mapping[str, Any] | str | None = None,
 ) -> ScaleResult:
     """The scale of a scene, in metres per scene unit, from the sizes of the things that its instances show.
 
@@ -52,6 +54,8 @@ def estimate_scale(
     method : `default`, or a baseline: `height`, `paper`, `sucar`
     up : the vertical of the scene's axes where it is known from outside (an inertial unit), of any length; it replaces
         what the cameras and level surfaces show, and a warning says if they contradict it
+    where : region and year of the things, `{"region": "europe", "year": 2011}`, either or both, for `default` and
+        `height`
 
     Returns
     -------
@@ -79,7 +83,8 @@ def estimate_scale(
         tree = metric_tree.open()
     ready = tuple(item for item in evidence if isinstance(item, ScaleEvidence))
     sources = tuple(item for item in evidence if not isinstance(item, ScaleEvidence))
-    options = Options(method=method, level=level, evidence=ready, up=up)
+    asked = None if where is None else where_of(where)
+    options = Options(method=method, level=level, evidence=ready, up=up, where=asked)
     return _estimate(scene, instances, tree, options, sources).result
 
 

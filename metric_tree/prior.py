@@ -20,6 +20,7 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault
 from metric_base.statistics import mixture_log_density
+from metric_tree.context import Context, ContextModel, Where, context_effect
 
 __all__ = ["FAMILY", "Prior", "UnknownDimension"]
 
@@ -59,7 +60,8 @@ class Prior:
     dims : names of the d axes; weights : (k,); means : (k, d); covariances : (k, d, d) within a source;
     shared_covariance : (d, d) between sources. The density of a new object of unknown source is the mixture
     with covariances + shared_covariance. sameness : share of the variance within a source that the things of one room
-    have in common, 0 to 1, with its standard deviation; None in a release that does not say.
+    have in common, 0 to 1, with its standard deviation; None in a release that does not say. contexts : how things of
+    some regions and years differ, for `in_context`; note : what that did.
     """
 
     node_id: str
@@ -75,6 +77,8 @@ class Prior:
     heldout_log_density: float | None = None
     sameness: float | None = None
     sameness_sd: float | None = None
+    contexts: tuple[Context, ...] = ()
+    note: str | None = None
 
     def __post_init__(self) -> None:
         k, d = len(self.weights), len(self.dims)
@@ -119,6 +123,26 @@ class Prior:
             covariances=self.covariances[:, axes[:, None], axes],
             shared_covariance=self.shared_covariance[axes[:, None], axes],
             heldout_log_density=None if tuple(dims) != self.dims else self.heldout_log_density,
+            contexts=tuple(one.axes(axes.tolist()) for one in self.contexts),
+        )
+
+    def in_context(self, where: Where, model: ContextModel | None) -> Prior:
+        """The prior of things of a region and a year: moved by what is known of these, B left with what is not.
+
+        Its interval is never narrower than B allows without the shares of region and year; without data near the
+        context it is this prior. `note` says which.
+        """
+        if not self.contexts or model is None:
+            return replace(self, note=f"{where}: nothing of it says a region or a year, so that the plain prior holds")
+        effect = context_effect(self.contexts, np.diagonal(self.shared_covariance), where, model)
+        part = np.sqrt(effect.factor)
+        moved = ", ".join(f"{dim} {np.expm1(by):+.1%}" for dim, by in zip(self.dims, effect.offset, strict=True))
+        return replace(
+            self,
+            means=self.means + effect.offset,
+            shared_covariance=self.shared_covariance * np.outer(part, part),
+            heldout_log_density=None,
+            note=f"{where}: {moved} against the plain prior; {1 - effect.factor.mean():.0%} of B explained",
         )
 
     def quantile(self, q: float) -> FloatArray:
@@ -186,6 +210,7 @@ class Prior:
             "heldout_log_density": self.heldout_log_density,
             "sameness": self.sameness,
             "sameness_sd": self.sameness_sd,
+            "contexts": [one.row() for one in self.contexts],
         }
 
     @classmethod
@@ -212,6 +237,7 @@ class Prior:
             heldout_log_density=row["heldout_log_density"],
             sameness=row.get("sameness"),
             sameness_sd=row.get("sameness_sd"),
+            contexts=tuple(map(Context.of_row, row.get("contexts") or ())),
         )
 
     @property

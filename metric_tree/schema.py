@@ -18,6 +18,19 @@ _STRINGS = pa.list_(pa.string())
 _NUMBERS = pa.list_(pa.float64())
 _MATRIX = pa.list_(_NUMBERS)
 
+#: Of each context the source, a country or region, the mean year, the offset (d,) and its sampling variance (d,).
+_CONTEXTS = pa.list_(
+    pa.struct(
+        [
+            ("source", pa.string()),
+            ("region", pa.string()),
+            ("year", pa.float64()),
+            ("offset", _NUMBERS),
+            ("variance", _NUMBERS),
+        ]
+    )
+)
+
 NODES = pa.schema(
     [
         _column("node_id", pa.string(), "WordNet synset, mt:<name> for a reviewed insertion, or <id>/other"),
@@ -77,6 +90,7 @@ PRIORS = pa.schema(
         ),
         _column("sameness", pa.float64(), "share of the variance within a source that one room shares, or null"),
         _column("sameness_sd", pa.float64(), "standard deviation of that share, or null"),
+        _column("contexts", _CONTEXTS, "offsets from the class's centre by source, region and years", "ln mm"),
     ],
     metadata={"schema": SCHEMA},
 )
@@ -101,7 +115,7 @@ IMAGES = pa.schema(
 )
 
 #: Columns that were added within version 1: a release that is older lacks them, which is no fault.
-ADDED_COLUMNS = frozenset({"attribution", "pixels_per_metre", "sameness", "sameness_sd"})
+ADDED_COLUMNS = frozenset({"attribution", "pixels_per_metre", "sameness", "sameness_sd", "contexts"})
 
 #: The tables of a release by file name; a release has exactly these beside its manifest.
 TABLES = {"nodes.parquet": NODES, "items.parquet": ITEMS, "priors.parquet": PRIORS, "images.parquet": IMAGES}

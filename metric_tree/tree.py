@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +12,7 @@ from typing import Any
 import pyarrow as pa
 
 from metric_base.faults import InputFault
+from metric_tree.context import ContextModel, Where, where_of
 from metric_tree.prior import Prior
 from metric_tree.release import Release, open_release
 from metric_tree.releases import release_directory
@@ -107,19 +108,29 @@ class Node:
         """The sets of dimensions that have a fitted row of their own."""
         return self.tree.prior_dims(self.node_id)
 
-    def prior(self, dims: Sequence[str] | None = None) -> Prior:
+    def prior(self, dims: Sequence[str] | None = None, where: Where | Mapping[str, Any] | str | None = None) -> Prior:
         """The size prior over `dims` (`node.dims` by default), in that order.
 
         It is the exact row, else the marginal of the smallest row that contains them. One name may stand alone.
+        With `where` (`{"region": "europe", "year": 2011}`, either or both) it is that of things there and then, as far
+        as the release knows; its `note` says what that changed.
 
         Raises
         ------
         NoPrior
             No row contains them.
+        InputFault
+            `where` names no region, country or year.
+
+        >>> import metric_tree
+        >>> car = metric_tree.open().find("car")
+        >>> car.prior().note, car.prior(where={"region": "europe", "year": 2011}).note[:12]
+        (None, 'europe, 2011')
         """
         if isinstance(dims, str):  # a sequence of letters, which nobody means
             dims = (dims,)
-        return self.tree.prior(self.node_id, tuple(dims) if dims is not None else self.dims)
+        prior = self.tree.prior(self.node_id, tuple(dims) if dims is not None else self.dims)
+        return prior if where is None else prior.in_context(where_of(where), self.tree.context_model)
 
     def _rows(self, table: str) -> pa.Table:
         return self.tree.release.table(table, {node.node_id for node in self.descendants()})
@@ -180,6 +191,12 @@ class Tree:
     def version(self) -> str:
         """The release's semantic version."""
         return str(self.release.manifest["version"])
+
+    @property
+    def context_model(self) -> ContextModel | None:
+        """What the release knows of regions and years; None of an older one."""
+        record = self.release.manifest.get("context_model")
+        return ContextModel(**record) if record else None
 
     @property
     def root(self) -> Node:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from metric_base.faults import InputFault
+from metric_tree.context import Where
 from metric_tree.prior import Prior
 from metric_tree.tree import DETECTORS, Node, Tree
 
@@ -20,21 +21,23 @@ class Meaning:
     reason: str | None = None
 
 
-def meanings(tree: Tree, names: set[str], dims: tuple[str, ...] | None = None) -> dict[str, Meaning]:
+def meanings(
+    tree: Tree, names: set[str], dims: tuple[str, ...] | None = None, where: Where | None = None
+) -> dict[str, Meaning]:
     """What each name means. With `dims` the prior is over these alone, else over the node's own.
 
-    A name that means no node, or several alike, or a node without such a prior, has a reason instead: it is listed,
-    not fatal.
+    With `where` it is that of a region and a year. A name that means no node, or several alike, or a node without
+    such a prior, has a reason instead: it is listed, not fatal.
     """
-    return {name: _meaning(tree, name, dims) for name in sorted(names)}
+    return {name: _meaning(tree, name, dims, where) for name in sorted(names)}
 
 
-def _meaning(tree: Tree, name: str, dims: tuple[str, ...] | None) -> Meaning:
+def _meaning(tree: Tree, name: str, dims: tuple[str, ...] | None, where: Where | None) -> Meaning:
     try:
         node = tree.find(name, DETECTORS)
     except InputFault as fault:
         return Meaning(None, None, str(fault))
     try:
-        return Meaning(node, node.prior(dims))
+        return Meaning(node, node.prior(dims, where))
     except InputFault as fault:
         return Meaning(node, None, str(fault))

@@ -55,7 +55,8 @@ def scale_of_objects(
     True
     """
     options = options or Options()
-    by_name = meanings(tree, {item.category for item in objects}, HEIGHT if options.method == "height" else None)
+    dims = HEIGHT if options.method == "height" else None
+    by_name = meanings(tree, {item.category for item in objects}, dims, options.where)
     started = time.perf_counter()
     stated, reasons = evidence_of(objects, by_name)
     evidence, places = list(stated.values()), list(stated)
@@ -67,6 +68,7 @@ def scale_of_objects(
     elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
     rows = _evidence_rows(options, estimate, lines, clash)
     answer = Answer(estimate, places, _used_dimensions(evidence), reasons, rows)
+    warnings = (*warnings, *_context_warnings(by_name, options))
     heard = (*warnings, *_evidence_warnings(rows), *([] if clash is None else [clash.line(options.trust_known_length)]))
     result = result_of(objects, tree, by_name, answer, options, up, heard, elapsed)
     if estimate is None or not places:
@@ -97,6 +99,15 @@ def evidence_of(
             reasons[place] = "every extent that its prior judges is truncated"
             del stated[place]
     return stated, reasons
+
+
+def _context_warnings(by_name: Mapping[str, Meaning], options: Options) -> list[str]:
+    """A line for classes of which the release does not know how they differ by region or year."""
+    if options.where is None:
+        return []
+    plain = sorted(name for name, one in by_name.items() if one.prior is not None and not one.prior.contexts)
+    names = ", ".join(plain)
+    return [f"where: {options.where}: no size by region or year, so that plain priors hold: {names}"] if plain else []
 
 
 def _table(lines: Sequence[ScaleEvidence]) -> FloatArray:

@@ -16,6 +16,7 @@ from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
 from estimator.results.categories import Meaning
 from estimator.results.verdicts import dimension_names, outlier_reason, verdict
 from metric_base.arrays import BoolArray, FloatArray
+from metric_tree.context import Where
 from metric_tree.tree import Tree
 
 __all__ = ["Answer", "Options", "named_values", "names_of", "result_of"]
@@ -26,7 +27,8 @@ class Options:
     """What the caller asks of an estimate.
 
     evidence : beside the objects; trust_known_length : a known length that contradicts the objects is believed;
-    up : the vertical in the scene's axes where it is known from outside.
+    up : the vertical in the scene's axes where it is known from outside; where : region and year of the things, which
+    the baselines do not use.
     """
 
     method: str = "default"
@@ -35,6 +37,7 @@ class Options:
     leave_one_class_out: bool = False
     trust_known_length: bool = False
     up: Sequence[float] | None = None
+    where: Where | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

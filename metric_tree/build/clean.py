@@ -18,6 +18,7 @@ from metric_tree.build.duplicates import duplicates
 from metric_tree.build.ingest import refusal
 from metric_tree.build.unit_slips import Reference, reference, slip_factors
 from metric_tree.fit.class_prior import ClassRows, Moments, class_prior, extent_moments, moments
+from metric_tree.fit.contexts import Cell, cells_of
 from metric_tree.fit.em import Belief
 from metric_tree.fit.evidence import STATEMENTS
 from metric_tree.fit.kinds import KindModel
@@ -44,7 +45,8 @@ REFUSALS = {
 class NodeClass:
     """Of one leaf: moments in the axes of its pose, then by extents; items by source, rows by kind, kind by source.
 
-    sameness : what the things of one room have in common, where rooms are known.
+    sameness : what the things of one room have in common, where rooms are known; cells : means by source, region and
+    years, in the axes of the pose.
     """
 
     node_id: str
@@ -53,6 +55,7 @@ class NodeClass:
     n_by_kind: Mapping[str, int]
     kinds: Mapping[str, str]
     sameness: Sameness | None = None
+    cells: tuple[Cell, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,13 +180,16 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
     ]
     frames = frames[:1] if pose == "any" else frames
     by_kind = dict(Counter(kind.tolist()))
+    own = np.log(sizes[:, 3:] if pose == "any" else sizes[:, :3])
+    places = table["region"].to_pylist(), table["year"].to_pylist()
     node_class = NodeClass(
         node_id,
         (moments(frames[0]), *map(extent_moments, frames[1:])),
         dict(by_source),
         by_kind,
         dict(zip(source.tolist(), kind.tolist(), strict=True)),
-        class_sameness(np.log(sizes[:, :3] if pose != "any" else sizes[:, 3:]), source, scene),
+        class_sameness(own, source, scene),
+        cells_of(own, _worlds(source, scene), kind, *places, _scene_shares(scene)),
     )
     return node_class, frames[0]
 

@@ -23,6 +23,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import pyarrow as pa
 
 from crawler.imports.sources import Source, sources
@@ -45,6 +46,9 @@ from metric_tree.build.tables import (
     source_records,
 )
 from metric_tree.build.work_folder import Here, WorkFolder, fingerprint, sole_writer
+from metric_tree.context import ContextModel
+from metric_tree.fit.centre import shared_covariance
+from metric_tree.fit.contexts import class_contexts, learn_contexts
 from metric_tree.fit.evidence import KIND_WEIGHT
 from metric_tree.fit.kinds import KindModel, learn_kinds
 from metric_tree.pictures import collect_pictures, picture_files
@@ -222,6 +226,7 @@ class Steps:
         hierarchy = Hierarchy.of(kept_categories(self.taxonomy().categories(), by_id))
         families = hierarchy.families()
         model = _learned(classes, families)
+        contexts = _learned_contexts(classes, families, model)
         leaves = self._leaves(classes, hierarchy, families, model)
         priors = hierarchy.priors(leaves, by_id, stated_frequencies())
         tables = {
@@ -230,7 +235,8 @@ class Steps:
             "priors.parquet": prior_table(hierarchy, hierarchy.with_sameness(priors, by_id)),
             "images.parquet": IMAGES.empty_table(),
         }
-        manifest = self._manifest(tables, classes, counts) | {"evidence_model": model.record()}
+        manifest = self._manifest(tables, classes, counts)
+        manifest |= {"evidence_model": model.record(), "context_model": contexts.record()}
         return report(classes, leaves, model, counts), tables, manifest
 
     def carry(
@@ -257,7 +263,13 @@ class Steps:
         files = sorted(self.work.directory.glob("clean-*.classes"))
         options = self.options
         calls = ((path.read_bytes(), own, families, model, options.seed, options.heldout) for path in files)
-        return {prior.node_id: prior for priors in self._map("fit", class_priors, calls) for prior in priors}
+        fitted = {prior.node_id: prior for priors in self._map("fit", class_priors, calls) for prior in priors}
+        return {
+            one.node_id: class_contexts(
+                fitted[one.node_id], one.moments[0].axes, one.cells, np.diagonal(one.moments[0].within)
+            )
+            for one in classes
+        }
 
     def _items(self) -> pa.Table:
         """The shipped items, mapped from the work folder and not read into memory."""
@@ -302,6 +314,16 @@ def _learned(classes: Sequence[NodeClass], families: Mapping[str, str]) -> KindM
     """What kinds of evidence are worth, from the classes that have several."""
     pairs = ((families[one.node_id], m.disagreement) for one in classes for m in one.moments[:1])
     return learn_kinds(((family, one) for family, one in pairs if one is not None), sorted(KIND_WEIGHT))
+
+
+def _learned_contexts(classes: Sequence[NodeClass], families: Mapping[str, str], model: KindModel) -> ContextModel:
+    """How much of the disagreement between sources is region and year, from the classes that have several."""
+    known = ((one, one.moments[0].disagreement) for one in classes if one.cells)
+    return learn_contexts(
+        (one.cells, np.diagonal(own.within), np.diagonal(shared_covariance(own, model, families[one.node_id])))
+        for one, own in known
+        if own is not None
+    )
 
 
 def _add_pictures(

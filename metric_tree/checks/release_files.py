@@ -33,10 +33,6 @@ CODES = {
 }
 
 
-#: Columns that releases before 2.0.0 do not have.
-LATER = frozenset({"sameness", "sameness_sd"})
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tables:
     nodes: pa.Table
@@ -77,8 +73,6 @@ def _file_findings(release: Release) -> Iterator[Finding]:
         if table.num_rows != recorded.get("rows"):
             yield Finding("E103", name, f"expected {recorded.get('rows')} rows; found {table.num_rows}")
         for field in schema:
-            if field.name not in table.column_names and field.name in LATER:
-                continue
             if field.name not in table.column_names:
                 if field.name not in ADDED_COLUMNS:
                     yield Finding("E104", f"{name}: {field.name}", "expected the column; found none")

@@ -10,6 +10,7 @@ import numpy as np
 
 from metric_base.faults import InputFault
 from metric_base.terminal import print_json, print_table
+from metric_tree.context import Where, where_of
 from metric_tree.description import everyday_sentence, item_quantiles, shipped_evidence
 from metric_tree.prior import Prior
 from metric_tree.schema import IMAGES
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("name", metavar="NAME", help="name, synset, alias or detector label")
     parser.add_argument("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")
+    parser.add_argument("--where", metavar="region=R,year=Y", help="of things there and then: region=europe,year=2011")
     parser.add_argument("--vocabulary", help="read NAME as this label list does (coco_80, lvis_v1, ...)")
     parser.add_argument("--kind", help="also the sizes of the shipped items of this kind: product, measured, ...")
     parser.add_argument("--images", metavar="N", type=int, help="name N pictures, spread over the sizes")
@@ -41,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Print the node and its prior."""
     node = open_tree(arguments.tree).find(arguments.name, arguments.vocabulary)
     dims = tuple(arguments.dims.split(",")) if arguments.dims else None
-    description = summary(node, dims)
+    description = summary(node, dims, where_of(arguments.where) if arguments.where is not None else None)
     if arguments.kind is not None:
         description["items_of_kind"] = item_quantiles(node, arguments.kind, QUANTILES)
     if arguments.images is not None or arguments.sheet is not None:
@@ -53,10 +55,10 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def summary(node: Node, dims: tuple[str, ...] | None = None) -> dict[str, Any]:
+def summary(node: Node, dims: tuple[str, ...] | None = None, where: Where | None = None) -> dict[str, Any]:
     """The node as the JSON of the command; `prior` is null where the node has none and no `dims` were asked for."""
     try:
-        prior = node.prior(dims)
+        prior = node.prior(dims, where)
     except NoPrior:
         if dims is not None:
             raise
@@ -72,6 +74,7 @@ def summary(node: Node, dims: tuple[str, ...] | None = None) -> dict[str, Any]:
         "n_items": node.n_items,
         "children": [child.node_id for child in node.children],
         "dims": list(prior.dims) if prior else list(node.dims),
+        "where": prior.note if prior else None,
         "sentence": everyday_sentence(node.name.partition(" (")[0], prior) if prior else None,
         "shipped": shipped_evidence(node),
         "quantiles_mm": _quantiles(prior) if prior else None,
@@ -121,6 +124,7 @@ def _print(description: dict[str, Any]) -> None:
             ("pose", description["pose"]),
             ("items", description["n_items"]),
             ("in words", description["sentence"] or "nothing is known of its size"),
+            *([("where", description["where"])] if description["where"] else []),
             ("evidence", _shares(description)),
             ("licences", ", ".join(f"{name} ({n})" for name, n in description["shipped"]["licence"].items()) or "none"),
             ("children", ", ".join(description["children"]) or "none"),

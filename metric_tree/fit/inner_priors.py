@@ -14,6 +14,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_tree.fit.class_prior import VAGUE, Moments
+from metric_tree.fit.contexts import inner_contexts
 from metric_tree.fit.em import Belief, Mixture, raise_to_floor
 from metric_tree.prior import Prior
 
@@ -173,6 +174,7 @@ def _inner_prior(
         COMPONENTS,
     )
     kinds = sorted({kind for child in having for kind in child.share_by_kind})
+    shared = np.einsum("c,cij->ij", share, np.array([child.shared_covariance for child in having]))
     by_kind = np.array([[child.share_by_kind.get(kind, 0.0) for kind in kinds] for child in having])
     return Prior(
         node_id=node_id,
@@ -180,11 +182,12 @@ def _inner_prior(
         weights=mixture.weights / mixture.weights.sum(),
         means=mixture.means,
         covariances=mixture.covariances,
-        shared_covariance=np.einsum("c,cij->ij", share, np.array([child.shared_covariance for child in having])),
+        shared_covariance=shared,
         n=sum(child.n for child in having),
         n_sources=max(child.n_sources for child in having),
         share_by_kind=dict(zip(kinds, (share @ by_kind).tolist(), strict=True)),
         borrowed=0.0,
+        contexts=inner_contexts(having, share, np.diagonal(shared)),
     )
 
 

@@ -1,0 +1,212 @@
+"""Where and when: how far things of a region and a year lie from their class, and how well that is known.
+
+The mean ln size m_j of the rows of one source, region and span of years lies off the class's centre by
+
+    m_j - mu = r(region_j) + t(year_j) + e(source_j) + noise_j
+
+on each axis: Gaussian, with the shares `region`, `year` and the rest of the class's covariance between sources B.
+r is shared within a country wholly, within a region by the part `kin`; t follows a Gaussian kernel of `years`. The
+effect of a context that is asked for is the conditional mean of r + t; what that leaves of their variance stays in B
+(simple kriging; Cressie 1993, 3.2). Without data near the context the effect is nothing and B stays what it was.
+
+Importing this module needs NumPy alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from metric_base.arrays import FloatArray
+from metric_base.faults import InputFault
+from metric_base.regions import REGIONS, region_of
+
+__all__ = ["Context", "ContextModel", "Effect", "Likeness", "Where", "context_effect", "where_of"]
+
+#: Years that are no mistyping.
+YEARS = (1000, 2100)
+
+
+@dataclass(frozen=True, slots=True)
+class Where:
+    """A context that is asked for: a region or a country's code, and a year; None is not stated."""
+
+    region: str | None = None
+    year: float | None = None
+
+    def __str__(self) -> str:
+        parts = (self.region, None if self.year is None else f"{self.year:g}")
+        return ", ".join(part for part in parts if part is not None)
+
+
+def where_of(asked: Where | Mapping[str, Any] | str) -> Where:
+    """The context of a mapping or of a text such as `region=europe,year=2011`.
+
+    Raises
+    ------
+    InputFault
+        Another name than region and year, a place that is neither a region nor the code of a country, or no year.
+
+    >>> where_of("region=DE, year=2011")
+    Where(region='DE', year=2011.0)
+    """
+    if isinstance(asked, Where):
+        return asked
+    if isinstance(asked, str):
+        pairs = [part.partition("=") for part in asked.split(",")]
+        asked = {name.strip(): value.strip() for name, _, value in pairs}
+    if not asked or not set(asked) <= {"region", "year"}:
+        raise InputFault(f"where: expected region, year or both; found {', '.join(map(str, asked)) or 'neither'}")
+    return Where(_place(asked.get("region")), _year(asked.get("year")))
+
+
+def _place(text: Any) -> str | None:
+    if text is None:
+        return None
+    place = str(text).strip()
+    place = place.upper() if len(place) == 2 else place.lower().replace(" ", "-").replace("_", "-")
+    if region_of(place) is None:
+        known = ", ".join(sorted(REGIONS))
+        raise InputFault(f"where: region: expected {known} or the two letters of a country; found {text!r}")
+    return None if place == "world" else place
+
+
+def _year(text: Any) -> float | None:
+    if text is None:
+        return None
+    try:
+        year = float(text)
+    except (TypeError, ValueError):
+        year = 0.0
+    if not YEARS[0] <= year <= YEARS[1]:
+        raise InputFault(f"where: year: expected a year from {YEARS[0]} to {YEARS[1]}; found {text!r}")
+    return year
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Context:
+    """Rows of one source in one region and span of years: how far they lie from their class.
+
+    region : code of a country, a region, or None; year : the mean one, or None; offset : (d,) of ln size, NaN where
+    unstated; variance : (d,) of its sampling error.
+    """
+
+    source: str
+    region: str | None
+    year: float | None
+    offset: FloatArray
+    variance: FloatArray
+
+    def axes(self, chosen: Sequence[int]) -> Context:
+        """The same on some of the axes."""
+        axes = list(chosen)
+        return Context(self.source, self.region, self.year, self.offset[axes], self.variance[axes])
+
+    def row(self) -> dict[str, Any]:
+        """The context as one entry of the column `contexts` (`metric_tree.schema.PRIORS`)."""
+        known = {"source": self.source, "region": self.region, "year": self.year}
+        return known | {"offset": self.offset.tolist(), "variance": self.variance.tolist()}
+
+    @classmethod
+    def of_row(cls, row: Mapping[str, Any]) -> Context:
+        """The context of an entry of the column."""
+        offset, variance = (np.array(row[name], dtype=float) for name in ("offset", "variance"))
+        return cls(row["source"], row["region"], row["year"], offset, variance)
+
+
+@dataclass(frozen=True, slots=True)
+class ContextModel:
+    """How much of B is region and how much is year, learned over all classes (`metric_tree.fit.contexts`).
+
+    region, year : shares of B, together at most 1; kin : share of a country's effect that its region has; years : the
+    kernel's standard deviation.
+    """
+
+    region: float
+    year: float
+    kin: float
+    years: float
+
+    def record(self) -> dict[str, float]:
+        """The model as the manifest has it."""
+        return {name: round(value, 4) for name, value in asdict(self).items()}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Effect:
+    """What a context does: offset (d,) to ln size; factor (d,), the part of each variance of B that stays, 0 to 1."""
+
+    offset: FloatArray
+    factor: FloatArray
+
+
+def context_effect(contexts: Sequence[Context], shared: FloatArray, where: Where, model: ContextModel) -> Effect:
+    """The effect of a context on a class.
+
+    Parameters
+    ----------
+    contexts : of the class; shared : (d,) variances of B
+    """
+    effect = Effect(np.zeros(len(shared)), np.ones(len(shared)))
+    for axis, between in enumerate(shared):
+        stated = [one for one in contexts if not np.isnan(one.offset[axis])]
+        if not stated or between <= 0:
+            continue
+        noise = np.array([one.variance[axis] for one in stated])
+        whole = between * _likeness(stated).covariance(model) + np.diag(noise)
+        near = between * _nearness(stated, where, model)
+        solved = np.linalg.solve(whole, near)
+        effect.offset[axis] = solved @ [one.offset[axis] for one in stated]
+        effect.factor[axis] = 1 - min(float(solved @ near) / between, model.region + model.year)
+    return effect
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Likeness:
+    """What pairs of contexts have in common, (n, n) each: source, country, region alone (0 or 1), years apart."""
+
+    source: FloatArray
+    country: FloatArray
+    region: FloatArray
+    apart: FloatArray
+
+    @classmethod
+    def of(cls, sources: Sequence[str], regions: Sequence[str | None], years: Sequence[float | None]) -> Likeness:
+        """The likeness of contexts; an unknown place or year is like none but itself."""
+        known = np.array([np.nan if year is None else year for year in years])
+        apart = np.abs(known[:, None] - known)
+        unlike = np.where(np.eye(len(known)) > 0, 0.0, np.inf)
+        places = [(region or f"unknown {row}") for row, region in enumerate(regions)]
+        country, region = _kinship(places, places)
+        same = (np.asarray(sources)[:, None] == np.asarray(sources)).astype(float)
+        return cls(same, country, region, np.where(np.isnan(apart), unlike, apart))
+
+    def covariance(self, model: ContextModel) -> FloatArray:
+        """Covariance (n, n) of r + t + e, in parts of B."""
+        source = (1 - model.region - model.year) * self.source
+        region = model.region * (self.country + model.kin * self.region)
+        return np.asarray(source + region + model.year * np.exp(-0.5 * (self.apart / model.years) ** 2))
+
+
+def _likeness(contexts: Sequence[Context]) -> Likeness:
+    return Likeness.of(*zip(*((one.source, one.region, one.year) for one in contexts), strict=True))
+
+
+def _nearness(contexts: Sequence[Context], where: Where, model: ContextModel) -> FloatArray:
+    """Covariance (n,) of r + t of the contexts with those of `where`, in parts of B."""
+    places = [(one.region or f"unknown {row}") for row, one in enumerate(contexts)]
+    country, region = _kinship([where.region or "nowhere"], places)
+    apart = np.array([np.inf if one.year is None or where.year is None else one.year - where.year for one in contexts])
+    near = model.region * (country + model.kin * region)[0] + model.year * np.exp(-0.5 * (apart / model.years) ** 2)
+    return np.asarray(near)
+
+
+def _kinship(a: Sequence[str], b: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+    """Whether places are one country, and whether they are only of one region, (n, m) each; the world is no place."""
+    of_a, of_b = (np.array([region_of(place) or place for place in places]) for places in (a, b))
+    same = (np.asarray(a)[:, None] == np.asarray(b)) & ~np.isin(np.asarray(a), sorted(REGIONS))[:, None]
+    alike = (of_a[:, None] == of_b) & (of_a != "world")[:, None]
+    return same.astype(float), (alike & ~same).astype(float)

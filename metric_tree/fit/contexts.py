@@ -1,0 +1,212 @@
+"""What rows say of regions and years: the mean of each source, region and span of years, and how much that explains.
+
+The model is that of `metric_tree.context`. Its four numbers maximise the restricted likelihood over all classes, in
+which a class's covariance between sources is what `metric_tree.fit.kinds` says it is and is only parted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metric_base.arrays import FloatArray
+from metric_tree.context import Context, ContextModel, Likeness
+from metric_tree.fit.disagreement import CERTAIN_ROWS
+from metric_tree.prior import Prior
+
+__all__ = ["Cell", "cells_of", "class_contexts", "inner_contexts", "learn_contexts"]
+
+#: Years of one span: a car model lives for six, and fewer rows say less.
+SPAN = 5
+
+#: Kinds of things in use today where they were measured, sold or required.
+KINDS = frozenset({"product", "measured", "standard", "statistic"})
+
+#: Contexts of a class that take part in the model, those of most rows.
+MOST = 30
+
+#: Least part of a node's weight of which a source must speak to be a context of the node.
+LEAST_PART = 0.2
+
+#: Decimals of a published offset: a thousandth of a per cent.
+DECIMALS = 5
+
+#: What is tried for each number of the model. Half of B at most is region, or year: sources differ for other reasons
+#: too, and where a country is known by one source only the two cannot be told apart.
+GRIDS: Mapping[str, tuple[float, ...]] = {
+    "region": (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5),
+    "year": (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5),
+    "kin": (0.1, 0.3, 0.5, 0.7, 0.9),
+    "years": (5.0, 8.0, 12.0, 20.0, 30.0),
+}
+
+#: Rounds over the grids; the second changes little.
+ROUNDS = 3
+
+#: Before any class is seen, and where no class has two contexts.
+START = ContextModel(region=0.2, year=0.1, kin=0.5, years=12.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Cell:
+    """Rows of one source, region and span of years: mean (d,) of ln size, NaN unstated, and effective rows (d,)."""
+
+    source: str
+    region: str | None
+    year: float | None
+    mean: FloatArray
+    rows: FloatArray
+
+
+def cells_of(
+    x: FloatArray,
+    source: NDArray[np.str_],
+    kind: NDArray[np.str_],
+    region: Sequence[str | None],
+    year: Sequence[int | None],
+    weight: FloatArray,
+) -> tuple[Cell, ...]:
+    """The cells of a class's rows that say a region or a year.
+
+    Parameters
+    ----------
+    x : (n, d) ln size, NaN where unstated; source, kind, region, year : of the rows; weight : (n,) one over the rows
+        of the class in the row's scene
+    """
+    rows: dict[tuple[str, str, int], list[int]] = {}
+    for number in np.flatnonzero(np.isin(kind, sorted(KINDS))).tolist():
+        place, when = region[number], year[number]
+        if place not in (None, "world") or when is not None:
+            span = -1 if when is None else when // SPAN
+            rows.setdefault((str(source[number]), place or "", span), []).append(number)
+    return tuple(_cell(key, x, np.array(own), kind, year, weight) for key, own in sorted(rows.items()))
+
+
+def _cell(
+    key: tuple[str, str, int],
+    x: FloatArray,
+    own: NDArray[np.intp],
+    kind: NDArray[np.str_],
+    year: Sequence[int | None],
+    weight: FloatArray,
+) -> Cell:
+    source, region, _ = key
+    parts = np.where(np.isnan(x[own]), 0.0, weight[own, None])  # (n, d)
+    mass = parts.sum(axis=0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = (parts * np.nan_to_num(x[own])).sum(axis=0) / mass
+        rows = mass**2 / (parts**2).sum(axis=0)
+    certain = np.where(kind[own[0]] == "statistic", CERTAIN_ROWS, 1.0)
+    years = [when for number in own.tolist() if (when := year[number]) is not None]
+    when = float(np.mean(years)) if years else None
+    return Cell(source, region or None, when, np.where(mass > 0, mean, np.nan), np.nan_to_num(rows) * certain)
+
+
+def class_contexts(prior: Prior, axes: Sequence[str], cells: Sequence[Cell], within: FloatArray) -> Prior:
+    """The prior with the contexts of its class; `axes` are those of the cells, `within` (d,) variances in a source."""
+    chosen = [list(axes).index(dim) for dim in prior.dims]
+    centre = prior.weights @ prior.means
+    contexts = []
+    for cell in cells:
+        rows = cell.rows[chosen]
+        if (rows > 0).any():
+            offset = np.where(rows > 0, cell.mean[chosen] - centre, np.nan)
+            variance = within[chosen] / np.maximum(rows, 1e-9)
+            contexts.append(Context(cell.source, cell.region, cell.year, *_rounded(offset, variance)))
+    return replace(prior, contexts=tuple(contexts))
+
+
+def inner_contexts(children: Sequence[Prior], share: FloatArray, shared: FloatArray) -> tuple[Context, ...]:
+    """The contexts of a node: those of its children of the same source, region and years, by the children's weight.
+
+    A source that speaks for the part q of the weight says the mean over that part, and off the node's own by a share
+    (1 - q) / q of B.
+
+    Parameters
+    ----------
+    children : priors over the node's dimensions; share : (c,) their weights, sum 1; shared : (d,) variances of B
+    """
+    groups: dict[tuple[str, str, int], list[tuple[float, Context]]] = {}
+    for child, part in zip(children, share.tolist(), strict=True):
+        for one in child.contexts:
+            key = (one.source, one.region or "", -1 if one.year is None else int(one.year // SPAN))
+            groups.setdefault(key, []).append((part, one))
+    return tuple(one for _, own in sorted(groups.items()) for one in _together(own, shared))
+
+
+def _together(own: Sequence[tuple[float, Context]], shared: FloatArray) -> list[Context]:
+    parts = np.array([part for part, _ in own])
+    offsets = np.array([one.offset for _, one in own])  # (c, d)
+    weights = np.where(np.isnan(offsets), 0.0, parts[:, None])
+    part = weights.sum(axis=0)
+    if part.max() < LEAST_PART:
+        return []
+    stated = np.maximum(part, 1e-9)
+    offset = (weights * np.nan_to_num(offsets)).sum(axis=0) / stated
+    variances = np.nan_to_num(np.array([one.variance for _, one in own]))
+    variance = (weights**2 * variances).sum(axis=0) / stated**2 + np.maximum(1 - part, 0) / stated * shared
+    years = [(share, one.year) for share, one in own if one.year is not None]
+    year = sum(share * when for share, when in years) / sum(share for share, _ in years) if years else None
+    offset = np.where(part >= LEAST_PART, offset, np.nan)
+    return [Context(own[0][1].source, own[0][1].region, year, *_rounded(offset, variance))]
+
+
+def _rounded(offset: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """As published; a sampling variance is never nothing, which would make a source's word the whole truth."""
+    return np.round(offset, DECIMALS), np.maximum(np.round(variance, DECIMALS + 1), 10.0 ** -(DECIMALS + 1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Line:
+    """One axis of one class: its contexts' likeness, means (n,), noise (n,) in parts of B, B."""
+
+    likeness: Likeness
+    means: FloatArray
+    noise: FloatArray
+    between: float
+
+
+def learn_contexts(classes: Iterable[tuple[Sequence[Cell], FloatArray, FloatArray]]) -> ContextModel:
+    """The model from the cells, the variances (d,) within a source, and those of B, of all classes."""
+    lines = [line for cells, within, between in classes for line in _lines(cells, within, between)]
+    model = START
+    if not lines:
+        return model
+    for _ in range(ROUNDS):
+        for name, grid in GRIDS.items():
+            options = [replace(model, **{name: value}) for value in grid]
+            allowed = [option for option in options if option.region + option.year < 0.9]
+            model = max(allowed, key=lambda one: sum(_restricted(line, one) for line in lines))
+    return model
+
+
+def _lines(cells: Sequence[Cell], within: FloatArray, between: FloatArray) -> list[_Line]:
+    lines = []
+    for axis in range(len(within)):
+        stated = sorted((cell for cell in cells if cell.rows[axis] > 0), key=lambda cell: -cell.rows[axis])[:MOST]
+        if len(stated) >= 2 and between[axis] > 0:
+            noise = np.array([within[axis] / cell.rows[axis] for cell in stated]) / between[axis]
+            lines.append(
+                _Line(
+                    Likeness.of(*zip(*((one.source, one.region, one.year) for one in stated), strict=True)),
+                    np.array([cell.mean[axis] for cell in stated]),
+                    np.maximum(noise, 1e-4),
+                    float(between[axis]),
+                )
+            )
+    return lines
+
+
+def _restricted(line: _Line, model: ContextModel) -> float:
+    """Restricted log likelihood: -(ln|V| + ln 1'V^-1 1 + (m - mu)' V^-1 (m - mu) / B) / 2, V in parts of B."""
+    whole = line.likeness.covariance(model) + np.diag(line.noise)
+    lower = np.linalg.cholesky(whole)
+    white = np.linalg.solve(lower, np.column_stack([np.ones(len(line.means)), line.means]))
+    total = float(white[:, 0] @ white[:, 0])
+    rest = white[:, 1] - white[:, 0] * float(white[:, 0] @ white[:, 1]) / total
+    log_det = 2 * float(np.log(np.diag(lower)).sum())
+    return -0.5 * (log_det + math.log(total) + float(rest @ rest) / line.between)

@@ -1,0 +1,81 @@
+"""What regions and years explain, recovered from made sources; cells of rows; contexts of inner nodes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from metric_tree.context import ContextModel, Where
+from metric_tree.fit.contexts import cells_of, class_contexts, inner_contexts, learn_contexts
+from metric_tree.prior import Prior
+
+BETWEEN = np.array([0.01])
+
+
+def plain(centre: float, shared: float = 0.01) -> Prior:
+    one = np.array([[shared]])
+    return Prior("car.n.01", ("length",), np.ones(1), np.array([[centre]]), one[None], one, 9, 3, {"product": 1.0}, 0.0)
+
+
+def made_classes(region: float, year: float, classes: int = 50, seed: int = 0):
+    """Cells of classes whose sources differ by region and year in these parts of B."""
+    generator = np.random.default_rng(seed)
+    for _ in range(classes):
+        places = dict(zip(("DE", "US", "IN", "CN"), generator.normal(0, np.sqrt(region), 4), strict=True))
+        slope = generator.normal(0, np.sqrt(year))
+        rows = []
+        for source in range(6):
+            own = generator.normal(0, np.sqrt(1 - region - year))
+            place = str(generator.choice(list(places)))
+            for when in (1990, 2018):
+                effect = places[place] + own + (slope if when == 1990 else -slope)
+                rows.append((8 + 0.1 * effect, f"s{source}", place, when))
+        x, source, place, when = zip(*rows, strict=True)
+        arrays = np.array(x)[:, None], np.array(source), np.full(len(x), "product")
+        cells = cells_of(*arrays, place, when, np.ones(len(x)))
+        yield cells, np.array([1e-5]), BETWEEN
+
+
+@pytest.mark.parametrize(("region", "year"), [(0.0, 0.0), (0.4, 0.0), (0.0, 0.4)])
+def test_the_shares_of_region_and_year_are_recovered(region: float, year: float) -> None:
+    model = learn_contexts(made_classes(region, year))
+    assert model.region == pytest.approx(region, abs=0.15)
+    assert model.year == pytest.approx(year, abs=0.15)
+
+
+def test_rows_that_say_neither_region_nor_year_are_no_context() -> None:
+    x = np.array([[8.0], [8.1], [8.2]])
+    names = np.array(["a", "b", "c"]), np.array(["product", "product", "museum"])
+    cells = cells_of(x, *names, [None, "DE", "FR"], [None, None, 1700], np.ones(3))
+    assert [(cell.source, cell.region, cell.year) for cell in cells] == [("b", "DE", None)]
+
+
+def test_rooms_weigh_and_not_boxes() -> None:
+    x = np.array([[8.0], [9.0], [9.0], [9.0], [9.0]])
+    names = np.full(5, "rooms"), np.full(5, "measured")
+    (cell,) = cells_of(x, *names, ["US"] * 5, [2015] * 5, np.array([1, 0.25, 0.25, 0.25, 0.25]))
+    assert cell.mean[0] == pytest.approx(8.5)
+    assert cell.rows[0] == pytest.approx(4 / 1.25)
+
+
+def test_a_node_has_the_contexts_of_its_children_by_their_weight() -> None:
+    names = np.array(["a"]), np.array(["product"])
+    children = []
+    for centre, mean in ((8.0, 8.2), (7.0, 7.0)):
+        cells = cells_of(np.array([[mean]]), *names, ["DE"], [2010], np.ones(1))
+        children.append(class_contexts(plain(centre), ("length",), cells, np.array([0.001])))
+    (both,) = inner_contexts(children, np.array([0.75, 0.25]), BETWEEN)
+    assert both.offset[0] == pytest.approx(0.75 * 0.2)
+    (lone,) = inner_contexts([children[0], plain(7.0)], np.array([0.4, 0.6]), BETWEEN)
+    assert lone.offset[0] == pytest.approx(0.2)
+    assert lone.variance[0] > both.variance[0] + 0.01
+    assert inner_contexts([children[0], plain(7.0)], np.array([0.1, 0.9]), BETWEEN) == ()
+
+
+def test_a_class_seen_there_is_moved_there() -> None:
+    names = np.array(["a"]), np.array(["product"])
+    cells = cells_of(np.array([[8.2]]), *names, ["DE"], [2010], np.ones(1))
+    prior = class_contexts(plain(8.0), ("length",), cells, np.array([0.001]))
+    model = ContextModel(0.3, 0.2, 0.5, 12.0)
+    moved = prior.in_context(Where("DE", 2010), model).means[0, 0]
+    assert 8.0 < prior.in_context(Where("FR", 2010), model).means[0, 0] < moved < 8.2

@@ -9,10 +9,21 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from metric_base.faults import InputFault
+from metric_base.faults import InputFault, in_file
 from metric_base.regions import REGIONS
+from metric_base.schema import expect, json_record, record_of
 
-__all__ = ["KINDS", "SCHEMA", "STATISTICS", "BadRawItem", "Kind", "RawItem", "Statistic", "raw_items"]
+__all__ = [
+    "KINDS",
+    "SCHEMA",
+    "STATISTICS",
+    "BadRawItem",
+    "Kind",
+    "RawItem",
+    "Statistic",
+    "items_of_lines",
+    "raw_items",
+]
 
 SCHEMA = "metric-tree/raw/1"
 
@@ -74,20 +85,20 @@ class RawItem:
     attribution: str | None = None
 
     def __post_init__(self) -> None:
-        _expect(self.kind in KINDS, "kind", f"one of {', '.join(sorted(KINDS))}", self.kind)
-        _expect(
+        expect(self.kind in KINDS, "kind", f"one of {', '.join(sorted(KINDS))}", self.kind)
+        expect(
             self.statistic in {None, *STATISTICS},
             "statistic",
             f"one of {', '.join(sorted(STATISTICS))}",
             self.statistic,
         )
-        _expect(
+        expect(
             _is_region(self.region), "region", f"two letters of ISO 3166, or {', '.join(sorted(REGIONS))}", self.region
         )
-        _expect(bool(self.source), "source", "a name", self.source)
-        _expect(bool(self.source_id), "source_id", "an id", self.source_id)
+        expect(bool(self.source), "source", "a name", self.source)
+        expect(bool(self.source_id), "source_id", "an id", self.source_id)
         sizes = [v for v in (*self.dimensions_mm.values(), *(self.extents_mm or ())) if v is not None]
-        _expect(all(math.isfinite(v) and v > 0 for v in sizes), "dimensions_mm", "positive lengths", sizes)
+        expect(all(math.isfinite(v) and v > 0 for v in sizes), "dimensions_mm", "positive lengths", sizes)
 
     @property
     def identity(self) -> str:
@@ -105,26 +116,18 @@ class RawItem:
         return json.dumps(record, ensure_ascii=False)
 
     @classmethod
-    def from_line(cls, line: str) -> RawItem:
+    def from_line(cls, line: str | bytes) -> RawItem:
         """The item of one JSON line; fields it does not know are ignored.
 
         Raises
         ------
-        BadRawItem
+        FieldFault
             The line is no JSON object, or of another schema, or a field is not what it must be.
         """
-        try:
-            record = json.loads(line)
-        except ValueError as error:
-            raise BadRawItem(f"line: expected a JSON object; found {error}") from None
-        _expect(isinstance(record, dict), "line", "a JSON object", type(record).__name__)
-        _expect(record.get("schema") == SCHEMA, "schema", SCHEMA, record.get("schema"))
-        known = {f.name for f in fields(cls)}
-        values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in record.items() if k in known}
-        try:
-            return cls(**values)
-        except (TypeError, AttributeError) as error:
-            raise BadRawItem(f"item: expected the fields of {SCHEMA}; found {error}") from None
+        values = json_record(line, dict[str, Any])
+        schema = values.pop("schema", None)
+        expect(schema == SCHEMA, "schema", SCHEMA, schema)
+        return record_of(values, cls)
 
 
 def _is_region(region: str | None) -> bool:
@@ -132,20 +135,21 @@ def _is_region(region: str | None) -> bool:
 
 
 def raw_items(path: Path) -> Iterator[RawItem]:
-    """The items of a JSON Lines file, in its order; the message of a `BadRawItem` names file and line."""
-    with path.open(encoding="utf-8") as lines:
-        yield from _items_of_lines(path, lines)
+    """The items of a JSON Lines file, in its order.
+
+    Raises
+    ------
+    BadRawItem
+        A line is no raw item; the message names the file and the line.
+    """
+    with path.open("rb") as lines:
+        yield from items_of_lines(path, lines)
 
 
-def _items_of_lines(path: Path, lines: Iterable[str]) -> Iterator[RawItem]:
-    for number, line in enumerate(lines, start=1):
+def items_of_lines(path: Path | str, lines: Iterable[bytes], first: int = 1) -> Iterator[RawItem]:
+    """The items of lines of a file, of which the first is line `first`; blank ones are passed over."""
+    for number, line in enumerate(lines, start=first):
         if line.strip():
-            try:
-                yield RawItem.from_line(line)
-            except BadRawItem as error:
-                raise BadRawItem(f"{path}:{number}: {error}") from None
-
-
-def _expect(holds: bool, name: str, expected: str, found: object) -> None:
-    if not holds:
-        raise BadRawItem(f"{name}: expected {expected}; found {found!r}")
+            with in_file(f"{path}:{number}", BadRawItem):
+                item = RawItem.from_line(line)
+            yield item

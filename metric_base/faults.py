@@ -47,6 +47,10 @@ class FieldFault(ValueError):
         super().__init__(field, expected, found)
         self.field, self.expected, self.found = field, expected, found
 
+    def __str__(self) -> str:
+        """What an `InputFault` says after the file."""
+        return f"{self.field}: expected {self.expected}, found {self.found!r}"
+
 
 class at_field:  # noqa: N801 - a context manager, as those of contextlib
     """Within the block a `FieldFault` gets `field` before its own; a plain class, for it is entered once a record."""
@@ -62,17 +66,20 @@ class at_field:  # noqa: N801 - a context manager, as those of contextlib
     def __exit__(self, _kind: type[BaseException] | None, fault: BaseException | None, _trace: object) -> None:
         """Add the field to a fault."""
         if isinstance(fault, FieldFault):
-            gap = "" if not fault.field or fault.field[0] in ".[" else " "
+            gap = "" if not self.field or not fault.field or fault.field[0] in ".[" else " "
             raise FieldFault(f"{self.field}{gap}{fault.field}", fault.expected, fault.found) from None
 
 
 @contextmanager
-def in_file(file: Name) -> Iterator[Name]:
-    """Within the block a `FieldFault` becomes an `InputFault` of the file, which the block is given."""
+def in_file(file: Name, kind: type[InputFault] = InputFault) -> Iterator[Name]:
+    """Within the block a `FieldFault` becomes a fault of the file, of this kind; the block is given the file.
+
+    `file` is a path, or a path with a line: `decisions.jsonl:12`.
+    """
     try:
         yield file
     except FieldFault as fault:
-        raise InputFault.at(file, fault.field or "content", fault.expected, fault.found) from None
+        raise kind.at(file, fault.field or "content", fault.expected, fault.found) from None
 
 
 class StorageFault(InputFault):

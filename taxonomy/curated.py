@@ -58,7 +58,7 @@ class CuratedRange:
     high: Triple
     reason: str
     standard: str
-    reader: str
+    reviewer: str
 
 
 def curated_ranges(path: Path | None = None) -> tuple[CuratedRange, ...]:
@@ -122,7 +122,7 @@ def _range(row: dict[str, str], where: str) -> CuratedRange:
         high=high,
         reason=row["reason"],
         standard=row["standard"],
-        reader=row["reader"],
+        reviewer=row["reader"],
     )
 
 

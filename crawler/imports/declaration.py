@@ -11,7 +11,7 @@ import msgspec
 from crawler.items import KINDS
 from crawler.text.catalogue_lengths import AXES
 from crawler.text.units import MILLIMETRES
-from crawler.toml_schema import expect
+from metric_base.schema import expect
 
 __all__ = ["REASONS", "Axis", "Cases", "Format", "Rule", "Table"]
 

@@ -10,8 +10,9 @@ from typing import Any
 
 from crawler.imports.declaration import REASONS
 from crawler.imports.sources import Source
-from crawler.items import RawItem
+from crawler.items import BadRawItem, RawItem
 from crawler.text.catalogue_lengths import AXES, extents_mm
+from metric_base.faults import in_file
 
 __all__ = ["Reading", "Refusal", "Refused", "item", "year"]
 
@@ -66,6 +67,8 @@ def item(
     ------
     Refused
         No size, a size outside `bounds_mm`, or no category.
+    BadRawItem
+        A text is not what its field must be, such as a region.
     """
     stated = {axis: round(value, DIGITS) for axis, value in (words or {}).items() if value}
     sides = tuple(sorted((round(e, DIGITS) for e in extents), reverse=True)) if extents else extents_mm(stated)
@@ -77,14 +80,15 @@ def item(
     if not path:
         raise Refused("no_category", "category", texts.get("title", ""))
     given = {key: value for key, value in texts.items() if value}
-    return RawItem(
-        source=source.id,
-        source_id=source_id,
-        category_path=path,
-        dimensions_mm={axis: stated.get(axis) for axis in AXES} if stated else {},
-        extents_mm=sides,
-        **(_defaults(source) | given),
-    )
+    with in_file(f"{source.id}: row {source_id}", BadRawItem):
+        return RawItem(
+            source=source.id,
+            source_id=source_id,
+            category_path=path,
+            dimensions_mm={axis: stated.get(axis) for axis in AXES} if stated else {},
+            extents_mm=sides,
+            **(_defaults(source) | given),
+        )
 
 
 def _defaults(source: Source) -> dict[str, Any]:

@@ -10,8 +10,8 @@ import msgspec
 
 from crawler.imports.declaration import Table
 from crawler.items import Kind
-from crawler.toml_schema import BadDeclaration, expect, toml_record
 from metric_base.folders import data_folder
+from metric_base.schema import BadDeclaration, expect, toml_record
 
 __all__ = [
     "OPEN_LICENCES",

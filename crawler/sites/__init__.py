@@ -19,7 +19,7 @@ from crawler.sites import (
     wikipedia,
 )
 from crawler.sites.site import Site
-from crawler.toml_schema import toml_record
+from metric_base.schema import toml_record
 
 __all__ = ["GENERIC", "SITES", "Site", "canonical_url", "item_of", "site_of", "use_site"]
 

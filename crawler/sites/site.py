@@ -12,7 +12,7 @@ from lxml.etree import XPath, XPathSyntaxError
 
 from crawler.page.page import Page, absolute_url, canonical_url, squeeze
 from crawler.page.product import MAXIMUM_IMAGES, Product, product
-from crawler.toml_schema import expect
+from metric_base.schema import expect
 
 __all__ = ["Site"]
 

@@ -22,7 +22,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from crawler.items import BadRawItem, RawItem
+from crawler.items import RawItem, items_of_lines
 from metric_base.faults import InputFault
 from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
 from taxonomy.categories import Match, Taxonomy
@@ -210,12 +210,7 @@ def items_of(block: Block) -> Iterator[RawItem]:
     BadRawItem
         A line is no raw item; the message names the file and the line.
     """
-    for number, line in enumerate(block.lines, start=block.first):
-        if line.strip():
-            try:
-                yield RawItem.from_line(line.decode("utf-8"))
-            except (BadRawItem, UnicodeDecodeError) as error:
-                raise BadRawItem(f"{block.path}:{number}: {error}") from None
+    return items_of_lines(block.path, block.lines, block.first)
 
 
 def _row(

@@ -85,7 +85,7 @@ def _match(raw: RawItem | None, row: dict[str, Any] | None) -> dict[str, Any]:
         return {}
     finding = default_matcher().finding(source, path, title, synset)
     subjects = {f"{source}: {finding.subject}", f"*: {finding.subject}"}
-    said = [f"{one.decision or NONE} ({one.reader}, {one.when})" for one in decisions() if one.subject in subjects]
+    said = [f"{one.decision or NONE} ({one.reviewer}, {one.when})" for one in decisions() if one.subject in subjects]
     return {
         "subject": finding.subject,
         "concept": finding.concept,

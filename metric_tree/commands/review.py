@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from metric_base.faults import InputFault
+from metric_base.faults import InputFault, in_file
 from metric_base.terminal import print_json, print_table
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     waits.add_argument("--all", action="store_true", help=f"print all words, not {SHOWN}")
     blind = actions.add_parser("blind", help="what a reviewer has not read, shuffled and without any answer")
     blind.add_argument("raw", metavar="RAW", nargs="*", type=Path, help="raw items to take an example of each from")
-    blind.add_argument("--reader", required=True, help="the reviewer that will answer")
+    _add_reviewer(blind, "the reviewer that will answer")
     blind.add_argument("--source", help="only subjects of this source")
     blind.add_argument("--limit", type=int, metavar="N", help="at most N subjects")
     blind.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
@@ -56,13 +56,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("subject", help="'SOURCE: words' or '*: words' of a match, the mt: id of an insertion")
     record.add_argument("decision", help="a synset, an mt: id, none, or withdrawn; of an insertion its parent, or none")
     record.add_argument("--amend", action="store_true", help="replace an earlier word of the same reviewer")
-    record.add_argument("--reader", required=True, help="a person's name, or 'program: what it is'")
+    _add_reviewer(record, "a person's name, or 'program: what it is'")
     record.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
     record.add_argument("--why", default="", help="one line")
     actions.add_parser("agreement", help="Cohen's kappa of first and second readings, and where they differ")
     for action in actions.choices.values():
         action.add_argument("--folder", type=Path, help="folder of the decision files (default: the project's)")
         action.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help="print the result as JSON")
+
+
+def _add_reviewer(parser: argparse.ArgumentParser, text: str) -> None:
+    """The option that names the reviewer; `--reader` is its old spelling."""
+    names = parser.add_mutually_exclusive_group(required=True)
+    names.add_argument("--reviewer", metavar="NAME", help=text)
+    names.add_argument("--reader", dest="reviewer", help=argparse.SUPPRESS)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -113,7 +120,7 @@ def _blind(arguments: argparse.Namespace) -> None:
     if arguments.limit is not None and arguments.limit < 1:
         raise InputFault(f"--limit: expected a number from 1; found {arguments.limit}")
     given = [d for d in decisions(arguments.folder) if d.what == arguments.what]
-    read = {d.subject for d in given if d.reader == arguments.reader}
+    read = {d.subject for d in given if d.reviewer == arguments.reviewer}
     names = {i.id: i.name for i in insertions().values()} if arguments.what == "insertion" else {}
     todo = sorted(({d.subject for d in given} | set(names)) - read)
     if arguments.source is not None:
@@ -130,7 +137,7 @@ def _blind(arguments: argparse.Namespace) -> None:
     else:
         columns = ("subject", "words", *(("title", "size", "picture") if arguments.raw else ()))
         cells = [[row.get(column, "") for column in columns] for row in rows]
-        print_table(columns, cells, title=f"{len(rows)} subjects for {arguments.reader}")
+        print_table(columns, cells, title=f"{len(rows)} subjects for {arguments.reviewer}")
 
 
 def _examples(raw: Sequence[Path], subjects: set[str]) -> dict[str, dict[str, str]]:
@@ -172,23 +179,24 @@ def _record(arguments: argparse.Namespace) -> None:
         if not default_lexicon().knows(concept):
             raise BadDecision(f"decision: expected a WordNet 3.0 synset, an mt: id or {NONE}; found {concept!r}")
         concept = default_lexicon().canonical(concept)
-    decision = Decision(
-        what=arguments.what,
-        subject=f"{source}: {fold_text(words)}" if separator else arguments.subject,
-        decision=concept,
-        reader=arguments.reader,
-        when=datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ"),
-        why=arguments.why,
-        blind=not (arguments.amend or withdrawn),
-    )
+    with in_file("review record", BadDecision):
+        decision = Decision(
+            what=arguments.what,
+            subject=f"{source}: {fold_text(words)}" if separator else arguments.subject,
+            decision=concept,
+            reviewer=arguments.reviewer,
+            when=datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ"),
+            why=arguments.why,
+            blind=not (arguments.amend or withdrawn),
+        )
     folder = arguments.folder or taxonomy_directory() / "decisions"
     file = folder / "recorded.jsonl"
     record_decision(decision, file, amend=arguments.amend or withdrawn)
     if arguments.json:
         print_json({"schema": SCHEMA, "recorded": decision.subject, "file": str(file)})
     else:
-        row = (decision.subject, decision.decision or NONE, decision.reader)
-        print_table(["subject", "decision", "reader"], [row], title=str(file))
+        row = (decision.subject, decision.decision or NONE, decision.reviewer)
+        print_table(["subject", "decision", "reviewer"], [row], title=str(file))
 
 
 def _expect_source(name: str, given: Sequence[Decision]) -> None:

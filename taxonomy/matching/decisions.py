@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
-from metric_base.faults import InputFault
+import msgspec
+
+from metric_base.faults import InputFault, in_file
 from metric_base.files import whole_file
 from metric_base.folders import taxonomy_directory
+from metric_base.schema import expect, json_lines
 
 __all__ = [
     "EVERY_SOURCE",
@@ -42,61 +45,43 @@ NONE = "none"
 WITHDRAWN = "withdrawn"
 
 #: Reviewers whose agreement settles a subject.
-_READERS = 2
+_REVIEWERS = 2
 
 
 class BadDecision(InputFault):
     """A decision that cannot be read or recorded: the message names file, line, field, expected and found."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Decision:
+class Decision(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """One reviewer's word on one subject.
 
     `subject` is `source: folded words` (or `*: words` for all sources) of a match, the `mt:` id of an insertion.
-    `decision` is a concept, or None for `none`. `reader` names a person, or a program for what it is. `blind` is
+    `decision` is a concept, or None for `none`. `reviewer` names a person, or a program for what it is. `blind` is
     false where the reviewer knew another's answer, as in an amendment; such decisions count, but not for agreement.
     """
 
     what: What
     subject: str
     decision: str | None
-    reader: str
+    reviewer: str = msgspec.field(name="reader")
     when: str
     why: str = ""
     blind: bool = True
 
     def __post_init__(self) -> None:
-        _expect(self.what in get_args(What), "what", f"one of {get_args(What)}", self.what)
-        _expect(bool(self.subject.strip()), "subject", "what the decision is about", self.subject)
-        _expect(bool(self.reader.strip()), "reader", "a name", self.reader)
+        expect(bool(self.subject.strip()), "subject", "what the decision is about", self.subject)
+        expect(bool(self.reviewer.strip()), "reviewer", "a name", self.reviewer)
         matched = self.what != "match" or ": " in self.subject
-        _expect(matched, "subject", "<source>: <words>, or *: <words>", self.subject)
+        expect(matched, "subject", "<source>: <words>, or *: <words>", self.subject)
+        if self.decision == NONE:
+            msgspec.structs.force_setattr(self, "decision", None)
 
     def line(self) -> str:
         """The decision as one JSON line."""
-        record = asdict(self) | {"decision": self.decision or NONE}
+        record = msgspec.to_builtins(self) | {"decision": self.decision or NONE}
         if self.blind:
             del record["blind"]
         return json.dumps(record, ensure_ascii=False)
-
-    @classmethod
-    def from_line(cls, line: str) -> Decision:
-        """The decision of one JSON line.
-
-        Raises
-        ------
-        BadDecision
-            The line is no JSON object or its fields are not those of a decision.
-        """
-        try:
-            record = json.loads(line)
-            return cls(**(record | {"decision": None if record["decision"] == NONE else record["decision"]}))
-        except (ValueError, TypeError, KeyError) as error:
-            if isinstance(error, BadDecision):
-                raise
-            expected = "what, subject, decision, reader, when, why"
-            raise BadDecision(f"decision: expected a JSON object with {expected}; found {error}") from None
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,22 +101,15 @@ def decisions(folder: Path | None = None) -> list[Decision]:
     BadDecision
         A line is not a decision.
     """
-    read = []
-    for file in sorted((folder or _folder()).glob("*.jsonl")):
-        for number, line in enumerate(file.read_text(encoding="utf-8").splitlines(), start=1):
-            if line.strip():
-                try:
-                    read.append(Decision.from_line(line))
-                except BadDecision as error:
-                    raise BadDecision(f"{file}:{number}: {error}") from None
-    return read
+    files = sorted((folder or _folder()).glob("*.jsonl"))
+    return [decision for file in files for _, decision in json_lines(file, Decision, BadDecision)]
 
 
 def rulings(given: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
     """What is settled, by (source, words) of matches: the decision that two reviewers share."""
     settled = {}
-    for (what, subject), by_reader in _by_subject(given).items():
-        decision = _majority_decision(list(by_reader.values()))
+    for (what, subject), by_reviewer in _by_subject(given).items():
+        decision = _majority_decision(list(by_reviewer.values()))
         if what == "match" and decision is not None:
             source, _, words = subject.partition(": ")
             settled[source, words] = decision
@@ -141,21 +119,21 @@ def rulings(given: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
 def waiting(given: Iterable[Decision]) -> list[tuple[str, str]]:
     """(what, subject) of all that only one reviewer has read, or that two read differently and no third has settled."""
     return [
-        key for key, by_reader in _by_subject(given).items() if _majority_decision(list(by_reader.values())) is None
+        key for key, by_reviewer in _by_subject(given).items() if _majority_decision(list(by_reviewer.values())) is None
     ]
 
 
 def disagreements(given: Iterable[Decision]) -> list[tuple[Decision, Decision]]:
     """First and second blind reading of every subject on which they differ, settled by a third or not."""
     by_subject = _by_subject(d for d in given if d.blind)
-    pairs = [list(by_reader.values())[:_READERS] for by_reader in by_subject.values()]
-    return [(first, second) for first, second in (p for p in pairs if len(p) == _READERS) if _differ(first, second)]
+    pairs = [list(by_reviewer.values())[:_REVIEWERS] for by_reviewer in by_subject.values()]
+    return [(first, second) for first, second in (p for p in pairs if len(p) == _REVIEWERS) if _differ(first, second)]
 
 
 def agreement(given: Iterable[Decision], what: What | None = None) -> Agreement:
     """Cohen's kappa of first and second blind readings: (p_o - p_e) / (1 - p_e), p_e from each one's own shares."""
     by_subject = _by_subject(d for d in given if d.blind and what in (None, d.what))
-    pairs = [list(r.values())[:_READERS] for r in by_subject.values() if len(r) >= _READERS]
+    pairs = [list(r.values())[:_REVIEWERS] for r in by_subject.values() if len(r) >= _REVIEWERS]
     if not pairs:
         return Agreement(0, float("nan"), float("nan"))
     n = len(pairs)
@@ -181,8 +159,9 @@ def record_decision(decision: Decision, file: Path, *, amend: bool = False) -> N
     """
     earlier = [one for one in decisions(file.parent) if _identity(one) == _identity(decision)]
     stands = bool(earlier) and earlier[-1].decision != WITHDRAWN
-    _expect(amend or not stands, f"{file}: subject", f"one that {decision.reader} has not decided", decision.subject)
-    _expect(stands or not amend, f"{file}: subject", f"one that {decision.reader} has decided", decision.subject)
+    with in_file(file, BadDecision):
+        expect(amend or not stands, "subject", f"one that {decision.reviewer} has not decided", decision.subject)
+        expect(stands or not amend, "subject", f"one that {decision.reviewer} has decided", decision.subject)
     before = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
     file.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(file) as part:
@@ -200,7 +179,7 @@ def _folder() -> Path:
 
 
 def _identity(decision: Decision) -> tuple[str, str, str]:
-    return decision.what, decision.subject, decision.reader
+    return decision.what, decision.subject, decision.reviewer
 
 
 def _by_subject(given: Iterable[Decision]) -> dict[tuple[str, str], dict[str, Decision]]:
@@ -209,22 +188,17 @@ def _by_subject(given: Iterable[Decision]) -> dict[tuple[str, str], dict[str, De
     for decision in given:
         words = grouped[decision.what, decision.subject]
         if decision.decision == WITHDRAWN:
-            words.pop(decision.reader, None)
+            words.pop(decision.reviewer, None)
         else:
-            words[decision.reader] = decision
+            words[decision.reviewer] = decision
     return {key: words for key, words in grouped.items() if words}
 
 
 def _majority_decision(read: Sequence[Decision]) -> Decision | None:
     """The decision that at least two reviewers share, or None."""
     shares = Counter(decision.decision for decision in read)
-    return next((decision for decision in read if shares[decision.decision] >= _READERS), None)
+    return next((decision for decision in read if shares[decision.decision] >= _REVIEWERS), None)
 
 
 def _differ(first: Decision, second: Decision) -> bool:
     return first.decision != second.decision
-
-
-def _expect(holds: bool, name: str, expected: str, found: object) -> None:
-    if not holds:
-        raise BadDecision(f"{name}: expected {expected}; found {found!r}")

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal
 
-from metric_base.faults import InputFault
+import msgspec
+
+from metric_base.faults import InputFault, at_field, in_file
 from metric_base.folders import taxonomy_directory
+from metric_base.schema import expect, record_of, toml_table
 from taxonomy.matching.senses import DOMAINS
 
 __all__ = ["BadReading", "Reading", "Words", "default_readings", "reading_of", "readings"]
@@ -28,8 +29,7 @@ class BadReading(InputFault):
     """The readings file is not what it must be: the message names source, field, expected and found."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Reading:
+class Reading(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """`classes` gives a concept to a first path element as a whole (all of a museum's `paintings`).
 
     `whole` asks for names that are known as a whole: where a breed's or a species' head word says little.
@@ -38,9 +38,12 @@ class Reading:
 
     domain: str = "shop"
     words: Words = "last"
-    classes: Mapping[str, str] = field(default_factory=dict)
+    classes: Mapping[str, str] = {}
     whole: bool = False
     refined: bool = False
+
+    def __post_init__(self) -> None:
+        expect(self.domain in DOMAINS, "domain", f"one of {', '.join(sorted(DOMAINS))}", self.domain)
 
 
 def readings(path: Path | None = None) -> Mapping[str, Reading]:
@@ -52,18 +55,12 @@ def readings(path: Path | None = None) -> Mapping[str, Reading]:
         An unknown field, domain or word.
     """
     file = path or taxonomy_directory() / _FILE
-    table = tomllib.loads(file.read_text(encoding="utf-8"))
-    found = {}
-    for source, record in table.items():
-        try:
-            found[source] = Reading(**record)
-        except TypeError as error:
-            raise BadReading(f"{file}: {source}: expected the fields of a reading; found {error}") from None
-        _expect(found[source].domain in DOMAINS, f"{file}: {source}: domain", sorted(DOMAINS), found[source].domain)
-        _expect(
-            found[source].words in get_args(Words), f"{file}: {source}: words", get_args(Words), found[source].words
-        )
-    return {_DEFAULT: Reading()} | found
+    by_source = {_DEFAULT: Reading()}
+    with in_file(file, BadReading):
+        for source, record in toml_table(file, BadReading).items():
+            with at_field(f"{source}:"):
+                by_source[source] = record_of(record, Reading)
+    return by_source
 
 
 def reading_of(source: str, table: Mapping[str, Reading]) -> Reading:
@@ -75,8 +72,3 @@ def reading_of(source: str, table: Mapping[str, Reading]) -> Reading:
 def default_readings() -> Mapping[str, Reading]:
     """The readings of this checkout, read once."""
     return readings()
-
-
-def _expect(holds: bool, name: str, expected: object, found: object) -> None:
-    if not holds:
-        raise BadReading(f"{name}: expected one of {expected}; found {found!r}")

@@ -23,7 +23,7 @@ def test_every_shipped_range_has_a_leaf_a_reason_and_a_reader():
     for row in rows:
         assert catalogue.leaf_of(row.node_id) is not None, row.node_id
         assert row.reason
-        assert row.reader
+        assert row.reviewer
     assert all(row.node_id in nodes for row in blind_ranges())
 
 

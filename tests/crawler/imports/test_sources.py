@@ -10,7 +10,8 @@ import pytest
 
 from crawler.imports.declaration import REASONS
 from crawler.imports.sources import OPEN_LICENCES, BadDeclaration, Source, UnknownSource, source, sources
-from crawler.items import BadRawItem, RawItem
+from crawler.items import BadRawItem, RawItem, raw_items
+from metric_base.faults import FieldFault
 
 ROOT = Path(__file__).resolve().parents[3]
 SHA = "0" * 64
@@ -67,7 +68,7 @@ def test_a_declaration_is_read(tmp_path: Path) -> None:
         (
             'category = ["lamp"]',
             'category = ["lamp"]\nreject = [{{ column = "h", matches = "(", outcome = "no_size" }}]',
-            "pattern",
+            "reject[0].matches: expected a regular expression",
         ),
         ('category = ["lamp"]', 'category = ["lamp"]\nreject = [{{ column = "h", outcome = "no_size" }}]', "rule"),
         (SHA, "abc", "files[0].sha256"),
@@ -159,7 +160,7 @@ def test_the_page_of_sources_lists_every_source_and_reason() -> None:
 
 def test_a_region_is_a_country_or_one_of_the_list() -> None:
     assert RawItem(source="a", source_id="1", region="europe").region == "europe"
-    with pytest.raises(BadRawItem, match="region: expected two letters"):
+    with pytest.raises(FieldFault, match="region: expected two letters"):
         RawItem(source="a", source_id="1", region="Central Europe")
 
 
@@ -170,7 +171,7 @@ def test_fields_of_measured_things_are_in_a_line_only_where_they_are_set() -> No
         source="a", source_id="1", scene="room/1", statistic="mean", relative_sd=0.04, attribution="A. Nyone"
     )
     assert RawItem.from_line(full.line()) == full
-    with pytest.raises(BadRawItem, match="statistic: expected one of max, mean, median, min"):
+    with pytest.raises(FieldFault, match="statistic: expected one of max, mean, median, min"):
         RawItem(source="a", source_id="1", statistic="sd")  # type: ignore[arg-type]
 
 
@@ -182,3 +183,24 @@ def test_a_row_without_a_page_of_its_own_has_that_of_its_file_or_its_set(tmp_pat
     text = DECLARATION.replace('url = "https://example.org/lamps.csv"', 'note = "typed"')
     text = text.replace('kind = "measured"', 'kind = "measured"\nfetch = "lamps.csv"')
     assert declared(tmp_path, text).page == "https://example.org/lamps"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"schema": "metric-tree/raw/9"}, "schema: expected metric-tree/raw/1, found 'metric-tree/raw/9'"),
+        ({"source": ""}, "source: expected a name"),
+        ({"kind": "guess"}, "kind: expected one of asset, curated, default"),
+        ({"year": "2001"}, "year: expected int | null, found str"),
+        ({"extents_mm": [1, -2]}, "dimensions_mm: expected positive lengths"),
+        ({"dimensions_mm": {"length": "long"}}, "dimensions_mm[...]: expected float | null, found str"),
+    ],
+)
+def test_a_bad_raw_item_is_named_with_its_line(tmp_path: Path, change: dict[str, object], message: str) -> None:
+    record = {"schema": "metric-tree/raw/1", "source": "a", "source_id": "1"}
+    file = tmp_path / "raw.jsonl"
+    file.write_text(f"{json.dumps(record)}\n\n{json.dumps(record | change)}\n", encoding="utf-8")
+    items = raw_items(file)
+    assert next(items).identity == "a:1"
+    with pytest.raises(BadRawItem, match=re.escape(f"raw.jsonl:3: {message}")):
+        next(items)

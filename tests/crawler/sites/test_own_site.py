@@ -12,7 +12,7 @@ import pytest
 import crawler.sites
 from crawler.fetch.frontier import task_key
 from crawler.sites import canonical_url, site_of, use_site
-from crawler.toml_schema import BadDeclaration
+from metric_base.schema import BadDeclaration
 from metric_tree.commands import main
 from tests.crawler.fetch.test_crawl_faults import ROOT, items, words
 from tests.made.made_site import MadeSite, Shop
@@ -48,13 +48,13 @@ def test_its_addresses_are_its_own() -> None:
 @pytest.mark.parametrize(
     ("text", "line"),
     [
-        ("", "expected the fields name, hosts, found no name, hosts"),
-        ('name = "lamps"', "expected the fields name, hosts, found no hosts"),
+        ("", "fields: expected name, hosts, found no name, hosts"),
+        ('name = "lamps"', "fields: expected name, hosts, found no hosts"),
         ('name = "Our Lamps"\nhosts = ["a"]', "name: expected small letters"),
         ('name = "lamps"\nhosts = ["("]', "hosts: expected a regular expression"),
         ('name = "lamps"\nhosts = ["a"]\nid = "["', "id: expected a regular expression"),
         ('name = "lamps"\nhosts = ["a"]\ntitle = "//["', "title: expected an XPath"),
-        ('name = "lamps"\nhosts = "a"', "hosts: expected `array`, found `str`"),
+        ('name = "lamps"\nhosts = "a"', "hosts: expected array, found str"),
         ('name = "lamps"\nhosts = ["a"]\ncolour = "red"', "colour: expected a known field"),
     ],
 )

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler.items import RawItem
+from metric_base.schema import json_record
 from metric_tree.commands import main
 from taxonomy.insertions import insertions
 from taxonomy.levels import replaced_ids
@@ -28,8 +29,8 @@ from taxonomy.matching.decisions import (
 )
 
 
-def decision(reader: str, concept: str | None, subject: str = "*: chair", blind: bool = True) -> Decision:
-    return Decision(what="match", subject=subject, decision=concept, reader=reader, when="2026-11-21", blind=blind)
+def decision(reviewer: str, concept: str | None, subject: str = "*: chair", blind: bool = True) -> Decision:
+    return Decision(what="match", subject=subject, decision=concept, reviewer=reviewer, when="2026-11-21", blind=blind)
 
 
 def test_one_reader_settles_nothing() -> None:
@@ -89,19 +90,19 @@ def test_a_reader_agrees_with_itself(answers: list[str | None]) -> None:
     blind=st.booleans(),
 )
 def test_a_decision_survives_its_line(subject: str, concept: str | None, why: str, blind: bool) -> None:
-    written = Decision(what="match", subject=subject, decision=concept, reader="r", when="now", why=why, blind=blind)
-    assert Decision.from_line(written.line()) == written
+    written = Decision(what="match", subject=subject, decision=concept, reviewer="r", when="now", why=why, blind=blind)
+    assert json_record(written.line(), Decision) == written
 
 
 @pytest.mark.parametrize(
     ("line", "message"),
     [
         ("{", "expected a JSON object"),
-        ("[]", "expected a JSON object"),
+        ("[]", "expected object, found array"),
         ('{"what": "match", "subject": "chair", "decision": "none", "reader": "a", "when": ""}', "<source>: <words>"),
         ('{"what": "guess", "subject": "*: a", "decision": "none", "reader": "a", "when": ""}', "what: expected"),
-        ('{"what": "match", "subject": "*: a", "decision": "none", "reader": " ", "when": ""}', "reader: expected"),
-        ('{"what": "match", "subject": "*: a", "reader": "a", "when": ""}', "expected a JSON object with"),
+        ('{"what": "match", "subject": "*: a", "decision": "none", "reader": " ", "when": ""}', "reviewer: expected"),
+        ('{"what": "match", "subject": "*: a", "reader": "a", "when": ""}', "decision: expected a value, found none"),
     ],
 )
 def test_a_bad_line_is_named_with_file_and_number(tmp_path: Path, line: str, message: str) -> None:
@@ -115,7 +116,7 @@ def test_recording_adds_a_line_and_leaves_no_part(tmp_path: Path) -> None:
     file = tmp_path / "new" / "d.jsonl"
     record_decision(decision("a", "chair.n.01"), file)
     record_decision(decision("b", None), file)
-    assert [d.reader for d in decisions(file.parent)] == ["a", "b"]
+    assert [d.reviewer for d in decisions(file.parent)] == ["a", "b"]
     assert [path.name for path in file.parent.iterdir()] == ["d.jsonl"]
     with pytest.raises(BadDecision, match="one that a has not decided"):
         record_decision(decision("a", None), file)
@@ -124,14 +125,14 @@ def test_recording_adds_a_line_and_leaves_no_part(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("wordnet")
 def test_the_command_records_and_lists(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = ["--folder", str(tmp_path)]
-    record = ["review", "record", "*: foo", "chair.n.01", "--reader", "Ada", *folder]
+    record = ["review", "record", "*: foo", "chair.n.01", "--reviewer", "Ada", *folder]
     assert main([*record, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["recorded"] == "*: foo"
     assert main(["review", "list", *folder, "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["waiting"] == [{"what": "match", "subject": "*: foo"}]
-    assert main(["review", "blind", "--reader", "Ada", *folder, "--json"]) == 0
+    assert main(["review", "blind", "--reviewer", "Ada", *folder, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == []
-    assert main(["review", "blind", "--reader", "Grace", *folder, "--json"]) == 0
+    assert main(["review", "blind", "--reviewer", "Grace", *folder, "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == [{"subject": "*: foo", "words": "foo"}]
 
 
@@ -150,9 +151,9 @@ def test_words_are_listed_from_packed_files_too(tmp_path: Path, capsys: pytest.C
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["*: foo", "chair.n.99", "--reader", "Ada"], "decision: expected a WordNet 3.0 synset"),
-        (["ikea_sa_2002: foo", "chair.n.01", "--reader", "Ada"], "expected a source (ikea_sa_2020, "),
-        (["foo", "chair.n.01", "--reader", "Ada"], "subject: expected <source>: <words>"),
+        (["*: foo", "chair.n.99", "--reviewer", "Ada"], "decision: expected a WordNet 3.0 synset"),
+        (["ikea_sa_2002: foo", "chair.n.01", "--reviewer", "Ada"], "expected a source (ikea_sa_2020, "),
+        (["foo", "chair.n.01", "--reviewer", "Ada"], "subject: expected <source>: <words>"),
     ],
 )
 @pytest.mark.usefixtures("wordnet")
@@ -204,17 +205,17 @@ def test_an_amendment_needs_an_earlier_word(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("wordnet")
 def test_a_review_is_amended_withdrawn_and_named_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     record = ["review", "record", "*: foo", "--folder", str(tmp_path), "--json"]
-    assert main([*record, "couch.n.01", "--reader", "Ada"]) == 0
-    assert main([*record, "sofa.n.01", "--reader", "Grace"]) == 0
+    assert main([*record, "couch.n.01", "--reviewer", "Ada"]) == 0
+    assert main([*record, "sofa.n.01", "--reviewer", "Grace"]) == 0
     assert waiting(decisions(tmp_path)) == [], "two words of one synset are one answer"
-    assert main([*record, "chair.n.01", "--reader", "Grace"]) == 2
-    assert main([*record, "chair.n.01", "--reader", "Grace", "--amend"]) == 0
-    assert main([*record, "withdrawn", "--reader", "Ada"]) == 0
+    assert main([*record, "chair.n.01", "--reviewer", "Grace"]) == 2
+    assert main([*record, "chair.n.01", "--reviewer", "Grace", "--amend"]) == 0
+    assert main([*record, "withdrawn", "--reviewer", "Ada"]) == 0
     capsys.readouterr()
     assert main(["review", "list", "--folder", str(tmp_path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["waiting"] == [{"what": "match", "subject": "*: foo"}]
     assert (
-        main(["review", "record", "mt:nothing_such", "none", "--what", "insertion", "--reader", "Ada", *record[3:5]])
+        main(["review", "record", "mt:nothing_such", "none", "--what", "insertion", "--reviewer", "Ada", *record[3:5]])
         == 2
     )
     assert "subject: expected an insertion" in capsys.readouterr().err
@@ -237,7 +238,7 @@ def test_a_blind_list_shows_an_example_of_each(tmp_path: Path, capsys: pytest.Ca
     folder = tmp_path / "decisions"
     for subject in ("shop: zzyzx", "*: bar", "*: baz"):
         record_decision(decision("Ada", None, subject), folder / "d.jsonl")
-    blind = ["review", "blind", "--reader", "Grace", "--folder", str(folder), "--json"]
+    blind = ["review", "blind", "--reviewer", "Grace", "--folder", str(folder), "--json"]
     assert main([*blind, "--source", "shop", str(raw)]) == 0
     (row,) = json.loads(capsys.readouterr().out)
     assert row == {

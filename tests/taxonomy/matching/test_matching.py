@@ -40,7 +40,7 @@ READINGS = {
 
 def decided(subject: str, concept: str | None) -> tuple[tuple[str, str], Decision]:
     source, _, words = subject.partition(": ")
-    decision = Decision(what="match", subject=subject, decision=concept, reader="test", when="now")
+    decision = Decision(what="match", subject=subject, decision=concept, reviewer="test", when="now")
     return (source, words), decision
 
 
@@ -222,11 +222,11 @@ def test_a_class_of_an_unknown_concept_is_refused(mini_wordnet: WordNet) -> None
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ('{"id": "office", "name": "x", "parent": "a.n.01"}', "id: expected mt:<name>; found 'office'"),
-        ('{"id": "mt:a", "name": "x"}', "expected a JSON object with id, name and parent"),
+        ('{"id": "office", "name": "x", "parent": "a.n.01"}', "id: expected mt:<name>, found 'office'"),
+        ('{"id": "mt:a", "name": "x"}', "parent: expected a value, found none"),
         ('{"id": "mt:a", "name": "x", "parent": "mt:b"}', "parent: expected a synset or an insertion above this line"),
         ('{"id": "mt:a", "name": "x", "parent": "b.n.01", "pose": "askew"}', "pose: expected one of"),
-        ('{"id": "mt:a", "name": "x", "parent": "b.n.01", "colour": 1}', "fields: expected some of"),
+        ('{"id": "mt:a", "name": "x", "parent": "b.n.01", "colour": 1}', "colour: expected a known field"),
         ("not json", "expected a JSON object"),
     ],
 )
@@ -243,7 +243,7 @@ def test_a_bad_insertion_is_named_with_its_line(tmp_path: Path, line: str, messa
     [
         ('[x]\ndomain = "moon"\n', "x: domain: expected one of"),
         ('[x]\nwords = "all"\n', "x: words: expected one of"),
-        ('[x]\ncolour = "red"\n', "x: expected the fields of a reading"),
+        ('[x]\ncolour = "red"\n', "x: colour: expected a known field"),
     ],
 )
 def test_a_bad_reading_is_named(tmp_path: Path, table: str, message: str) -> None:

@@ -1,0 +1,168 @@
+"""JSON and TOML checked against a record of their fields; a fault names the field, what was expected and found.
+
+The records are dataclasses or `msgspec.Struct`s. Their own `__post_init__` checks with `expect` what a type cannot say.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import fields as dataclass_fields
+from dataclasses import is_dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
+
+import msgspec
+
+from metric_base.faults import FieldFault, InputFault, Words, in_file
+
+__all__ = ["BadDeclaration", "expect", "json_lines", "json_record", "record_of", "toml_record", "toml_table"]
+
+Record = TypeVar("Record")
+
+_PLACE = re.compile(r" - at `(key in )?`?\$?\.?([^`]*)`$")
+_MISSING = re.compile(r"Object missing required field `(\w+)`")
+_UNKNOWN = re.compile(r"Object contains unknown field `(\w+)`")
+_TYPES = re.compile(r"Expected (.*), got (.*)")
+
+
+class BadDeclaration(InputFault):
+    """A TOML file that is at fault: the message names the file, the field, what was expected and what was found."""
+
+
+def expect(holds: bool, field: str, expected: str, found: object) -> None:
+    """Raise a `FieldFault` unless `holds`; whoever knows the file adds it (`in_file`)."""
+    if not holds:
+        raise FieldFault(field, expected, found)
+
+
+def record_of(values: object, kind: type[Record]) -> Record:
+    """The record of parsed values.
+
+    Raises
+    ------
+    FieldFault
+        A field is missing, unknown or not what it must be.
+    """
+    try:
+        return msgspec.convert(values, kind, dec_hook=_pattern)
+    except msgspec.ValidationError as error:
+        raise _field_fault(error, kind) from None
+
+
+def json_record(line: str | bytes, kind: type[Record]) -> Record:
+    """The record of a JSON object.
+
+    Raises
+    ------
+    FieldFault
+        The text is no JSON object, or a field is missing, unknown or not what it must be.
+    """
+    try:
+        return msgspec.json.decode(line, type=kind)
+    except msgspec.ValidationError as error:
+        raise _field_fault(error, kind) from None
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
+        raise FieldFault("line", "a JSON object", Words(str(error))) from None
+
+
+def json_lines(path: Path, kind: type[Record], fault: type[InputFault] = InputFault) -> Iterator[tuple[str, Record]]:
+    """The records of a JSON Lines file, each with its place `file:line`; blank lines are passed over.
+
+    Raises
+    ------
+    InputFault
+        Of the type `fault`: a line is not such a record; the message names file and line.
+    """
+    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+        if line.strip():
+            with in_file(f"{path}:{number}", fault) as place:
+                record = json_record(line, kind)
+            yield place, record
+
+
+def toml_table(path: Path, fault: type[InputFault] = BadDeclaration) -> dict[str, Any]:
+    """The values of a TOML file.
+
+    Raises
+    ------
+    InputFault
+        Of the type `fault`: the file cannot be read or is no TOML.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise fault(f"{path}: expected TOML, found: {' '.join(str(error).split())}") from None
+
+
+def toml_record(path: Path, kind: type[Record], fault: type[InputFault] = BadDeclaration) -> Record:
+    """The record of a TOML file.
+
+    Raises
+    ------
+    InputFault
+        Of the type `fault`: the file cannot be read or is no TOML; fields are missing (all are named), unknown, or not
+        what they must be.
+    """
+    values = toml_table(path, fault)
+    with in_file(path, fault):
+        required = [name for name, is_required in _fields(kind).items() if is_required]
+        missing = [name for name in required if name not in values]
+        expect(not missing, "fields", ", ".join(required), Words(f"no {', '.join(missing)}"))
+        return record_of(values, kind)
+
+
+def _fields(kind: type) -> dict[str, bool]:
+    """Whether each field is required, by name."""
+    if is_dataclass(kind):
+        return {one.name: one.default is one.default_factory for one in dataclass_fields(kind)}
+    return {one.name: one.required for one in msgspec.structs.fields(kind)}
+
+
+def _field_fault(error: msgspec.ValidationError, kind: type) -> FieldFault:
+    """A fault of msgspec in our words: the place first, then what was expected and found."""
+    match = _PLACE.search(str(error))
+    place = match[2] if match else ""
+    if isinstance(error.__cause__, FieldFault):
+        inner = error.__cause__
+        return FieldFault(".".join(filter(None, (place, inner.field))), inner.expected, inner.found)
+    return _type_fault(_PLACE.sub("", str(error)), place, kind)
+
+
+def _type_fault(message: str, place: str, kind: type) -> FieldFault:
+    if named := _MISSING.search(message):
+        return FieldFault(".".join(filter(None, (place, named[1]))), "a value", Words("none"))
+    if named := _UNKNOWN.search(message):
+        return FieldFault(".".join(filter(None, (place, named[1]))), "a known field", Words("an unknown one"))
+    if value := re.fullmatch(r"Invalid enum value (.*)", message):
+        words = ", ".join(sorted(_words(kind, re.split(r"[.\]]", place)[-1])))
+        return FieldFault(place, f"one of {words}", Words(value[1]))
+    if types := _TYPES.fullmatch(message):
+        return FieldFault(place, types[1].replace("`", ""), Words(types[2].replace("`", "")))
+    return FieldFault(place, message.removeprefix("Expected ").replace("`", ""), Words("another value"))
+
+
+@cache
+def _words(kind: type, name: str) -> frozenset[str]:
+    """The words that a field of this name may hold, in a record or in the records inside it."""
+    words: set[str] = set()
+    for field, hint in get_type_hints(kind).items():
+        parts = (hint, *get_args(hint))
+        if field == name:
+            words.update(str(word) for part in parts if get_origin(part) is Literal for word in get_args(part))
+        for part in parts:
+            if isinstance(part, type) and (issubclass(part, msgspec.Struct) or is_dataclass(part)):
+                words |= _words(part, name)
+    return frozenset(words)
+
+
+def _pattern(kind: type, value: Any) -> Any:
+    """A regular expression of a text."""
+    if "Pattern" not in str(kind) or not isinstance(value, str):
+        raise FieldFault("", "a regular expression", value)
+    try:
+        return re.compile(value, re.IGNORECASE)
+    except re.error as error:
+        raise FieldFault("", f"a regular expression ({error})", value) from None

@@ -77,7 +77,9 @@ def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = N
     if dense != "none":
         scene = _with_dense(scene, None if dense is None else Path(dense))
     if not len(scene.points) and scene.dense is None:
-        raise InputFault.at(path, "points", "at least one sparse or dense point", 0)
+        from estimator.exports.programs import points_advice
+
+        raise InputFault.at(path, "points", points_advice(scene.format), 0)
     return scene
 
 

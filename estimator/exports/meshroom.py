@@ -16,6 +16,7 @@ from estimator.exports.posed_views import (
     number_of,
     observed_views,
     pinhole_camera,
+    points_beside,
     posed_view,
 )
 from estimator.reconstructions.cameras import make_camera, projected_views
@@ -34,6 +35,8 @@ MODELS = {
     "radialk3": ("k1", "k2", "k3"), "brown": ("k1", "k2", "k3", "p1", "p2"),
 }  # fmt: skip
 FISHEYES = ("fisheye4", "equidistant")
+#: Where points are of a file that has none: cameras.sfm, which Meshroom writes beside sfm.abc.
+PLY_FILES = ("points.ply", "cloud_and_poses.ply")
 
 
 def read_meshroom(file: Path) -> Scene:
@@ -60,6 +63,7 @@ def read_meshroom(file: Path) -> Scene:
             raise FieldFault("poses", "at least one view with a pose", 0)
         landmarks = _entries(document, "structure") if "structure" in document else []
         points = matrix_of([entry.get("X") for entry in landmarks], (len(landmarks), 3), "structure X")
+        points = points if len(points) else points_beside(file, PLY_FILES)
         seen = _observations(landmarks, row_of)
     points = np.clip(points, -MAX_COORDINATE / 2, MAX_COORDINATE / 2)
     warnings: tuple[str, ...] = ()

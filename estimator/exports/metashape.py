@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from estimator.exports.posed_views import matrix_of, pinhole_camera, points_beside, posed_view
+from estimator.exports.posed_views import brown_camera, matrix_of, points_beside, posed_view
 from estimator.reconstructions.cameras import make_camera, projected_views
 from estimator.reconstructions.checked_files import read_text
 from estimator.records.scene import Camera, Scene, View
@@ -21,6 +21,10 @@ from metric_base.faults import FieldFault, Words, at_field, in_file
 __all__ = ["read_metashape"]
 
 PLY_FILES = ("points.ply", "sparse_pc.ply", "sparse.ply", "tie_points.ply", "point_cloud.ply")
+#: The names of the equidistant fisheye in versions 1 and 2.
+FISHEYES = ("fisheye", "equidistant_fisheye")
+#: COLMAP's cameras have no skew; up to this share of the focal length it is left out, which is a pixel or two.
+MOST_SKEW = 1e-3
 #: No such file is longer: a camera takes a kilobyte.
 MAX_BYTES = 1 << 28
 
@@ -38,6 +42,7 @@ def read_metashape(file: Path) -> Scene:
         if chunk is None:
             raise FieldFault("document", "a chunk with cameras", None)
         cameras = {sensor.get("id", ""): sensor for sensor in chunk.iterfind("sensors/sensor")}
+        whole = _transform(chunk.find("transform"))  # of files before version 1.3, which have no components
         components = {
             part.get("id", ""): _transform(part.find("transform")) for part in chunk.iterfind("components/component")
         }
@@ -47,7 +52,7 @@ def read_metashape(file: Path) -> Scene:
             n_cameras += 1
             if (transform := entry.find("transform")) is not None:
                 with at_field(f"camera {entry.get('label')!r}"):
-                    views.append(_view(entry, transform, cameras, components))
+                    views.append(_view(entry, transform, cameras, components, whole))
         if not views:
             raise FieldFault("cameras", "at least one that is aligned", n_cameras)
     points = points_beside(file, (f"{file.stem}.ply", *PLY_FILES))
@@ -81,12 +86,16 @@ def _transform(node: ET.Element | None) -> FloatArray:
 
 
 def _view(
-    entry: ET.Element, transform: ET.Element, sensors: dict[str, ET.Element], components: dict[str, FloatArray]
+    entry: ET.Element,
+    transform: ET.Element,
+    sensors: dict[str, ET.Element],
+    components: dict[str, FloatArray],
+    whole: FloatArray,
 ) -> View:
     sensor = sensors.get(entry.get("sensor_id", ""))
     if sensor is None:
         raise FieldFault("sensor_id", "a sensor of the file", entry.get("sensor_id"))
-    pose = components.get(entry.get("component_id", ""), np.eye(4)) @ matrix_of(
+    pose = components.get(entry.get("component_id", ""), whole) @ matrix_of(
         (transform.text or "").split(), (4, 4), "transform"
     )
     scale = np.cbrt(np.linalg.det(pose[:3, :3]))  # the component's
@@ -109,17 +118,19 @@ def _camera(sensor: ET.Element) -> Camera:
     focal, skew = _number(node, "f"), _number(node, "b2", 0.0)
     centre = (size[0] / 2 + _number(node, "cx", 0.0), size[1] / 2 + _number(node, "cy", 0.0))
     focals = (focal + _number(node, "b1", 0.0), focal)
-    if abs(skew) > 1e-3 * focal or _number(node, "k4", 0.0):
-        raise FieldFault("calibration", "no skew (b2) and no k4; export with the usual camera model", Words("some"))
-    radial = {name: _number(node, name, 0.0) for name in ("k1", "k2", "k3")}
-    if sensor.get("type") == "fisheye":
-        return make_camera("OPENCV_FISHEYE", size, [*focals, *centre, *radial.values(), 0.0])
+    if abs(skew) > MOST_SKEW * focal:
+        raise FieldFault("b2", f"a skew under {MOST_SKEW:g} of the focal length; fix b2 at 0 and align again", skew)
+    radial = {name: _number(node, name, 0.0) for name in ("k1", "k2", "k3", "k4")}
+    if sensor.get("type") in FISHEYES:
+        return make_camera("OPENCV_FISHEYE", size, [*focals, *centre, *radial.values()])
     if sensor.get("type", "frame") != "frame":
         raise FieldFault(
-            "sensor type", "frame or fisheye (cut a panorama into perspective views first)", sensor.get("type")
+            "sensor type",
+            "frame or an equidistant fisheye (cut others into perspective views first)",
+            sensor.get("type"),
         )
     tangential = {"p1": _number(node, "p2", 0.0), "p2": _number(node, "p1", 0.0)}
-    return pinhole_camera(size, focals, centre, radial | tangential)
+    return brown_camera(size, focals, centre, radial | tangential)
 
 
 def _number(node: ET.Element, name: str, default: float | None = None) -> float:

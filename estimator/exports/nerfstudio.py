@@ -30,7 +30,7 @@ from metric_base.faults import FieldFault, at_field, in_file
 __all__ = ["read_nerfstudio"]
 
 #: Where the sparse points are, where `ply_file_path` does not say.
-PLY_FILES = ("sparse_pc.ply", "sparse_point_cloud.ply", "points3D.ply", "point_cloud.ply")
+PLY_FILES = ("sparse_pc.ply", "points.ply", "sparse_point_cloud.ply", "points3D.ply", "point_cloud.ply")
 PINHOLES = (
     "OPENCV",
     "PINHOLE",

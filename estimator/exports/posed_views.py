@@ -18,6 +18,7 @@ from metric_base.faults import FieldFault, InputFault, Words
 
 __all__ = [
     "FLIP",
+    "brown_camera",
     "matrix_of",
     "number_of",
     "observed_views",
@@ -32,6 +33,10 @@ __all__ = [
 FLIP = np.diag([1.0, -1.0, -1.0])
 #: How far from a rotation a matrix of few digits may be.
 ROTATION_TOLERANCE = 1e-3
+#: How far a lens that stands in for another model may be off, as a share of the longer side: half a pixel of a camera.
+RATIONAL_SHARE = 1e-4
+#: Rounds of its fit, and the widest tangent of an angle from the axis.
+ROUNDS, WIDEST_TANGENT = 4, 4.0
 #: Where pictures are, seen from the file that names them.
 PICTURE_PLACES = (".", "images", "..", "../images", "../..", "../../images")
 
@@ -52,6 +57,43 @@ def pinhole_camera(
     if set(given) <= set(names[:4]):
         return make_camera("OPENCV", size, [*focal, *centre, *values[:4]])
     return make_camera("FULL_OPENCV", size, [*focal, *centre, *values])
+
+
+def brown_camera(
+    size: tuple[int, int], focal: tuple[float, float], centre: tuple[float, float], distortion: Mapping[str, float]
+) -> Camera:
+    """The camera of Brown's polynomial 1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8, with OpenCV's p1 and p2.
+
+    COLMAP has no k4: a rational function (FULL_OPENCV) takes its place, fitted over the picture by least squares in
+    P N = 1 + c1 r^2 + c2 r^4 + c3 r^6 with the polynomial P and the denominator N of the same degree, weighted by r / N
+    of the round before (Sanathanan and Koerner 1963). FieldFault where it is off by more than `RATIONAL_SHARE`.
+    """
+    radial = [distortion.get(name, 0.0) for name in ("k1", "k2", "k3", "k4")]
+    others = {name: distortion.get(name, 0.0) for name in ("p1", "p2")}
+    if not radial[3]:
+        return pinhole_camera(size, focal, centre, {**others, **dict(zip(("k1", "k2", "k3"), radial, strict=False))})
+    corner = np.hypot(*(max(c, side - c) / f for c, side, f in zip(centre, size, focal, strict=True)))
+    tangents = np.linspace(0, WIDEST_TANGENT, 4000)
+    beyond = np.flatnonzero(tangents * _polynomial(radial, tangents) >= corner)
+    if not len(beyond):
+        raise FieldFault("distortion", "a lens whose picture ends", Words("a polynomial that turns back before it"))
+    r = np.linspace(0, tangents[beyond[0]], 400)
+    wanted, powers = _polynomial(radial, r), np.stack([r**2, r**4, r**6], axis=1)
+    fitted = np.zeros(6)
+    for _ in range(ROUNDS):
+        weight = r / (1 + powers @ fitted[3:])
+        rows = np.hstack([powers, -wanted[:, None] * powers]) * weight[:, None]
+        fitted = np.linalg.lstsq(rows, (wanted - 1) * weight, rcond=1e-14)[0]
+    ratio = (1 + powers @ fitted[:3]) / (1 + powers @ fitted[3:])
+    if not np.abs((ratio - wanted) * r * max(focal)).max() <= RATIONAL_SHARE * max(size):
+        raise FieldFault("k4", "a polynomial that COLMAP's FULL_OPENCV can follow", radial[3])
+    names = ("k1", "k2", "k3", "k4", "k5", "k6")
+    return pinhole_camera(size, focal, centre, {**others, **dict(zip(names, fitted.tolist(), strict=True))})
+
+
+def _polynomial(radial: Sequence[float], r: FloatArray) -> FloatArray:
+    """1 + k1 r^2 + k2 r^4 + ... at radii r (n,)."""
+    return np.asarray(1 + sum(k * r ** (2 * power) for power, k in enumerate(radial, 1)))
 
 
 def posed_view(name: str, camera: Camera, rotation: FloatArray, centre: FloatArray) -> View:

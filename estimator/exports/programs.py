@@ -13,10 +13,16 @@ from estimator.exports.realitycapture import is_realitycapture, read_realitycapt
 from estimator.reconstructions.checked_files import folder_entries, read_bytes
 from estimator.records.scene import Scene
 
-__all__ = ["EXPORT_NAMES", "advice_on_file", "export_file", "read_export"]
+__all__ = ["EXPORT_NAMES", "advice_on_file", "export_file", "points_advice", "read_export"]
 
 #: What the files of the exports are called, for a message.
 EXPORT_NAMES = "transforms.json, *.sfm, bundle.out, a Metashape *.xml, a RealityCapture *.csv"
+
+#: Where an export that has cameras alone has its points.
+_POINTS_ADVICE = {
+    "meshroom": "let the node ConvertSfMFormat write .sfm with the structure",
+    "nerfstudio": "name the COLMAP model that it was made of",
+}
 
 _FIRST_BYTES = 4096
 _READERS: dict[str, Callable[[Path], Scene]] = {
@@ -65,6 +71,13 @@ def advice_on_file(path: Path) -> str:
     return _ADVICE.get(path.suffix.lower(), "a file of another kind: name the folder of the reconstruction")
 
 
+def points_advice(program: str) -> str:
+    """What is expected where the file of a program states cameras and no points."""
+    own = _POINTS_ADVICE.get(program)
+    ways = ["put points.ply in the same frame beside it", "name a cloud with --dense", *([] if own is None else [own])]
+    return f"at least one sparse or dense point ({', or '.join(ways)})"
+
+
 def _program(file: Path) -> str | None:
     """The program that wrote a file, by its name, else by its first bytes."""
     suffix = file.suffix.lower()
@@ -82,6 +95,6 @@ def _program(file: Path) -> str | None:
 _SIGNS: dict[str, tuple[str, Callable[[str], bool]]] = {
     ".out": ("bundler", lambda head: head.startswith("# Bundle file")),
     ".xml": ("metashape", lambda head: "<chunk" in head),
-    ".csv": ("realitycapture", lambda head: is_realitycapture(head.partition("\n")[0])),
+    ".csv": ("realitycapture", is_realitycapture),
     ".json": ("nerfstudio", lambda head: '"frames"' in head and '"transform_matrix"' in head),
 }

@@ -15,9 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from estimator.exports.posed_views import (
     FLIP,
+    brown_camera,
     number_of,
     picture_size,
-    pinhole_camera,
     points_beside,
     posed_view,
 )
@@ -34,8 +34,14 @@ FILM_MM = 36.0
 
 
 def is_realitycapture(head: str) -> bool:
-    """Whether the first line of a CSV file has this form's columns."""
-    return {word.strip() for word in head.split(",")} >= set(COLUMNS)
+    """Whether the first lines of a CSV file have this form's columns."""
+    return {word.strip() for word in _without_count(head).partition("\n")[0].split(",")} >= set(COLUMNS)
+
+
+def _without_count(text: str) -> str:
+    """The text without the line `#cameras 12` before the columns, which some exports have."""
+    first, _, rest = text.partition("\n")
+    return rest if first.startswith("#cameras") else text
 
 
 def read_realitycapture(file: Path) -> Scene:
@@ -47,7 +53,7 @@ def read_realitycapture(file: Path) -> Scene:
         The file is damaged, or a picture is missing.
     """
     with in_file(file):
-        rows = csv.DictReader(io.StringIO(read_text(file)), skipinitialspace=True)
+        rows = csv.DictReader(io.StringIO(_without_count(read_text(file))), skipinitialspace=True)
         if not set(rows.fieldnames or ()) >= set(COLUMNS):
             raise FieldFault("columns", ", ".join(COLUMNS), list(rows.fieldnames or ()))
         views: list[View] = []
@@ -69,11 +75,9 @@ def _view(file: Path, row: dict[str, str]) -> View:
     pixels = max(size) / FILM_MM
     focal = number_of(row, "f") * pixels
     centre = (size[0] / 2 + number_of(row, "px", 0.0) * pixels, size[1] / 2 + number_of(row, "py", 0.0) * pixels)
-    distortion = {name: number_of(row, name, 0.0) for name in ("k1", "k2", "k3")}
+    distortion = {name: number_of(row, name, 0.0) for name in ("k1", "k2", "k3", "k4")}
     tangential = {"p1": number_of(row, "t1", 0.0), "p2": number_of(row, "t2", 0.0)}
-    if number_of(row, "k4", 0.0):
-        raise FieldFault("k4", "0; export with the distortion model Brown 3", row["k4"])
-    camera = pinhole_camera(size, (focal, focal), centre, distortion | tangential)
+    camera = brown_camera(size, (focal, focal), centre, distortion | tangential)
     angles = [-number_of(row, "heading"), number_of(row, "pitch"), number_of(row, "roll")]
     # camera to world, axes right, up, back: R = Rz(-heading) Rx(pitch) Ry(roll)
     rotation = Rotation.from_euler("ZXY", angles, degrees=True).as_matrix() @ FLIP

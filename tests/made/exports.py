@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.records.scene import Scene, View
 
-__all__ = ["EXPORTS", "write_export"]
+__all__ = ["EXPORTS", "write_export", "write_points"]
 
 EXPORTS = ("nerfstudio", "bundler", "metashape", "realitycapture", "meshroom")
 FLIP = np.diag([1.0, -1.0, -1.0])
@@ -49,7 +49,8 @@ def _camera_to_world(view: View) -> np.ndarray[Any, Any]:
     return pose
 
 
-def _write_points(file: Path, points: np.ndarray[Any, Any]) -> None:
+def write_points(file: Path, points: np.ndarray[Any, Any]) -> None:
+    """Points (n, 3) as an ascii PLY file."""
     lines = ["ply", "format ascii 1.0", f"element vertex {len(points)}"]
     lines += [f"property double {axis}" for axis in "xyz"] + ["end_header"]
     file.write_text("\n".join([*lines, *(" ".join(map(repr, row)) for row in points.tolist()), ""]), encoding="ascii")
@@ -80,7 +81,7 @@ def _nerfstudio(scene: Scene, folder: Path) -> Path:
         "ply_file_path": "sparse_pc.ply",
     }
     (folder / "transforms.json").write_text(json.dumps(document), encoding="utf-8")
-    _write_points(folder / "sparse_pc.ply", scene.points @ APPLIED[:, :3].T)
+    write_points(folder / "sparse_pc.ply", scene.points @ APPLIED[:, :3].T)
     return folder / "transforms.json"
 
 
@@ -145,7 +146,7 @@ def _metashape(scene: Scene, folder: Path) -> Path:
         f"<cameras>{''.join(cameras)}</cameras></chunk></document>\n",
         encoding="utf-8",
     )
-    _write_points(folder / "points.ply", scene.points)
+    write_points(folder / "points.ply", scene.points)
     return folder / "cameras.xml"
 
 
@@ -160,7 +161,7 @@ def _realitycapture(scene: Scene, folder: Path) -> Path:
         numbers += [camera["k1"], camera["k2"], 0.0, 0.0, camera["p1"], camera["p2"]]
         lines.append(",".join([view.name, *map(repr, numbers)]))
     (folder / "registration.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    _write_points(folder / "points.ply", scene.points)
+    write_points(folder / "points.ply", scene.points)
     _write_pictures(scene, folder / "images")
     return folder / "registration.csv"
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from estimator.exports.posed_views import brown_camera
 from estimator.reading import read_scene
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Scene, View
-from metric_base.faults import InputFault
-from tests.made.exports import EXPORTS, write_export
+from metric_base.faults import FieldFault, InputFault
+from tests.made.exports import EXPORTS, write_export, write_points
 from tests.made.small_scene import small_model
 
 PARAMS = {
@@ -114,3 +118,76 @@ def test_a_file_in_place_of_a_folder_is_named_with_what_to_do(name: str, words: 
     with pytest.raises(InputFault, match=words) as fault:
         read_scene(tmp_path / name)
     assert name in str(fault.value)
+
+
+@given(
+    st.floats(-0.15, 0.05),
+    st.floats(-0.1, 0.1),
+    st.floats(-0.05, 0.12),
+    st.floats(-0.08, 0.02).filter(lambda k: k != 0),
+)
+@settings(max_examples=40)
+def test_a_lens_with_four_radial_terms_is_followed_within_half_a_pixel(
+    k1: float, k2: float, k3: float, k4: float
+) -> None:
+    """Metashape's and RealityCapture's k4, which COLMAP's models lack."""
+    size, focal = (5280, 3956), 3705.0
+    try:
+        camera = brown_camera(
+            size, (focal, focal), (2650.0, 1950.0), {"k1": k1, "k2": k2, "k3": k3, "k4": k4, "p1": -3e-4}
+        )
+    except FieldFault:
+        return  # it turns back on itself before the corner
+    rays = np.stack(np.meshgrid(np.linspace(-0.7, 0.7, 9), np.linspace(-0.5, 0.5, 9)), axis=-1).reshape(-1, 2)
+    r2 = (rays**2).sum(axis=1, keepdims=True)
+    bent = rays * (1 + k1 * r2 + k2 * r2**2 + k3 * r2**3 + k4 * r2**4)
+    bent += -3e-4 * np.column_stack([2 * rays[:, 0] * rays[:, 1], r2[:, 0] + 2 * rays[:, 1] ** 2])
+    wanted = focal * bent + [2650.0, 1950.0]
+    inside = (wanted > 0).all(axis=1) & (wanted < size).all(axis=1)
+    pixels = project(camera, np.column_stack([rays, np.ones(len(rays))]))
+    assert np.abs(pixels[inside] - wanted[inside]).max() < 0.6
+
+
+def test_a_lens_that_turns_back_before_the_corner_is_refused() -> None:
+    with pytest.raises(FieldFault, match="distortion"):
+        brown_camera((4000, 3000), (2000.0, 2000.0), (2000.0, 1500.0), {"k1": -0.5, "k4": -0.1})
+
+
+def test_a_chunk_without_components_has_its_own_transform(colmap: Scene, tmp_path: Path) -> None:
+    """Metashape's files before components; the transform of the only component is then that of the chunk."""
+    file = write_export(colmap, "metashape", tmp_path)
+    text = file.read_text(encoding="utf-8")
+    start, end = text.index("<components>"), text.index("</components>") + len("</components>")
+    moved = text[text.index("<transform>", start) : text.index("</component>", start)]
+    text = (text[:start] + text[end:]).replace(' component_id="0"', "").replace("</chunk>", f"{moved}</chunk>")
+    file.write_text(text, encoding="utf-8")
+    check_same(colmap, read_scene(file), "metashape")
+
+
+def test_a_count_of_cameras_before_the_columns(tmp_path: Path) -> None:
+    folder = tmp_path / "colmap"
+    folder.mkdir()
+    small_model("SIMPLE_RADIAL", PARAMS["SIMPLE_RADIAL"]).write_binary(str(folder))
+    colmap = read_scene(folder)
+    file = write_export(colmap, "realitycapture", tmp_path / "rc")
+    file.write_text(f"#cameras {len(colmap.views)}\n{file.read_text(encoding='utf-8')}", encoding="utf-8")
+    check_same(colmap, read_scene(file), "realitycapture")
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [("nerfstudio", "the COLMAP model"), ("meshroom", "ConvertSfMFormat"), ("metashape", "points.ply")],
+)
+def test_cameras_without_points_say_where_points_are(program: str, words: str, colmap: Scene, tmp_path: Path) -> None:
+    """What instant-ngp and Meshroom's own cameras.sfm are."""
+    file = write_export(colmap, program, tmp_path)
+    for cloud in tmp_path.glob("*.ply"):
+        cloud.unlink()
+    if program == "meshroom":
+        document = json.loads(file.read_text(encoding="utf-8"))
+        del document["structure"]
+        file.write_text(json.dumps(document), encoding="utf-8")
+    with pytest.raises(InputFault, match=words):
+        read_scene(file)
+    write_points(tmp_path / "points.ply", colmap.points)
+    assert len(read_scene(file).points) == len(colmap.points)

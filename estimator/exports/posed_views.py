@@ -72,14 +72,15 @@ def brown_camera(
     others = {name: distortion.get(name, 0.0) for name in ("p1", "p2")}
     if not radial[3]:
         return pinhole_camera(size, focal, centre, {**others, **dict(zip(("k1", "k2", "k3"), radial, strict=False))})
-    corner = np.hypot(*(max(c, side - c) / f for c, side, f in zip(centre, size, focal, strict=True)))
+    reach = [max(c, side - c) / f for c, side, f in zip(centre, size, focal, strict=True)]
+    corner = np.hypot(reach[0], reach[1])
     tangents = np.linspace(0, WIDEST_TANGENT, 4000)
     beyond = np.flatnonzero(tangents * _polynomial(radial, tangents) >= corner)
     if not len(beyond):
         raise FieldFault("distortion", "a lens whose picture ends", Words("a polynomial that turns back before it"))
     r = np.linspace(0, tangents[beyond[0]], 400)
     wanted, powers = _polynomial(radial, r), np.stack([r**2, r**4, r**6], axis=1)
-    fitted = np.zeros(6)
+    fitted: FloatArray = np.zeros(6)
     for _ in range(ROUNDS):
         weight = r / (1 + powers @ fitted[3:])
         rows = np.hstack([powers, -wanted[:, None] * powers]) * weight[:, None]

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from metric_base.arrays import BoolArray, FloatArray
+from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Alignment", "align"]
 
 #: Minimal samples that are tried, and the seed that makes an answer the same every time.
 TRIALS, SEED = 500, 0
+#: Parts in which they are tried, for the memory of many pairs.
+PARTS = 10
 
 #: A pair is an inlier within this many times the median residual of the best sample, and never under a millionth of
 #: the extent.
@@ -43,13 +45,14 @@ def align(source: FloatArray, target: FloatArray) -> Alignment | None:
     n = len(source)
     if n < 3:
         return None
-    generator = np.random.default_rng(SEED)
     best, least = None, math.inf
-    for _ in range(TRIALS if n > 3 else 1):
-        chosen = generator.choice(n, 3, replace=False) if n > 3 else np.arange(3)
-        squares = _residuals(source, target, source[chosen], target[chosen])
-        if squares is not None and float(np.median(squares)) < least:
-            best, least = squares, float(np.median(squares))
+    samples = _samples(n)
+    for part in np.array_split(samples, min(PARTS, len(samples))):
+        squares = _residuals(source, target, source[part], target[part])
+        middle = np.median(squares, axis=1)
+        row = int(np.argmin(middle))
+        if middle[row] < least:
+            best, least = squares[row], float(middle[row])
     if best is None:
         return None
     floor = 1e-6 * float(np.ptp(target, axis=0).max())
@@ -57,38 +60,48 @@ def align(source: FloatArray, target: FloatArray) -> Alignment | None:
     return _refine(source, target, inliers)
 
 
+def _samples(n: int) -> IntArray:
+    """(t, 3) rows of minimal samples, three different ones of n each."""
+    if n == 3:
+        return np.array([[0, 1, 2]])
+    drawn = np.random.default_rng(SEED).integers(n, size=(TRIALS, 3))
+    one, two, three = drawn.T
+    return np.asarray(drawn[(one != two) & (two != three) & (one != three)])
+
+
 def _refine(source: FloatArray, target: FloatArray, inliers: BoolArray) -> Alignment | None:
-    squares = _residuals(source[inliers], target[inliers], source[inliers], target[inliers])
-    scale = _similarity(source[inliers], target[inliers])
-    m = int(inliers.sum())
-    if squares is None or scale is None or m < 3:
+    own, aim = source[inliers], target[inliers]
+    m = len(own)
+    if m < 3:
         return None
-    residual = math.sqrt(float(squares.sum()) / max(3 * m - 7, 1))
-    centred = target[inliers] - target[inliers].mean(axis=0)
+    (scale,), _, _ = _similarities(own[None], aim[None])
+    if not scale > 0:
+        return None
+    residual = math.sqrt(float(_residuals(own, aim, own[None], aim[None]).sum()) / max(3 * m - 7, 1))
+    centred = aim - aim.mean(axis=0)
     extent = math.sqrt(float((centred**2).sum()) / m)
     # d ln(scale) = sum(x . noise) / sum(|x|^2) over the centred points
-    return Alignment(scale[0], residual / (extent * math.sqrt(m)), residual, extent, inliers)
+    return Alignment(float(scale), residual / (extent * math.sqrt(m)), residual, extent, inliers)
 
 
-def _residuals(
-    source: FloatArray, target: FloatArray, fit_source: FloatArray, fit_target: FloatArray
-) -> FloatArray | None:
-    """(n,) squared distances after the similarity of the fitted pairs, or None where there is none."""
-    similarity = _similarity(fit_source, fit_target)
-    if similarity is None:
-        return None
-    scale, rotation, translation = similarity
-    return np.asarray(((scale * source @ rotation.T + translation - target) ** 2).sum(axis=1))
+def _residuals(source: FloatArray, target: FloatArray, fit_source: FloatArray, fit_target: FloatArray) -> FloatArray:
+    """(t, n) squared distances after the similarities of t fitted sets (t, k, 3); infinite where there is none."""
+    scale, rotation, translation = _similarities(fit_source, fit_target)
+    placed = scale[:, None, None] * (source @ rotation.transpose(0, 2, 1)) + translation[:, None]
+    squares = ((placed - target) ** 2).sum(axis=2)
+    squares[~(scale > 0)] = np.inf
+    return np.asarray(squares)
 
 
-def _similarity(source: FloatArray, target: FloatArray) -> tuple[float, FloatArray, FloatArray] | None:
-    middle, aim = source.mean(axis=0), target.mean(axis=0)
-    x, y = source - middle, target - aim
-    power = float((x**2).sum())
-    if not power > 0 or not (y**2).sum() > 0:
-        return None
-    left, values, right = np.linalg.svd(y.T @ x)
-    signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])
-    rotation = (left * signs) @ right
-    scale = float((values * signs).sum()) / power
-    return (scale, rotation, aim - scale * rotation @ middle) if scale > 0 else None
+def _similarities(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Scales (t,), rotations (t, 3, 3), translations (t, 3) of t sets (t, k, 3); scale 0 where there is none."""
+    middle, aim = source.mean(axis=1), target.mean(axis=1)
+    x, y = source - middle[:, None], target - aim[:, None]
+    power = (x**2).sum(axis=(1, 2))
+    left, values, right = np.linalg.svd(y.transpose(0, 2, 1) @ x)
+    signs = np.ones_like(values)
+    signs[:, 2] = np.sign(np.linalg.det(left @ right))
+    rotation = (left * signs[:, None]) @ right
+    scale = np.divide((values * signs).sum(axis=1), power, out=np.zeros_like(power), where=power > 0)
+    scale = np.where((y**2).sum(axis=(1, 2)) > 0, np.maximum(scale, 0), 0)
+    return scale, rotation, aim - scale[:, None] * (rotation @ middle[:, :, None])[:, :, 0]

@@ -84,7 +84,7 @@ def brown_camera(
     for _ in range(ROUNDS):
         weight = r / (1 + powers @ fitted[3:])
         rows = np.hstack([powers, -wanted[:, None] * powers]) * weight[:, None]
-        fitted = np.linalg.lstsq(rows, (wanted - 1) * weight, rcond=1e-14)[0]
+        fitted = np.asarray(np.linalg.lstsq(rows, (wanted - 1) * weight, rcond=1e-14)[0], dtype=np.float64)
     ratio = (1 + powers @ fitted[:3]) / (1 + powers @ fitted[3:])
     if not np.abs((ratio - wanted) * r * max(focal)).max() <= RATIONAL_SHARE * max(size):
         raise FieldFault("k4", "a polynomial that COLMAP's FULL_OPENCV can follow", radial[3])

@@ -10,18 +10,27 @@ import numpy as np
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
 
-__all__ = ["Walk", "made_walk"]
+__all__ = ["Walk", "made_walk", "with_rig"]
 
 CAMERA = Camera("PINHOLE", 640, 480, np.array([500.0, 500.0, 320.0, 240.0]))
 
 
 @dataclass(frozen=True)
 class Walk:
-    """scene : in units of `scale` metres, turned and moved; metres : (n, 3) true camera centres; scale : the truth."""
+    """scene : in units of `scale` metres, turned by `frame` (3, 3) and moved by `offset` (3,) units.
+
+    metres : (n, 3) true camera centres, z up from the floor; scale : the truth.
+    """
 
     scene: Scene
     metres: FloatArray
     scale: float
+    frame: FloatArray
+    offset: FloatArray
+
+    def units(self, metres: FloatArray) -> FloatArray:
+        """(n, 3) points of the hall in the scene."""
+        return np.asarray((metres / self.scale) @ self.frame.T + self.offset)
 
 
 def made_walk(path: Path, height: float = 1.5, scale: float = 0.4, views: int = 24, seed: int = 0) -> Walk:
@@ -38,7 +47,19 @@ def made_walk(path: Path, height: float = 1.5, scale: float = 0.4, views: int = 
     offset = generator.uniform(-5, 5, 3)
     made = tuple(_view(f"left/{row:04d}.png", centre, frame, offset, scale) for row, centre in enumerate(centres))
     moved = (points / scale) @ frame.T + offset
-    return Walk(Scene(path, "memory", made, moved, model_path=path), centres, scale)
+    return Walk(Scene(path, "memory", made, moved, model_path=path), centres, scale, frame, offset)
+
+
+def with_rig(walk: Walk, baseline: float) -> Walk:
+    """The walk with a second camera, `baseline` metres to the right of the first: `right/0000.png` and so on."""
+    shifted = []
+    for view in walk.scene.views:
+        beside = view.centre + baseline / walk.scale * view.rotation[0]
+        shifted.append(replace(view, name=view.name.replace("left", "right"), translation=-view.rotation @ beside))
+    right = np.array([view.centre for view in shifted])
+    metres = (right - walk.offset) @ walk.frame * walk.scale
+    scene = replace(walk.scene, views=(*walk.scene.views, *shifted))
+    return replace(walk, scene=scene, metres=np.concatenate([walk.metres, metres]))
 
 
 def _view(name: str, centre: FloatArray, frame: FloatArray, offset: FloatArray, scale: float) -> View:
@@ -49,8 +70,3 @@ def _view(name: str, centre: FloatArray, frame: FloatArray, offset: FloatArray, 
     rotation = np.array([x, np.cross(z, x), z]) @ frame.T
     place = (centre / scale) @ frame.T + offset
     return View(name, CAMERA, rotation, -rotation @ place, np.zeros((0, 2)), np.zeros(0, dtype=np.int64))
-
-
-def with_views(walk: Walk, views: tuple[View, ...]) -> Scene:
-    """The walk's scene with other views."""
-    return replace(walk.scene, views=views)

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from PIL import Image
 
 import estimator
 from estimator.evidence.alignment import align
@@ -22,16 +18,20 @@ from estimator.evidence.depth_files import read_depth
 from estimator.evidence.gps import Gps, local_metres
 from estimator.evidence.lengths import RigBaseline
 from estimator.evidence.marker import Marker
-from estimator.evidence.metric_depth import NETWORK_SD, MetricDepth
+from estimator.evidence.metric_depth import MetricDepth
 from estimator.evidence.source import EvidenceSource
 from estimator.evidence.triangulation import triangulate
 from estimator.geometry.measurement import Measurements, measure_objects
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scale_evidence import ScaleEvidence
-from estimator.records.scene import Camera, Scene
+from estimator.records.scene import Camera
+from estimator.results.estimate import scale_of_objects
+from estimator.results.reports import Options
 from metric_base.faults import InputFault
-from metric_tree.tree import Tree
-from tests.made.walk import Walk, made_walk
+from metric_tree.tree import Tree, open_tree
+from tests.made import minitree
+from tests.made.evidence import KINDS, RIG_M, degrees_of, draw_marker, objects_of, position_table
+from tests.made.walk import Walk, made_walk, with_rig
 
 
 @pytest.fixture
@@ -58,6 +58,50 @@ def test_every_kind_is_a_source() -> None:
         RigBaseline("", "", 1),
     )
     assert all(isinstance(source, EvidenceSource) for source in sources)
+
+
+# every kind, right and wrong, alone and beside objects
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Walk:
+    return with_rig(made_walk(tmp_path_factory.mktemp("rig"), views=12), RIG_M)
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Tree:
+    return open_tree(minitree.release(tmp_path_factory.mktemp("tree") / "mini").directory)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_kind_right_wrong_and_against_the_objects(kind: str, rig: Walk, tree: Tree) -> None:
+    """Right it sharpens the scale, wrong by two it is believed alone, and the objects find it out."""
+    shown = measure_objects(rig.scene, ())
+    right, wrong = one(KINDS[kind].rows(rig, shown)), one(KINDS[kind].rows(rig, shown, factor=2.0))
+    objects = objects_of(tree, ["swivel chair", "bar stool", "mouse", "trackball"], rig.scale)
+    without = scale_of_objects(objects, tree)
+    helped = scale_of_objects(objects, tree, Options(evidence=(right,)))
+    assert helped.scale == pytest.approx(rig.scale, rel=0.03)
+    assert (helped.evidence[0].verdict, helped.evidence[0].reason) == ("used", None)
+    assert _width(helped) < _width(without)
+
+    alone = scale_of_objects((), tree, Options(evidence=(wrong,)))
+    assert alone.modes[0].scale == pytest.approx(2 * rig.scale, rel=0.06)
+
+    against = scale_of_objects(objects, tree, Options(evidence=(wrong,)))
+    if kind == "known length":  # certain, so that the scale is unresolved
+        assert (against.status, against.evidence[0].verdict) == ("unresolved", "used")
+        assert any("contradict the objects" in line for line in against.warnings)
+    else:
+        assert against.scale == pytest.approx(rig.scale, rel=0.03)
+        (row,) = against.evidence
+        assert (row.verdict, row.weight < 0.1) == ("outlier", True)
+        assert f"all else says {against.modes[0].scale:.4g}" in str(row.reason)
+
+
+def _width(result: estimator.ScaleResult) -> float:
+    assert result.interval is not None
+    return math.log(result.interval.high / result.interval.low)
 
 
 # camera height
@@ -92,61 +136,28 @@ def test_words_of_a_camera_height() -> None:
 # GPS
 
 
-def _degrees(metres: np.ndarray, lat: float = 48.2, lon: float = 16.37) -> np.ndarray:
-    """Latitude, longitude, altitude about a place; the sphere of the place is enough for a test of per milles."""
-    return np.column_stack(
-        [
-            lat + np.degrees(metres[:, 1] / 6371000.0),
-            lon + np.degrees(metres[:, 0] / 6371000.0 / math.cos(math.radians(lat))),
-            200 + metres[:, 2],
-        ]
-    )
-
-
-def _table(file: Path, scene: Scene, rows: np.ndarray, columns: str) -> Path:
-    with file.open("w", newline="", encoding="utf-8") as lines:
-        writer = csv.writer(lines)
-        writer.writerow(["name", *columns.split()])
-        writer.writerows([view.name, *map(repr, map(float, row))] for view, row in zip(scene.views, rows, strict=True))
-    return file
-
-
 def test_positions_in_metres(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
     noisy = walk.metres + np.random.default_rng(1).normal(0, 0.02, walk.metres.shape)
     noisy[:3] += 40  # three positions in the next street
-    row = one(Gps(_table(tmp_path / "path.csv", walk.scene, noisy, "x y z")).observe(walk.scene, nothing))
+    row = one(Gps(position_table(tmp_path / "path.csv", walk.scene, noisy, "x y z")).observe(walk.scene, nothing))
     assert row.scale == pytest.approx(walk.scale, rel=0.01)
     assert row.sd_log == pytest.approx(0.01, abs=0.004)
 
 
-def test_positions_in_degrees(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
-    file = _table(tmp_path / "path.csv", walk.scene, _degrees(walk.metres), "lat lon alt")
+def test_positions_indegrees_of(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    file = position_table(tmp_path / "path.csv", walk.scene, degrees_of(walk.metres), "lat lon alt")
     assert one(Gps(file).observe(walk.scene, nothing)).scale == pytest.approx(walk.scale, rel=0.006)
 
 
 def test_positions_too_rough_for_their_path_are_mute(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
     rough = walk.metres + np.random.default_rng(1).normal(0, 4.0, walk.metres.shape)
-    row = one(Gps(_table(tmp_path / "path.csv", walk.scene, rough, "x y z")).observe(walk.scene, nothing))
+    row = one(Gps(position_table(tmp_path / "path.csv", walk.scene, rough, "x y z")).observe(walk.scene, nothing))
     assert row.scale is None
     assert row.reason is not None
-    few = _table(tmp_path / "few.csv", replace(walk.scene, views=walk.scene.views[:3]), walk.metres[:3], "x y z")
+    few = position_table(
+        tmp_path / "few.csv", replace(walk.scene, views=walk.scene.views[:3]), walk.metres[:3], "x y z"
+    )
     assert "3 views have a position" in str(one(Gps(few).observe(walk.scene, nothing)).reason)
-
-
-def test_positions_in_the_pictures(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
-    (tmp_path / "images" / "left").mkdir(parents=True)
-    for view, (lat, lon, alt) in zip(walk.scene.views, _degrees(walk.metres, -33.9, -70.6), strict=True):
-        exif = Image.Exif()
-        gps = {1: "S", 2: _sexagesimal(-lat), 3: "W", 4: _sexagesimal(-lon), 5: b"\x00", 6: float(alt)}
-        exif[0x8825] = gps
-        Image.new("L", (8, 6)).save(tmp_path / "images" / view.name, exif=exif)
-    row = one(Gps("exif").observe(walk.scene, nothing))
-    assert row.scale == pytest.approx(walk.scale, rel=0.02)
-
-
-def _sexagesimal(degrees: float) -> tuple[float, float, float]:
-    minutes = (degrees - int(degrees)) * 60
-    return float(int(degrees)), float(int(minutes)), round((minutes - int(minutes)) * 60, 5)
 
 
 @pytest.mark.parametrize(
@@ -182,56 +193,10 @@ def test_points_at_one_place_align_with_nothing() -> None:
 # markers
 
 
-def _draw_marker(walk: Walk, folder: Path, side: float, image: np.ndarray, at: float = 0.9) -> None:
-    """A marker that lies flat over the middle of the hall, drawn into every picture."""
-    scene, scale = walk.scene, walk.scale
-    height, width = image.shape
-    ratio = width / height
-    corners = np.array([[-ratio, 1, 0], [ratio, 1, 0], [ratio, -1, 0], [-ratio, -1, 0]]) * side / 2 + [0, 0, at]
-    metres = walk.metres
-    units = np.array([view.centre for view in scene.views])
-    # the similarity of the walk, from its own cameras
-    a, b = metres - metres.mean(axis=0), units - units.mean(axis=0)
-    left, _, right = np.linalg.svd(b.T @ a)
-    turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
-    placed = (corners - metres.mean(axis=0)) @ turn.T / scale + units.mean(axis=0)
-    edges = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32) - 0.5
-    for view in scene.views:
-        pixels, _ = pixels_in_view(view, placed)
-        picture = np.full((480, 640), 190, dtype=np.uint8)
-        if np.isfinite(pixels).all():
-            matrix = cv2.getPerspectiveTransform(edges, (pixels - 0.5).astype(np.float32))
-            cv2.warpPerspective(image, matrix, (640, 480), picture, cv2.INTER_AREA, cv2.BORDER_TRANSPARENT)
-        (folder / view.name).parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(folder / view.name), picture)
-
-
-@pytest.mark.parametrize("name", ["DICT_4X4_50", "APRILTAG_36h11"])
-def test_a_marker(walk: Walk, nothing: Measurements, tmp_path: Path, name: str) -> None:
-    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name.removeprefix('DICT_')}"))
-    quiet = np.full((260, 260), 255, dtype=np.uint8)
-    quiet[30:230, 30:230] = cv2.aruco.generateImageMarker(dictionary, 7, 200)
-    _draw_marker(walk, tmp_path / "images", 0.8 * 260 / 200, quiet)
-    row = one(Marker(name, 0.8).observe(walk.scene, nothing))
-    assert row.id == "7"
-    assert row.scale == pytest.approx(walk.scale, rel=0.02)
-    wrong = one(Marker(name, 1.6).observe(walk.scene, nothing))
-    assert wrong.scale == pytest.approx(2 * walk.scale, rel=0.02)
-
-
-def test_a_board(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
-    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
-    board = cv2.aruco.CharucoBoard((5, 5), 0.3, 0.22, dictionary)
-    _draw_marker(walk, tmp_path / "images", 1.5, board.generateImage((500, 500)))
-    row = one(Marker.of("charuco:DICT_5X5_100:5x5:0.3:0.22").observe(walk.scene, nothing))
-    assert row.id == "board"
-    assert row.scale == pytest.approx(walk.scale, rel=0.01)
-
-
 def test_pictures_without_a_marker(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
     marker = Marker("DICT_4X4_50", 0.1)
     assert one(marker.observe(walk.scene, nothing)).reason == "no picture of the scene was found"
-    _draw_marker(walk, tmp_path / "images", 0.5, np.full((50, 50), 80, dtype=np.uint8))
+    draw_marker(walk, np.full((50, 50), 80, dtype=np.uint8), 0.5)
     assert one(marker.observe(walk.scene, nothing)).reason == "no marker is in two pictures or more"
 
 
@@ -257,38 +222,6 @@ def test_a_point_of_wrong_pixels_is_left_out(walk: Walk) -> None:
 # depth maps
 
 
-def _write_npy(file: Path, depth: np.ndarray) -> None:
-    np.save(file.with_suffix(".npy"), depth.astype(np.float32))
-
-
-def _write_pfm(file: Path, depth: np.ndarray) -> None:
-    header = f"Pf\n{depth.shape[1]} {depth.shape[0]}\n-1.0\n".encode()
-    file.with_suffix(".pfm").write_bytes(header + depth[::-1].astype("<f4").tobytes())
-
-
-def _write_png(file: Path, depth: np.ndarray) -> None:
-    cv2.imwrite(str(file.with_suffix(".png")), np.round(depth * 1000).clip(0, 65535).astype(np.uint16))
-
-
-@pytest.mark.parametrize("write", [_write_npy, _write_pfm, _write_png])
-@pytest.mark.parametrize("factor", [1.0, 1.3])
-def test_depth_maps(
-    walk: Walk, nothing: Measurements, tmp_path: Path, write: Callable[[Path, np.ndarray], None], factor: float
-) -> None:
-    folder = tmp_path / "depth"
-    folder.mkdir()
-    for view in walk.scene.views[:5]:
-        pixels, depths = pixels_in_view(view, walk.scene.points)
-        depth = np.zeros((240, 320))  # half the resolution of the pictures
-        inside = np.isfinite(pixels[:, 0])
-        column, line = (pixels[inside] / 2).astype(int).T
-        depth[line, column] = depths[inside] * walk.scale * factor
-        write(folder / Path(view.name).name, depth)
-    row = one(MetricDepth(folder).observe(walk.scene, nothing))
-    assert row.scale == pytest.approx(factor * walk.scale, rel=0.02)
-    assert row.sd_log == pytest.approx(NETWORK_SD, rel=0.05)
-
-
 def test_a_folder_without_depth_maps(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
     assert one(MetricDepth(tmp_path).observe(walk.scene, nothing)).scale is None
     with pytest.raises(InputFault, match="no such folder"):
@@ -310,15 +243,9 @@ def test_damaged_depth_maps_are_one_line(tmp_path_factory: pytest.TempPathFactor
 
 
 def test_the_baseline_of_a_rig(walk: Walk, nothing: Measurements) -> None:
-    shifted = []
-    for view in walk.scene.views:
-        beside = view.centre + 0.12 / walk.scale * view.rotation[0]
-        name = view.name.replace("left", "right")
-        shifted.append(replace(view, name=name, translation=-view.rotation @ beside))
-    scene = replace(walk.scene, views=(*walk.scene.views, *shifted))
-    row = one(RigBaseline("left", "right", 0.12).observe(scene, nothing))
+    row = one(RigBaseline("left", "right", RIG_M).observe(with_rig(walk, RIG_M).scene, nothing))
     assert row.scale == pytest.approx(walk.scale, rel=1e-6)
-    assert one(RigBaseline("left", "right", 0.12).observe(walk.scene, nothing)).scale is None
+    assert one(RigBaseline("left", "right", RIG_M).observe(walk.scene, nothing)).scale is None
 
 
 # the vertical from outside

@@ -12,6 +12,8 @@ import numpy as np
 
 from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.association.tracks import Track, incremental_tracks, shared_tracks
+from estimator.geometry.box_fit import boxed_object
+from estimator.geometry.fragments import without_fragments
 from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.geometry.own_frame import SortedScene, sorted_scene
 from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
@@ -34,9 +36,6 @@ MIN_DENSE_POINTS = 100
 BELOW_FLOOR_BINS = 5.0
 # Boxes bound a thing only where several of them cross: two leave a wedge that is open behind it.
 MIN_BOX_VIEWS = 3
-# What boxes add to the log sizes' standard deviation: background within the box, more of it along the line of sight.
-# It is the robust spread of the errors with boxes drawn around the masks of hard made rooms.
-BOX_SIGMA = (0.25, 0.3, 0.1)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,10 +142,11 @@ def _measure(
         sides = [_sides(track, shape, instances, outlines, around) for track, shape in zip(tracks, shapes, strict=True)]
     with _stopwatch(timings, "supports"):
         objects = tuple(
-            _object(track, shape, seen, instances, ground, basis, up, options)
+            boxed_object(_object(track, shape, seen, instances, ground, basis, up, options), scene, instances, basis)
             for track, shape, seen in zip(tracks, shapes, sides, strict=True)
         )
-    return Measurements(objects, up, planes, tracks, warnings=() if contradiction is None else (contradiction,))
+    warnings = () if contradiction is None else (contradiction,)
+    return Measurements(without_fragments(objects), up, planes, tracks, warnings=warnings)
 
 
 def _in_world(
@@ -264,7 +264,7 @@ def _object(
         category=track.category,
         extents=np.full(3, np.nan),
         sigma=np.full(3, np.nan),
-        score=float(np.mean([mask.score for mask in masks])),
+        score=_score(masks, track.category),
         points=len(shape.points),
         views=len(masks),
         vertical_known=up.method != "none",
@@ -289,7 +289,7 @@ def _object(
     return replace(
         record,
         extents=box.high - low,
-        sigma=np.hypot(np.linalg.norm(edge_sigma, axis=0), BOX_SIGMA if boxes else 0.0),
+        sigma=np.linalg.norm(edge_sigma, axis=0),
         confidence=box.eta,
         beyond=sides.beyond,
         truncated=truncated,
@@ -297,6 +297,13 @@ def _object(
         box=Box((low + box.high) / 2 @ box.axes, box.axes, box.high - low),
         notes=("reaches down to the surface below it",) if foot.filled else (),
     )
+
+
+def _score(masks: Sequence[Instance], category: str) -> float:
+    """Mean score of an object's masks times the share of it that names its category: a changing name is doubtful."""
+    scores = np.array([mask.score for mask in masks])
+    agreed = np.array([mask.category == category for mask in masks])
+    return float(scores.mean() * (scores @ agreed) / max(float(scores.sum()), np.finfo(float).tiny))
 
 
 def _foot(box: Dimensions, sides: Sides, ground: Ground | None, basis: FloatArray, standing: bool | None) -> Foot:

@@ -1,0 +1,92 @@
+"""The cuboid of boxes: made ones whose outlines are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.geometry.box_fit import box_edges, fit_cuboid
+from estimator.reconstructions.cameras import project
+from estimator.records.scene import Instance, View
+from metric_base.arrays import FloatArray
+from tests.made.shapes import orbit
+
+SIZE = np.array([0.8, 0.5, 0.9])
+MIDDLE = np.array([0.1, -0.2, 0.45])
+
+
+def _outline(view: View, size: FloatArray, yaw: float) -> tuple[int, int, int, int]:
+    """Left, top, right, bottom of an upright elliptic cylinder in a view, in whole pixels inside the picture."""
+    angles = np.linspace(0, 2 * np.pi, 60)
+    ring = np.column_stack([np.cos(angles) * size[0] / 2, np.sin(angles) * size[1] / 2])
+    c, s = np.cos(yaw), np.sin(yaw)
+    turned = ring @ np.array([[c, s], [-s, c]])
+    points = np.vstack([np.column_stack([turned, np.full(60, z)]) for z in (-size[2] / 2, size[2] / 2)]) + MIDDLE
+    pixels = project(view.camera, points @ view.rotation.T + view.translation)
+    low, high = np.rint(pixels.min(axis=0)).astype(int), np.rint(pixels.max(axis=0)).astype(int)
+    return (
+        max(int(low[0]), 0),
+        max(int(low[1]), 0),
+        min(int(high[0]), view.camera.width),
+        min(int(high[1]), view.camera.height),
+    )
+
+
+def _boxes(views: tuple[View, ...], size: FloatArray = SIZE, yaw: float = 0.3) -> list[Instance]:
+    boxes = []
+    for row, view in enumerate(views):
+        left, top, right, bottom = _outline(view, size, yaw)
+        mask = np.ones((bottom - top, right - left), dtype=bool)
+        boxes.append(Instance(str(row), row, "chair", mask, (left, top), from_box=True))
+    return boxes
+
+
+def test_sides_of_a_cylinder_are_a_tenth_short_and_its_height_is_right() -> None:
+    # the fit takes footprints for something between a rectangle and an ellipse
+    views = orbit(10, 3.0, 1.4)
+    edges = box_edges(_boxes(views), views, np.eye(3))
+    cuboid = fit_cuboid(edges, MIDDLE, 0.0)
+    sides = np.sort(cuboid.extents[:2])[::-1]
+    assert np.abs(np.log(sides / SIZE[:2])).max() < 0.13
+    assert abs(np.log(cuboid.extents[2] / SIZE[2])) < 0.02
+    assert np.linalg.norm(cuboid.centre - MIDDLE) < 0.05
+
+
+def test_one_hidden_edge_and_a_wild_one_do_not_decide() -> None:
+    views = orbit(10, 3.0, 1.4)
+    boxes = _boxes(views)
+    plain = fit_cuboid(box_edges(boxes, views, np.eye(3)), MIDDLE, 0.0)
+    hidden = boxes[3].mask[: boxes[3].mask.shape[0] // 2]
+    wild = np.ones((boxes[7].mask.shape[0], boxes[7].mask.shape[1] + 60), dtype=bool)
+    changed = [replace(box, mask={3: hidden, 7: wild}.get(row, box.mask)) for row, box in enumerate(boxes)]
+    other = fit_cuboid(box_edges(changed, views, np.eye(3)), MIDDLE, 0.0)
+    assert np.abs(np.log(np.sort(other.extents) / np.sort(plain.extents))).max() < 0.04
+
+
+def test_edges_at_the_border_say_nothing() -> None:
+    # so near that every picture cuts the top off: the height is unknown, unlike the sides
+    views = orbit(10, 1.3, 0.5, target=(0.1, -0.2, 0.0))
+    edges = box_edges(_boxes(views), views, np.eye(3))
+    assert not edges.free[:, 1].any()
+    cuboid = fit_cuboid(edges, MIDDLE, 0.0, foot=(0.0, 0.02))
+    assert cuboid.sigma[2] > 3 * cuboid.sigma[:2].min()
+
+
+def test_sigma_grows_where_views_are_few() -> None:
+    views = orbit(12, 3.0, 1.4)
+    all_round = fit_cuboid(box_edges(_boxes(views), views, np.eye(3)), MIDDLE, 0.0)
+    near = views[:3]
+    few = fit_cuboid(box_edges(_boxes(near), near, np.eye(3)), MIDDLE, 0.0)
+    assert few.sigma.max() > 1.5 * all_round.sigma.max()
+
+
+@pytest.mark.parametrize("unit", [1e-3, 1.0, 1e4])
+def test_unit_of_the_scene_has_no_part(unit: float) -> None:
+    views = orbit(6, 3.0, 1.4)
+    boxes = _boxes(views)
+    plain = fit_cuboid(box_edges(boxes, views, np.eye(3)), MIDDLE, 0.0)
+    scaled = tuple(replace(view, translation=unit * view.translation) for view in views)
+    other = fit_cuboid(box_edges(boxes, scaled, np.eye(3)), unit * MIDDLE, 0.0)
+    assert other.extents / unit == pytest.approx(plain.extents, rel=1e-6)

@@ -14,9 +14,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from estimator.baselines.candidates import candidate_scales, estimate_on
-from estimator.evidence.triangulation import view_rays
 from estimator.geometry.up import given_up
-from estimator.reconstructions.cameras import pixels_in_view
+from estimator.reconstructions.cameras import pixels_in_view, view_rays
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.records.scene import Instance, Scene, View

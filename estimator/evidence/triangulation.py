@@ -6,28 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from estimator.reconstructions.cameras import pixels_in_view
-from estimator.records.scene import Camera, View
+from estimator.reconstructions.cameras import pixels_in_view, view_rays
+from estimator.records.scene import View
 from metric_base.arrays import FloatArray
 
-__all__ = ["triangulate", "view_rays"]
+__all__ = ["triangulate"]
 
 #: Rays nearer to parallel than this (radians) meet anywhere.
 LEAST_ANGLE = 0.01
-
-
-def view_rays(camera: Camera, pixels: FloatArray) -> FloatArray:
-    """(n, 3) rays of unit depth in the camera's frame through pixels (n, 2), lens distortion removed."""
-    if camera.model == "PINHOLE":
-        flat = (pixels - camera.params[2:]) / camera.params[:2]
-    elif camera.model == "SIMPLE_PINHOLE":
-        flat = (pixels - camera.params[1:]) / camera.params[0]
-    else:
-        import pycolmap
-
-        lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
-        flat = np.asarray(lens.cam_from_img(pixels), dtype=float)[:, :2]
-    return np.column_stack([flat, np.ones(len(pixels))])
 
 
 def triangulate(views: Sequence[View], pixels: FloatArray, most_error: float) -> FloatArray | None:

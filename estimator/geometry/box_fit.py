@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.evidence.triangulation import view_rays
+from estimator.reconstructions.cameras import view_rays
 from estimator.records.measured_object import Box, MeasuredObject
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import BoolArray, FloatArray

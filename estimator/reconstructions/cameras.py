@@ -14,7 +14,7 @@ from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, Words
 from metric_base.signals import keep_termination
 
-__all__ = ["CAMERA_MODELS", "PINHOLES", "make_camera", "pixels_in_view", "project", "projected_views"]
+__all__ = ["CAMERA_MODELS", "PINHOLES", "make_camera", "pixels_in_view", "project", "projected_views", "view_rays"]
 
 #: COLMAP's camera models by name: number in binary files, parameters in file order (colmap/sensor/models.h).
 CAMERA_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
@@ -106,6 +106,20 @@ def pixels_in_view(view: View, points: FloatArray) -> tuple[FloatArray, FloatArr
         inside = (pixels >= 0).all(axis=1) & (pixels < (view.camera.width, view.camera.height)).all(axis=1)
     pixels[~inside] = np.nan
     return pixels, points_camera[:, 2]
+
+
+def view_rays(camera: Camera, pixels: FloatArray) -> FloatArray:
+    """(n, 3) rays of unit depth in the camera's frame through pixels (n, 2), lens distortion removed."""
+    if camera.model == "PINHOLE":
+        flat = (pixels - camera.params[2:]) / camera.params[:2]
+    elif camera.model == "SIMPLE_PINHOLE":
+        flat = (pixels - camera.params[1:]) / camera.params[0]
+    else:
+        import pycolmap
+
+        lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
+        flat = np.asarray(lens.cam_from_img(pixels), dtype=float)[:, :2]
+    return np.column_stack([flat, np.ones(len(pixels))])
 
 
 def _pinhole_pixels(camera: Camera, points: FloatArray) -> FloatArray:

@@ -315,8 +315,7 @@ def test_coverage_with_several_kinds() -> None:
 
 
 def test_a_distorted_camera_has_straight_rays(walk: Walk) -> None:
-    from estimator.evidence.triangulation import view_rays
-    from estimator.reconstructions.cameras import project
+    from estimator.reconstructions.cameras import project, view_rays
 
     camera = Camera("SIMPLE_RADIAL", 640, 480, np.array([500.0, 320.0, 240.0, 0.05]))
     pixels = np.array([[100.0, 50.0], [600.0, 400.0]])

@@ -17,7 +17,7 @@ SAME_THING = 0.7
 
 
 def distinct_rows(instances: Sequence[Instance]) -> IntArray:
-    """Rows of the instances that are left when each thing of a picture has one mask at most.
+    """Rows (k,) of the instances that are left when each thing of a picture has one mask at most.
 
     Of two masks whose intersection is 0.7 of their union or more, the one with the better score stays; of equal scores
     the first, but neither where they name different categories.

@@ -27,7 +27,7 @@ class PosePoints:
     rays: FloatArray
 
     def some(self, rows: BoolArray) -> PosePoints:
-        """The points at some rows."""
+        """The points where `rows` (n,) is true."""
         return PosePoints(self.points[rows], self.rays[rows])
 
 

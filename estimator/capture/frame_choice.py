@@ -65,7 +65,7 @@ def motion_of(frames: Iterable[tuple[float, NDArray[np.uint8]]]) -> Motion:
 
 
 def chosen_frames(motion: Motion, wanted: int | None = None) -> IntArray:
-    """Indices of the frames to reconstruct from, ascending.
+    """Indices (k,) of the frames to reconstruct from, ascending.
 
     wanted : how many, by default as many as the motion asks for. The path of the camera is cut into stretches of
     equal motion; of each the sharpest frame is taken.

@@ -92,7 +92,7 @@ class _Tracker:
         self._source_px = source_width / self._camera.width
 
     def anchor(self, view: View, grey: Grey) -> _Anchor:
-        """The points that a reconstructed frame observes, at most POINTS of them, evenly over the list."""
+        """The points that a reconstructed frame (h, w) observes, at most POINTS of them, evenly over the list."""
         chosen = np.unique(np.linspace(0, len(view.point_index) - 1, min(len(view.point_index), POINTS)).astype(int))
         pixels = view.keypoints[chosen] * (grey.shape[1] / view.camera.width) - 0.5  # OpenCV's centres are whole
         return _Anchor(grey, view.point_index[chosen], pixels.astype(np.float32))

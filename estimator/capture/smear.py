@@ -18,6 +18,8 @@ DIRECTIONS, LEAST_EDGES = 4, 30
 def edge_sharpness(colour: NDArray[np.uint8]) -> tuple[float, float]:
     """Steepness of the edges in the least and the most steep of four directions; NaN without edges.
 
+    colour : (h, w, 3) red, green, blue.
+
     The steepness of an edge is its slope per pixel over the step of grey levels about it: about 0.35 for an ideal
     edge, 0.2 in a sharp textured picture, 0.1 where it is smeared over ten pixels. A smear leaves edges along its
     own direction alone, hence the directions.

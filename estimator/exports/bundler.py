@@ -75,7 +75,7 @@ class _Numbers:
         self.values, self.place = values, 0
 
     def take(self, count: int, field: str) -> FloatArray:
-        """The next numbers; FieldFault where they are not there, or are not finite."""
+        """The next n = `count` numbers, (n,); FieldFault if they are missing or not finite."""
         part = self.values[self.place : self.place + count]
         if len(part) < count or not np.isfinite(part).all():
             raise FieldFault(field, f"{count} finite numbers", Words(f"{len(part)} in the rest of the file"))

@@ -172,7 +172,7 @@ def number_of(entry: Mapping[str, object], name: str, default: float | None = No
 
 
 def matrix_of(values: object, shape: tuple[int, ...], field: str) -> FloatArray:
-    """The values as an array of `shape`; FieldFault where they are not that many finite numbers."""
+    """The values as an array of `shape`, such as (3, 4); FieldFault if they are not that many finite numbers."""
     try:
         matrix = np.array(cast(Any, values), dtype=np.float64).reshape(shape)
     except (TypeError, ValueError, OverflowError):

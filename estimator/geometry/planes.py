@@ -146,7 +146,7 @@ def _plane(basis: FloatArray, inliers: FloatArray, bin_width: float) -> SupportP
 
 
 def one_per_cell(points: FloatArray) -> FloatArray:
-    """One point per cell of space, at most `MAX_POINTS`."""
+    """One of the points (n, 3) per cell of space, (m, 3), at most `MAX_POINTS`."""
     points = points[:: max(1, -(-len(points) // (4 * MAX_POINTS)))]
     if len(points) < MIN_POINTS:
         return points

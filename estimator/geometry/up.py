@@ -72,7 +72,7 @@ def camera_up(views: Sequence[View]) -> Up:
 
 
 def combine_up(camera: Up, normal: FloatArray, sigma_deg: float) -> Up:
-    """Up from the cameras and a level surface with unit `normal`, weighted by their variances."""
+    """Up from the cameras and a level surface with the unit `normal` (3,), weighted by their variances."""
     sigma_deg = max(sigma_deg, PLANE_FLOOR_DEG)
     weights = np.array([camera.sigma_deg, sigma_deg]) ** -2
     vector = weights[0] * camera.vector + weights[1] * normal

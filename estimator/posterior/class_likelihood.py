@@ -54,7 +54,7 @@ class LoneTerms:
 
 
 def lone_classes(components: Rows, u: FloatArray) -> LoneTerms:
-    """Classes of one object each; `components` hold the class error in their covariances."""
+    """Classes of one object each at log scales u (g,); `components` hold the class error in their covariances."""
     floor = np.exp(components.log_floor)[:, None]
     density = line_density(components, u) + floor  # (n, g)
     return LoneTerms(np.log(density), floor / density)

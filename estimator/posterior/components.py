@@ -61,7 +61,7 @@ class Rows:
         return np.asarray(self.columns[15])
 
     def of(self, objects: IntArray) -> Rows:
-        """The rows of some objects, given in rising order and numbered anew."""
+        """The rows of some objects (k,), given in rising order and numbered anew."""
         place = np.full(len(self.log_floor), -1)
         place[objects] = np.arange(len(objects))
         owner = place[self.object]

@@ -33,24 +33,24 @@ def row_sums(six: Arrays) -> Sequence[FloatArray]:
 
 
 def product(six: Arrays, vector: Arrays) -> Sequence[FloatArray]:
-    """Each matrix times its vector."""
+    """Each of m matrices (six arrays (m,)) times its vector (three arrays (m,))."""
     xx, xy, xz, yy, yz, zz = six
     x, y, z = vector
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
 def dot(one: Arrays, other: Arrays) -> FloatArray:
-    """Inner products of vectors."""
+    """Inner products (m,) of m vectors, three arrays (m,) each."""
     return np.asarray(one[0] * other[0] + one[1] * other[1] + one[2] * other[2])
 
 
 def total(vector: Arrays) -> FloatArray:
-    """Sums of the components of vectors."""
+    """Sums (m,) of the components of m vectors, three arrays (m,)."""
     return np.asarray(vector[0] + vector[1] + vector[2])
 
 
 def inverse(six: Arrays) -> tuple[Sequence[FloatArray], FloatArray]:
-    """Inverses (six arrays) and log determinants of positive matrices, by cofactors."""
+    """Inverses (six arrays (m,)) and log determinants (m,) of m positive matrices, by cofactors."""
     a, b, c, d, e, f = six
     first, second, third = d * f - e * e, c * e - b * f, b * e - c * d
     det = a * first + b * second + c * third

@@ -220,7 +220,7 @@ class ByteReader:
         return int(count)
 
     def rows(self, dtype: DTypeLike, n: int, field: str) -> NDArray[Any]:
-        """The next n records as a view of the bytes, without a copy."""
+        """The next n records, (n,), as a view of the bytes, without a copy; InputFault if the file ends before."""
         record = np.dtype(dtype)
         self._need(n * record.itemsize, field)
         rows = np.frombuffer(self.data, dtype=record, count=n, offset=self.place)

@@ -103,7 +103,7 @@ def read_visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, 
 
 
 def visibility_bytes(offsets: IntArray, views: IntArray) -> bytes:
-    """The visibility file of compressed rows, the inverse of `visibility`."""
+    """The visibility file of offsets (n + 1,) and views (m,), the inverse of `read_visibility`."""
     words = np.insert(views, offsets[:-1], np.diff(offsets))
     return np.uint64(len(offsets) - 1).tobytes() + words.astype("<u4").tobytes()
 

@@ -131,7 +131,7 @@ def names_of(item: MeasuredObject, chosen: BoolArray) -> tuple[str, ...]:
 
 
 def named_values(item: MeasuredObject, values: FloatArray) -> dict[str, float]:
-    """The finite ones of three values, by the names of the object's extents."""
+    """The finite ones of the values (3,), by the names of the object's extents."""
     return {
         name: float(value) for name, value in zip(dimension_names(item), values, strict=True) if math.isfinite(value)
     }

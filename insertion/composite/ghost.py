@@ -20,7 +20,7 @@ LOW, HIGH = (255, 190, 60), (80, 220, 255)
 def draw_interval(
     picture: NDArray[np.uint8], view: View, renderer: ObjectRenderer, scale: ScaleUsed
 ) -> NDArray[np.uint8]:
-    """The picture with the object's outline at both ends of the scale's interval; unchanged without an interval."""
+    """The picture (h, w, 3) with the object's outline at both ends of the scale's interval, if it has one."""
     import cv2
 
     if scale.low is None or scale.high is None:

@@ -49,7 +49,7 @@ class Looks:
         self._last: Look | None = None
 
     def next(self, picture: Picture, front: FrontPoints, cloud: Cloud) -> Look:
-        """The look of the next picture."""
+        """The look of the next picture (h, w, 3)."""
         look = look_of(picture, front, cloud)
         if self._smooth and self._last is not None:
             look = _blend(self._last, look)

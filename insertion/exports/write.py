@@ -68,7 +68,7 @@ class LayerWriter:
             (folder / name).mkdir()
 
     def picture(self, shot: Shot, picture: NDArray[np.uint8]) -> None:
-        """Keep the picture as it was, under the name that `transforms.json` gives it."""
+        """Keep the picture (h, w, 3) as it was, under the name that `transforms.json` gives it."""
         import cv2
 
         file = self._folder / "pictures" / shot.name

@@ -25,7 +25,7 @@ class Lights:
     power: FloatArray
 
     def above(self, up: FloatArray) -> Lights:
-        """Those above the horizon."""
+        """The lights above the horizon; `up` is a unit vector (3,)."""
         kept = self.directions @ up > 0.01
         return Lights(self.directions[kept], self.power[kept])
 

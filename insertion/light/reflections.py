@@ -16,7 +16,7 @@ _SOURCE = (32, 64)
 
 
 def reflection_levels(environment: Environment) -> list[NDArray[np.float32]]:
-    """LEVELS + 1 maps, each half as high and wide as the last.
+    """LEVELS + 1 maps (h, w, 3), each half as high and wide as the last.
 
     Level k is the convolution with the GGX lobe of alpha = roughness^2 about the mirrored direction, with the view
     along the normal (the usual split of the reflection integral).

@@ -28,7 +28,7 @@ def srgb_to_linear(picture: Picture) -> Linear:
 
 
 def linear_to_srgb(linear: NDArray[np.floating]) -> Linear:
-    """SRGB values in 0 to 255, not rounded, of linear light; what is out of range is clipped."""
+    """SRGB values in 0 to 255, not rounded, of linear light, an array of any shape; what is out of range is clipped."""
     light = np.clip(linear, 0.0, 1.0)
     srgb = np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
     return np.asarray(srgb * 255.0, dtype=np.float32)

@@ -43,7 +43,7 @@ class Body:
         return np.concatenate([part.vertices for part in self.parts])
 
     def camera(self, rotation: FloatArray, translation: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Rotation and translation from the local frame to the camera, in units of `unit`."""
+        """Rotation (3, 3) and translation (3,) from the local frame to the camera, in units of `unit`."""
         return rotation, (rotation @ self.position + translation) / self.unit
 
 

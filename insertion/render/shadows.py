@@ -79,6 +79,7 @@ def plane_map(
 
     lights : above the horizon; w_i = power_i cos(theta_i); v_i is 0 where the object stands between light i and the
     plane. Each light draws the object flattened onto the plane along its own direction.
+    basis : (3, 3), its last row the normal of the plane; corners : (n, 3) vertices of the object in its local frame.
     """
     reach = float(np.abs(corners @ basis[:2].T).max() + MAP_HEIGHTS * max((corners @ basis[2]).max(), 0.05))
     cosine = lights.directions @ basis[2]

@@ -87,7 +87,7 @@ class PictureFootage:
         )
 
     def pictures(self) -> Iterator[tuple[Shot, Picture]]:
-        """Every shot with its picture."""
+        """Every shot with its picture (h, w, 3)."""
         for shot in self.shots:
             assert shot.row is not None  # every shot is a view here
             yield shot, self._stills.picture(shot.row)

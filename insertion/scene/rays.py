@@ -34,7 +34,7 @@ def ray_through(view: View, x: float, y: float) -> FloatArray:
 
 
 def pixel_grid(x0: int, y0: int, width: int, height: int) -> FloatArray:
-    """(height * width, 2) centres of a box of pixels."""
+    """(n, 2) centres of the n = width height pixels of a box, row by row."""
     x, y = np.meshgrid(x0 + np.arange(width) + 0.5, y0 + np.arange(height) + 0.5)
     return np.column_stack([x.ravel(), y.ravel()])
 

@@ -39,7 +39,7 @@ class VideoFootage:
         )
 
     def pictures(self) -> Iterator[tuple[Shot, NDArray[np.uint8]]]:
-        """Every shot with its upright picture."""
+        """Every shot with its upright picture (h, w, 3)."""
         shots = {shot.index: shot for shot in self.shots}
         for frame in self._video.frames():
             if frame.index in shots:

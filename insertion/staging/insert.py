@@ -48,7 +48,7 @@ class LayerSink(Protocol):
     """Takes what an insertion is made of, frame by frame."""
 
     def picture(self, shot: Shot, picture: Picture) -> None:
-        """The frame without objects."""
+        """Take the frame without objects, (h, w, 3)."""
 
     def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
         """Visible coverage (h, w) and depth (h, w) of one object."""
@@ -151,7 +151,7 @@ def resize(placed: Placed, times: float) -> Placed:
 
 
 def single_picture(stage: Stage, objects: Sequence[Placed], shot: Shot) -> Picture:
-    """One shot with the objects. Raises LookupError if the footage has no such shot."""
+    """The picture (h, w, 3) of one shot with the objects. Raises LookupError if the footage has no such shot."""
     for other, picture in stage.footage.pictures():
         if other.index == shot.index:
             context = gl_context()

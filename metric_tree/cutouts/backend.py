@@ -57,7 +57,7 @@ class Auto:
     network: Backend | None
 
     def foreground(self, picture: RGB) -> Foreground:
-        """The plain backend's where it vouches for it, else the network's, else refused."""
+        """The foreground of a picture (h, w, 3): the plain backend's if that vouches for it, else the network's."""
         plain = self.plain.foreground(picture)
         if plain.refused is None:
             return plain

@@ -61,7 +61,7 @@ class Network:
         return cls(session, f"rembg:{path.stem if path.suffix == '.onnx' else model}")
 
     def foreground(self, picture: RGB) -> Foreground:
-        """The network's soft mask."""
+        """The network's soft mask (h, w) of a picture (h, w, 3)."""
         from PIL import Image
 
         with np.errstate(invalid="ignore"):  # a blank picture gives 0 / 0, which rembg turns into an empty mask

@@ -81,7 +81,7 @@ class Plain:
     refined: bool = True
 
     def foreground(self, picture: RGB) -> Foreground:
-        """The foreground; refused as `not_plain` where the border says nothing about the background."""
+        """The foreground of a picture (h, w, 3); `not_plain` if the border says nothing about the background."""
         lab = cv2.cvtColor(picture.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
         ground = background(lab)
         if not ground.is_plain:

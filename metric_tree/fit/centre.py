@@ -36,7 +36,7 @@ def shared_covariance(one: Disagreement, model: KindModel, family: str) -> Float
 
 
 def class_centre(one: Disagreement, shared: FloatArray, model: KindModel, family: str) -> Centre:
-    """The generalised least squares mean over the sources, axis by axis.
+    """The generalised least squares mean (d,) over the sources, axis by axis; `shared` is B (d, d), in log mm.
 
     With V_s = B + excess(kind)^2 + W / n_s and m_s less the bias of its kind: mean = sum m_s / V_s / sum 1 / V_s. The
     effect of a source is its bias plus (V_s - W / n_s) / V_s (m_s - mean).

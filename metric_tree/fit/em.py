@@ -54,7 +54,7 @@ class Rows:
 
     @classmethod
     def plain(cls, x: FloatArray, weights: FloatArray | None = None) -> Rows:
-        """Rows that know their axes: one candidate each."""
+        """Rows x (n, d) that know their axes, of weights (n,), by default 1: one candidate each."""
         n = len(x)
         return cls(np.asarray(x, dtype=float), np.arange(n), np.ones(n) if weights is None else weights)
 
@@ -78,7 +78,7 @@ class Rows:
 
     @cached_property
     def patterns(self) -> list[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]]:
-        """Per pattern of missing coordinates: candidates, axes observed, axes missing."""
+        """Per pattern of missing coordinates: candidates (k,), axes observed (a,), axes missing (d - a,)."""
         observed = ~np.isnan(self.x)
         codes = observed @ (1 << np.arange(self.dimensions))
         return [
@@ -93,7 +93,7 @@ class Rows:
         return float(self.weights.sum() ** 2 / (self.weights**2).sum()) if len(self) else 0.0
 
     def subset(self, rows: NDArray[np.intp]) -> Rows:
-        """The rows of the given numbers, ascending."""
+        """The rows of the given numbers (k,), ascending."""
         kept = np.isin(self.owner, rows)
         return Rows(self.x[kept], np.searchsorted(rows, self.owner[kept]), self.weights[rows])
 

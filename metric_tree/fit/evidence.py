@@ -93,7 +93,7 @@ def row_weights(
 
 
 def shares(kinds: Sequence[str], weights: FloatArray) -> dict[str, float]:
-    """Share of the weight by kind, sum 1."""
+    """Share of the weights (n,) by kind, sum 1."""
     total = float(weights.sum())
     by_kind = {kind: float(weights[np.asarray(kinds) == kind].sum()) / total for kind in sorted(set(kinds))}
     return {kind: share for kind, share in by_kind.items() if share > 0}

@@ -81,7 +81,7 @@ def largest_changes(candidates: Iterable[Change], shown: int, least_items: int =
 
 
 def size_and_spread(all_changes: Sequence[Change]) -> list[tuple[str, int, FloatArray, FloatArray]]:
-    """Level, nodes, quantiles of |change of ln size| and of the change of ln spread; last, all levels."""
+    """Level, nodes, quantiles (q,) of |change of ln size| and of the change of ln spread; last, all levels."""
     numbers = sorted({c.node.level for c in all_changes})
     levels = [(str(level), [c for c in all_changes if c.node.level == level]) for level in numbers]
     return [

@@ -1,0 +1,43 @@
+"""Every public function that takes or returns arrays says their shapes."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("crawler", "taxonomy", "metric_tree", "metric_base", "estimator", "insertion")
+
+#: Names of annotations that are arrays.
+ARRAY = re.compile(r"\b(NDArray|Arrays|ndarray|(Float|Int|Bool)Array|FloatPicture|GreyPicture|Linear|Grey|RGB)\b")
+#: One side of a shape: `n`, `3`, `H'`, `...`, `pieces + 1`, `3 or 4`, `PARAMETERS`.
+_SIDE = r"(\.\.\.|[A-Za-z]'?|\d+( or \d+)?|[A-Z]{2,}|(\d )?\(?\w+ [+-] \d+\)?|\d \w|\d?[a-z])"
+#: `(n, 3)`, `(h, w)`, `(3,)`, `(k, 3, 3)`; or words where every shape will do.
+SHAPE = re.compile(rf"\({_SIDE},( {_SIDE},?)*\)|\bscalars?\b|\bany shape\b|\bsame shape\b")
+
+
+def array_functions(private: bool = False) -> Iterator[tuple[str, str, str]]:
+    """(place, name, docstring) of the functions whose annotations name an array."""
+    for package in PACKAGES:
+        for file in sorted((ROOT / package).rglob("*.py")):
+            yield from _functions(file, ast.parse(file.read_text(encoding="utf-8")), private)
+
+
+def _functions(file: Path, body: ast.Module | ast.ClassDef, private: bool) -> Iterator[tuple[str, str, str]]:
+    """Those of a module or a class; a function within a function is part of that one."""
+    for node in body.body:
+        if isinstance(node, ast.ClassDef):
+            yield from _functions(file, node, private)
+        elif isinstance(node, ast.FunctionDef) and (private or not node.name.startswith("_")):
+            arguments = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
+            notes = [note for note in (node.returns, *(argument.annotation for argument in arguments)) if note]
+            if any(ARRAY.search(ast.unparse(note)) for note in notes):
+                yield f"{file.relative_to(ROOT)}:{node.lineno}", node.name, ast.get_docstring(node) or ""
+
+
+def test_public_functions_name_the_shapes_of_their_arrays() -> None:
+    functions = list(array_functions())
+    assert len(functions) > 100
+    assert [f"{place} {name}" for place, name, text in functions if not SHAPE.search(text)] == []

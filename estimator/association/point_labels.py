@@ -110,7 +110,7 @@ def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
 def point_votes(
     labels: PointLabels, instances: Sequence[Instance], tracks: Sequence[Sequence[int]]
 ) -> tuple[IntArray, ...]:
-    """Rows (k,) of `labels.points` of each track: a point goes to the track that most of its views, as a share, agree on.
+    """Rows (k,) of `labels.points` of each track: a point goes to the track that most views agree on, by share.
 
     Views that see the point inside the track's mask vote for it; views that look at its place with nothing before it,
     and have it outside the mask, vote against. A view without a mask of the track does not vote: a missed detection is

@@ -53,7 +53,7 @@ class Assessment:
 
 
 def assessment(picture: RGB, alpha: NDArray[np.uint8]) -> Assessment:
-    """Box, share and quality of the mask alpha (h, w) of a picture (h, w, 3), and the reason to set it aside, if any."""
+    """Box, share and quality of the mask alpha (h, w) of a picture (h, w, 3), and why it is set aside, if so."""
     mask = alpha >= 128
     share = float(mask.mean())
     if share < EMPTY:

@@ -218,7 +218,7 @@ def heldout_log_density(
 ) -> float | None:
     """Mean log density over log mm of rows that the fit did not see, by cross-validation; None of too few.
 
-    `shared` is B (d, d). Scored are the rows that state all of `axes` (k,), under the density of an object of unknown source.
+    shared : B (d, d). The rows that state all of `axes` (k,) are scored, as of an object of unknown source.
     """
     single = rows.candidates == 1
     complete = single & ~np.isnan(rows.x[rows.starts][:, axes]).any(axis=1)
@@ -237,7 +237,7 @@ def heldout_log_density(
 
 
 def published_axes(known: FloatArray) -> NDArray[np.intp]:
-    """Axes (k,) that at least `KNOWN_ROWS` rows state, of the expected counts `known` (d,); the likeliest if none does."""
+    """Axes (k,) that at least `KNOWN_ROWS` rows state, by the expected counts `known` (d,); else the likeliest."""
     return np.flatnonzero(known >= min(KNOWN_ROWS, float(known.max())))
 
 

@@ -223,7 +223,7 @@ def _perhaps_inside(camera: Camera, local: FloatArray) -> IntArray:
 
 
 def _rows_by_view(cloud: DenseCloud, kept: IntArray, views: int) -> list[IntArray] | None:
-    """Positions in `kept` that each view sees, by the cloud's visibility file; None without one."""
+    """Positions (k,) in `kept` (m,) that each view sees, by the cloud's visibility file; None without one."""
     if cloud.visible_offsets is None or cloud.visible_views is None:
         return None
     lengths = np.diff(cloud.visible_offsets)[kept]
@@ -291,7 +291,7 @@ def _at_depth(depth: FloatArray, pixels: FloatArray, instance: Instance, camera:
 
 
 def _indicator(rows: Sequence[IntArray], count: int) -> csr_array:
-    """(len(rows), count) sparse matrix with 1 at the listed columns of each row."""
+    """(r, c) sparse matrix of r = len(rows) rows and c = `count` columns, 1 at the listed columns (k,) of each row."""
     lengths = np.fromiter((len(part) for part in rows), dtype=np.int64, count=len(rows))
     indptr = np.concatenate([[0], np.cumsum(lengths)])
     indices = np.concatenate([*rows, np.empty(0, dtype=np.int32)]).astype(np.int32)
@@ -301,6 +301,6 @@ def _indicator(rows: Sequence[IntArray], count: int) -> csr_array:
 
 
 def _column_counts(matrix: csr_array, rows: Sequence[int], count: int) -> IntArray:
-    """(count,) how often each column is set in the given rows."""
+    """(c,) how often each of the c = `count` columns is set in the given rows."""
     parts = [matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]] for row in rows]
     return np.bincount(np.concatenate([*parts, np.empty(0, dtype=np.int32)]), minlength=count)

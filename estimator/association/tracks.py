@@ -112,6 +112,7 @@ def _tracks(groups: Sequence[Sequence[int]], instances: Sequence[Instance]) -> t
 
 
 def _members(labels: PointLabels, row: int) -> IntArray:
+    """Rows (k,) of the points of one mask."""
     matrix = labels.membership
     return np.asarray(matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]])
 
@@ -267,13 +268,13 @@ def _merge_by_place(
 
 
 def _is_place_known(one: Sequence[int], two: Sequence[int], clouds: Sequence[FloatArray]) -> bool:
-    """Whether one of two groups has points enough to say where it is, and the other enough to lie there."""
+    """Whether, of two groups with clouds (n, 3), one has enough points to say where it is, the other to lie there."""
     few, many = sorted(sum(len(clouds[row]) for row in group) for group in (one, two))
     return many >= MIN_PLACE_POINTS and few >= MIN_SHARED_POINTS
 
 
 def _affinity(shared: FloatArray, total: FloatArray, barred: BoolArray) -> FloatArray:
-    """Shared points over the total; 0 where groups may not join or share too few to tell."""
+    """Shared points (g, g) over the total (g, g); 0 where groups may not join or share too few to tell."""
     return np.where(barred | (shared < MIN_SHARED_POINTS), 0.0, shared / np.maximum(total, 1))
 
 

@@ -139,6 +139,7 @@ def _list_names() -> dict[str, str]:
 
 
 def _list(path: Path) -> tuple[tuple[str, ...], FloatArray]:
+    """Column names (d,) and values (n, d), mm, of one of the authors' lists."""
     try:
         rows = np.array(
             [[float(cell) for cell in line.split(",")] for line in read_text(path).split("\n") if line.strip()]

@@ -73,6 +73,7 @@ def box_heights(scene: Scene, instances: Sequence[Instance], down: FloatArray) -
 
 
 def _box_height(scene: Scene, item: Instance, down: FloatArray) -> float:
+    """Height of the mask's box along `down` (3,), in scene units; NaN where it cannot be told."""
     view = scene.views[item.view]
     columns, rows = np.flatnonzero(item.mask.any(axis=0)), np.flatnonzero(item.mask.any(axis=1))
     if not len(columns):
@@ -91,6 +92,7 @@ def _box_height(scene: Scene, item: Instance, down: FloatArray) -> float:
 
 
 def _depth(scene: Scene, view: View, low: FloatArray, high: FloatArray) -> float:
+    """Median depth of the points in the box from `low` (2,) to `high` (2,), pixels."""
     if len(view.point_index):
         inside = ((view.keypoints >= low) & (view.keypoints <= high)).all(axis=1)
         depths = (scene.points[view.point_index[inside]] @ view.rotation.T + view.translation)[:, 2]
@@ -102,7 +104,7 @@ def _depth(scene: Scene, view: View, low: FloatArray, high: FloatArray) -> float
 
 
 def _along(down: FloatArray, centre: FloatArray, ray: FloatArray) -> float:
-    """Place on the line centre + t down that lies nearest to a ray through the origin."""
+    """Place t on the line centre + t down nearest to a ray through the origin; all (3,)."""
     across = ray - (ray @ down) * down  # the ray seen along the line
     reach = (centre @ across) / max(float(across @ across), 1e-12)
     return float(reach * (ray @ down) - centre @ down)

@@ -91,6 +91,7 @@ def _count(path: float) -> int:
 
 
 def _small_grey(colour: NDArray[np.uint8]) -> Grey:
+    """(h, w) grey, of at most SIDE pixels to a side, of a picture (h, w, 3)."""
     import cv2
 
     height, width = colour.shape[:2]
@@ -100,6 +101,7 @@ def _small_grey(colour: NDArray[np.uint8]) -> Grey:
 
 
 def _sharpness(grey: Grey) -> float:
+    """Variance of the Laplacian of a picture (h, w)."""
     import cv2
 
     return float(cv2.Laplacian(grey, cv2.CV_64F).var())
@@ -114,12 +116,13 @@ def _corners(grey: Grey) -> FloatArray:
 
 
 def _step(before: Grey, grey: Grey) -> float:
+    """Motion between two pictures (h, w), as a share of the longer side."""
     moved = _median_motion(before, grey, _corners(before))
     return BROKEN_STEP if np.isnan(moved) else moved
 
 
 def _median_motion(before: Grey, grey: Grey, corners: FloatArray) -> float:
-    """Median distance that corners moved, as a share of the longer side; NaN where too few are tracked both ways."""
+    """Median distance that corners (n, 1, 2) moved, as a share of the longer side; NaN if too few are tracked."""
     import cv2
 
     if len(corners) < LEAST_CORNERS:

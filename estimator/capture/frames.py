@@ -138,6 +138,7 @@ def _motion(video: Video) -> Motion:
 
 
 def _even(n: int, wanted: int | None) -> NDArray[np.int64]:
+    """(k,) numbers of at most `wanted` of n frames, evenly spaced."""
     return np.unique(np.linspace(0, n - 1, min(wanted or n, n)).astype(np.int64))
 
 

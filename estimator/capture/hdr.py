@@ -27,7 +27,7 @@ def standard_range(colour: NDArray[np.uint16], curve: str) -> NDArray[np.uint8]:
 
 
 def _linear(signal: NDArray[np.float64], curve: str) -> NDArray[np.float64]:
-    """Linear light in units of diffuse white (ITU-R BT.2100)."""
+    """Linear light in units of diffuse white (ITU-R BT.2100), an array of any shape."""
     if curve == "PQ":
         power = signal ** (32 / 2523)
         light = (np.maximum(power - 0.8359375, 0) / (18.8515625 - 18.6875 * power)) ** (8192 / 1305)

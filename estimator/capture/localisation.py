@@ -136,7 +136,7 @@ class _Tracker:
         return self._fill_gaps(poses, points, first, last)
 
     def _track(self, anchor: _Anchor | None, held: list[_Held]) -> Iterator[tuple[IntArray, FloatArray]]:
-        """Rows and pixels of the anchor's points in each frame, always from the anchor itself: nothing drifts."""
+        """Rows (k,) and pixels (k, 2) of the anchor's points in each frame, always from the anchor itself: no drift."""
         import cv2
 
         if anchor is None or not len(anchor.rows):
@@ -157,6 +157,7 @@ class _Tracker:
             yield rows, place.astype(np.float64)
 
     def _points(self, rows: list[IntArray], pixels: list[FloatArray], grey: Grey) -> tuple[IntArray, PosePoints] | None:
+        """Rows (k,) of the scene's points that a frame (h, w) shows, and the points with their rays; None without."""
         if not rows:
             return None
         row = np.concatenate(rows)
@@ -182,6 +183,7 @@ class _Tracker:
         )
 
     def _check(self, points: PosePoints, rotation: FloatArray, translation: FloatArray) -> float:
+        """Median reprojection error, source pixels, of a pose: rotation (3, 3), translation (3,)."""
         error = residuals_px(points, rotation, translation, float(self._camera.params[0]))
         return float(np.median(error)) * self._source_px if len(error) else float("nan")
 
@@ -225,6 +227,7 @@ class _Tracker:
 
 
 def _grey(colour: NDArray[np.uint8]) -> Grey:
+    """(h, w) grey of a picture (h, w, 3)."""
     import cv2
 
     grey = cv2.cvtColor(colour, cv2.COLOR_RGB2GRAY)

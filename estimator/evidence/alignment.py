@@ -70,6 +70,7 @@ def _samples(n: int) -> IntArray:
 
 
 def _refine(source: FloatArray, target: FloatArray, inliers: BoolArray) -> Alignment | None:
+    """The alignment of source (n, 3) with target (n, 3) by least squares over the inliers (n,); None of under three."""
     own, aim = source[inliers], target[inliers]
     m = len(own)
     if m < 3:

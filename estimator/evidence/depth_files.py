@@ -33,6 +33,7 @@ def read_depth(file: Path, png_metres: float = 0.001) -> FloatArray:
 
 
 def _npy(file: Path) -> FloatArray:
+    """(h, w) values of a NumPy file."""
     try:
         # np.load would open a .npz or a pickle under this name too.
         values = np.lib.format.open_memmap(file, mode="r")
@@ -43,7 +44,7 @@ def _npy(file: Path) -> FloatArray:
 
 
 def _pfm(file: Path) -> FloatArray:
-    """Portable float map: `Pf`, width and height, a scale whose sign is the byte order, rows from the bottom up."""
+    """(h, w) of a portable float map: `Pf`, size, a scale whose sign is the byte order, rows from the bottom up."""
     parts = file.read_bytes().split(maxsplit=4) if file.stat().st_size <= 4 * MOST_PIXELS + 99 else []
     try:
         kind, width, height, scale = parts[0], int(parts[1]), int(parts[2]), float(parts[3])
@@ -58,6 +59,7 @@ def _pfm(file: Path) -> FloatArray:
 
 
 def _png(file: Path) -> FloatArray:
+    """(h, w) values of a PNG of 16 bits."""
     import cv2
 
     values = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)

@@ -145,6 +145,7 @@ def _exif_degrees(tags: Mapping[int, Any]) -> list[float] | None:
 
 
 def _in_metres(values: Mapping[int, list[float]], geodetic: bool) -> dict[int, FloatArray]:
+    """Positions (3,) in metres by view, of degrees and metres if `geodetic` (an east-north-up frame)."""
     if not values:
         return {}
     table = np.array(list(values.values()))

@@ -133,6 +133,7 @@ def _dictionary_name(name: str) -> str | None:
 
 
 def _aruco_corners(detector: Any, picture: Any) -> list[tuple[str, int, FloatArray]]:
+    """Name, corner number and pixel (2,) of every corner of a marker in a picture."""
     corners, ids, _ = detector.detectMarkers(picture)
     if ids is None:
         return []
@@ -144,6 +145,7 @@ def _aruco_corners(detector: Any, picture: Any) -> list[tuple[str, int, FloatArr
 
 
 def _board_corners(detector: Any, picture: Any) -> list[tuple[str, int, FloatArray]]:
+    """Name, corner number and pixel (2,) of every corner of a board in a picture."""
     corners, ids, *_ = detector.detectBoard(picture)
     if ids is None:
         return []

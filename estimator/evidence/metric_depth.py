@@ -69,7 +69,7 @@ def _file(folder: Path, name: str) -> Path | None:
 
 
 def _log_ratio(view: View, scene: Scene, depth: FloatArray) -> float | None:
-    """Median ln(metres / units) over the points of a view, by its own observations where it has any."""
+    """Median ln(metres / units) over a view's points by its depth (h, w); None if too few are seen."""
     rows = view.point_index if len(view.point_index) else np.arange(len(scene.points))
     rows = rows[:: max(1, -(-len(rows) // MOST_POINTS))]
     pixels, depths = pixels_in_view(view, scene.points[rows])

@@ -38,6 +38,7 @@ def triangulate(views: Sequence[View], pixels: FloatArray, most_error: float) ->
 
 
 def _nearest(views: Sequence[View], pixels: FloatArray) -> FloatArray | None:
+    """(3,) point nearest to the rays of one pixel (2,) per view; None of nearly parallel rays."""
     directions = np.array(
         [view_rays(view.camera, pixel[None])[0] @ view.rotation for view, pixel in zip(views, pixels, strict=True)]
     )
@@ -50,7 +51,7 @@ def _nearest(views: Sequence[View], pixels: FloatArray) -> FloatArray | None:
 
 
 def _error(view: View, pixel: FloatArray, point: FloatArray) -> float:
-    """Distance of a pixel from the point's, as a share of the longer image side; infinite behind the camera."""
+    """Distance of a pixel (2,) from that of a point (3,), as a share of the longer side; infinite behind the camera."""
     projected, depths = pixels_in_view(view, point[None])
     distance = float(np.linalg.norm(projected[0] - pixel)) / max(view.camera.width, view.camera.height)
     return distance if np.isfinite(distance) and depths[0] > 0 else np.inf

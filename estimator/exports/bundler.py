@@ -91,6 +91,7 @@ class _Numbers:
 
 
 def _view(file: Path, name: str, numbers: FloatArray) -> View:
+    """The view of its 15 numbers (15,): focal length, two distortions, rotation, translation."""
     width, height = picture_size(file, name)
     camera = make_camera("RADIAL", (width, height), [numbers[0], width / 2, height / 2, *numbers[1:3]])
     rotation, translation = FLIP @ numbers[3:12].reshape(3, 3), FLIP @ numbers[12:]

@@ -166,7 +166,7 @@ def _outlines(boxes: BoxEdges, parameters: FloatArray) -> FloatArray:
 
 
 def _fit(boxes: BoxEdges, start: FloatArray, size: float, foot: tuple[float, float] | None) -> tuple[float, Cuboid]:
-    """Cost and cuboid of one start."""
+    """Cost and cuboid of one start (7,): centre, yaw, sides."""
     step = np.array([*[1e-3 * size] * 3, *[1e-3] * 4])
     prior_sd = np.array([*[CENTRE_SD * size] * 3, YAW_SD, *[SIDE_SD] * 3])
     outward = np.array([-1.0, -1.0, 1.0, 1.0])

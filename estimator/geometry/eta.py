@@ -33,6 +33,6 @@ def eta(points: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
 
 
 def _density(counts: IntArray) -> float:
-    """Mean count of the cells that hold a point; 0 where none does."""
+    """Mean of the counts (c,) of the cells that hold a point; 0 where none does."""
     held = np.count_nonzero(counts)
     return float(counts.sum()) / held if held else 0.0

@@ -44,6 +44,7 @@ def smallest_rectangle_axes(points: FloatArray) -> FloatArray:
 
 
 def _axes(degrees: float) -> FloatArray:
+    """(2, 2) axes as rows, turned by an angle."""
     cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
     return np.array([[cosine, sine], [-sine, cosine]])
 

@@ -210,7 +210,7 @@ def _shapes(
 def _above_ground(
     cloud: PointLabels, votes: Sequence[IntArray], ground: Ground | None, basis: FloatArray
 ) -> list[IntArray]:
-    """The votes without what is below the floor: mirror images in it, and matches gone wrong."""
+    """The votes (k,) without what is below the floor: mirror images in it, and matches gone wrong."""
     if ground is None or ground.floor is None:
         return list(votes)
     lowest = ground.floor - BELOW_FLOOR_BINS * ground.bin
@@ -228,7 +228,7 @@ def _views_of(track: Track, instances: Sequence[Instance]) -> list[int]:
 
 
 def _cloud_of(rows: Sequence[IntArray]) -> tuple[int, IntArray]:
-    """The cloud to measure an object in and its rows: the dense one where it has enough, else the more of the two."""
+    """The cloud to measure an object in and its rows (k,): the dense one where it has enough, else the larger."""
     best = len(rows) - 1
     if best == 1 and len(rows[1]) < MIN_DENSE_POINTS and len(rows[0]) > len(rows[1]):
         best = 0
@@ -307,7 +307,7 @@ def _score(masks: Sequence[Instance], category: str) -> float:
 
 
 def _foot(box: Dimensions, sides: Sides, ground: Ground | None, basis: FloatArray, standing: bool | None) -> Foot:
-    """The foot of an object on the ground; that of its points where there is no ground."""
+    """The foot of an object on the ground, of its points without one; `basis` (3, 3) has the vertical last."""
     if ground is None:
         return Foot(float(box.low[2]))
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * box.extents[:2] + box.low[:2]

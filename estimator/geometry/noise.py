@@ -55,6 +55,7 @@ def sight_moment(eyes: FloatArray, place: FloatArray) -> tuple[float, FloatArray
 
 
 def _visible_rows(labels: PointLabels, view: int) -> IntArray:
+    """Rows (k,) of the points that a view sees."""
     matrix = labels.visibility
     return np.asarray(matrix.indices[matrix.indptr[view] : matrix.indptr[view + 1]])
 

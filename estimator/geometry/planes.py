@@ -136,6 +136,7 @@ def floor_of(planes: Sequence[SupportPlane], points: FloatArray) -> SupportPlane
 
 
 def _plane(basis: FloatArray, inliers: FloatArray, bin_width: float) -> SupportPlane:
+    """The plane of its inliers (n, 3) in level coordinates, whose axes are the rows of `basis` (3, 3)."""
     cell = CELL_BINS * bin_width
     origin = inliers[:, :2].min(axis=0) - cell
     index = ((inliers[:, :2] - origin) // cell).astype(np.int64)
@@ -166,7 +167,7 @@ def height_bin(heights: FloatArray) -> float:
 
 
 def _histogram(heights: FloatArray, bin_width: float) -> tuple[FloatArray, float]:
-    """Counts per bin over the middle of the heights, and the lower end of the first bin."""
+    """Counts per bin (b,) over the middle of the heights (n,), and the lower end of the first bin."""
     low, high = np.percentile(heights, [0.5, 99.5])
     index = ((heights - low) // bin_width).astype(np.int64)
     bins = int((high - low) // bin_width) + 1
@@ -175,7 +176,7 @@ def _histogram(heights: FloatArray, bin_width: float) -> tuple[FloatArray, float
 
 
 def _peaks(heights: FloatArray, bin_width: float) -> list[float]:
-    """Heights of the level surfaces, lowest first: bins that stand out of their surroundings, strongest kept."""
+    """Heights of the level surfaces in heights (n,), lowest first: bins that stand out, strongest kept."""
     counts, low = _histogram(heights, bin_width)
     smooth = gaussian_filter1d(counts, SMOOTHING_BINS, mode="constant")
     around = np.maximum(median_filter(smooth, SURROUNDING_BINS, mode="reflect"), 1.0)
@@ -212,7 +213,7 @@ def _most_peaked(up: Up, points: FloatArray, bin_width: float) -> FloatArray:
 
 
 def _common_normal(up: FloatArray, points: FloatArray, bin_width: float) -> tuple[FloatArray | None, float]:
-    """Normal shared by the level surfaces near `up`, and its standard deviation in degrees; None without a surface."""
+    """Normal (3,) of the level surfaces near `up` (3,) and its sigma in degrees; None without a surface."""
     normal = up
     sigma = np.inf
     for _ in range(ROUNDS):

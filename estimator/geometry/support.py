@@ -167,7 +167,7 @@ def _contact(height: float, roughness: float) -> float:
 
 
 def _is_slab(low: FloatArray, high: FloatArray, stands: bool | None) -> bool:
-    """Whether a floor-standing thing is so flat that it must be a top without its legs."""
+    """Whether a floor-standing thing, from `low` (3,) to `high` (3,), is so flat that its legs are missing."""
     return stands is True and float(high[2] - low[2]) < SLAB_SHARE * float((high - low)[:2].min())
 
 
@@ -180,7 +180,7 @@ def _fills(gap: float, height: float, stands: bool | None, reach: float) -> bool
 
 
 def _ring_level(heights: FloatArray, sectors: FloatArray, highest: float, bin_width: float) -> Level | None:
-    """The highest level among points around an object, seen in several of the eight directions."""
+    """The highest level among points around an object, heights (n,), seen in several of the eight sectors (n,)."""
     if len(heights) < RING_POINTS:
         return None
     index = np.floor((highest - heights) / bin_width).astype(np.int64)

@@ -113,7 +113,7 @@ def tilts(up: FloatArray, axis: FloatArray, degrees: FloatArray) -> FloatArray:
 
 
 def _mean_up(mean_up: FloatArray, x_axis: FloatArray) -> Up:
-    """Mean camera up made orthogonal to the common x axis; upside down or scattered cameras leave it wide open."""
+    """Mean camera up (3,) made orthogonal to the common x axis (3,); scattered cameras leave it wide open."""
     across = mean_up - (mean_up @ x_axis) * x_axis
     length = float(np.linalg.norm(across))
     if length < 0.1:

@@ -90,7 +90,7 @@ def differs_in_aspect(size: tuple[int, int], camera: Camera) -> bool:
 
 
 def _source_pixels(length: int, source_length: int) -> IntArray:
-    """(length,) the source's pixel under the centre of each pixel."""
+    """(n,) the source's pixel under the centre of each of n = `length` pixels."""
     return ((np.arange(length) + 0.5) * source_length / length).astype(np.int64)
 
 

@@ -162,6 +162,7 @@ class Detector:
             raise InputFault.at(self.path, "run", f"an answer to a picture of shape {shape}", Words(line)) from None
 
     def _run(self, fed: FloatPicture) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """Boxes (n, 4), labels (n,), scores (n,) and masks (n, 1, H, W) of a picture (3, H, W) as it is fed."""
         boxes, labels, scores, masks = self._answers(self._outputs, {self._input.name: fed})
         n = len(boxes)
         shapes = (boxes.shape, labels.shape, scores.shape, masks.shape)

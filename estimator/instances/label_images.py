@@ -97,7 +97,7 @@ def _of_picture(scene: Scene, row: int, file: Path, names: dict[int, str], objec
 
 
 def _parts(mask: BoolArray) -> list[BoolArray]:
-    """The connected parts of a mask, specks left out, largest first."""
+    """The connected parts, (h, w) each, of a mask (h, w), specks left out, largest first."""
     import cv2
 
     n, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)

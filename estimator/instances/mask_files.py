@@ -109,7 +109,7 @@ def _read(file: Path) -> _Masks:
 
 
 def _arrays(data: bytes, suffix: str) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:
-    """Names and arrays of an .npz or .npy file; nothing is unpacked that says it is too large."""
+    """Names and arrays of any shape of an .npz or .npy file; nothing is unpacked that says it is too large."""
     try:
         if suffix == ".npy":
             yield "masks", np.load(io.BytesIO(data), allow_pickle=False)

@@ -60,6 +60,7 @@ def box_mask(box: object, size: tuple[int, int]) -> BoolArray:
 
 
 def _polygon_mask(polygons: list[object], size: tuple[int, int]) -> BoolArray:
+    """(h, w) mask of polygons for a picture of `size` (width, height); FieldFault names a bad polygon."""
     from pycocotools import mask as coco  # a quarter of a second, and run lengths do without
 
     width, height = size
@@ -86,6 +87,7 @@ def _mask_of_runs(lengths: IntArray, width: int, height: int) -> BoolArray:
 
 
 def _perimeter(outline: FloatArray) -> float:
+    """Length of a closed outline (n, 2) along rows and columns."""
     return float(np.abs(np.diff(outline, axis=0, append=outline[:1])).sum())
 
 

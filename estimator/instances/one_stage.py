@@ -120,7 +120,7 @@ def one_stage_detections(
 def _rows(
     form: OneStageForm, answers: Sequence[NDArray[Any]], picture: tuple[int, int]
 ) -> tuple[FloatArray, IntArray, FloatArray, FloatArray]:
-    """Boxes (of YOLO in the fed picture's pixels), classes from 0, scores and coefficients of every candidate."""
+    """Boxes (n, 4), classes (n,) from 0, scores (n,) and coefficients (n, k) of the candidates (YOLO: fed pixels)."""
     none = np.empty((0, 0))
     if form == "detr-authors":
         boxes = next(answer[0] for answer in answers if answer.ndim == 3)
@@ -150,7 +150,7 @@ def _box_corners(boxes: FloatArray) -> FloatArray:
 
 
 def _without_doubles(boxes: FloatArray, classes: IntArray, scores: FloatArray) -> IntArray:
-    """Rows that remain, best score first, when boxes that overlap a better one of their class are dropped."""
+    """Rows (k,) that remain, best score first, without boxes (n, 4) that overlap a better one of their class."""
     kept: list[int] = []
     area = np.maximum(boxes[:, 2:] - boxes[:, :2], 0).prod(axis=1)
     for row in np.argsort(-scores, kind="stable").tolist():

@@ -139,7 +139,7 @@ def _on_canvas(pixels: FloatArray, factor: float) -> FloatArray:
 
 
 def _draw_edges(canvas: Any, lines: FloatArray, labels: Sequence[DimensionLabel]) -> None:
-    """All twelve edges thin, and the clearest edge along each dimension thick in its colour."""
+    """All twelve edges, (12, k, 2) pixels, thin, and the clearest along each dimension thick in its colour."""
     for line in lines:
         _draw_line(canvas, line, PLAIN, 1)
     for label in labels:
@@ -149,7 +149,7 @@ def _draw_edges(canvas: Any, lines: FloatArray, labels: Sequence[DimensionLabel]
 
 
 def _clearest(lines: FloatArray, axis: int, shape: tuple[int, ...]) -> int | None:
-    """The edge along an axis with most of its length in the picture, the lowest of equals (nearest to the viewer)."""
+    """The edge along an axis with most of its length in the picture, of (12, k, 2); the lowest of equals."""
     best: tuple[float, int] | None = None
     for edge in range(len(lines)):
         if edge_axis(edge) != axis:
@@ -166,10 +166,12 @@ def _clearest(lines: FloatArray, axis: int, shape: tuple[int, ...]) -> int | Non
 
 
 def _length(line: FloatArray) -> float:
+    """Length of a line (k, 2) in pixels, without its NaN parts."""
     return float(np.nansum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
 
 
 def _draw_line(canvas: Any, line: FloatArray, colour: tuple[int, int, int], width: int) -> None:
+    """Draw a line (k, 2), without what is NaN or far outside."""
     import cv2
 
     limit = 8.0 * max(canvas.shape)

@@ -94,11 +94,13 @@ def _frame(up: FloatArray, objects: Sequence[MeasuredObject], cameras: FloatArra
 
 
 def _cloud(scene: Scene) -> FloatArray:
+    """(n, 3) points of the scene, thinned."""
     points = scene.points if scene.dense is None else scene.dense.points
     return points[:: -(-len(points) // MAX_POINTS) or 1]
 
 
 def _bounds(parts: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Low (2,) and high (2,) corner about all places (n, 2), with a margin."""
     places = np.vstack(parts)
     low, high = places.min(axis=0), places.max(axis=0)
     margin = SCENE_MARGIN * float((high - low).max())

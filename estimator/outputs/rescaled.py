@@ -105,7 +105,7 @@ def _write_cloud(source: Path, scale: float, target: Path) -> None:
 
 
 def _write_visibility(source: Path, file_views: IntArray | None, n_views: int, target: Path) -> None:
-    """The visibility beside a cloud, counting the views of the model that is written with it."""
+    """The visibility beside a cloud; `file_views` (v,) are the views in the order of the written model."""
     beside, written = source.with_name(f"{source.name}.vis"), target.with_name(f"{target.name}.vis")
     if file_views is None:
         shutil.copyfile(beside, written)

@@ -43,7 +43,7 @@ def write_scaled_colmap(source: Path, suffix: str, scale: float, target: Path) -
 
 
 def _scaled_bytes(data: bytes, places: IntArray, scale: float) -> bytearray:
-    """The bytes with the three doubles at each place multiplied."""
+    """The bytes with the three doubles at each place (n,) multiplied."""
     scaled = bytearray(data)
     view = np.frombuffer(scaled, dtype=np.uint8)
     for start in range(0, len(places), _CHUNK):
@@ -53,14 +53,17 @@ def _scaled_bytes(data: bytes, places: IntArray, scale: float) -> bytearray:
 
 
 def _image_translations(reader: ByteReader) -> IntArray:
+    """(n,) bytes at which the translations of the images begin."""
     return np.array(image_places(reader), dtype=np.int64) + 4 + _ROTATION_BYTES
 
 
 def _point_coordinates(reader: ByteReader) -> IntArray:
+    """(n,) bytes at which the coordinates of the points begin."""
     return point_places(reader) + 8
 
 
 def _rig_translations(reader: ByteReader) -> IntArray:
+    """(n,) bytes at which the translations of the rigs' sensors begin."""
     places = []
     for rig in range(reader.count("number of rigs", _RIG.size)):
         _, sensors = reader.take(_RIG, f"rig {rig}")
@@ -74,6 +77,7 @@ def _rig_translations(reader: ByteReader) -> IntArray:
 
 
 def _frame_translations(reader: ByteReader) -> IntArray:
+    """(n,) bytes at which the translations of the frames begin."""
     places = []
     for frame in range(reader.count("number of frames", _FRAME.size)):
         places.append(reader.place + 2 * 4 + _ROTATION_BYTES)

@@ -171,7 +171,7 @@ def convolution(
 
 
 def _below(z: FloatArray) -> FloatArray:
-    """Normal distribution function to 3e-4 by a tanh (Page 1977): enough for tails, without SciPy's import."""
+    """Normal distribution function, of any shape, to 3e-4 by a tanh (Page 1977): enough for tails, without SciPy."""
     return np.asarray(0.5 * (1 + np.tanh(math.sqrt(2 / math.pi) * (z + 0.044715 * (z * z * z)))))
 
 

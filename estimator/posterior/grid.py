@@ -132,7 +132,7 @@ def modes(posterior: Curve) -> tuple[Mode, ...]:
 
 
 def _separate(density: FloatArray, peaks: IntArray) -> tuple[list[int], list[int]]:
-    """Peaks with a real dip between them, and the lowest point between neighbours."""
+    """Peaks (p,) of a density (g,) with a real dip between them, and the lowest point between neighbours."""
     kept, valleys = [int(peaks[0])], list[int]()
     for peak in map(int, peaks[1:]):
         valley = kept[-1] + int(density[kept[-1] : peak + 1].argmin())
@@ -145,7 +145,7 @@ def _separate(density: FloatArray, peaks: IntArray) -> tuple[list[int], list[int
 
 
 def _vertex(grid: FloatArray, density: FloatArray, peak: int) -> float:
-    """The top of the parabola through the log of the peak and its neighbours."""
+    """The top of the parabola through the log of the peak and its neighbours on the grid (g,)."""
     if not 0 < peak < len(grid) - 1 or min(density[peak - 1 : peak + 2]) <= 0:
         return float(grid[peak])
     left, middle, right = np.log(density[peak - 1 : peak + 2])
@@ -155,6 +155,7 @@ def _vertex(grid: FloatArray, density: FloatArray, peak: int) -> float:
 
 
 def _cumulative(posterior: Curve) -> FloatArray:
+    """(g,) mass below each point of the grid, by the trapezoid rule."""
     step = posterior.log_scale[1] - posterior.log_scale[0]
     pairs = 0.5 * (posterior.density[1:] + posterior.density[:-1]) * step
     return posterior.below + np.concatenate([[0.0], np.cumsum(pairs)])
@@ -170,7 +171,7 @@ def _upsample(values: FloatArray, factor: int) -> FloatArray:
 
 @lru_cache(maxsize=8)
 def _lagrange(factor: int) -> FloatArray:
-    """(4, factor) weights of four neighbours at the points from the second to the third."""
+    """(4, f) weights of four neighbours at the f = `factor` points from the second to the third."""
     t = np.arange(factor) / factor
     return np.array(
         [

@@ -172,6 +172,7 @@ class _Classes:
 
 
 def _classes(evidence: Sequence[ObjectEvidence], lines: FloatArray) -> _Classes:
+    """The classes of the objects on one grid; `lines` (k, 3) is the other evidence, as `posterior` takes it."""
     objects = measurement_arrays(evidence)
     base = rows(objects)
     u = _grid(base, lines)
@@ -196,7 +197,7 @@ def _classes(evidence: Sequence[ObjectEvidence], lines: FloatArray) -> _Classes:
 
 
 def _grid(base: Rows, lines: FloatArray) -> FloatArray:
-    """(g,) the common grid: where objects and other evidence speak."""
+    """(g,) the common grid: where objects and other evidence, `lines` (k, 3), speak."""
     centre, sd = lines[:, 0], np.maximum(lines[:, 1], grid.FINEST_STEP)
     spread = np.sqrt(1 / base.line_precision)
     over = base.line_log_peak - base.log_floor[base.object]  # ln of peak over the outlier's floor
@@ -210,7 +211,7 @@ def _grid(base: Rows, lines: FloatArray) -> FloatArray:
 
 
 def _speaking(objects: Measured, group: IntArray, count: IntArray) -> IntArray:
-    """Places of the objects that are integrated over: of a class of very many, so many evenly spaced by size."""
+    """Places (k,) of the objects of a group (m,) that are integrated over: of very many, so many evenly by size."""
     if count.max() <= MOST_OBJECTS:
         return np.arange(len(group))
     size = objects.y.sum(axis=1)
@@ -244,6 +245,7 @@ def _joint(
 
 
 def _no_classes(lines: FloatArray) -> _Classes:
+    """The grid of other evidence alone, `lines` (k, 3)."""
     nothing, none = np.zeros(0), np.zeros(0, dtype=np.int64)
     u = _grid(Rows.of_objects(np.zeros((16, 0)), none, nothing), lines)
     return _Classes((), u, np.zeros((0, len(u))), (), Rows.of_objects(np.zeros((16, 0)), none, nothing), none)

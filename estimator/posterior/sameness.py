@@ -134,4 +134,5 @@ def _kind_weights(prior: Prior) -> FloatArray:
 
 
 def _error(prior: Prior, covariance: FloatArray) -> SharedError:
+    """The shared error of a covariance (d, d) on the prior's axes."""
     return split_error(covariance, prior_axes(prior))

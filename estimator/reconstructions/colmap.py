@@ -94,6 +94,7 @@ def _point_rows(file: Path, model: ColmapModel) -> Callable[[IntArray], IntArray
 
 
 def _looked_up_rows(table: IntArray, ids: IntArray) -> IntArray:
+    """(n,) rows of ids (n,) by a table (t,) of the row of each id; -1 where unknown."""
     known = (ids >= 0) & (ids < len(table))
     rows = np.full(len(ids), -1, dtype=np.int64)
     rows[known] = table[ids[known]]
@@ -101,6 +102,7 @@ def _looked_up_rows(table: IntArray, ids: IntArray) -> IntArray:
 
 
 def _searched_rows(sorted_ids: IntArray, order: IntArray, ids: IntArray) -> IntArray:
+    """(n,) rows of ids (n,) by bisection in sorted ids (m,), whose rows are `order` (m,); -1 where unknown."""
     places = np.minimum(np.searchsorted(sorted_ids, ids), len(sorted_ids) - 1)
     return np.where(sorted_ids[places] == ids, order[places], -1)
 

@@ -107,6 +107,7 @@ def _images(reader: ByteReader) -> tuple[ColmapImage, ...]:
 
 
 def _points(reader: ByteReader) -> tuple[IntArray, FloatArray]:
+    """Ids (n,) and positions (n, 3) of the points."""
     places = point_places(reader)
     data = np.frombuffer(reader.data, dtype=np.uint8)
     ids, points = np.empty(len(places), dtype=np.int64), np.empty((len(places), 3))

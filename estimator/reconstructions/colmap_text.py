@@ -98,7 +98,7 @@ def _points(lines: Iterator[tuple[int, str]]) -> tuple[IntArray, FloatArray]:
 
 
 def _table(lines: Sequence[str], columns: Sequence[int] | None = None) -> FloatArray:
-    """(lines, columns) of numbers, as doubles: whole numbers up to 2^53 stay exact."""
+    """(n, c) numbers of n lines of c columns, as doubles: whole numbers up to 2^53 stay exact."""
     try:
         return np.loadtxt(lines, dtype=np.float64, comments=None, usecols=columns, ndmin=2)
     except ValueError as fault:
@@ -106,6 +106,7 @@ def _table(lines: Sequence[str], columns: Sequence[int] | None = None) -> FloatA
 
 
 def _whole(values: FloatArray) -> IntArray:
+    """The values (n,) as whole numbers; FieldFault names the first that is not one."""
     faulty = ~(np.abs(values) <= MAX_EXACT) | (values != np.floor(values))
     if faulty.any():
         raise FieldFault("", "whole numbers", float(values[faulty.argmax()]))
@@ -117,4 +118,5 @@ def _integer(word: str) -> int:
 
 
 def _numbers(words: Sequence[str]) -> FloatArray:
+    """(n,) numbers of words."""
     return _table([" ".join(words)])[0] if words else np.empty(0)

@@ -77,6 +77,7 @@ def _line_length(number: int, line: str) -> KnownLength:
 
 
 def _length(numbers: FloatArray) -> KnownLength:
+    """A known length of its seven numbers (7,): two points and metres."""
     a, b, metres = numbers[:3], numbers[3:6], float(numbers[6])
     if not MIN_METRES <= metres <= MAX_METRES:
         raise FieldFault("metres", f"{MIN_METRES:g} to {MAX_METRES:g}", metres)
@@ -89,7 +90,7 @@ def _length(numbers: FloatArray) -> KnownLength:
 
 
 def _numbers(text: str, least: int, most: int | None = None) -> FloatArray:
-    """Between `least` and `most` finite numbers, apart by blanks or commas."""
+    """(n,) finite numbers, from `least` to `most`, apart by blanks or commas."""
     parts = text.strip().strip("()[]").replace(",", " ").split()
     try:
         numbers = np.array([float(part) for part in parts])

@@ -106,6 +106,7 @@ def _camera(document: dict[str, Any]) -> Camera:
 
 
 def _points(documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
+    """Names and positions (n, 3) of the points; FieldFault names the first faulty one."""
     try:
         points = np.array([point["coordinates"] for point in documents.values()], dtype=np.float64)
     except (TypeError, KeyError, ValueError, OverflowError):
@@ -156,6 +157,7 @@ def _with_observations(file: Path, views: tuple[View, ...], names: list[str]) ->
 
 
 def _with_keypoints(view: View, normalised: FloatArray, tracks: IntArray) -> View:
+    """The view with keypoints of normalised positions (k, 2) on the points of rows `tracks` (k,)."""
     size = np.array([view.camera.width, view.camera.height], dtype=np.float64)
     return replace(view, keypoints=normalised * size.max() + size / 2, point_index=tracks)
 
@@ -177,6 +179,7 @@ def _number(field: str, value: object, default: float | None) -> float:
 
 
 def _triple(field: str, value: object) -> FloatArray:
+    """(3,) finite numbers of a list; FieldFault at `field` where they are not."""
     if not (isinstance(value, list) and len(value) == 3 and all(map(_believable, value))):
         raise FieldFault(field, "three finite numbers", Words(str(value)))
     return np.array(value, dtype=np.float64)

@@ -194,6 +194,7 @@ def read_points(path: Path) -> FloatArray:
 
 
 def _ascii_points(path: Path, data: bytes, layout: PlyLayout) -> FloatArray:
+    """(n, 3) positions of the vertices of an ASCII file."""
     names = list(layout.vertex.names or ())
     lines = data[layout.body :].decode("ascii", "replace").split("\n")[layout.skipped : layout.skipped + layout.count]
     try:

@@ -50,6 +50,7 @@ def _camera(number: int, camera: Any) -> Camera:
 
 
 def _view(image: Any, cameras: dict[int, Camera], point_ids: np.ndarray[Any, np.dtype[np.uint64]]) -> View:
+    """The view of an image of pycolmap; `point_ids` (n,) are sorted."""
     pose = np.asarray(image.cam_from_world().matrix(), dtype=float)  # (3, 4)
     seen = [(point.xy, point.point3D_id) for point in image.points2D if point.point3D_id != NO_POINT]
     keypoints = np.array([xy for xy, _ in seen], dtype=float).reshape(-1, 2)

@@ -68,6 +68,7 @@ def _excess(size: float, low: float, high: float) -> float:
 
 @lru_cache(maxsize=1024)
 def _usual(prior: Prior) -> FloatArray:
+    """(d, 2) sizes in mm between which the prior's objects usually are."""
     return prior.interval(USUAL)
 
 

@@ -76,7 +76,7 @@ def received_share(
 
 
 def _depths(view: View, box: Box, front: FrontPoints, instances: Sequence[Instance]) -> NDArray[np.float32]:
-    """Depth of every STEP-th pixel of the box: of the nearest point on the same thing, NaN where there is none."""
+    """(h, w) depth of every STEP-th pixel of the box: of the nearest point on the same thing, NaN without one."""
     labels = np.zeros(box.shape, dtype=np.int32)
     for number, item in enumerate(instances, start=1):
         mask = mask_in_box(item, box)
@@ -100,7 +100,7 @@ def _depths(view: View, box: Box, front: FrontPoints, instances: Sequence[Instan
 def _nearest(
     where: NDArray[np.bool_], pixels: NDArray[np.float64], depths: NDArray[np.float64], reach: float
 ) -> NDArray[np.float64]:
-    """Median depth of the three nearest points of each pixel, NaN beyond `reach`."""
+    """(k,) median depth of the three nearest points of each pixel of `where` (h, w), NaN beyond `reach`."""
     from scipy.spatial import cKDTree
 
     rows, columns = np.nonzero(where)
@@ -109,7 +109,7 @@ def _nearest(
 
 
 def _on_plane(plane: Surface, view: View, box: Box, depth: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Whether the plane was seen where the pixels' rays meet it."""
+    """(h, w) whether the plane was seen where the pixels' rays meet it, at depths (h, w)."""
     rays = camera_rays(view.camera)[box.slices][::STEP, ::STEP]
     local = np.concatenate([rays, np.ones((*rays.shape[:2], 1), np.float32)], axis=-1) * depth[..., None]
     flat = ((local.reshape(-1, 3) - view.translation) @ view.rotation) @ plane.plane.basis[:2].T

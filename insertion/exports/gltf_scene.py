@@ -93,7 +93,7 @@ def _add_camera(header: dict[str, Any], binary: bytearray, keys: Sequence[Camera
 
 
 def _accessor(header: dict[str, Any], binary: bytearray, values: FloatArray) -> int:
-    """Append an array of floats; its number."""
+    """Append an array of floats of any shape; its number."""
     binary += b"\0" * (-len(binary) % 4)
     data = np.ascontiguousarray(values, dtype="<f4")
     views = header.setdefault("bufferViews", [])

@@ -50,6 +50,7 @@ def write_transforms(file: Path, keys: Sequence[CameraKey], camera: Camera, pict
 
 
 def _frame(key: CameraKey, matrix: FloatArray, pictures: str) -> dict[str, Any]:
+    """One frame with its pose, camera to world (4, 4)."""
     return {"file_path": f"{pictures}/{key.name}", "transform_matrix": matrix.tolist(), "time_s": key.time_s}
 
 

@@ -66,6 +66,7 @@ def _camera(stage: Any, keys: Sequence[CameraKey], camera: Camera) -> None:
 
 
 def _matrix(form: Any, matrix: np.ndarray) -> None:
+    """Add a transform (4, 4), which USD stores by columns."""
     from pxr import Gf
 
     form.AddTransformOp().Set(Gf.Matrix4d(matrix.T.tolist()))

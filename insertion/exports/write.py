@@ -56,6 +56,7 @@ def write_exports(
 
 
 def _object(item: Placed, matrix: FloatArray) -> dict[str, Any]:
+    """A model and its pose, (4, 4) model to scene."""
     return {"file": str(item.request.model.resolve()), "matrix": matrix.tolist()}
 
 

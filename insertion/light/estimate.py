@@ -60,6 +60,7 @@ def environment_at(place: Place, height: float, cloud: Cloud, stills: Stills) ->
 
 
 def _samples(middle: FloatArray, basis: FloatArray, cloud: Cloud, stills: Stills) -> _Samples:
+    """Directions and colours of what the stills show about `middle` (3,), in the frame `basis` (3, 3)."""
     directions, colours = [], []
     for row in even_rows(stills.rows, MAX_STILLS):
         view = stills.scene.views[row]
@@ -100,7 +101,7 @@ def _splat(samples: _Samples) -> tuple[FloatArray, FloatArray]:
 
 
 def _fill(shown: FloatArray, seen: FloatArray) -> FloatArray:
-    """What is not seen, from ever wider neighbourhoods of what is (push and pull), half without its colour."""
+    """(h, w, 3) what is not seen, (h, w), from ever wider neighbourhoods of what is (push and pull), half grey."""
     from scipy.ndimage import gaussian_filter
 
     area = solid_angles()[:, None]

@@ -48,7 +48,7 @@ def directional_lights(environment: Environment, cuts: int) -> Lights:
 
 
 def _halves(bright: FloatArray, box: tuple[int, int, int, int]) -> list[tuple[int, int, int, int]]:
-    """The box cut across its longer side on the sphere where the energy halves; a single cell stays whole."""
+    """The box of a map (h, w) cut across its longer side on the sphere where the energy halves; a cell stays whole."""
     top, bottom, left, right = box
     height, width = bottom - top, right - left
     middle = np.sin((top + bottom) / 2 * np.pi / bright.shape[0])
@@ -63,6 +63,6 @@ def _halves(bright: FloatArray, box: tuple[int, int, int, int]) -> list[tuple[in
 
 
 def _half(sums: FloatArray) -> int:
-    """Cells on the first side of the cut, at least one on each."""
+    """Cells on the first side of the cut of sums (n,), at least one on each."""
     total = np.cumsum(sums)
     return int(np.clip(np.searchsorted(total, total[-1] / 2) + 1, 1, len(sums) - 1))

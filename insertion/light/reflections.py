@@ -34,12 +34,13 @@ def reflection_levels(environment: Environment) -> list[NDArray[np.float32]]:
 
 
 def _lobe(cosine: FloatArray, roughness: float) -> FloatArray:
-    """GGX about the half vector between two directions with this cosine, times the light's own cosine."""
+    """GGX about the half vector of directions with these cosines, of any shape, times the light's own cosine."""
     alpha2 = max(roughness, 0.05) ** 4
     half2 = (1 + np.clip(cosine, -1, 1)) / 2  # squared cosine of half the angle
     return np.asarray(alpha2 / (half2 * (alpha2 - 1) + 1) ** 2 * np.maximum(cosine, 0.0))
 
 
 def _shrink(picture: NDArray[np.float32], height: int, width: int) -> FloatArray:
+    """(h, w, 3) means of the blocks of a picture."""
     rows, columns = picture.shape[0] // height, picture.shape[1] // width
     return np.asarray(picture.reshape(height, rows, width, columns, 3).mean(axis=(1, 3)), dtype=np.float64)

@@ -128,6 +128,7 @@ def _parts(scene: Any, header: dict[str, Any]) -> list[Part]:
 
 
 def _part(mesh: Any, transform: FloatArray, header: dict[str, Any]) -> Part:
+    """The part of a mesh in the model's frame, its transform (4, 4)."""
     linear = transform[:3, :3]
     vertices = np.asarray(mesh.vertices, dtype=np.float64) @ linear.T + transform[:3, 3]
     # normals turn with the inverse transpose
@@ -143,6 +144,7 @@ def _part(mesh: Any, transform: FloatArray, header: dict[str, Any]) -> Part:
 
 
 def _vertex_color(mesh: Any) -> FloatArray | None:
+    """(n, 4) colours of the vertices in 0 to 1, None without."""
     if getattr(mesh.visual, "kind", None) != "vertex":
         return None
     return np.asarray(mesh.visual.vertex_colors, dtype=np.float64) / 255.0

@@ -37,7 +37,7 @@ def heading(place: Place, facing: float | str, cloud: Cloud) -> tuple[FloatArray
 
 
 def _away_from_wall(place: Place, cloud: Cloud) -> FloatArray:
-    """Horizontal unit direction away from the nearest wall: the normal of the nearest tall columns of points."""
+    """(3,) horizontal unit direction away from the nearest wall: the normal of the nearest tall columns."""
     local = (cloud.points - place.position) @ place.basis.T
     low, high = np.percentile(local, [2, 98], axis=0)
     cell = float((high - low)[:2].max()) / _COLUMNS

@@ -105,12 +105,13 @@ def candidates(space: Space) -> list[Place]:
 
 
 def _place(space: Space, plane: int, position: FloatArray, camera: FloatArray) -> Place:
+    """A place on a support plane, position and camera (3,)."""
     chosen = space.supports.surfaces[plane]
     return Place(np.asarray(position), chosen.plane.basis, camera, f"plane {plane}", plane)
 
 
 def _hit(space: Space, number: int, view: View, ray: FloatArray) -> tuple[float, int] | None:
-    """Distance along the ray (in depths: the ray has z = 1 in the camera) to a plane where it was seen."""
+    """Distance along the ray (3,) (in depths: the ray has z = 1 in the camera) to a plane where it was seen."""
     surface = space.supports.surfaces[number]
     plane = surface.plane
     toward = float(ray @ plane.basis[2])
@@ -123,14 +124,14 @@ def _hit(space: Space, number: int, view: View, ray: FloatArray) -> tuple[float,
 
 
 def _share_on(space: Space, number: int, points: FloatArray, depth: float) -> float:
-    """Share of the points that are on a plane, within its roughness and the cloud's own noise at this depth."""
+    """Share of the points (n, 3) on a plane, within its roughness and the cloud's own noise at this depth."""
     plane = space.supports.surfaces[number].plane
     rise = points @ plane.basis[2] - plane.height
     return float(np.mean(np.abs(rise) < max(3 * plane.sigma, SAME_HEIGHT * depth)))
 
 
 def _near(cloud: Cloud, view: View, x: float, y: float) -> tuple[FloatArray, FloatArray]:
-    """Points and depths of the front surface around a pixel, the nearest pixels first."""
+    """Points (n, 3) and depths (n,) of the front surface around a pixel, the nearest pixels first."""
     pixels, depths = pixels_in_view(view, cloud.points)
     with np.errstate(invalid="ignore"):
         distance = np.hypot(pixels[:, 0] - x, pixels[:, 1] - y)
@@ -143,7 +144,7 @@ def _near(cloud: Cloud, view: View, x: float, y: float) -> tuple[FloatArray, Flo
 
 
 def _level_patch(space: Space, view: View, x: float, y: float, ray: FloatArray) -> Place:
-    """A small level surface that is no support plane, such as the top of a box."""
+    """A small level surface where the ray (3,) ends that is no support plane, such as the top of a box."""
     points, depths = _near(space.cloud, view, x, y)
     up = space.supports.up.vector
     heights = points @ up
@@ -159,12 +160,14 @@ def _level_patch(space: Space, view: View, x: float, y: float, ray: FloatArray) 
 
 
 def _basis(up: FloatArray) -> FloatArray:
+    """(3, 3) axes as rows, `up` (3,) last."""
     from estimator.geometry.planes import level_basis
 
     return level_basis(up)
 
 
 def _middle(surface: Surface) -> FloatArray:
+    """(2,) centre of the solid cells of a plane."""
     centres = cell_centres(surface.origin, surface.cell, surface.solid.shape)
     return np.asarray(centres[surface.solid].mean(axis=0))
 
@@ -194,7 +197,7 @@ def _points_of(space: Space, instances: Sequence[Instance]) -> FloatArray:
 
 
 def _free_places(space: Space, number: int, mask: BoolArray | None = None) -> list[tuple[float, Place]]:
-    """Up to two free places of a plane with a score: the share of views that see it, times the root of its area."""
+    """Up to two free places of a plane, in the cells `mask` (r, c), scored by views that see it times root area."""
     surface = space.supports.surfaces[number]
     free = free_cells(surface, space.radius, space.height)
     if mask is not None:

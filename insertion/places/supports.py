@@ -51,6 +51,7 @@ def free_cells(surface: Surface, radius: float, height: float) -> BoolArray:
 
 
 def _disc(cells: float) -> BoolArray:
+    """(s, s) disc of this radius in cells."""
     reach = int(np.ceil(cells))
     rows, columns = np.indices((2 * reach + 1, 2 * reach + 1)) - reach
     return np.asarray(rows**2 + columns**2 <= max(cells, 0.5) ** 2)

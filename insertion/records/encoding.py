@@ -15,6 +15,7 @@ Linear = NDArray[np.float32]
 
 
 def _curve() -> Linear:
+    """(256,) linear light of each value of sRGB."""
     srgb = np.arange(256, dtype=np.float64) / 255
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
 

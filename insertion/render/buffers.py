@@ -64,7 +64,7 @@ def load_part(context: Any, picture_program: Any, shadow_program: Any, part: Bod
 
 
 def _texture(context: Any, pixels: NDArray[np.uint8]) -> Any:
-    """A repeating texture with mipmaps; glTF's first row is v = 0, as is OpenGL's.
+    """A repeating texture with mipmaps, (h, w, c); glTF's first row is v = 0, as is OpenGL's.
 
     No anisotropic filter: where texture coordinates run wild, llvmpipe samples one pixel for minutes.
     """

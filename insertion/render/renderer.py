@@ -89,6 +89,7 @@ class ObjectRenderer:
         return self._image(self.body, window, rotation, translation)
 
     def _image(self, body: Body, window: Window, rotation: FloatArray, translation: FloatArray) -> ObjectImage:
+        """The object through a window, from a camera of rotation (3, 3) and translation (3,)."""
         rotation, offset = body.camera(rotation, translation)
         depths = self.body.corners @ rotation[2] + offset[2]
         near = max(float(depths.min()) * 0.8, 1e-3)
@@ -171,6 +172,7 @@ class ObjectRenderer:
         return self._targets[size]
 
     def _draw(self, target: Any, window: Window, eye: FloatArray) -> None:
+        """Draw all parts into a target; `eye` (3,) is the camera's centre in the local frame."""
         context = self._context
         target.use()
         target.viewport = (0, 0, window.width, window.height)
@@ -196,6 +198,7 @@ class ObjectRenderer:
 
 
 def _read(target: Any, window: Window, attachment: int, components: int) -> NDArray[np.float32]:
+    """(h, w, c) an attachment of a target."""
     box = (0, 0, window.width, window.height)
     flat = np.frombuffer(target.read(viewport=box, components=components, attachment=attachment, dtype="f4"), "f4")
     return flat.reshape(window.height, window.width, components)

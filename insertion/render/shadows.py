@@ -124,6 +124,7 @@ def _shadow_matrix(direction: FloatArray, basis: FloatArray, reach: float) -> Fl
 
 
 def _cast(program: Any, parts: Sequence[LoadedPart], clip: FloatArray) -> None:
+    """Draw the parts that cast a shadow through `clip` (4, 4)."""
     program["clip"].write(clip.T.astype("f4").tobytes())
     for part in parts:
         if part.material.blend and part.material.base_color[3] < CASTING_ALPHA:

@@ -105,7 +105,7 @@ def _draw(context: Any, target: Any, program: Any, parts: list[Any]) -> None:
 
 
 def _crop(rgba: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The box of the foreground; colours without the premultiplied alpha."""
+    """(h, w, 4) the box of the foreground; colours without the premultiplied alpha."""
     rows, columns = np.nonzero(rgba[..., 3])
     box = rgba[rows.min() : rows.max() + 1, columns.min() : columns.max() + 1].astype(np.float64)
     alpha = np.maximum(box[..., 3:], 1) / 255

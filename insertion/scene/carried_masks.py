@@ -70,6 +70,7 @@ class MaskCarrier:
 
 
 def _inverse_depth(item: Instance, pixels: FloatArray, flat: FloatArray, depths: FloatArray) -> FloatArray | None:
+    """(3,) plane of inverse depth a + b x + c y through the points in the mask; None of too few."""
     at = np.floor(pixels - item.origin).astype(np.int64)
     inside = np.all((at >= 0) & (at < item.mask.shape[::-1]), axis=1)
     rows = np.flatnonzero(inside)
@@ -90,7 +91,7 @@ def _inverse_depth(item: Instance, pixels: FloatArray, flat: FloatArray, depths:
 
 
 def _carry(item: Instance, source: View, view: View, plane: FloatArray) -> Instance | None:
-    """The instance as the other view shows it, None where it is out of the picture."""
+    """The instance as the other view shows it, its surface the `plane` (3,); None if out of the picture."""
     import cv2
 
     outlines, _ = cv2.findContours(item.mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
@@ -110,6 +111,7 @@ def _carry(item: Instance, source: View, view: View, plane: FloatArray) -> Insta
 
 
 def _move_outline(outline: NDArray[np.floating], source: View, view: View, plane: FloatArray) -> FloatArray | None:
+    """(n, 2) pixels in the other view of an outline (n, 2) on the plane (3,) of inverse depth; None if behind."""
     flat = normalized_pixels(source.camera, np.asarray(outline, dtype=np.float64))
     inverse = plane[0] + flat @ plane[1:]
     if (inverse <= 0).any():

@@ -59,6 +59,7 @@ class FrontPoints:
         return marks[self._within(x0, y0, x1, y1)]
 
     def _within(self, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
+        """(n,) whether each point's pixel is in the box."""
         return np.asarray(np.all((self.pixels >= [x0, y0]) & (self.pixels < [x1, y1]), axis=1))
 
 
@@ -93,7 +94,7 @@ def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
 
 
 def _visibility(scene: Scene, step: int) -> tuple[IntArray, ...] | None:
-    """Rows of the cloud's points by view: the sparse observations, and every `step`-th dense point's own list."""
+    """Rows (k,) of the cloud's points by view: the sparse observations, and every `step`-th dense point's list."""
     dense = scene.dense
     if dense is None or dense.visible_offsets is None or dense.visible_views is None:
         return None
@@ -113,6 +114,7 @@ def points_seen(scene: Scene, row: int, points: FloatArray) -> tuple[IntArray, F
 
 
 def _visible_points(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Rows (m,) of points (n, 3) that no nearer point hides, their pixels (m, 2) and depths (m,)."""
     pixels, depths = pixels_in_view(view, points)
     inside = np.flatnonzero(np.isfinite(pixels[:, 0]))
     pixels, depths = pixels[inside], depths[inside]

@@ -46,6 +46,7 @@ def camera_rays(camera: Camera) -> NDArray[np.float32]:
 
 @lru_cache(maxsize=2)
 def _rays(model: str, width: int, height: int, params: bytes) -> NDArray[np.float32]:
+    """(h, w, 2) x / z and y / z of a camera's pixels, kept for cameras of equal parameters."""
     camera = Camera(model, width, height, np.frombuffer(params, dtype=np.float64))
     flat = normalized_pixels(camera, pixel_grid(0, 0, width, height))
     return flat.reshape(height, width, 2).astype(np.float32)

@@ -128,7 +128,7 @@ def extents_of(table: pa.Table) -> FloatArray:
 def _refusal_reasons(
     table: pa.Table, sizes: FloatArray, shipped: frozenset[str], siblings: Mapping[str, Reference]
 ) -> list[str]:
-    """Why each row is refused, empty where it is not; a slip is looked for first, so that it hides no true row."""
+    """Why each row is refused, empty where it is not, by its sizes (n, 6); a slip is looked for first."""
     reasons = [""] * table.num_rows
     extents = sizes[:, 3:]
     ids, kinds = table["item_id"].to_pylist(), table["kind"].to_pylist()
@@ -165,7 +165,7 @@ def _refusal_lines(table: pa.Table, reasons: Sequence[str]) -> bytes:
 
 
 def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
-    """The class of one node's rows, and the rows that its fit takes."""
+    """The class of one node's rows, sizes (n, 6) in mm, and the rows that its fit takes."""
     node_id, pose = table["node_id"][0].as_py(), table["pose"][0].as_py()
     source, kind = _strings(table, "source"), _strings(table, "kind")
     real = ~np.isin(kind, sorted(STATEMENTS))
@@ -226,7 +226,7 @@ def _scene_shares(scene: NDArray[np.str_]) -> FloatArray:
 
 
 def _fit_rows(source: NDArray[np.str_], hashes: NDArray[np.uint64]) -> NDArray[np.intp]:
-    """Rows that the fit takes: of each source at most `FIT_ROWS`, those of the lowest hash."""
+    """Rows (k,) that the fit takes of n: of each source at most `FIT_ROWS`, those of the lowest hash (n,)."""
     order = np.lexsort((hashes, source))
     _, starts, counts = np.unique(source[order], return_index=True, return_counts=True)
     rank = np.arange(len(source)) - np.repeat(starts, counts)
@@ -243,18 +243,20 @@ def _items(table: pa.Table, licences: Mapping[str, str]) -> bytes:
 
 
 def _nodes(table: pa.Table) -> list[NDArray[np.intp]]:
-    """Row numbers of each node of a table sorted by node."""
+    """Row numbers (k,) of each node of a table sorted by node."""
     node = _strings(table, "node_id")
     _, starts = np.unique(node, return_index=True)
     return [rows for rows in np.split(np.arange(len(node)), starts[1:]) if len(rows)]
 
 
 def _axes(table: pa.Table) -> FloatArray:
+    """(n, 3) length, width, height in mm, NaN where a row lacks it."""
     columns = [table[f"{axis}_mm"].to_numpy(zero_copy_only=False) for axis in AXES]
     return np.column_stack(columns).astype(float)
 
 
 def _range_sd(table: pa.Table) -> FloatArray:
+    """(n, 3) standard deviations in log mm of stated ranges, NaN without."""
     if table["range_sd"].null_count == table.num_rows:
         return np.full((table.num_rows, 3), np.nan)
     return _matrix_of_lists(table["range_sd"])
@@ -271,5 +273,6 @@ def _matrix_of_lists(column: pa.ChunkedArray) -> FloatArray:
 
 
 def _strings(table: pa.Table, column: str) -> NDArray[np.str_]:
+    """(n,) a column as text."""
     strings: NDArray[np.str_] = table[column].to_numpy(zero_copy_only=False).astype(str)
     return strings

@@ -92,6 +92,7 @@ def _identity_findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, 
 
 
 def _size_findings(items: pa.Table, sizes: FloatArray) -> Iterator[Finding]:
+    """Faults of single rows: sizes (n, 3) in mm that are absurd, in another order, or missing."""
     ids = items["item_id"].to_pylist()
     extents = items["extents_mm"].to_pylist()
     low, high = PLAUSIBLE_MM
@@ -113,6 +114,7 @@ def _size_findings(items: pa.Table, sizes: FloatArray) -> Iterator[Finding]:
 def _class_findings(
     items: pa.Table, node_id: str, rows: NDArray[np.int64], sizes: FloatArray, extents: FloatArray
 ) -> Iterator[Finding]:
+    """Faults of the rows (k,) of one class: copies, outliers, shapes; sizes and extents (n, 3) in mm."""
     if len(rows) < ENOUGH:
         return
     own = items.take(pa.array(rows))
@@ -133,7 +135,7 @@ def _share_of_copies(own: pa.Table, sizes: FloatArray) -> float:
 
 
 def _outlier_findings(own: pa.Table, extents: FloatArray) -> Iterator[Finding]:
-    """Rows of one class that the build would refuse: `metric_tree.build.unit_slips` holds the rule."""
+    """Rows, extents (n, 3), that the build would refuse: `metric_tree.build.unit_slips` has the rule."""
     against = reference(extents)
     if against is None:
         return
@@ -148,6 +150,7 @@ def _outlier_findings(own: pa.Table, extents: FloatArray) -> Iterator[Finding]:
 
 
 def _shape_findings(node_id: str, distinct: FloatArray) -> Iterator[Finding]:
+    """Distinct sizes (n, 3) that are no sample: one value on every row, or a grid of values."""
     counts = [len(np.unique(distinct[:, axis])) for axis in range(3)]
     for axis, column in enumerate(AXES):
         present = distinct[0, axis] > 0
@@ -161,11 +164,13 @@ def _shape_findings(node_id: str, distinct: FloatArray) -> Iterator[Finding]:
 
 
 def _is_regular(values: FloatArray) -> bool:
+    """Whether values (n,) have equal steps."""
     steps = np.diff(np.sort(values))
     return len(values) >= ENOUGH and bool(np.allclose(steps, steps[0], rtol=1e-3))
 
 
 def _source_findings(items: pa.Table, node_id: str, rows: NDArray[np.int64], sizes: FloatArray) -> Iterator[Finding]:
+    """Sources whose medians of sizes (n, 3) differ by more than `SOURCE_FACTOR`."""
     sources = items["source"].take(pa.array(rows)).to_numpy(zero_copy_only=False).astype(str)
     medians = {source: _medians(sizes[own]) for source, own in _groups(sources) if len(own) >= ENOUGH}
     for one, other in pairwise(sorted(medians)):
@@ -202,20 +207,23 @@ def _centre(against: Reference | None) -> str:
 
 
 def _size_text(extents: FloatArray) -> str:
+    """Extents (3,) in words: `900 x 400 x 50 mm`."""
     return " x ".join(f"{side:.0f}" for side in extents if np.isfinite(side)) + " mm"
 
 
 def _medians(sizes: FloatArray) -> FloatArray:
+    """(d,) medians of sizes (n, d), NaN where no row states an axis."""
     known = np.any(np.isfinite(sizes), axis=0)
     return np.array([np.nanmedian(sizes[:, axis]) if known[axis] else np.nan for axis in range(sizes.shape[1])])
 
 
 def _numbers(items: pa.Table, column: str) -> FloatArray:
+    """(n,) a column as floats."""
     return np.asarray(items[column].to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def _groups(keys: NDArray[np.str_]) -> Iterator[tuple[str, NDArray[np.int64]]]:
-    """Rows of each key, keys sorted."""
+    """Rows (k,) of each of the keys (n,), keys sorted."""
     order = np.argsort(keys, kind="stable")
     names, starts = np.unique(keys[order], return_index=True)
     for key, rows in zip(names, np.split(order, starts[1:]), strict=True):

@@ -144,6 +144,7 @@ def _robust_plane(place: NDArray[np.float64], colour: NDArray[np.float64]) -> ND
 
 
 def _mask(picture: RGB, lab: Floats, ground: Background, refined: bool) -> Mask:
+    """(h, w) foreground of a picture (h, w, 3) over its background, with its edge refined if asked."""
     ground = _relief(lab, ground)
     distance = np.linalg.norm(lab - ground.lab, axis=2)
     whole = _remove_dust(~_holes(distance, _reach(distance <= ground.tolerance), ground))
@@ -191,7 +192,7 @@ def _shadow(lab: Floats, plane: Floats, outside: Mask) -> Mask:
 
 
 def _settle(picture: RGB, small: Mask, shadow: Mask) -> Mask:
-    """GrabCut from what is known: outside is background, shadow probably, the rest probably the thing."""
+    """(h, w) GrabCut from what is known: outside is background, shadow (h, w) probably, the rest probably the thing."""
     thing = small & ~shadow
     state = np.full(small.shape, cv2.GC_BGD, np.uint8)
     near = cv2.dilate(small.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0

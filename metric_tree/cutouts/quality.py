@@ -69,7 +69,7 @@ def assessment(picture: RGB, alpha: NDArray[np.uint8]) -> Assessment:
 
 
 def _edge_contrast(picture: RGB, mask: NDArray[np.bool_]) -> float:
-    """0 to 1: the share of the edge with a difference of colour across it, each point counted by how clear it is."""
+    """0 to 1: the share of the mask's edge with a difference of colour across it; (h, w, 3) and (h, w)."""
     lab = cv2.cvtColor(picture.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
     one = mask.astype(np.uint8)
     kernel = np.ones((3, 3), np.uint8)
@@ -88,13 +88,13 @@ def _edge_contrast(picture: RGB, mask: NDArray[np.bool_]) -> float:
 
 
 def _decided_share(alpha: NDArray[np.uint8]) -> float:
-    """0 to 1: how little of the foreground is neither on nor off."""
+    """0 to 1: how little of the foreground, alpha (h, w), is neither on nor off."""
     soft, on = int(np.sum((alpha > 32) & (alpha < 224))), int(np.sum(alpha > 32))
     return 1.0 - soft / max(1, on)
 
 
 def _second(mask: NDArray[np.bool_]) -> float:
-    """Area of the second largest part over that of the largest."""
+    """Area of the second largest part of a mask (h, w) over that of the largest."""
     _, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
     areas = np.sort(stats[1:, cv2.CC_STAT_AREA].astype(np.float64))[::-1]
     return float(areas[1]) / float(areas[0]) if len(areas) > 1 else 0.0

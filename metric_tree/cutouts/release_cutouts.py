@@ -175,7 +175,7 @@ def cut_release(
 
 
 def _pixels(image: Any) -> tuple[RGB, Any | None]:
-    """Upright RGB pixels of at most `LARGEST` to a side, over white, and the file's own alpha where it is a mask."""
+    """(h, w, 3) upright pixels of at most `LARGEST` to a side, over white, and the file's own alpha as a mask."""
     import numpy as np
     from PIL import Image, ImageOps
 

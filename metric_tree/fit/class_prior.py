@@ -242,7 +242,7 @@ def published_axes(known: FloatArray) -> NDArray[np.intp]:
 
 
 def _placeholders(axes: NDArray[np.intp]) -> tuple[str, ...]:
-    """Placeholder names of axes, for a prior that is only scored."""
+    """Placeholder names of axes (k,), for a prior that is only scored."""
     return tuple(f"axis{axis}" for axis in axes)
 
 
@@ -281,7 +281,7 @@ def _predictive(fit: Fitted, belief: Belief, effective: float) -> Mixture:
 
 
 def _t_variances(freedom: float) -> FloatArray:
-    """Variances of equally likely Gaussians that stand for a t of unit variance: quantiles of its mixing gamma."""
+    """(c,) variances of equally likely Gaussians that stand for a t of unit variance: quantiles of its gamma."""
     if freedom > GAUSSIAN_FREEDOM:
         return np.ones(1)
     from scipy.special import gammaincinv  # fits only: a query must not load SciPy
@@ -326,7 +326,7 @@ def _own_belief(belief: Belief, statements: Statements) -> Belief:
 
 
 def _nothing(within: FloatArray) -> Disagreement:
-    """A class without rows."""
+    """A class without rows; `within` is W (d, d)."""
     none = np.empty((0, len(within)))
     return Disagreement((), (), none, none, within, 0 * within, 0.0, np.empty(0))
 
@@ -355,14 +355,14 @@ def _within_range(shared: FloatArray, statements: Statements) -> FloatArray:
 
 
 def _scaled(rows: Rows, mean: FloatArray, kinds: Sequence[str], model: KindModel) -> Rows:
-    """The rows with the spread of their kind brought to that of products and measurements, about the centre."""
+    """The rows with the spread of their kind brought to that of products, about the centre, mean (d,)."""
     factor = np.exp([-model.ratio.get(kind, 0.0) for kind in kinds])[rows.owner][:, None]
     centre = np.nan_to_num(mean)
     return Rows(centre + (rows.x - centre) * np.where(np.isnan(mean), 1.0, factor), rows.owner, rows.weights)
 
 
 def _moved(mixture: Mixture, rows: Rows, x: FloatArray, known: FloatArray, mean: FloatArray) -> Mixture:
-    """The mixture moved so that the stated sizes lie about `mean`; where no row states an axis, its own mean does.
+    """The mixture moved so that the stated sizes x (n, d) lie about `mean` (d,), if any row states the axis.
 
     What EM makes of sizes that are not stated by chance alone stays.
     """
@@ -418,5 +418,6 @@ def _prior(
 def _marginal(
     mixture: Mixture, shared: FloatArray, axes: NDArray[np.intp]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Means (k, a), covariances (k, a, a) and B (a, a) on `axes` (a,)."""
     block = (axes[:, None], axes)
     return mixture.means[:, axes], mixture.covariances[:, block[0], block[1]], shared[block]

@@ -139,6 +139,7 @@ def inner_contexts(children: Sequence[Prior], share: FloatArray, shared: FloatAr
 
 
 def _together(own: Sequence[tuple[float, Context]], shared: FloatArray) -> list[Context]:
+    """Contexts of several families as one, weighted by their parts; `shared` is B (d, d)."""
     parts = np.array([part for part, _ in own])
     offsets = np.array([one.offset for _, one in own])  # (c, d)
     weights = np.where(np.isnan(offsets), 0.0, parts[:, None])
@@ -185,6 +186,7 @@ def learn_contexts(classes: Iterable[tuple[Sequence[Cell], FloatArray, FloatArra
 
 
 def _lines(cells: Sequence[Cell], within: FloatArray, between: FloatArray) -> list[_Line]:
+    """What each axis can tell of the cells: variances within (d,) and between (d,)."""
     lines = []
     for axis in range(len(within)):
         stated = sorted((cell for cell in cells if cell.rows[axis] > 0), key=lambda cell: -cell.rows[axis])[:MOST]

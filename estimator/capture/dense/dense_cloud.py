@@ -63,7 +63,7 @@ def _shared_points(scene: Scene) -> IntArray:
 
 
 def _sources(scene: Scene, row: int, shared: IntArray) -> list[int]:
-    """Views to compare with: many points in common, seen under an angle that tells depth and still looks alike."""
+    """Views to compare with: of many points in common, `shared` (v, v), under an angle that tells depth."""
     view = scene.views[row]
     middle = np.median(scene.points[view.point_index], axis=0)
     rays = np.array([middle - other.centre for other in scene.views])
@@ -135,7 +135,7 @@ def _agreeing(view: PinholeView, depth: NDArray[np.float32], world: FloatArray) 
 
 
 def _mark(taken: BoolArray, cells: IntArray) -> None:
-    """A point has been made of what these pixels show, and of their neighbours that the stride skips."""
+    """Mark in `taken` (h, w) the pixels (n, 2) that a point was made of, and their neighbours that the stride skips."""
     height, width = taken.shape
     for dy in range(-(STRIDE // 2), STRIDE // 2 + 1):
         for dx in range(-(STRIDE // 2), STRIDE // 2 + 1):
@@ -143,6 +143,7 @@ def _mark(taken: BoolArray, cells: IntArray) -> None:
 
 
 def _write(points: FloatArray, colours: NDArray[np.uint8], seen: BoolArray, rows: IntArray, file: Path) -> None:
+    """Write points (n, 3), colours (n, 3) and the views that see them, (n, v) of the views `rows` (v,)."""
     record = [(axis, "<f4") for axis in "xyz"] + [(name, "u1") for name in ("red", "green", "blue")]
     vertices = np.empty(len(points), dtype=record)
     for k, axis in enumerate("xyz"):

@@ -103,6 +103,7 @@ def _correlation(here: _Window, view: PinholeView, source: PinholeView, depth: f
 
 
 def _window(grey: FloatPicture) -> _Window:
+    """Mean and deviation of every window of a picture (h, w)."""
     import cv2
 
     mean = cv2.boxFilter(grey, -1, (WINDOW, WINDOW))

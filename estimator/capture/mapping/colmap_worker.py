@@ -187,7 +187,7 @@ def _pair_row(database: Any, first: int, second: int) -> list[Any]:
 
 
 def _homography(one: NDArray[np.float32], two: NDArray[np.float32]) -> tuple[list[list[float]] | None, float]:
-    """The homography between two pictures and the share of points within 2 px of it."""
+    """The homography between two pictures, points (n, 2) each, and the share of points within 2 px of it."""
     import cv2
 
     cv2.setRNGSeed(0)

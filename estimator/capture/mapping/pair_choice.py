@@ -55,7 +55,7 @@ def chosen_pairs(scores: IntArray, in_order: bool) -> list[tuple[int, int]]:
 
 
 def _partners(frame: int, row: IntArray, in_order: bool) -> list[int]:
-    """Frames that agree best with this one, spread over the video."""
+    """Frames that agree best with this one, by its row of counts (n,), spread over the video."""
     near, apart, most = (OFFSETS[-1], APART, PARTNERS) if in_order else (0, 1, 3 * PARTNERS)
     partners: list[int] = []
     for other in np.argsort(-row, kind="stable"):
@@ -67,6 +67,7 @@ def _partners(frame: int, row: IntArray, in_order: bool) -> list[int]:
 
 
 def _common(one: NDArray[np.float32], two: NDArray[np.float32]) -> int:
+    """How many descriptors, unit vectors (n, 128) and (m, 128), are each other's nearest."""
     if len(one) < 2 or len(two) < 2:
         return 0
     cosines = one @ two.T

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from tests.made.made_site import MadeSite, Shop
 from tests.made.shop import PictureShop
@@ -106,17 +107,14 @@ def _crawl(prepared: Prepared, place: Path, again: bool) -> list[str]:
 
 
 def _crawled(place: Path) -> Counter[str]:
-    lines = [
-        json.loads(line)
-        for path in sorted((place / "crawl").rglob("*.jsonl"))
-        for line in path.read_text().splitlines()
-    ]
-    pictures = {path.name for path in (place / "crawl" / "pictures").rglob("*") if path.is_file()}
-    stored = Counter(f"file {name}" for name in pictures)
-    return stored + Counter(
-        f"item {line['title']} {line['extents_mm']}" if "title" in line else f"picture {line['source_id']}"
-        for line in lines
-    )
+    def records(kind: str) -> list[dict[str, Any]]:
+        files = sorted((place / "crawl").rglob(f"{kind}-*.jsonl"))
+        return [json.loads(line) for path in files for line in path.read_text().splitlines()]
+
+    items = [f"item {item['title']} {item['extents_mm']}" for item in records("items")]
+    pictures = [f"picture {record['item_id']} {record['path']}" for record in records("pictures")]
+    files = [f"file {path.name}" for path in (place / "crawl" / "pictures").rglob("*") if path.is_file()]
+    return Counter(items + pictures + files)
 
 
 def _raw(folder: Path) -> Prepared:

@@ -1,0 +1,118 @@
+"""One scene written in other ways has one answer: other units, another world frame, other orders, points twice."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from estimator import Instance, ScaleResult, Scene, View, estimate_scale, read_instances, read_scene
+from metric_base.arrays import FloatArray, IntArray
+
+DEMO = Path(__file__).resolve().parents[2] / "data" / "scenes" / "demo_room"
+#: The answer moves less than this; a turn of the world moves a sparse scene more, by the grid of its floor's search.
+MOVED, TURNED = 0.005, 0.01
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+@cache
+def demo() -> tuple[Scene, tuple[Instance, ...], ScaleResult]:
+    """The demo room as it ships, and its answer."""
+    scene = read_scene(DEMO)
+    instances = tuple(read_instances(DEMO / "instances.json", scene))
+    return scene, instances, estimate_scale(scene, instances)
+
+
+def expect_same(result: ScaleResult, factor: float, most: float) -> None:
+    """The answer, its interval and its standing are those of the demo, scaled."""
+    _, _, whole = demo()
+    assert whole.scale is not None
+    assert whole.interval is not None
+    assert result.scale is not None
+    assert result.interval is not None
+    assert result.scale * factor == pytest.approx(whole.scale, rel=most)
+    assert result.interval.low * factor == pytest.approx(whole.interval.low, rel=2 * most)
+    assert result.interval.high * factor == pytest.approx(whole.interval.high, rel=2 * most)
+    assert result.status == whole.status
+    assert len(result.objects) == len(whole.objects)
+    assert sum(bool(one.used) for one in result.objects) == sum(bool(one.used) for one in whole.objects)
+
+
+def moved_scene(scene: Scene, factor: float, rotation: FloatArray, shift: FloatArray) -> Scene:
+    """The scene in a world with other units, axes (3, 3) and origin (3,)."""
+
+    def moved(view: View) -> View:
+        turned = view.rotation @ rotation.T
+        return replace(view, rotation=turned, translation=factor * view.translation - turned @ (factor * shift))
+
+    points = factor * (scene.points @ rotation.T + shift)
+    return replace(scene, views=tuple(map(moved, scene.views)), points=points)
+
+
+@settings(max_examples=4)
+@example(exponent=-9.0, seed=0)
+@example(exponent=9.0, seed=1)
+@given(exponent=st.floats(-9, 9), seed=SEEDS)
+def test_units_axes_and_origin_of_the_world_are_free(exponent: float, seed: int) -> None:
+    scene, instances, _ = demo()
+    generator = np.random.default_rng(seed)
+    rotation = Rotation.random(random_state=generator).as_matrix()
+    shift = generator.normal(0, 3, 3)
+    factor = 10.0**exponent
+    expect_same(estimate_scale(moved_scene(scene, factor, rotation, shift), instances), factor, TURNED)
+
+
+@settings(max_examples=2)
+@given(exponent=st.floats(-9, 9))
+def test_the_unit_alone_moves_the_answer_less(exponent: float) -> None:
+    scene, instances, _ = demo()
+    moved = moved_scene(scene, 10.0**exponent, np.eye(3), np.zeros(3))
+    expect_same(estimate_scale(moved, instances), 10.0**exponent, MOVED)
+
+
+def shuffled(scene: Scene, instances: tuple[Instance, ...], seed: int) -> tuple[Scene, tuple[Instance, ...]]:
+    """Views, points, their observations and the annotations in other orders."""
+    generator = np.random.default_rng(seed)
+    views, points = (generator.permutation(len(rows)) for rows in (scene.views, scene.points))
+    view_row, point_row = np.argsort(views), np.append(np.argsort(points), -1)
+
+    def observed(view: View) -> View:
+        order = generator.permutation(len(view.keypoints))
+        return replace(view, keypoints=view.keypoints[order], point_index=point_row[view.point_index[order]])
+
+    other = replace(scene, views=tuple(observed(scene.views[row]) for row in views), points=scene.points[points])
+    order = generator.permutation(len(instances))
+    return other, tuple(replace(instances[row], view=int(view_row[instances[row].view])) for row in order)
+
+
+@settings(max_examples=3)
+@given(seed=SEEDS)
+def test_orders_say_nothing(seed: int) -> None:
+    scene, instances, _ = demo()
+    expect_same(estimate_scale(*shuffled(scene, instances, seed)), 1.0, MOVED)
+
+
+def test_points_that_are_there_twice_say_no_more() -> None:
+    scene, instances, _ = demo()
+    count = len(scene.points)
+
+    def twice(view: View) -> View:
+        index: IntArray = view.point_index
+        second = np.where(index >= 0, index + count, -1)
+        both = np.concatenate([view.keypoints, view.keypoints])
+        return replace(view, keypoints=both, point_index=np.concatenate([index, second]))
+
+    doubled = replace(scene, views=tuple(map(twice, scene.views)), points=np.concatenate([scene.points, scene.points]))
+    expect_same(estimate_scale(doubled, instances), 1.0, MOVED)
+
+
+def test_annotations_that_are_there_twice_say_no_more() -> None:
+    scene, instances, _ = demo()
+    copies = tuple(replace(one, id=f"{one.id} again") for one in instances)
+    expect_same(estimate_scale(scene, instances + copies), 1.0, MOVED)

@@ -65,9 +65,9 @@ class Measure:
 
     low_mm: float
     high_mm: float
-    axis: str | None = None
-    start: int = 0
-    end: int = 0
+    axis: str | None
+    start: int
+    end: int
 
     @property
     def mm(self) -> float:

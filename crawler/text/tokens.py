@@ -160,7 +160,6 @@ def _header(text: str, start: int, end: int, language: Language | None) -> Token
 def _header_axes(letters: list[str], language: Language | None) -> tuple[str, ...]:
     """The axes that the letters of a header mean; the letters together tell more than each alone."""
     upper = [letter.upper() for letter in letters]
-    romance = {"P", "A", "AL", "AN", "PR", "C"} & set(upper)
     axes = []
     for place, (letter, large) in enumerate(zip(letters, upper, strict=True)):
         axis = axis_of_letter(letter, language)
@@ -170,7 +169,7 @@ def _header_axes(letters: list[str], language: Language | None) -> tuple[str, ..
             axis = "width"  # largura x altura x profundidade, largeur x hauteur x profondeur
         elif letter == "l" and "L" in letters:
             axis = "width"  # Longueur x largeur
-        elif large == "A" and romance and "AN" not in upper:
+        elif large == "A" and "AN" not in upper:
             # largo x ancho x alto: of two the first is the width
             axis = "width" if upper.count("A") == 2 and upper.index("A") == place else "height"
         elif large == "P":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from estimator.evidence.alignment import align
 from estimator.evidence.source import silent
 from estimator.instances.crops import ViewNames
 from estimator.instances.image_files import image_file, image_folders
-from estimator.reconstructions.checked_files import read_text
+from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
@@ -89,14 +88,14 @@ def local_metres(degrees: FloatArray) -> FloatArray:
 def _table_positions(file: Path, scene: Scene) -> dict[int, FloatArray]:
     """Metres (3,) by row of the view."""
     rows = ViewNames(scene)
-    reader = csv.DictReader(read_text(file).splitlines(), skipinitialspace=True)
-    names = {(field or "").strip().lower() for field in reader.fieldnames or ()}
+    fields, records = csv_records(file)
+    names = {field.strip().lower() for field in fields}
     columns = next((kind for kind in (("lat", "lon", "alt"), ("x", "y", "z")) if {"name", *kind} <= names), None)
     if columns is None:
         expected = "columns name, lat, lon, alt, or name, x, y, z"
         raise InputFault.at(file, "header", expected, Words(", ".join(sorted(names)) or "none"))
     values: dict[int, list[float]] = {}
-    for number, record in enumerate(reader, 2):
+    for number, record in records:
         cells = {(key or "").strip().lower(): value for key, value in record.items()}
         row = rows.row(str(cells["name"] or "").strip())
         if row is not None:

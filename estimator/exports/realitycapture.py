@@ -6,8 +6,6 @@ degrees about up, right and forward; focal length and principal point in millime
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +21,7 @@ from estimator.exports.posed_views import (
 )
 from estimator.reconstructions.cameras import projected_views
 from estimator.reconstructions.checked_files import read_text
+from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scene import Scene, View
 from metric_base.faults import FieldFault, at_field, in_file
 
@@ -53,12 +52,12 @@ def read_realitycapture(file: Path) -> Scene:
         The file is damaged, or a picture is missing.
     """
     with in_file(file):
-        rows = csv.DictReader(io.StringIO(_without_count(read_text(file))), skipinitialspace=True)
-        if not set(rows.fieldnames or ()) >= set(COLUMNS):
-            raise FieldFault("columns", ", ".join(COLUMNS), list(rows.fieldnames or ()))
+        names, records = csv_records(file, _without_count(read_text(file)))
+        if not set(names) >= set(COLUMNS):
+            raise FieldFault("columns", ", ".join(COLUMNS), names)
         views: list[View] = []
-        for row in rows:
-            with at_field(f"line {rows.line_num}"):
+        for line, row in records:
+            with at_field(f"line {line}"):
                 views.append(_view(file, {name: value for name, value in row.items() if isinstance(name, str)}))
         if not views:
             raise FieldFault("lines", "at least one camera", 0)

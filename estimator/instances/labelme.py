@@ -98,7 +98,7 @@ def _mask(shape: dict[str, Any], size: tuple[int, int]) -> BoolArray | None:
         return coco_mask([edge.ravel().tolist()], size)
     if kind == "mask" and len(points) == 2:
         return _stored_mask(shape.get("mask"), points[0], size)
-    if kind in {"point", "points", "line", "linestrip"}:
+    if kind in ("point", "points", "line", "linestrip"):
         return None
     raise FieldFault("shape_type", "a polygon, rectangle, circle or mask with its points", kind)
 

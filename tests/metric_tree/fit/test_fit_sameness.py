@@ -45,3 +45,12 @@ def test_an_uncertain_class_leans_on_the_others() -> None:
     assert shrunk["c0"].share == pytest.approx(0.5, abs=0.05)
     assert other.share == pytest.approx(0.54, abs=0.05)
     assert shrunk_sameness({})[1].share == DEFAULT_MEAN
+
+
+def test_another_class_is_as_uncertain_as_the_known_ones_differ() -> None:
+    """Of classes known exactly the variance between them is the sample's; the mean of k adds a k-th of it."""
+    shares = np.array([0.2, 0.4, 0.6, 0.8])
+    shrunk, other = shrunk_sameness({f"c{row}": Sameness(share, 1e-4) for row, share in enumerate(shares)})
+    assert other.share == pytest.approx(0.5)
+    assert other.sd == pytest.approx(np.sqrt(shares.var(ddof=1) * (1 + 1 / 4)), rel=1e-3)
+    assert [shrunk[f"c{row}"].share for row in range(4)] == pytest.approx(shares, abs=1e-3)

@@ -1,0 +1,55 @@
+"""What a page says of its language, and which unit, axis or header belongs to which number."""
+
+from __future__ import annotations
+
+import pytest
+
+from crawler.text.catalogue_lengths import measures
+from crawler.text.sizes import consensus, sizes
+from crawler.text.vocabulary import language_of
+
+
+@pytest.mark.parametrize(
+    ("declared", "host", "expected"),
+    [
+        ("de", "", "de"),
+        ("fr-CA", "shop.de", "fr"),
+        ("pt_BR", "", "pt"),
+        ("EN", "shop.de", "en"),
+        ("sv", "shop.it", "it"),
+        (None, "www.shop.mx", "es"),
+        ("", "shop.co.uk", "en"),
+        (None, "shop.se", None),
+    ],
+)
+def test_a_declared_language_comes_before_the_sites(declared: str | None, host: str, expected: str | None) -> None:
+    assert language_of(declared, host) == expected
+
+
+@pytest.mark.parametrize("text", ["10 x 20 x 30 cm", "10 cm x 20 x 30", "10 x 20 cm x 30"])
+def test_a_unit_serves_its_neighbours_on_both_sides(text: str) -> None:
+    assert [measure.mm for measure in measures(text, "in")] == [100, 200, 300]
+
+
+def test_of_two_units_the_next_one_serves() -> None:
+    assert [measure.mm for measure in measures("1 x 2 in x 30 x 40 mm x 50")] == pytest.approx([25.4, 50.8, 30, 40, 50])
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("180 cm in length x 90 cm", [(1800, "length"), (900, None)]),
+        ("180 cm (length) x 90 cm (width)", [(1800, "length"), (900, "width")]),
+        ("W x H (overall): 1300.5 x 1400.5 mm (LxB)", [(1300.5, "width"), (1400.5, "height")]),
+        ("1300.5 x 1400.5 mm (W x H)", [(1300.5, "width"), (1400.5, "height")]),
+        ("0 x 30 x 40 cm", [(300, None), (400, None)]),
+        ("12 kg, 30 x 40 cm", [(300, None), (400, None)]),
+        ("20 m² of cloth 30 x 40 cm", [(300, None), (400, None)]),
+    ],
+)
+def test_each_number_has_its_own_axis_and_what_is_no_length_is_left_out(
+    text: str, expected: list[tuple[float, str | None]]
+) -> None:
+    size = consensus(sizes(text, "", "en"))
+    assert size is not None
+    assert [(pytest.approx(length.mm), length.axis) for length in size.lengths] == expected

@@ -1,0 +1,35 @@
+"""Held-out scores and the moments of sorted extents, held to what they are in theory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from metric_tree.fit.class_prior import VAGUE, class_prior, extent_moments
+from tests.metric_tree.fit.test_fit import MEANS, NONE, class_rows
+
+SD = 0.15
+
+
+def one_kind(n: int, seed: int = 3) -> np.ndarray:
+    return MEANS[0] + np.random.default_rng(seed).normal(0, SD, (n, 3))
+
+
+@pytest.mark.parametrize("n", [150, 400])
+def test_the_held_out_score_is_the_entropy_of_what_the_rows_are_drawn_from(n: int) -> None:
+    """Each row is scored once, by a fit that did not see it: -E ln p is 3/2 ln(2 pi e) + 3 ln sd, and a little more."""
+    prior = class_prior(class_rows(one_kind(n)), VAGUE, NONE, seed=0)
+    entropy = 1.5 * np.log(2 * np.pi * np.e) + 3 * np.log(SD)
+    assert prior.heldout_log_density is not None
+    assert -0.25 < prior.heldout_log_density + entropy < 0.15
+
+
+def test_extents_of_few_rows_lean_on_what_is_believed_of_anything() -> None:
+    """The spread of rows all alike is that of anything, worth its own rows, over its rows and theirs."""
+    for n in (1, 2, 5):
+        alike = extent_moments(class_rows(np.repeat([[7.6, 6.8, 6.5]], n, axis=0)))
+        share = VAGUE.covariance_rows / (n + VAGUE.covariance_rows)
+        assert alike.within == pytest.approx(share * VAGUE.covariance)
+        assert alike.mean == pytest.approx([7.6, 6.8, 6.5])
+    x = -np.sort(-one_kind(400), axis=1)
+    assert np.diag(extent_moments(class_rows(x)).within) == pytest.approx(x.var(axis=0), rel=0.1)

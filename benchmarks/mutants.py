@@ -114,11 +114,18 @@ def _keep_sample(session: Path, sample: int, seed: int) -> int:
 
 def _results(session: Path) -> list[tuple[str, str]]:
     query = (
-        "SELECT r.test_outcome, m.module_path || ':' || m.start_pos_row || ' ' || m.operator_name"
+        "SELECT r.test_outcome, m.module_path || ':' || m.start_pos_row || ' ' || m.operator_name, r.diff"
         " FROM work_results r JOIN mutation_specs m ON r.job_id = m.job_id WHERE r.test_outcome IS NOT NULL"
     )
     with sqlite3.connect(session) as database:
-        return [(str(outcome).rpartition(".")[2], place) for outcome, place in database.execute(query)]
+        rows = database.execute(query).fetchall()
+    return [(str(outcome).rpartition(".")[2], f"{place}: {_new_line(diff)}") for outcome, place, diff in rows]
+
+
+def _new_line(diff: str | None) -> str:
+    """The line that a mutant puts in place of another."""
+    added = [line[1:].strip() for line in (diff or "").splitlines() if line.startswith("+") and line[:3] != "+++"]
+    return added[0] if added else ""
 
 
 if __name__ == "__main__":

@@ -93,7 +93,7 @@ def curated_items() -> Iterator[RawItem]:
             title=row.reason,
             category_path=(row.node_id,),
             dimensions_mm={_AXES[axis]: row.typical[axis] for axis in axes},
-            ranges_mm={_AXES[axis]: (_required(row.low[axis]), _required(row.high[axis])) for axis in axes},
+            ranges_mm={_AXES[axis]: (_not_none(row.low[axis]), _not_none(row.high[axis])) for axis in axes},
             licence=LICENCE,
             kind="curated",
             flags=("norm",) if row.standard else (),
@@ -138,7 +138,7 @@ def _number(cell: str, where: str) -> float | None:
     return value
 
 
-def _required(value: float | None) -> float:
+def _not_none(value: float | None) -> float:
     if value is None:  # _range checks that an axis has all three numbers or none
         raise AssertionError
     return value

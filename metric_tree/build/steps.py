@@ -225,8 +225,8 @@ class Steps:
         by_id = {one.node_id: one for one in classes}
         hierarchy = Hierarchy.of(kept_categories(self.taxonomy().categories(), by_id))
         families = hierarchy.families()
-        model = _learned(classes, families)
-        contexts = _learned_contexts(classes, families, model)
+        model = _learn_kinds(classes, families)
+        contexts = _learn_contexts(classes, families, model)
         leaves = self._leaves(classes, hierarchy, families, model)
         priors = hierarchy.priors(leaves, by_id, stated_frequencies())
         tables = {
@@ -310,13 +310,13 @@ class Steps:
             yield result
 
 
-def _learned(classes: Sequence[NodeClass], families: Mapping[str, str]) -> KindModel:
+def _learn_kinds(classes: Sequence[NodeClass], families: Mapping[str, str]) -> KindModel:
     """What kinds of evidence are worth, from the classes that have several."""
     pairs = ((families[one.node_id], m.disagreement) for one in classes for m in one.moments[:1])
     return learn_kinds(((family, one) for family, one in pairs if one is not None), sorted(KIND_WEIGHT))
 
 
-def _learned_contexts(classes: Sequence[NodeClass], families: Mapping[str, str], model: KindModel) -> ContextModel:
+def _learn_contexts(classes: Sequence[NodeClass], families: Mapping[str, str], model: KindModel) -> ContextModel:
     """How much of the disagreement between sources is region and year, from the classes that have several."""
     known = ((one, one.moments[0].disagreement) for one in classes if one.cells)
     return learn_contexts(

@@ -196,9 +196,9 @@ def class_prior(
     shared = _within_range(shared_covariance(between, model, family), statements)
     centre = class_centre(between, shared, model, family)
     code = np.array([between.sources.index(name) for name in sources])
-    centred = _scaled(weighed.shift(centre.effects[code]), centre.mean, kinds, model)
+    centred = _scale_spread(weighed.shift(centre.effects[code]), centre.mean, kinds, model)
     best, components = _components(centred, belief, seed, rows.worth)
-    best = _moved(best, centred, x - centre.effects[code], known, centre.mean)
+    best = _move_to_mean(best, centred, x - centre.effects[code], known, centre.mean)
     mass = known.sum(axis=0) + (~np.isnan(statements.means)).sum(axis=0)
     borrowed = belief.covariance_rows / (belief.covariance_rows + weighed.effective) if components == 1 else 0.0
     stated = bool((~np.isnan(statements.spread)).any())
@@ -354,14 +354,14 @@ def _within_range(shared: FloatArray, statements: Statements) -> FloatArray:
     return np.asarray(shared * np.outer(scale, scale))
 
 
-def _scaled(rows: Rows, mean: FloatArray, kinds: Sequence[str], model: KindModel) -> Rows:
+def _scale_spread(rows: Rows, mean: FloatArray, kinds: Sequence[str], model: KindModel) -> Rows:
     """The rows with the spread of their kind brought to that of products, about the centre, mean (d,)."""
     factor = np.exp([-model.ratio.get(kind, 0.0) for kind in kinds])[rows.owner][:, None]
     centre = np.nan_to_num(mean)
     return Rows(centre + (rows.x - centre) * np.where(np.isnan(mean), 1.0, factor), rows.owner, rows.weights)
 
 
-def _moved(mixture: Mixture, rows: Rows, x: FloatArray, known: FloatArray, mean: FloatArray) -> Mixture:
+def _move_to_mean(mixture: Mixture, rows: Rows, x: FloatArray, known: FloatArray, mean: FloatArray) -> Mixture:
     """The mixture moved so that the stated sizes x (n, d) lie about `mean` (d,), if any row states the axis.
 
     What EM makes of sizes that are not stated by chance alone stays.

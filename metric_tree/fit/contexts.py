@@ -116,7 +116,7 @@ def class_contexts(prior: Prior, axes: Sequence[str], cells: Sequence[Cell], wit
         if (rows > 0).any():
             offset = np.where(rows > 0, cell.mean[chosen] - centre, np.nan)
             variance = within[chosen] / np.maximum(rows, 1e-9)
-            contexts.append(Context(cell.source, cell.region, cell.year, *_rounded(offset, variance)))
+            contexts.append(Context(cell.source, cell.region, cell.year, *_round_context(offset, variance)))
     return replace(prior, contexts=tuple(contexts))
 
 
@@ -153,10 +153,10 @@ def _together(own: Sequence[tuple[float, Context]], shared: FloatArray) -> list[
     years = [(share, one.year) for share, one in own if one.year is not None]
     year = sum(share * when for share, when in years) / sum(share for share, _ in years) if years else None
     offset = np.where(part >= LEAST_PART, offset, np.nan)
-    return [Context(own[0][1].source, own[0][1].region, year, *_rounded(offset, variance))]
+    return [Context(own[0][1].source, own[0][1].region, year, *_round_context(offset, variance))]
 
 
-def _rounded(offset: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _round_context(offset: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """As published; a sampling variance is never nothing, which would make a source's word the whole truth."""
     return np.round(offset, DECIMALS), np.maximum(np.round(variance, DECIMALS + 1), 10.0 ** -(DECIMALS + 1))
 
@@ -181,7 +181,7 @@ def learn_contexts(classes: Iterable[tuple[Sequence[Cell], FloatArray, FloatArra
         for name, grid in GRIDS.items():
             options = [replace(model, **{name: value}) for value in grid]
             allowed = [option for option in options if option.region + option.year < 0.9]
-            model = max(allowed, key=lambda one: sum(_restricted(line, one) for line in lines))
+            model = max(allowed, key=lambda one: sum(_restricted_likelihood(line, one) for line in lines))
     return model
 
 
@@ -203,7 +203,7 @@ def _lines(cells: Sequence[Cell], within: FloatArray, between: FloatArray) -> li
     return lines
 
 
-def _restricted(line: _Line, model: ContextModel) -> float:
+def _restricted_likelihood(line: _Line, model: ContextModel) -> float:
     """Restricted log likelihood: -(ln|V| + ln 1'V^-1 1 + (m - mu)' V^-1 (m - mu) / B) / 2, V in parts of B."""
     whole = line.likeness.covariance(model) + np.diag(line.noise)
     lower = np.linalg.cholesky(whole)

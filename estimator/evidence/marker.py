@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.evidence.alignment import align
+from estimator.evidence.marker_corners import marker_corners
 from estimator.evidence.source import silent
 from estimator.evidence.triangulation import triangulate
 from estimator.instances.image_files import image_file, image_folders
@@ -114,10 +115,7 @@ class Marker:
 
         dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(_dictionary_name(self.dictionary))))
         if self.board is None:
-            parameters = cv2.aruco.DetectorParameters()
-            parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-            aruco = cv2.aruco.ArucoDetector(dictionary, parameters)
-            return lambda picture: _aruco_corners(aruco, picture)
+            return lambda picture: _aruco_corners(dictionary, picture)
         columns, rows, side = self.board
         board = cv2.aruco.CharucoBoard((columns, rows), self.metres, side, dictionary)
         charuco = cv2.aruco.CharucoDetector(board)
@@ -132,15 +130,12 @@ def _dictionary_name(name: str) -> str | None:
     return known.get(name.lower()) or known.get(f"dict_{name.lower()}")
 
 
-def _aruco_corners(detector: Any, picture: Any) -> list[tuple[str, int, FloatArray]]:
+def _aruco_corners(dictionary: Any, picture: Any) -> list[tuple[str, int, FloatArray]]:
     """Name, corner number and pixel (2,) of every corner of a marker in a picture."""
-    corners, ids, _ = detector.detectMarkers(picture)
-    if ids is None:
-        return []
     return [
-        (f"{int(number)}", place, np.asarray(pixel, dtype=float))
-        for number, square in zip(np.ravel(ids), corners, strict=True)
-        for place, pixel in enumerate(square.reshape(4, 2))
+        (str(number), place, pixel)
+        for number, square in marker_corners(picture, dictionary)
+        for place, pixel in enumerate(square)
     ]
 
 

@@ -36,6 +36,7 @@ __all__ = [
     "Case",
     "degrees_of",
     "draw_marker",
+    "marker_picture",
     "objects_of",
     "position_table",
     "write_depth_maps",
@@ -46,6 +47,8 @@ __all__ = [
 HEIGHT_M, RIG_M = 1.5, 0.12
 #: Side of the drawn markers, and of a board's squares and markers.
 MARKER_M, SQUARE_M, BOARD_M = 0.8, 0.3, 0.22
+#: Pixels of a drawing per pixel of its picture, across.
+FINE = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,10 +113,12 @@ def draw_marker(walk: Walk, image: np.ndarray[tuple[int, ...], np.dtype[np.uint8
     edges = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32) - 0.5
     for view in walk.scene.views:
         pixels, _ = pixels_in_view(view, walk.units(corners))
-        picture = np.full((480, 640), 190, dtype=np.uint8)
+        picture = np.full((FINE * 480, FINE * 640), 190, dtype=np.uint8)
         if np.isfinite(pixels).all():
-            matrix = cv2.getPerspectiveTransform(edges, (pixels - 0.5).astype(np.float32))
-            cv2.warpPerspective(image, matrix, (640, 480), picture, cv2.INTER_AREA, cv2.BORDER_TRANSPARENT)
+            matrix = cv2.getPerspectiveTransform(edges, (FINE * pixels - 0.5).astype(np.float32))
+            size = picture.shape[1::-1]
+            cv2.warpPerspective(image, matrix, size, picture, cv2.INTER_LINEAR, cv2.BORDER_TRANSPARENT)
+        picture = cv2.resize(picture, (640, 480), interpolation=cv2.INTER_AREA)
         file = walk.scene.path / "images" / view.name
         file.parent.mkdir(parents=True, exist_ok=True)
         cv2.imwrite(str(file), picture)
@@ -167,12 +172,17 @@ def _exif(walk: Walk, factor: float) -> EvidenceSource:
     return Gps("exif")
 
 
+def marker_picture(name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    """Marker 7 of a dictionary in a white border, 520 pixels wide, the marker 400."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name.removeprefix('DICT_')}"))
+    quiet = np.full((520, 520), 255, dtype=np.uint8)
+    quiet[60:460, 60:460] = cv2.aruco.generateImageMarker(dictionary, 7, 400)
+    return quiet
+
+
 def _marker(name: str) -> Callable[[Walk, float], EvidenceSource]:
     def source(walk: Walk, factor: float) -> EvidenceSource:
-        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name.removeprefix('DICT_')}"))
-        quiet = np.full((260, 260), 255, dtype=np.uint8)
-        quiet[30:230, 30:230] = cv2.aruco.generateImageMarker(dictionary, 7, 200)
-        draw_marker(walk, quiet, MARKER_M * 260 / 200)
+        draw_marker(walk, marker_picture(name), MARKER_M * 520 / 400)
         return Marker(name, factor * MARKER_M)
 
     return source

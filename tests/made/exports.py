@@ -10,11 +10,14 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from estimator.reconstructions.cameras import project
 from estimator.records.scene import Scene, View
 
-__all__ = ["EXPORTS", "write_export", "write_points"]
+__all__ = ["EXPORTS", "OBSERVED", "largest_difference", "write_export", "write_points"]
 
 EXPORTS = ("nerfstudio", "bundler", "metashape", "realitycapture", "meshroom")
+#: Those that state observations.
+OBSERVED = ("bundler", "meshroom")
 FLIP = np.diag([1.0, -1.0, -1.0])
 #: nerfstudio's own turn of COLMAP's world.
 APPLIED = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [-0.0, -1, 0, 0]])
@@ -30,6 +33,38 @@ def write_export(scene: Scene, program: str, folder: Path) -> Path:
         "realitycapture": _realitycapture,
         "meshroom": _meshroom,
     }[program](scene, folder)
+
+
+def largest_difference(colmap: Scene, other: Scene, observed: bool) -> float:
+    """The largest difference of two scenes: points and centres by the scene's extent, pixels by the picture's width.
+
+    Cameras are compared by where they see a fan of rays, observations where both state them. Infinite where the views,
+    their sizes or what they see are not the same.
+    """
+    names = {Path(view.name).name: view for view in other.views}
+    extent = float(np.ptp(colmap.points, axis=0).max())
+    if len(names) != len(colmap.views) or other.points.shape != colmap.points.shape:
+        return float("inf")
+    differences = [np.abs(other.points - colmap.points).max() / extent]
+    for view in colmap.views:
+        same, width = names[Path(view.name).name], view.camera.width
+        if (same.camera.width, same.camera.height) != (width, view.camera.height):
+            return float("inf")
+        differences.append(np.abs(same.rotation - view.rotation).max())
+        differences.append(np.abs(same.centre - view.centre).max() / extent)
+        differences.append(np.abs(_rays(same) - _rays(view)).max() / width)
+        if observed:
+            order, own = np.argsort(same.point_index), np.argsort(view.point_index)
+            if not np.array_equal(same.point_index[order], view.point_index[own]):
+                return float("inf")
+            differences.append(np.abs(same.keypoints[order] - view.keypoints[own]).max() / width)
+    return float(max(differences))
+
+
+def _rays(view: View) -> np.ndarray[Any, Any]:
+    """Pixels (n, 2) of a fan of rays: what a camera model does, whatever it is called."""
+    grid = np.stack(np.meshgrid(np.linspace(-0.4, 0.4, 7), np.linspace(-0.3, 0.3, 5)), axis=-1).reshape(-1, 2)
+    return project(view.camera, np.column_stack([grid, np.ones(len(grid))]))
 
 
 def _opencv(view: View) -> dict[str, float]:

@@ -30,7 +30,7 @@ from estimator.results.reports import Options
 from metric_base.faults import InputFault
 from metric_tree.tree import Tree, open_tree
 from tests.made import minitree
-from tests.made.evidence import KINDS, RIG_M, degrees_of, draw_marker, objects_of, position_table
+from tests.made.evidence import KINDS, RIG_M, degrees_of, draw_marker, marker_picture, objects_of, position_table
 from tests.made.walk import Walk, made_walk, with_rig
 
 
@@ -191,6 +191,13 @@ def test_points_at_one_place_align_with_nothing() -> None:
 
 
 # markers
+
+
+def test_a_small_marker_seen_aslant_is_not_too_large(walk: Walk, nothing: Measurements) -> None:
+    """44 by 10 to 25 pixels: corners refined as a chessboard's would make it 2 to 3 % too large."""
+    draw_marker(walk, marker_picture("DICT_4X4_50"), 0.3 * 520 / 400)
+    row = one(Marker("DICT_4X4_50", 0.3).observe(walk.scene, nothing))
+    assert row.scale == pytest.approx(walk.scale, rel=0.006)
 
 
 def test_pictures_without_a_marker(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:

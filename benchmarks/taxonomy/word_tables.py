@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import re
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -34,6 +35,11 @@ LEAST_LEVEL = 3
 
 #: Compounds of a head word before anything is said of it.
 LEAST_COMPOUNDS = 3
+
+#: How WordNet marks the senses that insult people. They are no names of things, and are not shipped.
+INSULTS = re.compile(
+    r"ethnic slur|offensive (?:term|name|word)|\(offensive\)|derogatory|disparaging|obscene|thoroughly disliked"
+)
 
 
 class Chains:
@@ -75,7 +81,8 @@ def sense_lines(catalogue: Catalogue, wordnet: WordNet) -> dict[str, list[tuple[
     lines: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
     for noun in sorted(wordnet.nouns):
         general = [sense for sense in wordnet.senses(noun) if not wordnet.is_instance(sense)]
-        senses = [(wordnet.tagged_count(sense, noun), chains.of(sense)) for sense in general]
+        decent = [sense for sense in general if not INSULTS.search(wordnet.definition(sense))]
+        senses = [(wordnet.tagged_count(sense, noun), chains.of(sense)) for sense in decent]
         if any(nodes for _, nodes in senses):
             lines.setdefault(fold_text(noun), []).extend(senses)
     for category in catalogue.categories:

@@ -1,10 +1,10 @@
 """What share of everyday words is understood: `python -m benchmarks.taxonomy.words --names FILE [--tree REF]`.
 
 FILE is a CSV with the columns `name` and `expected_node` (one node, or empty where the word should stay unknown), or
-`word` and `expected` (nodes, or `name:` and a name, any of them, with `|`
-between). A word is right if the node is expected, or a
-kind of an expected one, or an expected one's kind that is no further up than `STEPS`; `--tree taxonomy` asks the
-nodes that a build of the tables of this checkout would have. `--show` prints the words that are not right.
+`word` and `expected` (nodes, or `name:` and a name, any of them, with `|` between). A word is right if the node is
+expected, or replaced an expected one, or is a kind of an expected one, or an expected one's kind that is no further up
+than `STEPS`. `--tree taxonomy` asks the nodes that a build of the tables of this checkout would have. `--show` prints
+the words that are not right.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from metric_tree.schema import TABLES
 from metric_tree.tree import Tree, open_tree
 from taxonomy.catalogue import default_catalogue
 from taxonomy.curated import curated_ranges
+from taxonomy.levels import replaced_ids
 from taxonomy.naming.spelling import plain_fold
 
 #: Levels between an expected node and a kind of it that still counts.
@@ -56,6 +57,7 @@ def verdict(tree: Tree, word: str, expected: set[str]) -> tuple[str, str]:
     if not expected:
         return "taken, expected nothing", node.node_id
     ids = {one.removesuffix("/other") for one in expected}
+    ids |= {replaced_ids().get(one, one) for one in ids}
     names = {plain_fold(one.removeprefix("name:")) for one in expected}
     own = {node.node_id.removesuffix("/other"), node.synset or ""}
     called = {plain_fold(name) for name in (node.name, *node.aliases)}

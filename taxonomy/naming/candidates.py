@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from taxonomy.naming.evidence import Sense, senses
+from taxonomy.naming.evidence import Sense, reviewed_meanings, senses
 from taxonomy.naming.spelling import fold_text, plain_fold
 
 __all__ = ["Candidate", "Names", "folded_forms"]
@@ -25,6 +25,9 @@ EACH_SENSE_BEFORE = 0.15
 FOOD_BEFORE_PLANT = 0.8
 TENFOLD_ITEMS = 0.42
 MOST_LABEL_WEIGHT = 5.0
+
+#: What the first of a reviewed order has before the next, where the reviewer calls it clear.
+CLEAR = 2.0
 
 #: An alias of WordNet that is used so rarely in this sense, while a thing is meant more often, leads astray.
 LEAST_SHARE = 0.1
@@ -108,6 +111,14 @@ class Names:
         parent = self._parents.get(node_id)
         return () if parent is None else (parent, *self.ancestors(parent))
 
+    def has_kinds(self, node_id: str) -> bool:
+        """Whether there are nodes right below one."""
+        return node_id in self._above
+
+    @cached_property
+    def _above(self) -> frozenset[str | None]:
+        return frozenset(self._parents.values())
+
     def kin(self, one: str, other: str) -> bool:
         """Whether one of two nodes is above the other, in the tree or in WordNet."""
         if one in self.ancestors(other) or other in self.ancestors(one):
@@ -123,7 +134,21 @@ class Names:
             votes = {node: weight for node, weight in self._labels(form).items() if node in self}
         nodes = dict.fromkeys((*owners, *votes))
         scored = [self._candidate(form, node, owners.get(node), votes.get(node, 0.0), known) for node in nodes]
-        return sorted((one for one in scored if one.score > 0), key=lambda one: (-one.score, -self._items[one.node_id]))
+        likely = sorted((c for c in scored if c.score > 0), key=lambda c: (-c.score, -self._items[c.node_id]))
+        return self._reviewed(form, likely)
+
+    def _reviewed(self, form: str, likely: list[Candidate]) -> list[Candidate]:
+        """The candidates in the order that a reviewer gave the word; those that no reviewer named come last."""
+        order = reviewed_meanings(form)
+        nodes = [node for node in order.nodes if node in self] if order else []
+        if order is None or not nodes:
+            return likely
+        rest = [one for one in likely if one.node_id not in nodes]
+        top = max((one.score for one in likely), default=0.01)
+        how = {one.node_id: one.how for one in likely}
+        listed = [Candidate(node, top, how.get(node, "alias")) for node in nodes]
+        first = Candidate(nodes[0], top + CLEAR, listed[0].how) if order.clear else listed[0]
+        return [first, *listed[1:], *rest]
 
     def _candidate(self, form: str, node: str, own: bool | None, votes: float, known: Sequence[Sense]) -> Candidate:
         places = [place for place, sense in enumerate(known) if sense.nodes[:1] == (node,)]

@@ -1,7 +1,8 @@
-"""The tables that say what a word means: senses of WordNet, trust in head nouns, codes of label lists.
+"""The tables that say what a word means: senses of WordNet, trust in head nouns, codes of label lists, reviewed order.
 
-`python -m benchmarks.taxonomy.word_tables` writes them. They are read on demand, each once, as text that is searched:
-a first answer must not wait for fifty thousand lines to be parsed.
+`python -m benchmarks.taxonomy.word_tables` writes all but `meanings.csv`, which a reviewer (a program: a language model)
+writes: the words that several nodes share, with the nodes in the order in which people mean them. The tables are read
+on demand, each once, as text that is searched: a first answer must not wait for fifty thousand lines to be parsed.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from pathlib import Path
 
 from metric_base.folders import taxonomy_directory
 
-__all__ = ["Sense", "coded_node", "head_trust", "senses"]
+__all__ = ["Meanings", "Sense", "coded_node", "head_trust", "reviewed_meanings", "senses"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +28,23 @@ def senses(word: str) -> tuple[Sense, ...]:
     """The senses of a folded word in WordNet's order, those that are no things without nodes; empty if unknown."""
     line = _value("senses.tsv", word)
     return tuple(_sense(part) for part in line.split(";")) if line else ()
+
+
+@dataclass(frozen=True, slots=True)
+class Meanings:
+    """The nodes that share a word, in a reviewer's order; `clear` if the first is meant nearly always."""
+
+    nodes: tuple[str, ...]
+    clear: bool
+
+
+def reviewed_meanings(word: str) -> Meanings | None:
+    """The reviewed order of what a folded word means; None for a word that no reviewer has ordered."""
+    row = _value("meanings.csv", word, ",")
+    if not row:
+        return None
+    nodes, clear, *_ = row.split(",")
+    return Meanings(tuple(nodes.split()), clear == "yes")
 
 
 def head_trust(head: str) -> dict[str, tuple[int, int]]:
@@ -52,9 +70,9 @@ def _sense(part: str) -> Sense:
     return Sense(int(count), tuple(nodes.split(">")) if nodes else ())
 
 
-def _value(table: str, key: str) -> str:
+def _value(table: str, key: str, separator: str = "\t") -> str:
     text = _text(table)
-    at = text.find(f"\n{key}\t")
+    at = text.find(f"\n{key}{separator}")
     return text[at + len(key) + 2 : text.find("\n", at + 1)] if at >= 0 else ""
 
 

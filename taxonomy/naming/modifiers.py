@@ -8,7 +8,9 @@ from collections.abc import Sequence
 __all__ = [
     "ALIENATING",
     "CONTAINERS",
+    "OF_THE_LIVING",
     "after_counts",
+    "contained",
     "is_plain_adjective",
     "leading_phrase",
     "modifiers",
@@ -37,8 +39,8 @@ _MATERIALS = _words(
 _SIZES = _words(
     "big biggest broad bulky deep enormous extra fat full-size fullsize giant gigantic heavy huge jumbo large "
     "larger largest little long low massive medium mini miniature narrow oversized petite regular short shallow "
-    "slim small smaller sized smallest standard tall thick thin tiny wide adult baby full length half size xl xxl "
-    "tallish compact"
+    "slim small smaller sized smallest standard tall tallish thick thin tiny wide adult baby full length half "
+    "size xl xxl compact"
 )
 _SHAPES = _words(
     "angular arched circular conical cubic curved cylindrical domed flat hexagonal l-shaped oblong octagonal open "
@@ -82,6 +84,9 @@ ALIENATING = _words(
     "rocking paper water fire hot electric electrical baby french air star wall"
 )
 
+#: Words that leave an animal or a person the same, and no thing: a baby elephant is an elephant, a baby walker nobody.
+OF_THE_LIVING = _words("adult baby wild young elderly")
+
 #: Things that are what they are, whatever is in them.
 CONTAINERS = _words("bag basket bottle bowl box bucket can carton case crate cup glass jar jug mug packet pot tin tray")
 
@@ -122,6 +127,17 @@ def after_counts(text: str) -> str | None:
     """What a count names: `scissors` of `pair of scissors`; None where nothing is counted."""
     counted = _COUNTS.match(text)
     return counted["rest"] if counted else None
+
+
+def contained(text: str) -> tuple[str, str] | None:
+    """The container and its content in `a cup of coffee`; None where no container is named before `of`.
+
+    >>> contained("a glass of red wine")
+    ('glass', 'red wine')
+    """
+    first, of, rest = _ARTICLES.sub("", text.strip()).partition(" of ")
+    container = first.strip().lower()
+    return (container, rest.strip()) if of and container in CONTAINERS and rest.strip() else None
 
 
 def leading_phrase(text: str) -> str | None:

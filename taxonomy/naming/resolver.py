@@ -19,7 +19,9 @@ from taxonomy.naming.evidence import coded_node, head_trust, senses
 from taxonomy.naming.modifiers import (
     ALIENATING,
     CONTAINERS,
+    OF_THE_LIVING,
     after_counts,
+    contained,
     is_plain_adjective,
     leading_phrase,
     modifiers,
@@ -37,8 +39,22 @@ HEAD_TRUST = 0.65
 #: Compounds that must be known before a head noun is taken.
 HEAD_COMPOUNDS = 4
 
+#: Likeness of spelling (`difflib`'s ratio) from which a name is worth comparing letter by letter.
+NEAR_SPELLING = 0.75
+
+#: What words in brackets add to a candidate that they name: more than anything else does.
+HINT = 10.0
+
 #: Shortest name that is looked up without its spaces: shorter ones meet by accident.
 SHORTEST_COMPACT = 5
+
+#: Levels of the tree (the root is 1) from which a broader kind is taken: a stocking is no footwear of 30 by 10 cm. One
+#: level further up only by its own name (an electric car is a car), and never further (no container, no vehicle).
+LEAST_DEPTH = 4
+LEAST_NAMED = 3
+
+#: Above everything that lives.
+_LIVING = {"animal.n.01", "mt:human", "person.n.01", "organism.n.01"}
 
 #: A juicer is a thing before it is somebody.
 _PERSON = "person.n.01"
@@ -145,6 +161,9 @@ class Resolver:
     def _phrase(self, text: str) -> Answer | None:
         """The answer for a phrase: what it counts, what comes before `with`, its kind in WordNet, its bare name."""
         plain = text.replace("_", " ").replace("-", " ") if " " not in text.strip() else text
+        if holding := contained(plain):
+            container, content = holding
+            return self._of_form(plain_fold(f"{content} {container}")) or self._of_form(container)
         counted = after_counts(plain)
         if counted and (answer := self.answer(counted)):
             return answer
@@ -161,10 +180,14 @@ class Resolver:
 
     def _bare(self, words: Sequence[str]) -> Answer | None:
         """The answer for a name after its modifiers are taken away, one by one from the left."""
+        living = False
         while len(words) > 1 and (leading := modifiers(words)):
+            living = living or words[0] in OF_THE_LIVING
             words = words[leading:]
             form = " ".join(words)
             answer = self._of_form(form) or self._of_wordnet(form)
+            if answer and (self._too_broad(answer.node_id, words[-1]) or (living and not self._lives(answer.node_id))):
+                return None
             if answer:
                 return Answer(answer.candidates, "modifier stripped", answer.margin)
             if senses(form):
@@ -196,7 +219,18 @@ class Resolver:
         node = places[0] if places else None
         if node is None or any(other is None or not self._same(node, other) for other in places):
             return None  # what is meant first is no thing, has no place in the tree, or is one of several things
-        return self._at(node, "broader kind")
+        return None if self._too_broad(node, form.rpartition(" ")[2]) else self._at(node, "broader kind")
+
+    def _too_broad(self, node: str, head: str) -> bool:
+        """Whether a node is so far up that it says little of a size, unless the text calls it by its own name."""
+        heads = {head, *singular_phrases(head)}
+        depth = len(self._names.ancestors(node)) + 1
+        named = any(node in self._names.owners(one) for one in heads)
+        broad = depth < LEAST_NAMED or (depth < LEAST_DEPTH and not named)
+        return broad and node != _PERSON and self._names.has_kinds(node)
+
+    def _lives(self, node: str) -> bool:
+        return bool(_LIVING & {node, *self._names.ancestors(node), *self._names.hypernyms(node)})
 
     def _of(self, candidates: Sequence[Candidate], how: str | None, hint: str | None = None) -> Answer | None:
         if not candidates:
@@ -217,7 +251,7 @@ class Resolver:
             shown = (plain_fold(node.partition(".")[0].removeprefix("mt:")) for node in above)
             return any(words & set(name.split()) for name in shown)
 
-        hinted = [Candidate(one.node_id, one.score + 3.0, one.how) for one in candidates if names(one)]
+        hinted = [Candidate(one.node_id, one.score + HINT, one.how) for one in candidates if names(one)]
         return hinted + [one for one in candidates if not names(one)]
 
     def _same(self, one: str, other: str) -> bool:
@@ -246,10 +280,43 @@ class Resolver:
         yield from (node for one in self.nearest(text, 10) for node in self._names.owners(one))
 
     def nearest(self, text: str, count: int = 3) -> list[str]:
-        """The known names most like an unknown text."""
+        """Known names that may help with an unknown text: of near spelling, a broader kind, the head noun; or none."""
+        form = plain_fold(text)
+        words = form.split()
+        names = [*self._spelt_like(form, count), *self._kinds(form)]
+        if len(words) > 1:
+            heads = (words[-1], *singular_phrases(words[-1]))
+            names += [head for head in heads if self._names.owners(head)][:1]
+        return list(dict.fromkeys(name for name in names if name != form))[:count]
+
+    def _spelt_like(self, form: str, count: int) -> list[str]:
+        """Known names each of whose words is nearly spelt like that of the text: a slip of a letter or two."""
         import difflib  # only a name that is unknown needs it
 
-        return difflib.get_close_matches(plain_fold(text), list(self._names.forms), n=count)
+        words = form.split()
+        like = difflib.get_close_matches(form, list(self._names.forms), n=10 * count, cutoff=NEAR_SPELLING)
+        return [one for one in like if _slip(form.replace(" ", ""), one.replace(" ", "")) or _slips(words, one.split())]
+
+    def _kinds(self, form: str) -> list[str]:
+        """The name of the nearest kind of what WordNet says of the text first, if it says something of a size."""
+        meant = next(iter(senses(form)), None)
+        kind = next((node for node in meant.nodes if node in self._names), None) if meant else None
+        usable = kind is not None and kind != _PERSON and len(self._names.ancestors(kind)) + 1 >= LEAST_NAMED
+        return [plain_fold(self._names.shown(kind))] if kind is not None and usable else []
+
+
+def _slips(words: Sequence[str], others: Sequence[str]) -> bool:
+    """Whether two names have the same words but for slips of spelling."""
+    return len(words) == len(others) and all(map(_slip, words, others))
+
+
+def _slip(word: str, other: str) -> bool:
+    """Whether a word is the other but for a slip: the same beginning, at most a letter in four differs."""
+    import difflib
+
+    same = sum(block.size for block in difflib.SequenceMatcher(None, word, other).get_matching_blocks())
+    longer = max(len(word), len(other))
+    return word == other or (word[:1] == other[:1] and longer >= 4 and longer - same <= max(1, longer // 4))
 
 
 def _unique(ids: Iterator[str], limit: int) -> Iterator[str]:

@@ -1,8 +1,9 @@
 """The tables that say what a word means: senses of WordNet, trust in head nouns, codes of label lists, reviewed order.
 
-`python -m benchmarks.taxonomy.word_tables` writes all but `meanings.csv`, which a reviewer (a program: a language model)
-writes: the words that several nodes share, with the nodes in the order in which people mean them. The tables are read
-on demand, each once, as text that is searched: a first answer must not wait for fifty thousand lines to be parsed.
+`python -m benchmarks.taxonomy.word_tables` writes all but `meanings.csv`, which a reviewer (a program: a language
+model) writes: the words that several nodes share, with the nodes in the order in which people mean them. The tables
+are read on demand, each once, as text that is searched: a first answer must not wait for fifty thousand lines to be
+parsed.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ def rays_of(camera: Camera, pixels: FloatArray) -> FloatArray:
     """(n, 2) rays of (n, 2) pixels through COLMAP's camera, lens included."""
     if camera.model in {"PINHOLE", "SIMPLE_PINHOLE"} or not len(pixels):
         return np.asarray((pixels - camera.params[-2:]) / camera.params[:-2])
-    from estimator.capture.mapping.pycolmap_library import pycolmap
+    from estimator.reconstructions.pycolmap_library import pycolmap
 
     lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
     return np.asarray(lens.cam_from_img(np.ascontiguousarray(pixels, dtype=np.float64)), dtype=np.float64)[:, :2]

@@ -12,7 +12,6 @@ import numpy as np
 from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, Words
-from metric_base.signals import keep_termination
 
 __all__ = ["CAMERA_MODELS", "PINHOLES", "make_camera", "pixels_in_view", "project", "projected_views", "view_rays"]
 
@@ -115,7 +114,7 @@ def view_rays(camera: Camera, pixels: FloatArray) -> FloatArray:
     elif camera.model == "SIMPLE_PINHOLE":
         flat = (pixels - camera.params[1:]) / camera.params[0]
     else:
-        import pycolmap
+        from estimator.reconstructions.pycolmap_library import pycolmap
 
         lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
         flat = np.asarray(lens.cam_from_img(pixels), dtype=float)[:, :2]
@@ -145,9 +144,8 @@ def projected_views(views: Iterable[View], points: FloatArray) -> tuple[View, ..
 
 def _raw_projected(camera: Camera, points: FloatArray) -> FloatArray:
     """(n, 2) pixels as COLMAP gives them; pycolmap is a heavy import, so pinholes do without."""
-    import pycolmap
+    from estimator.reconstructions.pycolmap_library import pycolmap
 
-    keep_termination()
     lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
     return np.array(lens.img_from_cam(points), dtype=np.float64)
 

@@ -19,9 +19,7 @@ def normalized_pixels(camera: Camera, pixels: FloatArray) -> FloatArray:
     """(n, 2) x / z and y / z in the camera of (n, 2) pixels, the lens undone."""
     if camera.model in _PINHOLES:
         return np.asarray((pixels - camera.params[-2:]) / camera.params[:-2])
-    import zlib  # noqa: F401 - pycolmap breaks a zlib that is loaded after it
-
-    import pycolmap
+    from estimator.reconstructions.pycolmap_library import pycolmap
 
     lens = pycolmap.Camera(model=camera.model, width=camera.width, height=camera.height, params=camera.params)
     return np.asarray(lens.cam_from_img(np.ascontiguousarray(pixels, dtype=np.float64)), dtype=np.float64)[:, :2]

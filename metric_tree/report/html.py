@@ -7,7 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
-__all__ = ["Linked", "paragraph", "table", "whole_page"]
+from metric_base.escaping import visible
+
+__all__ = ["Linked", "paragraph", "plain", "table", "whole_page"]
 
 _STYLE = """
 body { font: 16px/1.5 Georgia, serif; max-width: 62rem; margin: 2rem auto; padding: 0 1rem; color: #222 }
@@ -32,22 +34,27 @@ class Linked:
     url: str
 
 
+def plain(text: str) -> str:
+    """Text as HTML: no markup, and no characters that hide or turn round what stands beside them."""
+    return escape(visible(text))
+
+
 def whole_page(title: str, note: str, sections: Iterable[tuple[str, str]]) -> str:
     """The page: a title, a note below it, sections of HTML with their titles and links to them."""
     parts = list(sections)
-    links = "".join(f'<a href="#s{n}">{escape(name)}</a> ' for n, (name, _) in enumerate(parts))
-    body = "\n".join(f"<h2 id=s{n}>{escape(name)}</h2>\n{content}" for n, (name, content) in enumerate(parts))
+    links = "".join(f'<a href="#s{n}">{plain(name)}</a> ' for n, (name, _) in enumerate(parts))
+    body = "\n".join(f"<h2 id=s{n}>{plain(name)}</h2>\n{content}" for n, (name, content) in enumerate(parts))
     return (
         '<!doctype html>\n<html lang="en">\n<meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width">\n'
-        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n"
-        f"<h1>{escape(title)}</h1>\n<p class=note>{escape(note)}</p>\n<nav>{links}</nav>\n{body}\n</html>\n"
+        f"<title>{plain(title)}</title>\n<style>{_STYLE}</style>\n"
+        f"<h1>{plain(title)}</h1>\n<p class=note>{plain(note)}</p>\n<nav>{links}</nav>\n{body}\n</html>\n"
     )
 
 
 def paragraph(text: str, note: bool = False) -> str:
     """A paragraph of plain text."""
-    return f"<p{' class=note' if note else ''}>{escape(text)}</p>\n"
+    return f"<p{' class=note' if note else ''}>{plain(text)}</p>\n"
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
@@ -65,8 +72,8 @@ def _line(cells: Iterable[object], tag: str, numeric: Sequence[bool]) -> str:
 
 def _cell(cell: object) -> str:
     if isinstance(cell, Linked) and cell.url.startswith("https://"):
-        return f'<a href="{escape(cell.url)}">{escape(cell.text)}</a>'
-    return escape(_text(cell))
+        return f'<a href="{plain(cell.url)}">{plain(cell.text)}</a>'
+    return plain(_text(cell))
 
 
 def _text(cell: object) -> str:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from html import escape
 
 import numpy as np
 
@@ -36,7 +35,7 @@ from metric_tree.report.counts import (
     typical_nodes,
 )
 from metric_tree.report.figures import coverage_figure, size_figure
-from metric_tree.report.html import Linked, paragraph, table, whole_page
+from metric_tree.report.html import Linked, paragraph, plain, table, whole_page
 from metric_tree.tree import Node, Tree
 from taxonomy.label_lists import vocabularies
 
@@ -172,7 +171,7 @@ def _changes(tree: Tree, before: Tree, lists: Sequence[Coverage]) -> str:
 
 
 def _if_any(title: str, head: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    return f"<h3>{escape(title)}</h3>\n{table(head, rows)}" if rows else ""
+    return f"<h3>{plain(title)}</h3>\n{table(head, rows)}" if rows else ""
 
 
 def _both(then: Coverage, now: Coverage, field: str) -> tuple[str, str]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.mapping.pair_choice import chosen_pairs, coarse_scores
-from estimator.capture.mapping.pycolmap_library import pycolmap
+from estimator.reconstructions.pycolmap_library import pycolmap
 
 Request = dict[str, Any]
 

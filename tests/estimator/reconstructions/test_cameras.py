@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pycolmap
 import pytest
@@ -98,3 +103,27 @@ def test_no_points_give_no_pixels() -> None:
 def test_impossible_cameras_are_refused(model: str, size: tuple[int, int], params: list[float], named: str) -> None:
     with pytest.raises(FieldFault, match=named):
         make_camera(model, size, params)
+
+
+def test_a_request_to_terminate_after_pycolmap_came_is_one_line_and_leaves_nothing(tmp_path: Path) -> None:
+    code = f"""
+import sys, time
+from pathlib import Path
+from metric_base.files import whole_folder
+from metric_base.terminal import exit_status
+
+def run():
+    from estimator.reconstructions.pycolmap_library import pycolmap
+    with whole_folder(Path({str(tmp_path / "out")!r})):
+        print(pycolmap.__version__, flush=True)
+        time.sleep(60)
+
+sys.exit(exit_status("x", run))
+"""
+    process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline()
+    process.send_signal(signal.SIGTERM)
+    _, message = process.communicate(timeout=60)
+    assert (process.returncode, message) == (143, "x: terminated\n")
+    assert not list(tmp_path.iterdir())

@@ -15,7 +15,7 @@ from metric_tree.report.counts import (
     typical_nodes,
 )
 from metric_tree.report.figures import size_figure
-from metric_tree.report.html import Linked, table
+from metric_tree.report.html import Linked, table, whole_page
 from metric_tree.report.page import page
 from metric_tree.tree import Tree
 from taxonomy.label_lists import Label
@@ -87,6 +87,13 @@ def test_numbers_stand_to_the_right_and_text_is_escaped():
     assert "<td>&lt;b&gt;</td><td class=n>1,200</td><td>70 (59%)</td>" in text
     assert '<td><a href="https://x.org/?a&amp;b">a</a></td>' in text
     assert "<a" not in table(("x",), [(Linked("a", "javascript:alert()"),)])
+
+
+def test_text_cannot_turn_round_or_hide_what_stands_beside_it():
+    page = whole_page("a\u202eb", "\x1b[2J", [("c\ud800", table(["d\u200b"], [["e\u2066"]]))])
+    assert not any(mark in page for mark in "\u202e\x1b\ud800\u200b\u2066")
+    assert "a\\u202eb" in page
+    page.encode()
 
 
 def test_the_page_holds_every_section_and_no_script(tree, tmp_path):

@@ -38,8 +38,8 @@ def expect(holds: bool, field: str, expected: str, found: object) -> None:
         raise FieldFault(field, expected, found)
 
 
-def record_of(values: object, kind: type[Record]) -> Record:
-    """The record of parsed values.
+def record_of(values: object, kind: type[Record], *, cells: bool = False) -> Record:
+    """The record of parsed values; those of `cells` of a CSV file are texts, numbers too.
 
     Raises
     ------
@@ -47,7 +47,7 @@ def record_of(values: object, kind: type[Record]) -> Record:
         A field is missing, unknown or not what it must be.
     """
     try:
-        return msgspec.convert(values, kind, dec_hook=_pattern)
+        return msgspec.convert(values, kind, strict=not cells, dec_hook=_pattern)
     except msgspec.ValidationError as error:
         raise _field_fault(error, kind) from None
 
@@ -140,7 +140,8 @@ def _type_fault(message: str, place: str, kind: type) -> FieldFault:
         words = ", ".join(sorted(_words(kind, re.split(r"[.\]]", place)[-1])))
         return FieldFault(place, f"one of {words}", Words(value[1]))
     if types := _TYPES.fullmatch(message):
-        return FieldFault(place, types[1].replace("`", ""), Words(types[2].replace("`", "")))
+        expected = types[1].replace("`", "") if place else "a JSON object"
+        return FieldFault(place, expected, Words(types[2].replace("`", "")))
     return FieldFault(place, message.removeprefix("Expected ").replace("`", ""), Words("another value"))
 
 

@@ -7,7 +7,6 @@ nothing with it. `images.parquet` is the index; sorted by node, so that a node's
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +17,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from crawler.fetch.pictures import SCHEMA as PICTURE
-from metric_base.faults import InputFault
+from metric_base.faults import in_file
+from metric_base.schema import expect, json_record
 from metric_tree.release import link_file, sha256
 from metric_tree.schema import IMAGES
 
@@ -118,33 +118,24 @@ def _records(files: Iterable[Path]) -> Iterator[tuple[Path, dict[str, Any]]]:
     for path in files:
         with path.open("rb") as lines:
             for number, line in enumerate(lines, start=1):
-                yield path.parent, _record(line, f"{path}:{number}")
+                with in_file(f"{path}:{number}"):
+                    record = json_record(line, dict[str, Any])
+                    _check_record(record)
+                yield path.parent, record
 
 
-def _record(line: bytes, where: str) -> dict[str, Any]:
-    try:
-        record = json.loads(line)
-    except (ValueError, RecursionError) as error:
-        raise InputFault(f"{where}: expected a JSON object; found {error}") from None
-    schema = record.get("schema") if isinstance(record, dict) else None
-    if schema != PICTURE:
-        raise InputFault(f"{where}: schema: expected {PICTURE}; found {schema!r}")
+def _check_record(record: Mapping[str, Any]) -> None:
+    """FieldFault where a field of a picture's record is not what it must be."""
+    expect(record.get("schema") == PICTURE, "schema", PICTURE, record.get("schema"))
     for name in _STRINGS:
-        if not isinstance(record.get(name), str):
-            raise InputFault(f"{where}: {name}: expected a string; found {record.get(name)!r}")
+        expect(isinstance(record.get(name), str), name, "a string", record.get(name))
     match = _STORED.fullmatch(record["path"])
-    if match is None or match["id"] != record["image_id"]:
-        raise InputFault(f"{where}: path: expected aa/<image_id>.jpg, .png or .webp; found {record['path']!r}")
-    _check_figures(record, where)
-    return dict(record)
-
-
-def _check_figures(record: Mapping[str, Any], where: str) -> None:
+    stored = match is not None and match["id"] == record["image_id"]
+    expect(stored, "path", "aa/<image_id>.jpg, .png or .webp", record["path"])
     for name in ("width_px", "height_px"):
-        if not isinstance(record.get(name), int) or not 0 < record[name] < 1 << 20:
-            raise InputFault(f"{where}: {name}: expected pixels; found {record.get(name)!r}")
+        number = record.get(name)
+        expect(isinstance(number, int) and 0 < number < 1 << 20, name, "pixels", number)
     for name in ("pixels_per_metre", "foreground_share"):
-        if not isinstance(record.get(name, 1.0), float | int) or not record.get(name, 1.0) > 0:
-            raise InputFault(f"{where}: {name}: expected a positive number; found {record.get(name)!r}")
-    if not isinstance(record.get("attribution"), str | None):
-        raise InputFault(f"{where}: attribution: expected a string; found {record['attribution']!r}")
+        number = record.get(name, 1.0)
+        expect(isinstance(number, float | int) and number > 0, name, "a positive number", number)
+    expect(isinstance(record.get("attribution"), str | None), "attribution", "a string", record.get("attribution"))

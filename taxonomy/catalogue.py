@@ -6,13 +6,15 @@ queried, where there is no WordNet.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Protocol, get_args
+from typing import Protocol
 
+from metric_base.faults import in_file
 from metric_base.folders import taxonomy_directory
+from metric_base.schema import expect, record_of
 from taxonomy.categories import Category, Pose
 from taxonomy.insertions import PREFIX, Insertion, insertions
 from taxonomy.label_lists import vocabularies, vocabulary
@@ -267,7 +269,7 @@ def default_catalogue(directory: Path | None = None) -> Catalogue:
         {row["synset"]: tuple(row["parents"].split()) for row in synsets},
         {row["synset"]: tuple(filter(None, row["lemmas"].split("; "))) for row in synsets},
     )
-    leaves = [_leaf(row, where) for where, row in table_rows(folder / "leaves.csv", _LEAVES)]
+    leaves = list(_leaf_rows(folder / "leaves.csv"))
     inserted = insertions(folder / "insertions.jsonl")
     levels = frozen_levels(folder / "levels.csv")
     return Catalogue(
@@ -285,9 +287,9 @@ def _reviewed_aliases(folder: Path) -> ReviewedAliases:
     """
     by_action: dict[str, dict[str, list[str]]] = {"add": {}, "drop": {}}
     file = folder / "aliases.csv"
-    for where, row in table_rows(file, _ALIASES) if file.is_file() else ():
-        if row["action"] not in by_action:
-            raise BadLevels(f"{where}: action: expected add or drop; found {row['action']!r}")
+    for place, row in table_rows(file, _ALIASES) if file.is_file() else ():
+        with in_file(place, BadLevels):
+            expect(row["action"] in by_action, "action", "add or drop", row["action"])
         by_action[row["action"]].setdefault(row["node_id"], []).append(row["alias"])
     added, dropped = ({node: tuple(words) for node, words in rows.items()} for rows in by_action.values())
     return ReviewedAliases(added, dropped)
@@ -303,20 +305,16 @@ def _labels(directory: Path | None) -> dict[str, tuple[str, ...]]:
     return {node_id: tuple(words) for node_id, words in labels.items()}
 
 
-def _leaf(row: dict[str, str], where: str) -> Leaf:
-    pose = row["pose"] or None
-    if pose is not None and pose not in get_args(Pose):
-        raise BadLevels(f"{where}: pose: expected one of {get_args(Pose)}; found {pose!r}")
-    return Leaf(
-        node_id=row["node_id"],
-        name=row["name"],
-        parent_id=row["parent_id"],
-        hypernym=row["hypernym"] or None,
-        pose=pose,  # type: ignore[arg-type]  # checked above
-        dims=parse_dims(row["dims"], where) if row["dims"] else None,
-        aliases=tuple(filter(None, row["aliases"].split("; "))),
-        placed_by=row["placed_by"],
-    )
+def _leaf_rows(file: Path) -> Iterator[Leaf]:
+    for place, row in table_rows(file, _LEAVES):
+        with in_file(place, BadLevels):
+            cells = {
+                "hypernym": row["hypernym"] or None,
+                "pose": row["pose"] or None,
+                "dims": parse_dims(row["dims"]) if row["dims"] else None,
+                "aliases": list(filter(None, row["aliases"].split("; "))),
+            }
+            yield record_of(row | cells, Leaf, cells=True)
 
 
 def _above(concept: str, words: Concepts) -> str | None:

@@ -14,7 +14,9 @@ from functools import cache
 from pathlib import Path
 
 from crawler.items import RawItem
+from metric_base.faults import Words, in_file
 from metric_base.folders import taxonomy_directory
+from metric_base.schema import expect
 from taxonomy.levels import DIMENSIONS, BadLevels, table_rows
 
 __all__ = [
@@ -103,18 +105,20 @@ def curated_items() -> Iterator[RawItem]:
 
 @cache
 def _ranges(file: Path) -> tuple[CuratedRange, ...]:
-    return tuple(_range(row, where) for where, row in table_rows(file, _COLUMNS))
+    ranges = []
+    for place, row in table_rows(file, _COLUMNS):
+        with in_file(place, BadRange):
+            ranges.append(_range(row))
+    return tuple(ranges)
 
 
-def _range(row: dict[str, str], where: str) -> CuratedRange:
-    values = [[_number(row[f"{axis}_{end}"], f"{where}: {axis}_{end}") for end in _ENDS] for axis in _AXES]
+def _range(row: dict[str, str]) -> CuratedRange:
+    values = [[_number(row, f"{axis}_{end}") for end in _ENDS] for axis in _AXES]
     for axis, ends in zip(_AXES, values, strict=True):
         known = [end for end in ends if end is not None]
-        if len(known) not in {0, 3} or known != sorted(known):
-            raise BadRange(f"{where}: {axis}: expected low, typical and high in order, or none; found {ends}")
+        expect(len(known) in {0, 3} and known == sorted(known), axis, "low, typical and high in order, or none", ends)
     low, typical, high = zip(*values, strict=True)
-    if not any(typical) or not row["reason"]:
-        raise BadRange(f"{where}: {row['node_id']}: expected at least one axis and a reason; found none")
+    expect(bool(any(typical) and row["reason"]), row["node_id"], "at least one axis and a reason", Words("none"))
     return CuratedRange(
         node_id=row["node_id"],
         low=low,
@@ -126,15 +130,16 @@ def _range(row: dict[str, str], where: str) -> CuratedRange:
     )
 
 
-def _number(cell: str, where: str) -> float | None:
+def _number(row: dict[str, str], column: str) -> float | None:
+    """Millimetres of a cell, None of an empty one."""
+    cell = row[column]
     if not cell:
         return None
     try:
         value = float(cell)
     except ValueError:
         value = 0.0
-    if not 0 < value < float("inf"):
-        raise BadRange(f"{where}: expected millimetres; found {cell!r}")
+    expect(0 < value < float("inf"), column, "millimetres", cell)
     return value
 
 

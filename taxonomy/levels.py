@@ -12,10 +12,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
-from typing import get_args
 
-from metric_base.faults import InputFault
+from metric_base.faults import InputFault, Words, in_file
 from metric_base.folders import taxonomy_directory
+from metric_base.schema import expect, record_of
 from taxonomy.categories import Pose
 
 __all__ = [
@@ -64,21 +64,21 @@ class Levels:
 
     Raises
     ------
-    BadLevels
+    FieldFault
         An id or a claim occurs twice, a parent is missing or not one level above, or there is not one root.
     """
 
-    def __init__(self, nodes: Iterable[InnerNode], where: str = "levels") -> None:
+    def __init__(self, nodes: Iterable[InnerNode]) -> None:
         self.nodes: dict[str, InnerNode] = {}
         for node in nodes:
-            _expect(node.node_id not in self.nodes, f"{where}: node_id", "a new id", node.node_id)
+            expect(node.node_id not in self.nodes, "node_id", "a new id", node.node_id)
             above = self.nodes[node.parent_id].level if node.parent_id in self.nodes else 0
-            _expect(node.level == above + 1 <= KIND, f"{where}: {node.node_id}: level", f"{above + 1}", node.level)
+            expect(node.level == above + 1 <= KIND, f"{node.node_id}: level", f"{above + 1}", node.level)
             self.nodes[node.node_id] = node
         roots = [node.node_id for node in self.nodes.values() if node.level == 1]
-        _expect(len(roots) == 1, f"{where}: level", "one root", roots)
+        expect(len(roots) == 1, "level", "one root", roots)
         claims = [claim for node in self.nodes.values() for claim in node.claims]
-        _expect(len(claims) == len(set(claims)), f"{where}: claims", "each once", sorted(_duplicates(claims)))
+        expect(len(claims) == len(set(claims)), "claims", "each once", sorted(_duplicates(claims)))
 
     @cached_property
     def kinds(self) -> tuple[InnerNode, ...]:
@@ -123,7 +123,8 @@ def frozen_levels(path: Path | None = None) -> Levels:
         The file breaks a rule of `Levels` or a cell is not what it must be.
     """
     file = path or taxonomy_directory() / _FILE
-    return Levels((_inner(row, where) for where, row in table_rows(file, _COLUMNS)), where=str(file))
+    with in_file(file, BadLevels):
+        return Levels(_inner_nodes(file))
 
 
 @cache
@@ -151,38 +152,27 @@ def table_rows(file: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[s
         with file.open(encoding="utf-8", newline="") as lines:
             reader = csv.DictReader(lines)
             missing = sorted(set(columns) - set(reader.fieldnames or ()))
-            _expect(not missing, f"{file}: header", f"columns {', '.join(columns)}", f"no {', '.join(missing)}")
+            with in_file(file, BadLevels):
+                expect(not missing, "header", f"columns {', '.join(columns)}", Words(f"no {', '.join(missing)}"))
             for row in reader:
                 yield f"{file}:{reader.line_num}", {name: row[name] or "" for name in columns}
     except OSError as error:
         raise BadLevels(f"{file}: expected a table; found {error.strerror}") from None
 
 
-def _inner(row: dict[str, str], where: str) -> InnerNode:
-    _expect(row["level"].isdecimal(), f"{where}: level", "a number", row["level"])
-    _expect(row["pose"] in get_args(Pose), f"{where}: pose", f"one of {get_args(Pose)}", row["pose"])
-    return InnerNode(
-        node_id=row["node_id"],
-        name=row["name"],
-        level=int(row["level"]),
-        parent_id=row["parent_id"] or None,
-        pose=row["pose"],  # type: ignore[arg-type]  # checked above
-        dims=parse_dims(row["dims"], where),
-        claims=tuple(row["claims"].split()),
-    )
+def _inner_nodes(file: Path) -> Iterator[InnerNode]:
+    for place, row in table_rows(file, _COLUMNS):
+        cells = {"parent_id": row["parent_id"] or None, "claims": row["claims"].split()}
+        with in_file(place, BadLevels):
+            yield record_of(row | cells | {"dims": parse_dims(row["dims"])}, InnerNode, cells=True)
 
 
-def parse_dims(letters: str, where: str) -> tuple[str, ...]:
-    """Names of the dimensions of a cell such as `LH`."""
-    _expect(bool(letters) and set(letters) <= set(DIMENSIONS), f"{where}: dims", "letters of LWH", letters)
+def parse_dims(letters: str) -> tuple[str, ...]:
+    """Names of the dimensions of a cell such as `LH`; FieldFault if it has other letters."""
+    expect(bool(letters) and set(letters) <= set(DIMENSIONS), "dims", "letters of LWH", letters)
     return tuple(DIMENSIONS[letter] for letter in letters)
 
 
 def _duplicates(values: Sequence[str]) -> set[str]:
     seen: set[str] = set()
     return {value for value in values if value in seen or seen.add(value)}  # type: ignore[func-returns-value]
-
-
-def _expect(holds: bool, name: str, expected: str, found: object) -> None:
-    if not holds:
-        raise BadLevels(f"{name}: expected {expected}; found {found!r}")

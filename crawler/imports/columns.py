@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from crawler.imports.declaration import Table
-from metric_base.faults import InputFault
+from metric_base.faults import FieldFault, InputFault, Words
 
 __all__ = ["FIELD", "MissingColumn", "expect_columns"]
 
@@ -22,19 +21,19 @@ class MissingColumn(InputFault):
     """A file lacks a declared column: another table, or a later form of it, that would yield nothing or nonsense."""
 
 
-def expect_columns(table: Table, path: Path, header: Sequence[str]) -> None:
+def expect_columns(table: Table, header: Sequence[str]) -> None:
     """See that the header has every column that the declaration reads.
 
     Raises
     ------
-    MissingColumn
-        One is missing; the message names the file, those that are missing and those that there are.
+    FieldFault
+        One is missing: it names those that are missing and those that there are.
     """
     known = _GIVEN.union(table.read, header)
     missing = sorted({column for column in _named_columns(table) if column not in known})
     if missing:
         present = ", ".join(map(repr, header))[:200]
-        raise MissingColumn(f"{path}: columns: expected {', '.join(map(repr, missing))}; found {present}")
+        raise FieldFault("columns", ", ".join(map(repr, missing)), Words(present))
 
 
 def _named_columns(table: Table) -> Iterator[str]:

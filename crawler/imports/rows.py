@@ -12,7 +12,7 @@ from typing import Any
 
 from crawler.imports.columns import MissingColumn, expect_columns
 from crawler.imports.declaration import Table
-from metric_base.faults import InputFault
+from metric_base.faults import InputFault, in_file
 
 __all__ = ["BadTable", "Row", "flat", "record_rows", "rows", "yaml_document"]
 
@@ -41,7 +41,8 @@ def rows(table: Table, path: Path) -> Iterator[Row]:
         table.format
     ]
     try:
-        yield from read(table, path)
+        with in_file(path, MissingColumn):
+            yield from read(table, path)
     except MissingColumn:
         raise
     except (csv.Error, ValueError, LookupError, TypeError) as error:
@@ -100,7 +101,7 @@ def _csv(table: Table, path: Path) -> Iterator[Row]:
         header = list(table.columns) or [name.strip() for name in next(reader, [])]
         if not header:
             raise BadTable(f"{path}: expected a header line; found an empty file")
-        expect_columns(table, path, header)
+        expect_columns(table, header)
         for cells in reader:
             if any(cell.strip() for cell in cells):
                 yield dict(zip(header, (cell.strip() for cell in cells), strict=False))
@@ -141,7 +142,7 @@ def _xls(table: Table, path: Path) -> Iterator[Row]:
         raise BadTable(f"{path}: expected an Excel file (.xls); found {_one_line(error)}") from None
     lines = [[_excel_text(cell) for cell in sheet.row_values(i)] for i in range(sheet.nrows)]
     header = list(table.columns) or [" ".join(name.split()) for name in lines[table.skip_lines]]
-    expect_columns(table, path, header)
+    expect_columns(table, header)
     for cells in lines[table.skip_lines + (0 if table.columns else 1) :]:
         yield dict(zip(header, cells, strict=False))
 

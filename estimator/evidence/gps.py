@@ -18,7 +18,7 @@ from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault, Words
+from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
 
 if TYPE_CHECKING:
     from estimator.geometry.measurement import Measurements
@@ -99,17 +99,19 @@ def _table_positions(file: Path, scene: Scene) -> dict[int, FloatArray]:
         cells = {(key or "").strip().lower(): value for key, value in record.items()}
         row = rows.row(str(cells["name"] or "").strip())
         if row is not None:
-            values[row] = _numbers(file, number, [cells[column] for column in columns])
+            with in_file(file), at_field(f"line {number}"):
+                values[row] = _numbers([cells[column] for column in columns])
     return _in_metres(values, geodetic=columns[0] == "lat")
 
 
-def _numbers(file: Path, line: int, cells: Iterable[Any]) -> list[float]:
+def _numbers(cells: Iterable[Any]) -> list[float]:
+    """Three finite numbers; FieldFault where they are not."""
     try:
         numbers = [float(cell) for cell in cells]
     except (TypeError, ValueError):
-        raise InputFault.at(file, f"line {line}", "three numbers after the name", list(cells)) from None
+        raise FieldFault("", "three numbers after the name", list(cells)) from None
     if not all(math.isfinite(number) for number in numbers):
-        raise InputFault.at(file, f"line {line}", "finite numbers", numbers)
+        raise FieldFault("", "finite numbers", numbers)
     return numbers
 
 

@@ -20,7 +20,7 @@ from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_re
 from estimator.reconstructions.ply import ply_layout, read_visibility, visibility_bytes
 from estimator.records.scene import Scene
 from metric_base.arrays import IntArray
-from metric_base.faults import InputFault
+from metric_base.faults import InputFault, in_file
 from metric_base.files import whole_folder
 
 __all__ = ["TRANSFORM", "write_scaled"]
@@ -91,7 +91,8 @@ def _write_cloud(source: Path, scale: float, target: Path) -> None:
     """A PLY file with its positions scaled."""
     target.parent.mkdir(parents=True, exist_ok=True)
     data = read_bytes(source)
-    layout = ply_layout(source, data)
+    with in_file(source):
+        layout = ply_layout(data)
     if layout.format == "ascii":
         target.write_bytes(
             _scaled_ascii(data, layout.body, layout.skipped, layout.count, layout.vertex.names or (), scale)
@@ -110,7 +111,8 @@ def _write_visibility(source: Path, file_views: IntArray | None, n_views: int, t
     if file_views is None:
         shutil.copyfile(beside, written)
         return
-    n_points = ply_layout(source, read_bytes(source)).count
+    with in_file(source):
+        n_points = ply_layout(read_bytes(source)).count
     offsets, views = read_visibility(beside, n_points, n_views)
     written.write_bytes(visibility_bytes(offsets, file_views[views]))
 

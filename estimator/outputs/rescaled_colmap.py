@@ -12,7 +12,7 @@ import numpy as np
 from estimator.reconstructions.checked_files import ByteReader, read_text
 from estimator.reconstructions.colmap_binary import image_places, point_places
 from metric_base.arrays import IntArray
-from metric_base.faults import InputFault, Words
+from metric_base.faults import FieldFault, Words, at_field, in_file
 
 __all__ = ["write_scaled_colmap"]
 
@@ -101,7 +101,8 @@ def _scaled_text(file: Path, part: str, scale: float) -> str:
         if line.lstrip().startswith("#") or not (line.strip() or is_keypoints):
             continue
         if not is_keypoints:
-            lines[row] = _scaled_line(file, row + 1, line, part, scale)
+            with in_file(file), at_field(f"line {row + 1}"):
+                lines[row] = _scaled_line(line, part, scale)
         is_keypoints = part == "images" and not is_keypoints
     return "\n".join(lines)
 
@@ -126,7 +127,7 @@ _TEXT_PLACES: dict[str, tuple[int, Callable[[list[str]], list[int]]]] = {
 }
 
 
-def _scaled_line(file: Path, number: int, line: str, part: str, scale: float) -> str:
+def _scaled_line(line: str, part: str, scale: float) -> str:
     splits, columns = _TEXT_PLACES[part]
     words = line.split(None, splits)
     try:
@@ -134,5 +135,5 @@ def _scaled_line(file: Path, number: int, line: str, part: str, scale: float) ->
             words[column] = repr(float(words[column]) * scale)
     except (ValueError, IndexError):
         record = Words(" ".join(words))
-        raise InputFault.at(file, f"line {number}", "a record of COLMAP's text form", record) from None
+        raise FieldFault("", "a record of COLMAP's text form", record) from None
     return " ".join(words)

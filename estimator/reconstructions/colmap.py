@@ -13,8 +13,9 @@ from estimator.reconstructions.colmap_binary import read_binary_model
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.reconstructions.colmap_text import read_text_model
 from estimator.records.scene import MAX_COORDINATE, Scene, View
-from metric_base.arrays import IntArray
-from metric_base.faults import InputFault, Words
+from metric_base.arrays import FloatArray, IntArray
+from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.schema import expect
 
 __all__ = ["colmap_folder", "model_suffix", "read_colmap"]
 
@@ -52,12 +53,14 @@ def read_colmap(folder: Path, path: Path | None = None) -> Scene:
     suffix = model_suffix(folder) or ".bin"
     model = read_binary_model(folder) if suffix == ".bin" else read_text_model(folder)
     images_file, points_file = folder / f"images{suffix}", folder / f"points3D{suffix}"
-    if not model.images:
-        raise InputFault.at(images_file, "images", "at least one registered image", 0)
-    _check_unique(images_file, "image id", [image.id for image in model.images])
-    _check_unique(images_file, "image name", [image.name for image in model.images])
-    rows_of = _point_rows(points_file, model)
-    views = tuple(_view(images_file, image, model, rows_of) for image in model.images)
+    with in_file(images_file):
+        expect(bool(model.images), "images", "at least one registered image", 0)
+        _check_unique("image id", [image.id for image in model.images])
+        _check_unique("image name", [image.name for image in model.images])
+    with in_file(points_file):
+        rows_of = _point_rows(model)
+    with in_file(images_file):
+        views = tuple(_view(image, model, rows_of, suffix) for image in model.images)
     return Scene(
         path=path or folder,
         format="colmap-binary" if suffix == ".bin" else "colmap-text",
@@ -67,25 +70,25 @@ def read_colmap(folder: Path, path: Path | None = None) -> Scene:
     )
 
 
-def _check_unique(file: Path, field: str, values: Iterable[object]) -> None:
+def _check_unique(field: str, values: Iterable[object]) -> None:
     seen: set[object] = set()
     for value in values:
         if value in seen:
-            raise InputFault.at(file, field, "each one once", Words(f"{value!r} twice"))
+            raise FieldFault(field, "each one once", Words(f"{value!r} twice"))
         seen.add(value)
 
 
-def _point_rows(file: Path, model: ColmapModel) -> Callable[[IntArray], IntArray]:
+def _point_rows(model: ColmapModel) -> Callable[[IntArray], IntArray]:
     """What maps (m,) point ids to their rows, -1 for ids that are none, after the checks every point must pass."""
     faulty = ~(np.abs(model.points) < MAX_COORDINATE).all(axis=1)
     if faulty.any():
         row = int(faulty.argmax())
         expected = f"finite coordinates below {MAX_COORDINATE:g}"
-        raise InputFault.at(file, f"point {model.point_ids[row]}", expected, model.points[row].tolist())
+        raise FieldFault(f"point {model.point_ids[row]}", expected, model.points[row].tolist())
     order = np.argsort(model.point_ids, kind="stable")
     ids = model.point_ids[order]
     if (ids[1:] == ids[:-1]).any():
-        raise InputFault.at(file, "point id", "each one once", Words(f"{ids[1:][ids[1:] == ids[:-1]][0]} twice"))
+        raise FieldFault("point id", "each one once", Words(f"{ids[1:][ids[1:] == ids[:-1]][0]} twice"))
     if len(ids) and (ids[0] < 0 or ids[-1] > MAX_ID_SPREAD * (len(ids) + 1)):
         return partial(_searched_rows, ids, order)
     table = np.full(int(ids[-1]) + 1 if len(ids) else 0, -1, dtype=np.int64)
@@ -107,23 +110,36 @@ def _searched_rows(sorted_ids: IntArray, order: IntArray, ids: IntArray) -> IntA
     return np.where(sorted_ids[places] == ids, order[places], -1)
 
 
-def _view(file: Path, image: ColmapImage, model: ColmapModel, rows_of: Callable[[IntArray], IntArray]) -> View:
-    field = f"image {image.name!r}"
+def _view(image: ColmapImage, model: ColmapModel, rows_of: Callable[[IntArray], IntArray], suffix: str) -> View:
+    """The view of an image; `suffix` is that of the model's files, for faults."""
+    with at_field(f"image {image.name!r}"):
+        _check_pose(image, model, suffix)
+        rows, keypoints = _observations(image, rows_of, suffix)
+    rotation = Rotation.from_quat(image.quaternion, scalar_first=True).as_matrix()
+    return View(image.name, model.cameras[image.camera_id], rotation, image.translation, keypoints, rows)
+
+
+def _check_pose(image: ColmapImage, model: ColmapModel, suffix: str) -> None:
     if image.camera_id not in model.cameras:
-        camera = Words(f"{image.camera_id}, which cameras{file.suffix} lacks")
-        raise InputFault.at(file, f"{field} camera id", "a camera of the model", camera)
+        camera = Words(f"{image.camera_id}, which cameras{suffix} lacks")
+        raise FieldFault("camera id", "a camera of the model", camera)
     pose = np.concatenate([image.quaternion, image.translation])
     if not (np.abs(pose) < MAX_COORDINATE).all():
-        raise InputFault.at(file, f"{field} pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
+        raise FieldFault("pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
     if abs(np.linalg.norm(image.quaternion) - 1) > QUATERNION_TOLERANCE:
-        raise InputFault.at(file, f"{field} rotation", "a quaternion of length 1", image.quaternion.tolist())
+        raise FieldFault("rotation", "a quaternion of length 1", image.quaternion.tolist())
+
+
+def _observations(
+    image: ColmapImage, rows_of: Callable[[IntArray], IntArray], suffix: str
+) -> tuple[IntArray, FloatArray]:
+    """Rows (k,) of the points that the image observes, and their pixels (k, 2)."""
     seen = image.point_ids >= 0
     ids, keypoints = image.point_ids[seen], image.keypoints[seen]
     rows = rows_of(ids)
     if (rows < 0).any():
-        point = Words(f"{ids[rows < 0][0]}, which points3D{file.suffix} lacks")
-        raise InputFault.at(file, f"{field} point id", "a point of the model", point)
+        point = Words(f"{ids[rows < 0][0]}, which points3D{suffix} lacks")
+        raise FieldFault("point id", "a point of the model", point)
     if not np.isfinite(keypoints).all():
-        raise InputFault.at(file, f"{field} keypoints", "finite pixels", Words("NaN or infinity"))
-    rotation = Rotation.from_quat(image.quaternion, scalar_first=True).as_matrix()
-    return View(image.name, model.cameras[image.camera_id], rotation, image.translation, keypoints, rows)
+        raise FieldFault("keypoints", "finite pixels", Words("NaN or infinity"))
+    return rows, keypoints

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.reconstructions.checked_files import ByteReader
 from estimator.records.scene import MAX_COORDINATE, DenseCloud
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import InputFault, Words
+from metric_base.faults import FieldFault, InputFault, Words, in_file
 
 __all__ = ["dense_file", "ply_layout", "read_dense_cloud", "read_points", "read_visibility", "visibility_bytes"]
 
@@ -84,21 +84,24 @@ def read_visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, 
     The numbers are positions of the images in the model's file. InputFault where it does not fit the cloud or the
     model.
     """
-    reader = ByteReader(path)
+    with in_file(path):
+        return _visibility(ByteReader(path), n_points, n_views)
+
+
+def _visibility(reader: ByteReader, n_points: int, n_views: int) -> tuple[IntArray, IntArray]:
+    """Offsets (n + 1,) and views (m,) of the bytes of a visibility file."""
     n = reader.count("number of points", 4)
     if n != n_points:
-        raise InputFault.at(path, "number of points", f"{n_points} as in the cloud", n)
+        raise FieldFault("number of points", f"{n_points} as in the cloud", n)
     if reader.remaining % 4:
-        raise InputFault.at(
-            path, "size", "whole numbers of 4 bytes", Words(f"{reader.remaining} bytes after the count")
-        )
+        raise FieldFault("size", "whole numbers of 4 bytes", Words(f"{reader.remaining} bytes after the count"))
     words = reader.rows("<u4", reader.remaining // 4, "visibility")
-    places = _list_places(path, words, n)
+    places = _list_places(words, n)
     listed = np.ones(len(words), dtype=bool)
     listed[places] = False
     views = words[listed].astype(np.int64)
     if len(views) and views.max() >= n_views:
-        raise InputFault.at(path, "image", f"positions below {n_views}, the number of images", int(views.max()))
+        raise FieldFault("image", f"positions below {n_views}, the number of images", int(views.max()))
     return np.concatenate([[0], np.cumsum(words[places], dtype=np.int64)]), views
 
 
@@ -108,99 +111,104 @@ def visibility_bytes(offsets: IntArray, views: IntArray) -> bytes:
     return np.uint64(len(offsets) - 1).tobytes() + words.astype("<u4").tobytes()
 
 
-def _list_places(path: Path, words: np.ndarray[tuple[int], np.dtype[np.uint32]], n: int) -> IntArray:
+def _list_places(words: np.ndarray[tuple[int], np.dtype[np.uint32]], n: int) -> IntArray:
     """(n,) where each point's length stands: the one walk that the layout forces."""
     places = np.empty(n, dtype=np.int64)
     lengths, end, place = memoryview(words.tobytes()).cast("I"), len(words), 0
     for row in range(n):
         if place >= end:
-            raise InputFault.at(path, f"point {row}", "a list of images", Words("the end of the file"))
+            raise FieldFault(f"point {row}", "a list of images", Words("the end of the file"))
         places[row] = place
         place += 1 + lengths[place]
     if place != end:
-        raise InputFault.at(path, "size", f"{4 * place} bytes of lists", Words(f"{4 * end}"))
+        raise FieldFault("size", f"{4 * place} bytes of lists", Words(f"{4 * end}"))
     return places
 
 
-def ply_layout(path: Path, data: bytes) -> PlyLayout:
-    """What the header promises, checked against the bytes that are there."""
+def ply_layout(data: bytes) -> PlyLayout:
+    """What the header promises; FieldFault where it is no header, or promises more bytes than there are."""
     end = data.find(b"end_header", 0, MAX_HEADER_BYTES)
     line_end = data.find(b"\n", end)
     if not data.startswith(b"ply") or end < 0 or line_end < 0:
-        raise InputFault.at(path, "header", "ply ... end_header", data[:20])
+        raise FieldFault("header", "ply ... end_header", data[:20])
     lines = [line.split() for line in data[:end].decode("ascii", "replace").splitlines()[1:]]
     form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
     if form not in _BYTE_ORDERS:
-        raise InputFault.at(path, "format", f"one of {', '.join(_BYTE_ORDERS)}", form)
-    elements = _elements(path, [line for line in lines if line[:1] in (["element"], ["property"])])
+        raise FieldFault("format", f"one of {', '.join(_BYTE_ORDERS)}", form)
+    elements = _elements([line for line in lines if line[:1] in (["element"], ["property"])])
     names = [name for name, _, _ in elements]
     if "vertex" not in names:
-        raise InputFault.at(path, "elements", "a vertex element", names)
+        raise FieldFault("elements", "a vertex element", names)
     before, (_, count, properties) = elements[: names.index("vertex")], elements[names.index("vertex")]
     if any(kind is None for _, _, kinds in [*before, elements[len(before)]] for kind, _ in kinds):
-        raise InputFault.at(path, "vertex", "scalar properties", Words("a list property"))
-    vertex = _record(path, form, properties)
+        raise FieldFault("vertex", "scalar properties", Words("a list property"))
+    vertex = _record(form, properties)
     if not {"x", "y", "z"} <= set(vertex.names or ()):
-        raise InputFault.at(path, "vertex", "properties x, y and z", [name for _, name in properties])
+        raise FieldFault("vertex", "properties x, y and z", [name for _, name in properties])
     if form == "ascii":
         skipped, smallest = sum(n for _, n, _ in before), 2 * len(properties)
     else:
-        skipped, smallest = sum(n * _record(path, form, kinds).itemsize for _, n, kinds in before), vertex.itemsize
+        skipped, smallest = sum(n * _record(form, kinds).itemsize for _, n, kinds in before), vertex.itemsize
     body = line_end + 1
     left = len(data) - body - (0 if form == "ascii" else skipped) + (form == "ascii")
     if count * smallest > left:
-        raise InputFault.at(path, "number of vertices", f"at most {max(left, 0) // smallest} (the file's rest)", count)
+        raise FieldFault("number of vertices", f"at most {max(left, 0) // smallest} (the file's rest)", count)
     return PlyLayout(form, vertex, count, body, skipped)
 
 
-def _elements(path: Path, lines: list[list[str]]) -> list[tuple[str, int, list[tuple[str | None, str]]]]:
+def _elements(lines: list[list[str]]) -> list[tuple[str, int, list[tuple[str | None, str]]]]:
     """Name, count and properties (type, None for a list, and name) of each element."""
     elements: list[tuple[str, int, list[tuple[str | None, str]]]] = []
     for words in lines:
         if words[0] == "element":
             if len(words) != 3 or not words[2].isdecimal() or len(words[2]) > 18:
-                raise InputFault.at(path, "element", "a name and a count", " ".join(words))
+                raise FieldFault("element", "a name and a count", " ".join(words))
             elements.append((words[1], int(words[2]), []))
         elif not elements or len(words) < 3:
-            raise InputFault.at(path, "property", "a type and a name within an element", " ".join(words))
+            raise FieldFault("property", "a type and a name within an element", " ".join(words))
         elif words[1] == "list":
             elements[-1][2].append((None, words[-1]))
         elif words[1] not in _TYPES:
-            raise InputFault.at(path, f"property {words[2]!r}", "a PLY type", words[1])
+            raise FieldFault(f"property {words[2]!r}", "a PLY type", words[1])
         else:
             elements[-1][2].append((_TYPES[words[1]], words[2]))
     return elements
 
 
-def _record(path: Path, form: str, properties: list[tuple[str | None, str]]) -> np.dtype[np.void]:
+def _record(form: str, properties: list[tuple[str | None, str]]) -> np.dtype[np.void]:
     names = [name for _, name in properties]
     if len(set(names)) != len(names):
-        raise InputFault.at(path, "properties", "each name once", names)
+        raise FieldFault("properties", "each name once", names)
     return np.dtype([(name, _BYTE_ORDERS[form] + str(kind)) for kind, name in properties])
 
 
 def read_points(path: Path) -> FloatArray:
     """(n, 3) positions of the vertices."""
-    reader = ByteReader(path)
-    layout = ply_layout(path, reader.data)
+    with in_file(path):
+        return _points(ByteReader(path))
+
+
+def _points(reader: ByteReader) -> FloatArray:
+    """(n, 3) positions of the vertices in a file's bytes."""
+    layout = ply_layout(reader.data)
     if not layout.count:
-        raise InputFault.at(path, "number of vertices", "at least one", 0)
+        raise FieldFault("number of vertices", "at least one", 0)
     if layout.format == "ascii":
-        return _ascii_points(path, reader.data, layout)
+        return _ascii_points(reader.data, layout)
     reader.place = layout.body + layout.skipped
     rows = reader.rows(layout.vertex, layout.count, "vertices")
     with np.errstate(invalid="ignore"):
         return np.column_stack([rows[axis].astype(np.float64) for axis in "xyz"])
 
 
-def _ascii_points(path: Path, data: bytes, layout: PlyLayout) -> FloatArray:
+def _ascii_points(data: bytes, layout: PlyLayout) -> FloatArray:
     """(n, 3) positions of the vertices of an ASCII file."""
     names = list(layout.vertex.names or ())
     lines = data[layout.body :].decode("ascii", "replace").split("\n")[layout.skipped : layout.skipped + layout.count]
     try:
         points = np.loadtxt(lines, dtype=np.float64, usecols=[names.index(axis) for axis in "xyz"], ndmin=2)
     except ValueError as fault:
-        raise InputFault.at(path, "vertices", f"{len(names)} numbers a line", Words(str(fault))) from None
+        raise FieldFault("vertices", f"{len(names)} numbers a line", Words(str(fault))) from None
     if len(points) != layout.count:
-        raise InputFault.at(path, "vertices", f"{layout.count} lines", Words(f"{len(points)}"))
+        raise FieldFault("vertices", f"{layout.count} lines", Words(f"{len(points)}"))
     return points

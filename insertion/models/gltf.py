@@ -16,7 +16,8 @@ import numpy as np
 
 from insertion.models.model import Material, Model, Part, Pixels
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault
+from metric_base.faults import FieldFault, InputFault, Words, in_file
+from metric_base.schema import expect
 
 __all__ = ["read_model"]
 
@@ -33,56 +34,49 @@ def read_model(path: Path) -> Model:
         raise InputFault(
             f"{path}: expected a glTF file (.glb or .gltf); found {'a folder' if path.is_dir() else 'none'}"
         )
-    header, binary = _header(path)
-    _check(path, header)
+    with in_file(path):
+        header, binary = _header(path.read_bytes())
     try:
         scene = _trimesh_scene(path, _number_materials(header), binary)
         parts = tuple(_parts(scene, header))
     except (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError) as fault:
         raise InputFault(f"{path}: expected a readable glTF 2.0 file; found {type(fault).__name__}: {fault}") from fault
-    _check_parts(path, parts)
+    with in_file(path):
+        _check_parts(parts)
     return Model(path.name, parts, tuple(_warnings(header)))
 
 
-def _header(path: Path) -> tuple[dict[str, Any], bytes]:
-    """The JSON of the file, and the binary chunk that follows it in a GLB."""
-    data = path.read_bytes()
+def _header(data: bytes) -> tuple[dict[str, Any], bytes]:
+    """The JSON of a file, and the binary chunk that follows it in a GLB; FieldFault where it cannot be read here."""
     if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _MAGIC:
         length, kind = struct.unpack_from("<II", data, 12)
-        if kind != _JSON or 20 + length > len(data):
-            raise InputFault(f"{path}: chunk 0: expected JSON of {length} bytes; found a file of {len(data)} bytes")
+        whole = kind == _JSON and 20 + length <= len(data)
+        expect(whole, "chunk 0", f"JSON of {length} bytes", Words(f"a file of {len(data)} bytes"))
         text, binary = data[20 : 20 + length], data[20 + length :]
     else:
         text, binary = data, b""
     try:
         header = json.loads(text)
-    except ValueError as fault:
-        raise InputFault(f"{path}: expected glTF 2.0 (.glb or .gltf); found neither: {fault}") from None
-    if not isinstance(header, dict) or not isinstance(header.get("asset"), dict):
-        raise InputFault(f"{path}: asset: expected the record of a glTF file; found none")
+    except (ValueError, RecursionError) as fault:
+        raise FieldFault("content", "glTF 2.0 (.glb or .gltf)", Words(f"neither: {fault}")) from None
+    asset = header.get("asset") if isinstance(header, dict) else None
+    expect(isinstance(asset, dict), "asset", "the record of a glTF file", asset)
+    version = str(header["asset"].get("version"))
+    expect(version.startswith("2."), "asset.version", "2.x", version)
+    unread = [name for name in header.get("extensionsRequired", []) if name in _UNREAD]
+    expect(not unread, "extensionsRequired", "an uncompressed file", Words(", ".join(unread)))
     return header, binary
 
 
-def _check(path: Path, header: dict[str, Any]) -> None:
-    version = str(header["asset"].get("version"))
-    if not version.startswith("2."):
-        raise InputFault(f"{path}: asset.version: expected 2.x; found {version!r}")
-    unread = [name for name in header.get("extensionsRequired", []) if name in _UNREAD]
-    if unread:
-        raise InputFault(f"{path}: extensionsRequired: expected an uncompressed file; found {', '.join(unread)}")
-
-
-def _check_parts(path: Path, parts: tuple[Part, ...]) -> None:
+def _check_parts(parts: tuple[Part, ...]) -> None:
     triangles = sum(len(part.faces) for part in parts)
-    if not triangles:
-        raise InputFault(f"{path}: meshes: expected at least one triangle; found none")
-    if triangles > MAX_TRIANGLES:
-        raise InputFault(f"{path}: meshes: expected at most {MAX_TRIANGLES} triangles; found {triangles}")
-    if not all(np.isfinite(part.vertices).all() for part in parts):
-        raise InputFault(f"{path}: POSITION: expected finite numbers; found others")
+    expect(triangles > 0, "meshes", "at least one triangle", Words("none"))
+    expect(triangles <= MAX_TRIANGLES, "meshes", f"at most {MAX_TRIANGLES} triangles", triangles)
+    finite = all(np.isfinite(part.vertices).all() for part in parts)
+    expect(finite, "POSITION", "finite numbers", Words("others"))
     corners = np.concatenate([part.vertices for part in parts])
-    if (corners.max(axis=0) - corners.min(axis=0)).max() <= 0:
-        raise InputFault(f"{path}: POSITION: expected a body with an extent; found a single point")
+    extent = (corners.max(axis=0) - corners.min(axis=0)).max()
+    expect(extent > 0, "POSITION", "a body with an extent", Words("a single point"))
 
 
 def _warnings(header: dict[str, Any]) -> list[str]:

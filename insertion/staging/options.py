@@ -5,12 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import msgspec
+
 from insertion.places.request import At
+from insertion.records.result import ScaleUsed
+from metric_base.faults import InputFault, in_file
+from metric_base.schema import expect, json_record
 
 __all__ = ["ObjectRequest", "ScaleUsed", "read_scale"]
 
-from insertion.records.result import ScaleUsed
-from metric_base.faults import InputFault
+#: The major version of a result that is read here.
+SCALE_SCHEMA = "metric-tree/scale/1"
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +37,28 @@ class ObjectRequest:
     category: str | None = None
 
 
+class _Interval(msgspec.Struct):
+    low: float | None = None
+    high: float | None = None
+
+
+class _Result(msgspec.Struct):
+    """What is read of a result of estimate-scale."""
+
+    schema: str
+    status: str = ""
+    scale: float | None = None
+    interval: _Interval | None = None
+
+    def __post_init__(self) -> None:
+        expect(self.schema.startswith(SCALE_SCHEMA), "schema", SCALE_SCHEMA, self.schema)
+
+
 def read_scale(folder: Path, stated: float | None) -> ScaleUsed:
     """The scale that `--scale` states, else that of `result.json` in the folder.
 
     Raises InputFault where there is neither, or the result is not resolved.
     """
-    import json
-
     if stated is not None:
         if not 0 < stated < float("inf"):
             raise InputFault(f"--scale: expected metres per scene unit, above 0; found {stated}")
@@ -47,17 +67,10 @@ def read_scale(folder: Path, stated: float | None) -> ScaleUsed:
     if not file.is_file():
         how = f"--scale METRES_PER_UNIT, or {file} (estimate-scale {folder} --output {file})"
         raise InputFault(f"{folder}: scale: expected {how}; found neither")
-    try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-        if not str(record["schema"]).startswith("metric-tree/scale/1"):
-            raise InputFault(f"{file}: schema: expected metric-tree/scale/1; found {record['schema']!r}")
-        if record["status"] != "resolved" or record["scale"] is None:
-            raise InputFault(f"{file}: status: expected resolved; found {record['status']!r} (state --scale)")
-        interval = record.get("interval") or {}
-        return ScaleUsed(float(record["scale"]), interval.get("low"), interval.get("high"), "result")
-    except (ValueError, KeyError, TypeError) as fault:
-        if isinstance(fault, InputFault):
-            raise
-        raise InputFault(
-            f"{file}: expected a result of estimate-scale; found {type(fault).__name__}: {fault}"
-        ) from None
+    with in_file(file):
+        result = json_record(file.read_bytes(), _Result)
+        resolved = result.status == "resolved" and result.scale is not None
+        expect(resolved, "status", "resolved (or state --scale)", result.status)
+    assert result.scale is not None
+    interval = result.interval or _Interval()
+    return ScaleUsed(result.scale, interval.low, interval.high, "result")

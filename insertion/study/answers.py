@@ -2,19 +2,38 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal, get_args
+
+import msgspec
 
 from insertion.study.page import ANSWERS_SCHEMA
-from metric_base.faults import InputFault
+from metric_base.faults import InputFault, in_file
+from metric_base.schema import expect, json_record
 
 __all__ = ["ANSWERS", "Answer", "read_answers"]
 
-ANSWERS = ("too small", "right", "too large")
-#: A size changes by less than this factor either way; anything else is no answer of this study.
-_STEP_RANGE = (-90.0, 900.0)
+Judgement = Literal["too small", "right", "too large"]
+ANSWERS: tuple[str, ...] = get_args(Judgement)
+
+
+class _Row(msgspec.Struct):
+    """One answer of the page; a size changes by less than a factor of ten either way."""
+
+    step: Annotated[float, msgspec.Meta(ge=-90, le=900)]
+    answer: Judgement
+
+
+class _Answers(msgspec.Struct):
+    """The file that the page saves."""
+
+    schema: str
+    answers: list[_Row] = []
+    participant: str | None = None
+
+    def __post_init__(self) -> None:
+        expect(self.schema == ANSWERS_SCHEMA, "schema", ANSWERS_SCHEMA, self.schema)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,25 +63,6 @@ def read_answers(path: Path) -> list[Answer]:
 
 
 def _answers_of(file: Path) -> list[Answer]:
-    try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as fault:
-        raise InputFault(f"{file}: expected JSON; found {fault}") from None
-    if not isinstance(document, dict) or document.get("schema") != ANSWERS_SCHEMA:
-        schema = document.get("schema") if isinstance(document, dict) else type(document).__name__
-        raise InputFault(f"{file}: schema: expected {ANSWERS_SCHEMA}; found {schema!r}")
-    rows = document.get("answers")
-    if not isinstance(rows, list):
-        raise InputFault(f"{file}: answers: expected a list; found {type(rows).__name__}")
-    participant = str(document.get("participant"))
-    return [_answer(file, number, participant, row) for number, row in enumerate(rows)]
-
-
-def _answer(file: Path, number: int, participant: str, row: Any) -> Answer:
-    step = row.get("step") if isinstance(row, dict) else None
-    words = row.get("answer") if isinstance(row, dict) else None
-    if isinstance(step, bool) or not isinstance(step, int | float) or not _STEP_RANGE[0] <= step <= _STEP_RANGE[1]:
-        raise InputFault(f"{file}: answers[{number}].step: expected a change in per cent; found {step!r}")
-    if words not in ANSWERS:
-        raise InputFault(f"{file}: answers[{number}].answer: expected one of {', '.join(ANSWERS)}; found {words!r}")
-    return Answer(participant, float(step), str(words))
+    with in_file(file):
+        document = json_record(file.read_bytes(), _Answers)
+    return [Answer(str(document.participant), row.step, row.answer) for row in document.answers]

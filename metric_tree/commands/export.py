@@ -99,14 +99,13 @@ def _nodes(tree: Tree, categories: str | None) -> list[Node]:
         rows = [(reader.line_num, row) for row in reader]
     if not rows or "node" not in rows[0][1]:
         raise InputFault(f"{categories}: columns: expected node, as `metric-tree select --out` writes it; found none")
-    return [_node(tree, row["node"], f"{categories}:{line}") for line, row in rows]
-
-
-def _node(tree: Tree, node_id: str, where: str) -> Node:
-    try:
-        return tree.node(node_id)
-    except InputFault as error:
-        raise InputFault(f"{where}: {error}") from None
+    nodes = []
+    for line, row in rows:
+        try:
+            nodes.append(tree.node(row["node"]))
+        except InputFault as fault:
+            raise InputFault(f"{categories}:{line}: {fault}") from None
+    return nodes
 
 
 def _see_coco(given: Iterable[tuple[Path, Path]]) -> None:

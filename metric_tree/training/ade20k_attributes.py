@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_base.faults import FieldFault, at_field, in_file
 from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations, coded_picture, run_lengths
 
 __all__ = ["files", "picture"]
@@ -37,14 +38,16 @@ def picture(file: Path) -> AnnotatedPicture:
     blue = coded_picture(_beside(file, "_seg.png"))[:, :, 2]
     values = np.unique(blue[blue > 0])
     lines = file.read_bytes().decode("latin-1").splitlines()  # names were typed by hand, and some are no UTF-8
-    objects = [_object(file, row, line, blue, values) for row, line in enumerate(lines, start=1) if line.strip()]
+    objects = []
+    for row, line in enumerate(lines, start=1):
+        if line.strip():
+            with in_file(file, BadAnnotations), at_field(f"line {row}"):
+                objects.append(_object(line, blue, values))
     height, width = blue.shape
     return AnnotatedPicture(_beside(file, ".jpg"), width, height, tuple(one for one in objects if one is not None))
 
 
-def _object(
-    file: Path, row: int, line: str, blue: NDArray[np.int64], values: NDArray[np.int64]
-) -> AnnotatedObject | None:
+def _object(line: str, blue: NDArray[np.int64], values: NDArray[np.int64]) -> AnnotatedObject | None:
     """The object of a line; None for a part, and for one that the picture does not show."""
     columns = [column.strip() for column in line.split("#")]
     try:
@@ -53,7 +56,7 @@ def _object(
         instance, part_level = int(columns[0]), int(columns[1])
     except ValueError:
         expected = "instance # part level # occluded # class names # name # attributes"
-        raise BadAnnotations.at(file, f"line {row}", expected, line) from None
+        raise FieldFault("", expected, line) from None
     if part_level or not 1 <= instance <= len(values):
         return None
     names = dict.fromkeys(name.strip() for name in f"{columns[3]},{columns[4]}".split(",") if name.strip())

@@ -103,8 +103,8 @@ def test_changed_and_missing_files_are_left_out(crawl, tmp_path):
     [
         ('"path": "', '"path": "../../', "path: expected aa/<image_id>.jpg"),
         ("metric-tree/picture/1", "metric-tree/picture/2", "schema: expected metric-tree/picture/1"),
-        ('"width_px": 240', '"width_px": -1', "width_px: expected pixels; found -1"),
-        ('"source_url": "', '"source_url": 7, "x": "', "source_url: expected a string; found 7"),
+        ('"width_px": 240', '"width_px": -1', "width_px: expected pixels, found -1"),
+        ('"source_url": "', '"source_url": 7, "x": "', "source_url: expected a string, found 7"),
         ("{", "", "expected a JSON object"),
     ],
 )

@@ -54,7 +54,7 @@ def test_a_row_reads_as_it_is_written(tmp_path_factory, ends):
     [
         ("3,2,1,,,,,,", "length: expected low, typical and high in order"),
         ("1,2,,,,,,,", "length: expected low, typical and high in order"),
-        ("one,2,3,,,,,,", "length_low: expected millimetres; found 'one'"),
+        ("one,2,3,,,,,,", "length_low: expected millimetres, found 'one'"),
         ("-1,2,3,,,,,,", "length_low: expected millimetres"),
         (",,,,,,,,", "expected at least one axis"),
     ],

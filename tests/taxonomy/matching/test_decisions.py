@@ -98,7 +98,7 @@ def test_a_decision_survives_its_line(subject: str, concept: str | None, why: st
     ("line", "message"),
     [
         ("{", "expected a JSON object"),
-        ("[]", "expected object, found array"),
+        ("[]", "expected a JSON object, found array"),
         ('{"what": "match", "subject": "chair", "decision": "none", "reader": "a", "when": ""}', "<source>: <words>"),
         ('{"what": "guess", "subject": "*: a", "decision": "none", "reader": "a", "when": ""}', "what: expected"),
         ('{"what": "match", "subject": "*: a", "decision": "none", "reader": " ", "when": ""}', "reviewer: expected"),

@@ -1,14 +1,15 @@
 """The figure of an estimate: what every object says about the scale, and where the objects are.
 
-Left, the posterior over the scale with its interval and modes, and under it one row for each object with its own
-likelihood; the truth where the scene knows it. Right, the scene from above and from the side with the objects' boxes,
-in metres (`plan`).
+Left, the posterior over the scale with its interval and modes, and under it one row with its own likelihood for each
+other evidence and each object; the truth where the scene knows it. Right, the scene from above and from the side with
+the objects' boxes, in metres (`plan`).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +17,8 @@ import numpy as np
 
 from estimator.outputs.plan import COLOURS, bare_axes, draw_scene
 from estimator.reconstructions.truth import read_truth
-from estimator.records.result import ObjectReport, ScaleResult
+from estimator.records.curve import Curve
+from estimator.records.result import ScaleResult, Verdict
 from metric_base.arrays import FloatArray
 from metric_base.escaping import visible
 from metric_base.faults import InputFault
@@ -72,8 +74,8 @@ def figure(estimate: SceneEstimate | ScaleResult) -> Figure:
 
     scene = None if isinstance(estimate, ScaleResult) else estimate
     result = estimate if isinstance(estimate, ScaleResult) else estimate.result
-    reports = _rows(result)
-    rows_inches = ROW_INCHES * max(len(reports), 1)
+    rows = _rows(result)
+    rows_inches = ROW_INCHES * max(len(rows), 1)
     height = max(LEAST_INCHES, HEAD_INCHES + rows_inches + FOOT_INCHES)
     halves = 1 if scene is None else 2
     drawn = Figure(figsize=(WIDTH_INCHES * halves / 2, height), layout="constrained")
@@ -82,25 +84,45 @@ def figure(estimate: SceneEstimate | ScaleResult) -> Figure:
     share = min(HEAD_INCHES, 0.4 * height)
     head, body = left.subplots(2, 1, sharex=True, height_ratios=(share, height - share))
     _draw_posterior(head, result, None if scene is None else read_truth(scene.scene.path).scale)
-    _draw_objects(body, result, reports)
+    _draw_rows(body, result, rows)
     if scene is not None:
         above, side = right[0].subplots(2, 1, height_ratios=(3, 2))
         draw_scene(above, side, scene)
     return drawn
 
 
-def _rows(result: ScaleResult) -> list[ObjectReport]:
-    """The objects that spoke, by class and id, at most MAX_ROWS, those with the sharpest curves."""
-    spoke = [report for report in result.objects if report.id in result.object_curves and report.scale]
-    width = {report.id: _width(result, report.id) for report in spoke}
-    kept = sorted(spoke, key=lambda report: width[report.id])[:MAX_ROWS]
-    return sorted(kept, key=lambda report: (report.category, width[report.id]))
+@dataclass(frozen=True, slots=True, eq=False)
+class _Row:
+    """A row under the posterior: an object or other evidence. `curve` (g,) is its own likelihood, its peak 1."""
+
+    name: str
+    curve: FloatArray
+    scale: float
+    verdict: Verdict
 
 
-def _width(result: ScaleResult, object_id: str) -> float:
-    """The spread of an object's own curve over log scale: its area over its height."""
-    curve = _own_curve(result, object_id)
-    return float(curve.sum())
+def _rows(result: ScaleResult) -> list[_Row]:
+    """What spoke: the other evidence, then the objects by class, at most MAX_ROWS, those with the sharpest curves."""
+    if result.curve is None:
+        return []
+    objects = [
+        _Row(f"{report.category} {report.id}", _own_curve(result, report.id), report.scale, report.verdict)
+        for report in result.objects
+        if report.id in result.object_curves and report.scale
+    ]
+    width = {row.name: float(row.curve.sum()) for row in objects}  # the area over the height
+    kept = sorted(objects, key=lambda row: width[row.name])[:MAX_ROWS]
+    category = {f"{report.category} {report.id}": report.category for report in result.objects}
+    return [*_evidence_rows(result, result.curve), *sorted(kept, key=lambda row: (category[row.name], width[row.name]))]
+
+
+def _evidence_rows(result: ScaleResult, curve: Curve) -> list[_Row]:
+    rows = []
+    for item in result.evidence:
+        if item.scale is not None and item.sd_log is not None:
+            own = np.exp(-0.5 * ((curve.log_scale - math.log(item.scale)) / item.sd_log) ** 2)
+            rows.append(_Row(f"{item.kind.replace('_', ' ')} {item.id}", own, item.scale, item.verdict))
+    return rows
 
 
 def _own_curve(result: ScaleResult, object_id: str) -> FloatArray:
@@ -129,73 +151,73 @@ def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> Non
             axes.annotate(f"{mode.mass:.0%}", (mode.scale, 0.5), xytext=(3, 0), textcoords="offset points", fontsize=8)
     if truth is not None:
         axes.axvline(truth, color=TRUTH_COLOUR, linewidth=1.4)
-        axes.annotate("truth", (truth, 1.04), xytext=(3, 0), textcoords="offset points", color=TRUTH_COLOUR, fontsize=9)
     axes.set_xscale("log")
     axes.set_xlim(*_scale_range(result))
     axes.set_ylim(0, 1.12)
     axes.set_yticks([])
     axes.tick_params(axis="x", labelbottom=False, which="both")
-    axes.legend(handles=_legend(truth is not None, interval.level), fontsize=8, loc="upper right", frameon=False)
+    axes.legend(handles=_legend(truth, interval.level, len(result.modes)), fontsize=8, loc="upper right", frameon=False)
     title = f"{result.scale:.4g} m per scene unit"
     span = f"{interval.level:.0%} between {interval.low:.4g} and {interval.high:.4g}"
     axes.set_title(f"{title}   ({span})", fontsize=12, loc="left")
     bare_axes(axes)
 
 
-def _legend(with_truth: bool, level: float) -> list[Artist]:
+def _legend(truth: float | None, level: float, modes: int) -> list[Artist]:
     """What the curve, the shade and the lines are."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
+    dots = "mode" if modes == 1 else "modes, with their mass"
     handles: list[Artist] = [
         Line2D([], [], color=POSTERIOR_COLOUR, linewidth=1.6, label="posterior of the scale"),
         Patch(color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0, label=f"{level:.0%} interval"),
-        Line2D([], [], color=POSTERIOR_COLOUR, linewidth=0.8, linestyle=":", label="modes, % their mass"),
+        Line2D([], [], color=POSTERIOR_COLOUR, linewidth=0.8, linestyle=":", label=dots),
     ]
-    if with_truth:
-        handles.append(Line2D([], [], color=TRUTH_COLOUR, linewidth=1.4, label="true scale"))
+    if truth is not None:
+        handles.append(Line2D([], [], color=TRUTH_COLOUR, linewidth=1.4, label=f"true scale, {truth:.4g}"))
     return handles
 
 
 def _scale_range(result: ScaleResult) -> tuple[float, float]:
-    """What the axis of scales holds: the interval, and the own scales of most objects."""
-    own = [report.scale for report in result.objects if report.scale]
+    """What the axis of scales holds: the interval, and the own scales of most objects and other evidence."""
+    scales = [item.scale for item in result.objects] + [item.scale for item in result.evidence]
+    own = [scale for scale in scales if scale]
     ends = list(np.quantile(own, [AXIS_TAIL, 1 - AXIS_TAIL])) if own else []
     if result.interval is not None:
         ends += [result.interval.low, result.interval.high]
     return min(ends) / AXIS_MARGIN, max(ends) * AXIS_MARGIN
 
 
-def _draw_objects(axes: Axes, result: ScaleResult, reports: Sequence[ObjectReport]) -> None:
-    """One row for each object: its likelihood, its own scale, its name and weight."""
+def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
+    """One row for each object and other evidence: its likelihood, its own scale where that is outside, its name."""
     from matplotlib.patheffects import Normal, Stroke
 
-    if result.curve is None or not reports or result.interval is None:
+    if result.curve is None or not rows or result.interval is None:
         axes.set_axis_off()
         return
     low, high = _scale_range(result)
     scales = np.exp(result.curve.log_scale)
     axes.axvspan(result.interval.low, result.interval.high, color=POSTERIOR_COLOUR, alpha=0.08, linewidth=0)
-    for row, report in enumerate(reports):
-        colour = COLOURS[report.verdict]
-        curve = _own_curve(result, report.id)
-        shown = np.where(curve > _FAINT, 0.85 * curve, np.nan)
-        axes.fill_between(scales, row, row - shown, color=colour, alpha=0.45, linewidth=0)
-        axes.plot(scales, row - shown, color=colour, linewidth=0.8)
-        if report.scale is not None and not low <= report.scale <= high:
-            mark, edge = ("◂", low) if report.scale < low else ("▸", high)
-            side = "left" if report.scale < low else "right"
-            label = f"{mark} {report.scale:.2g}" if side == "left" else f"{report.scale:.2g} {mark}"
-            text = axes.text(edge, row - 0.1, label, color=colour, fontsize=7, ha=side, va="bottom")
+    for place, row in enumerate(rows):
+        colour = COLOURS[row.verdict]
+        shown = np.where(row.curve > _FAINT, 0.85 * row.curve, np.nan)
+        axes.fill_between(scales, place, place - shown, color=colour, alpha=0.45, linewidth=0)
+        axes.plot(scales, place - shown, color=colour, linewidth=0.8)
+        if not low <= row.scale <= high:
+            mark, edge = ("◂", low) if row.scale < low else ("▸", high)
+            side = "left" if row.scale < low else "right"
+            label = f"{mark} {row.scale:.2g}" if side == "left" else f"{row.scale:.2g} {mark}"
+            text = axes.text(edge, place - 0.1, label, color=colour, fontsize=7, ha=side, va="bottom")
             text.set_path_effects([Stroke(linewidth=2, foreground="white"), Normal()])
-    labels = [visible(f"{report.category} {report.id}")[:MAX_LABEL] for report in reports]
-    axes.set_yticks(np.arange(len(reports)) - 0.25, labels, fontsize=8, parse_math=False)
-    for tick, report in zip(axes.get_yticklabels(), reports, strict=True):
-        tick.set_color(COLOURS[report.verdict])
-    axes.set_ylim(len(reports) - 0.4, -1.2)
+    labels = [visible(row.name)[:MAX_LABEL] for row in rows]
+    axes.set_yticks(np.arange(len(rows)) - 0.25, labels, fontsize=8, parse_math=False)
+    for tick, row in zip(axes.get_yticklabels(), rows, strict=True):
+        tick.set_color(COLOURS[row.verdict])
+    axes.set_ylim(len(rows) - 0.4, -1.2)
     axes.set_xlim(low, high)
     _scale_ticks(axes, low, high)
-    axes.set_xlabel(_caption(result, len(reports)), fontsize=9)
+    axes.set_xlabel(_caption(result, rows), fontsize=9)
     bare_axes(axes)
 
 
@@ -214,9 +236,12 @@ def _scale_ticks(axes: Axes, low: float, high: float) -> None:
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:.3g}"))
 
 
-def _caption(result: ScaleResult, drawn: int) -> str:
-    counts = {name: sum(report.verdict == name for report in result.objects) for name in COLOURS}
-    text = f"scale in metres per scene unit; rows: each object's own likelihood   (blue {counts['used']} used, "
+def _caption(result: ScaleResult, rows: Sequence[_Row]) -> str:
+    """What the rows are, and how many things spoke or did not."""
+    verdicts = [item.verdict for item in result.objects if item.dimensions]
+    verdicts += [item.verdict for item in result.evidence]
+    counts = {name: verdicts.count(name) for name in ("used", "outlier", "skipped")}
+    text = f"scale in metres per scene unit; rows: what each says alone   (blue {counts['used']} used, "
     text += f"orange {counts['outlier']} outliers; {counts['skipped']} skipped"
     spoke = counts["used"] + counts["outlier"]
-    return text + (f"; {drawn} of {spoke} drawn)" if drawn < spoke else ")")
+    return text + (f"; {len(rows)} of {spoke} drawn)" if len(rows) < spoke else ")")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -14,6 +15,7 @@ from matplotlib.figure import Figure
 from estimator.outputs.figure import figure, write_figure
 from estimator.outputs.plan import COLOURS
 from estimator.records.curve import Curve
+from estimator.records.scale_evidence import EvidenceReport
 from estimator.results.scene_estimate import SceneEstimate
 from metric_base.faults import InputFault
 from tests.made.drawn import SCALE, drawn_estimate
@@ -131,3 +133,30 @@ def test_a_method_that_measures_no_object_is_drawn_without_boxes(estimate: Scene
 def test_an_unresolved_result_gives_no_posterior_panel(estimate: SceneEstimate) -> None:
     nothing = replace(estimate, result=replace(estimate.result, scale=None, interval=None))
     assert not panels(figure(nothing))[0].axison
+
+
+def test_other_evidence_has_rows_before_the_objects(estimate: SceneEstimate) -> None:
+    rows = (
+        EvidenceReport("known_length", "1", 0.5, 0.01, 1.0, "used", None),
+        EvidenceReport("gps", "exif", None, None, 0.0, "skipped", "2 views have a position"),
+        EvidenceReport("marker", "7", 3.0, 0.01, 0.0, "outlier", "all else says 0.5"),
+    )
+    drawn = figure(replace(estimate, result=replace(estimate.result, evidence=rows)))
+    body = panels(drawn)[1]
+    names = [tick.get_text() for tick in body.get_yticklabels()]
+    assert names[:2] == ["known length 1", "marker 7"], "what could not speak has none"
+    assert len(names) == 2 + len(panels(figure(estimate))[1].get_yticklabels())
+    peak = next(line for line in body.lines if np.isfinite(line.get_ydata()).any())
+    assert peak.get_xdata()[np.nanargmin(peak.get_ydata())] == pytest.approx(0.5, rel=0.02)
+    assert any("3" in text.get_text() and "▸" in text.get_text() for text in body.texts), "beyond the axis"
+
+
+def test_captions_and_titles_are_inside_the_paper(estimate: SceneEstimate) -> None:
+    evidence = (EvidenceReport("metric_depth", "maps", 0.5, 0.15, 1.0, "used", None),)
+    drawn = figure(replace(estimate, result=replace(estimate.result, evidence=evidence)))
+    drawn.draw_without_rendering()
+    left, right = drawn.bbox.width * 0.0, drawn.bbox.width
+    boxes = [axes.xaxis.label.get_window_extent() for axes in drawn.axes if axes.get_xlabel()]
+    assert all(left <= box.x0 and box.x1 <= right for box in boxes)
+    captions = sorted(boxes, key=lambda box: box.x0)
+    assert all(one.x1 < two.x0 for one, two in pairwise(captions)), "none runs into the other"

@@ -13,7 +13,7 @@ __all__ = ["MAD_TO_SIGMA", "gaussian_log_densities", "mixture_log_density", "rob
 MAD_TO_SIGMA = 1.4826
 
 
-def robust_sigma(values: NDArray[np.float64]) -> float:
+def robust_sigma(values: NDArray[np.floating]) -> float:
     """Standard deviation of values (n,) by their median absolute deviation; the caller sees to it that n >= 1."""
     return float(MAD_TO_SIGMA * np.median(np.abs(values - np.median(values))))
 

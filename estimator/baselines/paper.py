@@ -26,6 +26,7 @@ from estimator.results.reports import Answer, Options, result_of
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault, Words
 from metric_base.folders import data_folder
+from metric_base.statistics import mixture_log_density
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.tree import Node, Tree, UnknownName
 
@@ -56,14 +57,8 @@ class Mixture:
     def log_density(self, sizes_mm: FloatArray, axes: Sequence[int]) -> FloatArray:
         """Log density (g,) of the marginal over `axes` at sizes (g, len(axes))."""
         chosen = np.array(axes)
-        lower = np.linalg.cholesky(self.covariances[:, chosen[:, None], chosen])  # (k, a, a)
-        offset = (sizes_mm[None] - self.means[:, None, chosen]).transpose(0, 2, 1)  # (k, a, g)
-        white = np.linalg.solve(lower, offset)
-        log_det = np.log(np.diagonal(lower, axis1=1, axis2=2)).sum(axis=1)  # (k,)
-        terms = np.log(self.weights)[:, None] - log_det[:, None] - 0.5 * (white**2).sum(axis=1)
-        top = terms.max(axis=0)
-        constant = 0.5 * len(chosen) * np.log(2 * np.pi)
-        return np.asarray(top + np.log(np.exp(terms - top).sum(axis=0)) - constant)
+        covariances = self.covariances[:, chosen[:, None], chosen]  # (k, a, a)
+        return mixture_log_density(sizes_mm, self.weights, self.means[:, chosen], covariances)
 
 
 def paper_result(

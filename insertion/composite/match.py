@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from insertion.composite.boxes import Box
 from insertion.records.encoding import srgb_to_linear
 from insertion.scene.cloud import Cloud, FrontPoints
+from metric_base.statistics import robust_sigma
 
 __all__ = ["Look", "Looks", "grain", "look_of"]
 
@@ -142,17 +143,13 @@ def _grain_of(grey: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
     flat &= (grey > 4) & (grey < 251)
     if np.count_nonzero(flat) < 200:
         return np.zeros(_BINS), 0.0
-    overall = _spread(rest[flat])
+    overall = robust_sigma(rest[flat])
     index = np.minimum(grey[flat] / 256 * _BINS, _BINS - 1).astype(np.int64)
     levels = np.array([
-        _spread(rest[flat][index == k]) if np.count_nonzero(index == k) > 150 else overall for k in range(_BINS)
+        robust_sigma(rest[flat][index == k]) if np.count_nonzero(index == k) > 150 else overall for k in range(_BINS)
     ])  # fmt: skip
     both = flat[:, 1:] & flat[:, :-1]
     alike = float(np.mean(rest[:, 1:][both] * rest[:, :-1][both]) / max(float(np.mean(rest[flat] ** 2)), 1e-9))
     # white noise blurred by s has the correlation exp(-1 / (4 s^2)) between neighbours
     smooth = float(np.sqrt(-0.25 / np.log(alike))) if 0.02 < alike < 0.95 else 0.0
     return levels, min(smooth, 1.2)
-
-
-def _spread(values: NDArray[np.float32]) -> float:
-    return float(1.4826 * np.median(np.abs(values - np.median(values))))

@@ -16,6 +16,7 @@ from insertion.places.surface import Surface, cell_centres
 from insertion.scene.cloud import Cloud
 from insertion.scene.rays import ray_through
 from metric_base.arrays import BoolArray, FloatArray
+from metric_base.statistics import robust_sigma
 
 __all__ = ["Space", "candidates", "place_at_point", "place_on_category", "place_on_plane"]
 
@@ -148,7 +149,7 @@ def _level_patch(space: Space, view: View, x: float, y: float, ray: FloatArray) 
     points, depths = _near(space.cloud, view, x, y)
     up = space.supports.up.vector
     heights = points @ up
-    spread = float(1.4826 * np.median(np.abs(heights - np.median(heights))))
+    spread = robust_sigma(heights)
     toward = float(ray @ up)
     if spread > LEVEL_SHARE * float(np.median(depths)) or toward > -0.05:
         raise NoPlace(f"--at: what is at x={x:g}, y={y:g} of {view.name} is not level; see --preview for free places")

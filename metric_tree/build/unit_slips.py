@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
+from metric_base.statistics import MAD_TO_SIGMA
 from metric_tree.axes import axis_assignments
 
 __all__ = ["FACTORS", "Reference", "reference", "sibling_reference", "slip_factors"]
@@ -59,22 +60,23 @@ def reference(extents: FloatArray) -> Reference | None:
     logs = np.log(extents[complete] if complete.sum() >= ENOUGH else extents)
     if len(logs) < ENOUGH:
         return None
-    enough = (~np.isnan(logs)).sum(axis=0) >= ENOUGH
-    centre, deviation = np.full(logs.shape[1], np.nan), np.full(logs.shape[1], np.nan)
-    centre[enough] = np.nanmedian(logs[:, enough], axis=0)
-    deviation[enough] = 1.4826 * np.nanmedian(np.abs(logs[:, enough] - centre[enough]), axis=0)
-    return Reference(centre, np.maximum(deviation, LEAST_SD))
+    return _reference(logs, ENOUGH, LEAST_SD)
 
 
 def sibling_reference(medians: FloatArray) -> Reference | None:
     """The reference of a thin class from its siblings' medians (c, d) of ln mm; None of fewer than four."""
     if len(medians) < ENOUGH // 2:
         return None
-    known = (~np.isnan(medians)).sum(axis=0) >= ENOUGH // 2
-    centre, deviation = np.full(medians.shape[1], np.nan), np.full(medians.shape[1], np.nan)
-    centre[known] = np.nanmedian(medians[:, known], axis=0)
-    deviation[known] = 1.4826 * np.nanmedian(np.abs(medians[:, known] - centre[known]), axis=0)
-    return Reference(centre, np.maximum(deviation, np.log(LEAST_FACTOR)))
+    return _reference(medians, ENOUGH // 2, float(np.log(LEAST_FACTOR)))
+
+
+def _reference(logs: FloatArray, least: int, least_sd: float) -> Reference:
+    """Median and spread of ln mm (n, d), axis by axis, NaN where fewer than `least` rows state it."""
+    enough = (~np.isnan(logs)).sum(axis=0) >= least
+    centre, deviation = np.full(logs.shape[1], np.nan), np.full(logs.shape[1], np.nan)
+    centre[enough] = np.nanmedian(logs[:, enough], axis=0)
+    deviation[enough] = MAD_TO_SIGMA * np.nanmedian(np.abs(logs[:, enough] - centre[enough]), axis=0)
+    return Reference(centre, np.maximum(deviation, least_sd))
 
 
 def slip_factors(extents: FloatArray, against: Reference) -> FloatArray:

@@ -20,6 +20,7 @@ __all__ = [
     "Source",
     "SourceFile",
     "UnknownSource",
+    "declared_sources",
     "read_source",
     "source",
     "sources",
@@ -171,6 +172,20 @@ def _read_lists(source: Source, folder: Path) -> None:
 def sources(folder: Path | None = None) -> tuple[Source, ...]:
     """All declared sources by id; `folder` is the package's own `data/sources` by default."""
     return tuple(read_source(path) for path in sorted((folder or _own_folder()).glob("*.toml")))
+
+
+def declared_sources(folder: Path | None = None) -> dict[str, Source]:
+    """The package's sources by id, and those of another folder; one of the folder takes the place of the package's.
+
+    Raises
+    ------
+    BadDeclaration
+        The folder has no declaration, or one is at fault.
+    """
+    own = sources(folder) if folder is not None else ()
+    if folder is not None and not own:
+        raise BadDeclaration(f"--sources: expected a folder of declarations, SOURCE.toml; found none in {folder}")
+    return {one.id: one for one in (*sources(), *own)}
 
 
 def source(name: str, folder: Path | None = None) -> Source:

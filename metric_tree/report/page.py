@@ -1,7 +1,7 @@
 """A readable page about a release: what it holds, how well detectors' words are covered, what to look at, what changed.
 
 Every section is a table or a figure made by a pure function of the tree; `page` puts them together. The page is one
-file without scripts, so that it can be mailed, archived and read in ten years.
+file, so that it can be mailed, archived and read in ten years; all that its one script does is to search a table.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from metric_tree.checks.release_files import CODES, findings
+from metric_tree.prior import Prior
 from metric_tree.report.changes import (
     SIZE_QUANTILES,
     SPREAD_QUANTILES,
@@ -35,8 +36,8 @@ from metric_tree.report.counts import (
     typical_nodes,
 )
 from metric_tree.report.figures import coverage_figure, size_figure
-from metric_tree.report.html import Linked, paragraph, plain, table, whole_page
-from metric_tree.tree import Node, Tree
+from metric_tree.report.html import Linked, paragraph, plain, search_table, table, whole_page
+from metric_tree.tree import Node, NoPrior, Tree
 from taxonomy.label_lists import vocabularies
 
 __all__ = ["page"]
@@ -52,6 +53,7 @@ def page(tree: Tree, against: Tree | None = None) -> str:
     """The page as HTML."""
     lists = [coverage(tree, name) for name in vocabularies()]
     sections = [
+        ("Find a category", _categories(tree)),
         ("What it holds", _holdings(tree)),
         ("Where it comes from", _sources(tree)),
         ("Words of detectors", _coverage(lists)),
@@ -61,6 +63,27 @@ def page(tree: Tree, against: Tree | None = None) -> str:
     ]
     note = f"Release of {tree.release.manifest['created']}; {len(tree):,} categories on five levels."
     return whole_page(f"{tree.name} {label(tree)}", note, sections)
+
+
+def _categories(tree: Tree) -> str:
+    """All categories with their medians, to be searched by their names and aliases."""
+    head = ("category", "id", "path", "items", "median, mm")
+    rows = [
+        (
+            " ".join((node.name, node.node_id, *node.aliases)),
+            (node.name, node.node_id, " > ".join(node.path[1:-1]), node.n_items, _median(node)),
+        )
+        for node in sorted(tree, key=lambda node: node.name.casefold())
+    ]
+    return search_table("categories", "a name, an alias or an id", head, rows)
+
+
+def _median(node: Node) -> str:
+    try:
+        prior: Prior = node.prior()
+    except NoPrior:
+        return ""
+    return " x ".join(f"{size:.3g}" if size < 100 else f"{size:.0f}" for size in prior.quantile(0.5))
 
 
 _SIZE_NOTE = (

@@ -11,15 +11,27 @@ from functools import partial
 import pytest
 
 import metric_tree.commands.build as command
+from crawler.imports.sources import declared_sources as declared
 from metric_tree.build.steps import build_release
 from metric_tree.commands import main
 from tests.made.raw_fixture import SOURCES, made_items, written
 from tests.made.small_taxonomy import small_taxonomy
 
+DECLARATION = """title = "A shop"
+url = "https://shop.example/data"
+licence = "CC0-1.0"
+licence_basis = "we made it up"
+kind = "product"
+ship = true
+attribution = "A shop"
+excluded = "its rows are made elsewhere"
+"""
+
 
 @pytest.fixture
 def raw(tmp_path, monkeypatch):
-    monkeypatch.setattr(command, "build_release", partial(build_release, taxonomy=small_taxonomy, declared=SOURCES))
+    monkeypatch.setattr(command, "build_release", partial(build_release, taxonomy=small_taxonomy))
+    monkeypatch.setattr(command, "declared_sources", lambda folder: SOURCES if folder is None else declared(folder))
     monkeypatch.setattr(command, "shipped_curated", tuple)
     return written(tmp_path / "raw.jsonl", made_items(per_class=12))
 
@@ -91,6 +103,22 @@ def test_withheld_rows_of_an_undeclared_source_are_told(raw, tmp_path, capsys):
     assert error.count("\n") == 1  # the withheld sources that are declared are no news
     assert run(raw, "--out", tmp_path / "private", "--own-use", "mine", *words) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_a_source_that_a_folder_declares_is_known_to_the_build(raw, tmp_path, capsys):
+    """Its rows ship under the licence of its declaration, and the manifest has its address."""
+    folder = tmp_path / "declarations"
+    folder.mkdir()
+    name = next(iter({item.source for item in made_items()}))
+    (folder / f"{name}.toml").write_text(f'id = "{name}"\n{DECLARATION}')
+    words = ("--sources", folder, "--workers", 1, "--no-heldout", "--json")
+    assert run(raw, "--out", tmp_path / "release", *words) == 0
+    records = {one["id"]: one for one in json.loads(capsys.readouterr().out)["sources"]}
+    assert records[name]["url"] == "https://shop.example/data"
+    assert records[name]["licence"] == "CC0-1.0"
+    assert records[name]["n_rows"] > 0
+    assert run(raw, "--out", tmp_path / "other", "--sources", tmp_path / "none") == 2
+    assert "--sources: expected a folder of declarations" in capsys.readouterr().err
 
 
 def test_a_build_of_nothing_but_curated_ranges_says_so(raw, tmp_path, capsys, monkeypatch):

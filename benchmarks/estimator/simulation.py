@@ -20,7 +20,7 @@ import argparse
 import hashlib
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -38,7 +38,7 @@ from metric_tree.axes import AXES
 from metric_tree.prior import Prior
 from metric_tree.tree import Node, Tree
 
-__all__ = ["Knobs", "World", "main", "scores", "simulated"]
+__all__ = ["Knobs", "World", "estimates", "main", "scores", "simulated", "world"]
 
 #: The paper's axes (section 5, simulation).
 COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 50)
@@ -145,20 +145,27 @@ def simulated(
     return scale, objects
 
 
+def estimates(
+    world: World, knobs: Knobs, scenes: int, seed: int, methods: Sequence[str] = METHODS
+) -> Iterator[tuple[int, str, float, Estimate]]:
+    """Number of the scene, method, log of the true scale and estimate, for each scene and method."""
+    for number in range(scenes):
+        scale, objects = simulated(world, knobs, np.random.default_rng([seed, number]))
+        for name in methods:
+            yield number, name, float(np.log(scale)), _estimate(world, objects, name)
+
+
 def scores(
     world: World, knobs: Knobs, scenes: int, seed: int, methods: Sequence[str] = METHODS
 ) -> list[dict[str, object]]:
     """One row per method: error median, mean and 90th percentile, coverage, share refused."""
-    found: dict[str, list[tuple[float, ...]]] = {name: [] for name in methods}
-    for number in range(scenes):
-        scale, objects = simulated(world, knobs, np.random.default_rng([seed, number]))
-        for name in methods:
-            estimate = _estimate(world, objects, name)
-            low, high = estimate.interval
-            error = abs(estimate.modes[0].scale / scale - 1)
-            covered, refused = low <= scale <= high, estimate.status == "unresolved"
-            found[name].append((error, covered, refused, *_proper_scores(estimate, np.log(scale))))
-    return [_row(knobs, name, np.array(values, dtype=float)) for name, values in found.items()]
+    rows: dict[str, list[tuple[float, ...]]] = {name: [] for name in methods}
+    for _, name, truth, estimate in estimates(world, knobs, scenes, seed, methods):
+        low, high = np.log(estimate.interval)
+        error = abs(np.expm1(np.log(estimate.modes[0].scale) - truth))
+        covered, refused = low <= truth <= high, estimate.status == "unresolved"
+        rows[name].append((error, covered, refused, *_proper_scores(estimate, truth)))
+    return [_row(knobs, name, np.array(values, dtype=float)) for name, values in rows.items()]
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -243,7 +250,7 @@ def _size(
     prior = world.priors[number]
     component = kind[0] if generator.random() < shared else _component(prior, generator)
     own = np.sqrt(shared) * kind[1] + np.sqrt(1 - shared) * generator.standard_normal(3)
-    return np.exp(prior.means[component] + np.linalg.cholesky(prior.covariances[component]) @ own + shift)
+    return np.asarray(np.exp(prior.means[component] + np.linalg.cholesky(prior.covariances[component]) @ own + shift))
 
 
 def _measured(

@@ -42,9 +42,9 @@ MIN_BOX_VIEWS = 3
 class MeasurementOptions:
     """How to measure. `PAPER` holds the paper's choices; the extent rule is the same for all.
 
-    supports : objects reach down to the plane they stand on; standing : whether a category stands on the floor (True),
-    hangs (False), or may do either (None). up : the vertical if it is known from outside, in the scene's axes; it
-    replaces what the cameras and planes show.
+    supports : objects reach down to the plane they stand on; cuboids : things known by boxes alone have the sizes of
+    the cuboid that their boxes frame; fragments : parts of things count as things; standing : whether a category
+    stands on the floor (True), hangs (False), or may do either (None).
     """
 
     association: Literal["shared", "incremental"] = "shared"
@@ -53,11 +53,21 @@ class MeasurementOptions:
     supports: bool = True
     planes_for_up: bool = True
     dense: bool = True
+    cuboids: bool = True
+    fragments: bool = False
     standing: Callable[[str], bool | None] = stands
     up: Sequence[float] | None = None
 
 
-PAPER = MeasurementOptions("incremental", "forest", robust_footprint=False, supports=False, planes_for_up=False)
+PAPER = MeasurementOptions(
+    "incremental",
+    "forest",
+    robust_footprint=False,
+    supports=False,
+    planes_for_up=False,
+    cuboids=False,
+    fragments=True,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,11 +152,15 @@ def _measure(
         sides = [_sides(track, shape, instances, outlines, around) for track, shape in zip(tracks, shapes, strict=True)]
     with _stopwatch(timings, "supports"):
         objects = tuple(
-            boxed_object(_object(track, shape, seen, instances, ground, basis, up, options), scene, instances, basis)
+            _object(track, shape, seen, instances, ground, basis, up, options)
             for track, shape, seen in zip(tracks, shapes, sides, strict=True)
         )
+        if options.cuboids:
+            objects = tuple(boxed_object(thing, scene, instances, basis) for thing in objects)
+        if not options.fragments:
+            objects = without_fragments(objects)
     warnings = () if contradiction is None else (contradiction,)
-    return Measurements(without_fragments(objects), up, planes, tracks, warnings=warnings)
+    return Measurements(objects, up, planes, tracks, warnings=warnings)
 
 
 def _in_world(

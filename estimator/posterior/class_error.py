@@ -156,18 +156,19 @@ def convolution(
     function goes on as its end values, which is what the outliers' floor does.
     """
     inverse = 1 / along_sd[:, None]
-    shrunk = inverse / math.sqrt(2)
-    kernel = (u * shrunk).astype(np.float32)[:, :, None] - (own * shrunk).astype(np.float32)[:, None, :]
-    np.square(kernel, out=kernel)
-    np.negative(kernel, out=kernel)
+    shrunk, middle = inverse / math.sqrt(2), own.mean(axis=1, keepdims=True)
+    far, near = (u - middle) * shrunk, (own - middle) * shrunk  # (c, g) and (c, h)
+    # -(far - near)^2 as a product of three: half the time of squares on the whole
+    left = np.array([-far * far, 2 * far, np.ones_like(far)], dtype=np.float32).transpose(1, 2, 0)
+    kernel = left @ np.array([np.ones_like(near), near, -near * near], dtype=np.float32).transpose(1, 0, 2)
     np.exp(kernel, out=kernel)
     step = (own[:, 1] - own[:, 0])[:, None]
     weighted = values * (step * inverse / math.sqrt(2 * math.pi))
     weighted[:, 0] *= 0.5  # trapezoids: the ends' other halves belong to the tails
     weighted[:, -1] *= 0.5
     inside = (kernel @ weighted.astype(np.float32)[:, :, None])[:, :, 0]
-    left, right = _below(np.array([own[:, :1] - u, u - own[:, -1:]]) * inverse)
-    return inside + left * values[:, :1] + right * values[:, -1:], kernel
+    before, after = _below(np.array([own[:, :1] - u, u - own[:, -1:]]) * inverse)
+    return inside + before * values[:, :1] + after * values[:, -1:], kernel
 
 
 def _below(z: FloatArray) -> FloatArray:

@@ -1,0 +1,82 @@
+"""The scenes of the report: made rooms and streets, and scenes on disk whose scale is known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.accuracy.methods import Case
+from estimator.reading import read_instances, read_scene
+from estimator.reconstructions.truth import read_truth
+from tests.made.rooms.detections import detections_of
+from tests.made.rooms.furnish import furnished_room
+from tests.made.rooms.kinds import KINDS
+from tests.made.rooms.knobs import HARD, Knobs
+from tests.made.rooms.quick import MadeScene, quick_scene
+from tests.made.rooms.sizes import Sizes
+from tests.made.rooms.street import street
+
+__all__ = ["made_rooms", "made_streets", "scenes_on_disk", "tilted_rooms"]
+
+
+def made_rooms(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
+    """Hard rooms of every kind, with masks and dense points, masks and sparse points, and a detector's boxes."""
+    for kind in KINDS:
+        for seed in seeds:
+            world = furnished_room(kind, seed, HARD, sizes)
+            made = quick_scene(world, HARD, seed)
+            case = _case("made rooms, masks", f"{kind} {seed}", made)
+            yield case
+            yield replace(case, group="made rooms, sparse points", scene=replace(case.scene, dense=None))
+            size = (world.camera.width, world.camera.height)
+            boxes = detections_of(made.instances, size, seed)
+            yield replace(case, group="made rooms, boxes", instances=boxes)
+
+
+def made_streets(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
+    """Drives past parked and moving cars."""
+    for seed in seeds:
+        yield _case("made streets", f"street {seed}", quick_scene(street(seed, sizes=sizes), seed=seed))
+
+
+def tilted_rooms(shares: Sequence[float], seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
+    """Rooms of which a share of the objects leans by 30 degrees."""
+    for share in shares:
+        knobs = Knobs(tilted=share, tilt_deg=30.0)
+        for kind in KINDS:
+            for seed in seeds:
+                made = quick_scene(furnished_room(kind, seed, knobs, sizes), knobs, seed)
+                yield _case(f"tilted {share:.0%}", f"{kind} {seed}", made)
+
+
+def scenes_on_disk(folder: Path) -> Iterator[Case]:
+    """Every scene below a folder whose `truth.json` states its scale: masks, sparse points alone, boxes if any.
+
+    Boxes are COCO results `detections*.json` beside a `detections*_categories.json`.
+    """
+    for path in sorted({file.parent for file in folder.glob("*/truth.json")}):
+        truth = read_truth(path)
+        if truth.scale is None:
+            continue
+        scene = read_scene(path)
+        heights = {track: sizes["height"] for track, sizes in truth.sizes.items() if "height" in sizes}
+        masks = tuple(read_instances(None, scene))
+        case = Case(f"{path.name}, masks", path.name, scene, masks, truth.scale, heights)
+        yield case
+        if scene.dense is not None:
+            yield replace(case, group=f"{path.name}, sparse points", scene=replace(scene, dense=None))
+        for boxes in sorted(path.glob("detections*.json")):
+            categories = boxes.with_name(f"{boxes.stem}_categories.json")
+            if categories.exists():
+                found = tuple(read_instances(boxes, scene, categories))
+                yield replace(case, group=f"{path.name}, boxes", instances=found)
+
+
+def _case(group: str, name: str, made: MadeScene) -> Case:
+    """A made scene; tilted and moving things have no height of their own."""
+    things = made.truth.objects.items()
+    upright = {track: float(thing.size[2]) for track, thing in things if not (thing.tilt_deg or np.any(thing.velocity))}
+    return Case(group, name, made.scene, made.instances, made.truth.metres_per_unit, upright)

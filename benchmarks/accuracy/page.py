@@ -1,0 +1,150 @@
+"""The page: tables in Markdown from outcomes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from string import Template
+
+import numpy as np
+
+from benchmarks.accuracy.methods import METHODS
+from benchmarks.accuracy.outcomes import Outcome, difference, select, summary
+from benchmarks.accuracy.simulations import FAULTS
+
+__all__ = ["Facts", "page"]
+
+_HEAD = (
+    "| setting | method | scenes | refused | error, median | mean | 90th pct | bias | heights, mean (sd) "
+    "| coverage of 90 % | high/low | interval score |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """What the page says of its own making: the command, the releases and how the made rooms' sizes were drawn."""
+
+    command: str
+    release: str
+    rooms: str
+    minutes: float
+
+
+def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
+    """The page; the template has a place for each table and the facts."""
+    return Template(template).substitute(
+        command=facts.command,
+        release=facts.release,
+        rooms=facts.rooms,
+        minutes=f"{facts.minutes:.0f}",
+        methods=_methods_table(select(outcomes, part="methods")),
+        differences=_differences_table(select(outcomes, part="methods")),
+        structured=_structured_table(select(outcomes, part="structured")),
+        faults=_faults_table(select(outcomes, part="faults")),
+        tilted=_groups_table(select(outcomes, part="tilted")),
+        dimensions=_groups_table(select(outcomes, part="dimensions")),
+        unseen=_groups_table(select(outcomes, part="unseen")),
+        refusals=_refusals_table(outcomes),
+    )
+
+
+def _groups(outcomes: Sequence[Outcome]) -> list[str]:
+    return list(dict.fromkeys(one.group for one in outcomes))
+
+
+def _line(group: str, method: str, outcomes: Sequence[Outcome]) -> str:
+    s = summary(outcomes)
+    cells = [
+        group, method, str(s.n), f"{s.refused:.0%}", _share(s.median), _share(s.mean), _share(s.p90),
+        _share(s.bias, "+"),
+        f"{_share(s.heights)} ({_share(s.heights_sd)})", _number(s.coverage), _number(s.ratio), _number(s.score, 3),
+    ]  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
+def _methods_table(outcomes: Sequence[Outcome]) -> str:
+    groups = _groups(outcomes)
+    rows = [
+        _line(group, method, chosen)
+        for group in groups
+        for method in METHODS
+        if (chosen := select(outcomes, group=group, method=method))
+    ]
+    return "\n".join([_HEAD, *rows]) if rows else "Not run."
+
+
+def _groups_table(outcomes: Sequence[Outcome]) -> str:
+    rows = [
+        _line(group, method, select(outcomes, group=group, method=method))
+        for group in _groups(outcomes)
+        for method in dict.fromkeys(one.method for one in select(outcomes, group=group))
+    ]
+    return "\n".join([_HEAD, *rows]) if rows else "Not run."
+
+
+def _differences_table(outcomes: Sequence[Outcome]) -> str:
+    lines = ["| setting | against | scenes | mean difference of the error | 95 % |", "|---|---|---|---|---|"]
+    for group in _groups(outcomes):
+        ours = select(outcomes, group=group, method="default")
+        for method in METHODS[1:]:
+            mean, low, high, count = difference(ours, select(outcomes, group=group, method=method))
+            if count > 1:
+                ends = f"{_share(low, '+')} to {_share(high, '+')}"
+                lines.append(f"| {group} | {method} | {count} | {_share(mean, '+')} | {ends} |")
+    return "\n".join(lines) if len(lines) > 2 else "Not run."
+
+
+def _structured_table(outcomes: Sequence[Outcome]) -> str:
+    if not outcomes:
+        return "Not run."
+    cells = [group.split("/") for group in _groups(outcomes)]
+    counts, noises = (list(dict.fromkeys(cell[place] for cell in cells)) for place in (0, 1))
+    lines = [f"| N | method | {' | '.join(f'R = {noise}' for noise in noises)} |", f"|---|---|{'---|' * len(noises)}"]
+    for count in counts:
+        for method in ("default", "paper"):
+            of_noise = [
+                summary(_all_answered(select(outcomes, group=f"{count}/{noise}", method=method))) for noise in noises
+            ]
+            shown = [f"{_share(s.mean)} ({_number(s.coverage)})" for s in of_noise]
+            lines.append(f"| {count} | {method} | {' | '.join(shown)} |")
+    return "\n".join(lines)
+
+
+def _all_answered(outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """The outcomes with refused ones counted by their highest mode, as the paper does, which never refuses."""
+    return [
+        Outcome(one.part, one.group, one.scene, one.method, one.error, False, one.low, one.high) for one in outcomes
+    ]
+
+
+def _faults_table(outcomes: Sequence[Outcome]) -> str:
+    rows = []
+    for fault, settings in FAULTS.items():
+        for value, _ in settings:
+            for method in ("default", "paper"):
+                chosen = select(outcomes, group=f"{fault}: {value}", method=method)
+                rows += [_line(f"{fault}: {value}", method, chosen)] if chosen else []
+    return "\n".join([_HEAD, *rows]) if rows else "Not run."
+
+
+def _refusals_table(outcomes: Sequence[Outcome]) -> str:
+    """What would have been said where nothing was."""
+    lines = ["| part | answered | error of these, median | mean | refused | error of these, median | mean |"]
+    lines.append("|---|---|---|---|---|---|---|")
+    for part in dict.fromkeys(one.part for one in outcomes):
+        ours = [one for one in select(outcomes, part=part, method="default") if np.isfinite(one.error)]
+        cells = []
+        for refused in (False, True):
+            errors = np.abs(np.expm1([one.error for one in ours if one.refused is refused]))
+            figures = [_share(float(np.median(errors))), _share(float(errors.mean()))] if len(errors) else ["", ""]
+            cells += [str(len(errors)), *figures]
+        lines.append(f"| {part} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _share(value: float, sign: str = "") -> str:
+    return "" if not np.isfinite(value) else f"{value:{sign}.1%}".replace("%", " %")
+
+
+def _number(value: float, digits: int = 2) -> str:
+    return "" if not np.isfinite(value) else f"{value:.{digits}f}"

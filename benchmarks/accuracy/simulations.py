@@ -1,0 +1,85 @@
+"""Simulated scenes: the paper's figure of N objects and noise R, faults one at a time, and dimensions taken away."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.accuracy.outcomes import Outcome
+from benchmarks.estimator.simulation import Knobs, World, estimates
+from estimator.records.measured_object import MeasuredObject
+
+__all__ = ["COUNTS", "FAULTS", "NOISES", "fault_outcomes", "fewer_dimensions", "structured_outcomes"]
+
+#: The paper's axes (section 5, its figure of the simulation).
+COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 50)
+NOISES = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
+
+_PLAIN = Knobs(cut=0.0, wrong=0.0, off=0.0)
+#: One fault at a time, eight objects and 6 % noise otherwise.
+FAULTS: Mapping[str, tuple[tuple[str, Knobs], ...]] = {
+    "truncated": tuple((f"{share:.0%}", replace(_PLAIN, cut=share)) for share in (0.0, 0.1, 0.2, 0.4)),
+    "mislabelled": tuple((f"{share:.0%}", replace(_PLAIN, wrong=share)) for share in (0.0, 0.1, 0.2, 0.3, 0.4)),
+    "size noise": tuple((f"{share:.0%}", replace(_PLAIN, noise=share)) for share in NOISES),
+    "objects": tuple((str(count), replace(_PLAIN, objects=count)) for count in (1, 2, 3, 5, 10, 20, 50)),
+    "classes of 10 objects": tuple(
+        (str(count), replace(_PLAIN, objects=10, classes=count)) for count in (1, 2, 3, 5, 7)
+    ),
+}
+
+
+def structured_outcomes(
+    world: World, scenes: int, seed: int, counts: Sequence[int] = COUNTS, noises: Sequence[float] = NOISES
+) -> Iterator[Outcome]:
+    """Scenes of N objects drawn from the size distributions themselves, sizes off by at most R."""
+    for count in counts:
+        for noise in noises:
+            knobs = replace(_PLAIN, objects=count, noise=noise)
+            yield from _outcomes("structured", f"{count}/{noise:.0%}", world, knobs, scenes, seed)
+
+
+def fault_outcomes(world: World, scenes: int, seed: int) -> Iterator[Outcome]:
+    """Every setting of `FAULTS`, as the groups `fault: value`."""
+    for fault, settings in FAULTS.items():
+        for value, knobs in settings:
+            yield from _outcomes("faults", f"{fault}: {value}", world, knobs, scenes, seed)
+
+
+def fewer_dimensions(
+    objects: Sequence[MeasuredObject], most: int, generator: np.random.Generator
+) -> list[MeasuredObject] | None:
+    """The objects with `most` dimensions that no flag calls truncated, chosen at random; None where they have fewer."""
+    usable = [
+        (row, axis)
+        for row, thing in enumerate(objects)
+        if thing.skipped is None
+        for axis in np.flatnonzero(np.isfinite(thing.extents) & ~np.asarray(thing.truncated, dtype=bool)).tolist()
+    ]
+    if len(usable) < most:
+        return None
+    kept = np.zeros((len(objects), 3), dtype=bool)
+    for pick in generator.choice(len(usable), most, replace=False):
+        kept[usable[int(pick)]] = True
+    return [
+        replace(thing, extents=np.where(kept[row], thing.extents, np.nan), truncated=np.zeros(3, dtype=bool))
+        for row, thing in enumerate(objects)
+        if kept[row].any()
+    ]
+
+
+def _outcomes(part: str, group: str, world: World, knobs: Knobs, scenes: int, seed: int) -> Iterator[Outcome]:
+    for number, method, truth, estimate in estimates(world, knobs, scenes, seed, ("default", "paper")):
+        low, high = np.log(estimate.interval) - truth
+        refused = estimate.status == "unresolved"
+        yield Outcome(
+            part,
+            group,
+            str(number),
+            method,
+            float(np.log(estimate.modes[0].scale) - truth),
+            refused,
+            float("nan") if refused else float(low),
+            float("nan") if refused else float(high),
+        )

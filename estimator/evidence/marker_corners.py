@@ -65,7 +65,7 @@ def _refine(picture: Any, detector: Any, number: int, corners: FloatArray) -> Fl
         )
     ratio = np.array(part.shape[1::-1]) / np.array(picture[top:bottom, left:right].shape[1::-1])
     others = [
-        (square + 0.5) / ratio - 0.5 + (left, top) for found, square in _markers(detector, part) if found == number
+        (square + 0.5) / ratio - 0.5 + (left, top) for marker, square in _markers(detector, part) if marker == number
     ]
     moves = [float(np.linalg.norm(square - corners, axis=1).max()) for square in others]
     if not moves or min(moves) > MOST_MOVE * extent:

@@ -135,9 +135,9 @@ class Names:
         nodes = dict.fromkeys((*owners, *votes))
         scored = [self._candidate(form, node, owners.get(node), votes.get(node, 0.0), known) for node in nodes]
         likely = sorted((c for c in scored if c.score > 0), key=lambda c: (-c.score, -self._items[c.node_id]))
-        return self._reviewed(form, likely)
+        return self._in_reviewed_order(form, likely)
 
-    def _reviewed(self, form: str, likely: list[Candidate]) -> list[Candidate]:
+    def _in_reviewed_order(self, form: str, likely: list[Candidate]) -> list[Candidate]:
         """The candidates in the order that a reviewer gave the word; those that no reviewer named come last."""
         order = reviewed_meanings(form)
         nodes = [node for node in order.nodes if node in self] if order else []

@@ -10,7 +10,7 @@ __all__ = [
     "CONTAINERS",
     "OF_THE_LIVING",
     "after_counts",
-    "contained",
+    "container_and_content",
     "is_plain_adjective",
     "leading_phrase",
     "modifiers",
@@ -129,10 +129,10 @@ def after_counts(text: str) -> str | None:
     return counted["rest"] if counted else None
 
 
-def contained(text: str) -> tuple[str, str] | None:
+def container_and_content(text: str) -> tuple[str, str] | None:
     """The container and its content in `a cup of coffee`; None where no container is named before `of`.
 
-    >>> contained("a glass of red wine")
+    >>> container_and_content("a glass of red wine")
     ('glass', 'red wine')
     """
     first, of, rest = _ARTICLES.sub("", text.strip()).partition(" of ")

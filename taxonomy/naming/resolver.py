@@ -21,7 +21,7 @@ from taxonomy.naming.modifiers import (
     CONTAINERS,
     OF_THE_LIVING,
     after_counts,
-    contained,
+    container_and_content,
     is_plain_adjective,
     leading_phrase,
     modifiers,
@@ -161,7 +161,7 @@ class Resolver:
     def _phrase(self, text: str) -> Answer | None:
         """The answer for a phrase: what it counts, what comes before `with`, its kind in WordNet, its bare name."""
         plain = text.replace("_", " ").replace("-", " ") if " " not in text.strip() else text
-        if holding := contained(plain):
+        if holding := container_and_content(plain):
             container, content = holding
             return self._of_form(plain_fold(f"{content} {container}")) or self._of_form(container)
         counted = after_counts(plain)

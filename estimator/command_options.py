@@ -102,7 +102,12 @@ def parser() -> OneLineParser:
         help="masks: COCO, label images, YOLO, labelme, NumPy",
     )
     add("--categories", metavar="FILE", type=Path, help="file that names categories, for masks that lack them")
-    add("--images", metavar="DIR", type=Path, help="the scene's pictures, for --detector and --overlay")
+    add(
+        "--images",
+        metavar="DIR",
+        type=Path,
+        help="the scene's pictures, for --detector, --overlay, --gps exif, --marker",
+    )
     add("--detector", metavar="MODEL", help="ONNX Mask R-CNN in torchvision's form, or a registered name to download")
     add("--detector-labels", metavar="FILE", type=Path, help="its label names, one a line from label 1 (default: COCO)")
     dense = "dense cloud (default: the one beside the model, if any; auto: made, of a video or pictures)"
@@ -192,8 +197,13 @@ def _check_where(options: argparse.Namespace) -> None:
 def _check_detector(options: argparse.Namespace) -> None:
     if options.work is None and options.detector is not None and options.images is None:
         raise InputFault("arguments: expected --images and --detector together; found --detector alone")
-    if options.work is None and options.images is not None and options.detector is None and options.overlay is None:
-        raise InputFault("arguments: expected --images with --detector or --overlay; found --images alone")
+    uses = (options.detector, options.overlay, options.gps, *options.marker)
+    if options.work is None and options.images is not None and all(use is None for use in uses):
+        raise InputFault(
+            "arguments: expected --images with --detector, --overlay, --gps or --marker; found --images alone"
+        )
+    if options.images is not None and not options.images.is_dir():
+        raise InputFault(f"--images: expected a folder of pictures; found no folder {options.images}")
     if options.detector_labels is not None and options.detector is None:
         raise InputFault("--detector-labels: expected --detector; found none")
     others = {"--instances": options.instances, "--categories": options.categories, "--objects": options.objects}

@@ -48,14 +48,18 @@ class Gps:
     """Camera positions of `source`: "exif", or a CSV file with a header.
 
     Its columns are `name`, and `lat`, `lon`, `alt` in degrees and metres (WGS 84), or `x`, `y`, `z` in metres.
+    images : the folder of the pictures, if it is not `images` beside or above the model.
     """
 
     source: str | Path
+    images: Path | None = None
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
         """The scale of the similarity from the cameras to their positions; silent where the path is too short."""
         name = str(self.source) if self.source == "exif" else Path(self.source).name
-        positions = _exif_positions(scene) if self.source == "exif" else _table_positions(Path(self.source), scene)
+        positions = (
+            _exif_positions(scene, self.images) if self.source == "exif" else _table_positions(Path(self.source), scene)
+        )
         if len(positions) < LEAST_POSITIONS:
             return silent(KIND, name, f"{len(positions)} views have a position, {LEAST_POSITIONS} needed")
         centres = np.array([scene.views[row].centre for row in positions])
@@ -115,11 +119,11 @@ def _numbers(cells: Iterable[Any]) -> list[float]:
     return numbers
 
 
-def _exif_positions(scene: Scene) -> dict[int, FloatArray]:
+def _exif_positions(scene: Scene, images: Path | None) -> dict[int, FloatArray]:
     """Metres (3,) by row of the view whose picture has GPS."""
     from PIL import Image
 
-    folders, values = image_folders(scene), dict[int, list[float]]()
+    folders, values = image_folders(scene, images), dict[int, list[float]]()
     for row, view in enumerate(scene.views):
         file = image_file(folders, view)
         if file is None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,12 +41,14 @@ SQUARE: FloatArray = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 class Marker:
     """Markers of an OpenCV dictionary (`DICT_4X4_50`, `APRILTAG_36h11`) with sides of `metres`.
 
-    board : (columns, rows, marker side in metres) of a ChArUco board, whose squares then have sides of `metres`.
+    board : (columns, rows, marker side in metres) of a ChArUco board, whose squares then have sides of `metres`;
+    images : the folder of the pictures, if it is not `images` beside or above the model.
     """
 
     dictionary: str
     metres: float
     board: tuple[int, int, float] | None = None
+    images: Path | None = None
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.metres) and self.metres > 0):
@@ -59,7 +62,7 @@ class Marker:
         """The markers of `DICT:METRES`, or of `charuco:DICT:COLUMNSxROWS:SQUARE:MARKER` with sides in metres.
 
         >>> Marker.of("DICT_4X4_50:0.10")
-        Marker(dictionary='DICT_4X4_50', metres=0.1, board=None)
+        Marker(dictionary='DICT_4X4_50', metres=0.1, board=None, images=None)
         """
         parts = text.split(":")
         try:
@@ -94,7 +97,7 @@ class Marker:
         """By marker and corner: (row of the view, pixel (2,)); None where there is no picture."""
         import cv2
 
-        folders, detect = image_folders(scene), self._detector()
+        folders, detect = image_folders(scene, self.images), self._detector()
         seen: dict[str, dict[int, list[tuple[int, FloatArray]]]] = {}
         pictures = 0
         for row, view in enumerate(scene.views):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -72,6 +73,10 @@ def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:
         obstacle = "--objects" if options.objects is not None else f"--method {options.method}"
         expected = "a SCENE and --method default or height"
         raise InputFault.at("--camera-height, --gps, --marker, --metric-depth", "evidence", expected, Words(obstacle))
+    if options.gps not in {None, "exif"} and not Path(options.gps).is_file():
+        raise InputFault(f"--gps: expected exif, or a CSV file; found no file {options.gps}")
+    if options.metric_depth is not None and not options.metric_depth.is_dir():
+        raise InputFault(f"--metric-depth: expected a folder of depth maps; found no folder {options.metric_depth}")
     from estimator.evidence.camera_height import CameraHeight
     from estimator.evidence.gps import Gps
     from estimator.evidence.marker import Marker
@@ -81,8 +86,8 @@ def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:
     if options.camera_height is not None:
         sources.append(CameraHeight.of(options.camera_height))
     if options.gps is not None:
-        sources.append(Gps("exif" if options.gps == "exif" else Path(options.gps)))
-    sources += [Marker.of(text) for text in options.marker]
+        sources.append(Gps("exif" if options.gps == "exif" else Path(options.gps), options.images))
+    sources += [replace(Marker.of(text), images=options.images) for text in options.marker]
     if options.metric_depth is not None:
         sources.append(MetricDepth(options.metric_depth))
     return (*sources, *(_baseline(text) for text in options.baseline))

@@ -15,13 +15,14 @@ IMAGES = ("images", "frames")
 _LEVELS_UP = 3
 
 
-def image_folders(scene: Scene) -> tuple[Path, ...]:
-    """The folders `images` and `frames` beside or above the model, nearest first."""
+def image_folders(scene: Scene, named: Path | None = None) -> tuple[Path, ...]:
+    """The folder that the user named, then `images` and `frames` beside or above the model, nearest first."""
     starts = [path.resolve() for path in (scene.path, scene.model_path) if path is not None]
     places = [
         place / name for start in starts for place in (start, *list(start.parents)[:_LEVELS_UP]) for name in IMAGES
     ]
-    return tuple(dict.fromkeys(place for place in places if place.is_dir()))
+    first = [] if named is None else [named.resolve()]
+    return tuple(dict.fromkeys([*first, *(place for place in places if place.is_dir())]))
 
 
 def image_file(folders: tuple[Path, ...], view: View) -> Path | None:

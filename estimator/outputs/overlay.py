@@ -58,7 +58,7 @@ def view_pictures(scene: Scene, images: Path | None = None) -> list[Path | None]
     InputFault
         There is no picture of any view.
     """
-    folders = ((images.resolve(),) if images is not None else ()) + image_folders(scene)
+    folders = image_folders(scene, images)
     files = [image_file(folders, view) for view in scene.views]
     if not any(files):
         places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"

@@ -71,7 +71,8 @@ def csv_text(result: ScaleResult) -> str:
     )
     for item in result.objects:
         sizes = [_metres(item, name, result.scale) for name in names]
-        row = [item.id, item.category, item.node, *sizes, item.scale, round(item.weight, 3), item.verdict, item.reason]
+        own = None if item.scale is None else float(f"{item.scale:.5g}")
+        row = [item.id, item.category, item.node, *sizes, own, round(item.weight, 3), item.verdict, item.reason]
         writer.writerow([_plain_cell(value) for value in row])
     return file.getvalue()
 

@@ -30,7 +30,16 @@ from estimator.results.reports import Options
 from metric_base.faults import InputFault
 from metric_tree.tree import Tree, open_tree
 from tests.made import minitree
-from tests.made.evidence import KINDS, RIG_M, degrees_of, draw_marker, marker_picture, objects_of, position_table
+from tests.made.evidence import (
+    KINDS,
+    RIG_M,
+    degrees_of,
+    draw_marker,
+    marker_picture,
+    objects_of,
+    position_table,
+    write_exif,
+)
 from tests.made.walk import Walk, made_walk, with_rig
 
 
@@ -167,6 +176,15 @@ def test_a_damaged_table_is_one_line(walk: Walk, nothing: Measurements, tmp_path
     (tmp_path / "path.csv").write_text(text, encoding="utf-8")
     with pytest.raises(InputFault, match=r"path\.csv"):
         Gps(tmp_path / "path.csv").observe(walk.scene, nothing)
+
+
+def test_pictures_in_a_folder_of_another_name(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    write_exif(walk)
+    (tmp_path / "images").rename(tmp_path / "pictures")
+    assert one(Gps("exif").observe(walk.scene, nothing)).scale is None
+    assert one(Gps("exif", tmp_path / "pictures").observe(walk.scene, nothing)).scale is not None
+    marker = Marker("DICT_4X4_50", 0.1, images=tmp_path / "pictures")
+    assert one(marker.observe(walk.scene, nothing)).reason == "no marker is in two pictures or more"
 
 
 def test_a_path_over_the_date_line_is_short() -> None:
@@ -334,16 +352,22 @@ def test_the_options_of_the_command(walk: Walk, mini: Tree, capsys: pytest.Captu
     from estimator.evidence.options import evidence_sources
 
     words = ["scene", "--camera-height", "1.5+-0.1", "--gps", "exif", "--marker", "DICT_4X4_50:0.1"]
-    words += ["--metric-depth", "depth", "--baseline", "left:right:0.12"]
+    words += ["--metric-depth", str(walk.scene.path), "--baseline", "left:right:0.12", "--images", "pictures"]
     assert evidence_sources(parser().parse_args(words)) == (
         CameraHeight(1.5, 0.1),
-        Gps("exif"),
-        Marker("DICT_4X4_50", 0.1),
-        MetricDepth(Path("depth")),
+        Gps("exif", Path("pictures")),
+        Marker("DICT_4X4_50", 0.1, images=Path("pictures")),
+        MetricDepth(walk.scene.path),
         RigBaseline("left", "right", 0.12),
     )
     assert evidence_sources(parser().parse_args(["scene"])) == ()
-    for wrong in (["--camera-height", "tall"], ["--baseline", "left:right"], ["--marker", "x"]):
+    for wrong in (
+        ["--camera-height", "tall"],
+        ["--baseline", "left:right"],
+        ["--marker", "x"],
+        ["--gps", "no.csv"],
+        ["--metric-depth", "nowhere"],
+    ):
         assert main(["scene", *wrong]) == 2
         assert wrong[0] in capsys.readouterr().err
     assert main(["--objects", "file.json", "--gps", "exif"]) == 2

@@ -157,7 +157,7 @@ def test_the_whole_command_needs_no_masks_file(
     ("words", "said"),
     [
         (["--detector", "x.onnx"], "together"),
-        (["--images", "."], "--images with --detector or --overlay"),
+        (["--images", "."], "--images with --detector, --overlay"),
         (["--detector-labels", "x"], "--detector"),
         (["--images", ".", "--detector", "no-such"], "maskrcnn-12"),
         (["--images", ".", "--detector", "x", "--instances", "y"], "--instances"),

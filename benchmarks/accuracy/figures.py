@@ -27,7 +27,7 @@ def write_figures(outcomes: Sequence[Outcome], folder: Path) -> list[str]:
     for name, draw, parts in (
         ("accuracy_simulation.png", _draw_simulation, ("structured",)),
         ("accuracy_faults.png", _draw_faults, ("faults",)),
-        ("accuracy_scenes.png", _draw_scenes, ("methods",)),
+        ("accuracy_scenes.png", _draw_scenes, ("methods", "scenes")),
     ):
         chosen = [one for one in outcomes if one.part in parts]
         if chosen:

@@ -32,13 +32,14 @@ class Facts:
 
 def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
     """The page; the template has a place for each table and the facts."""
+    scenes = [one for one in outcomes if one.part in {"methods", "scenes"}]
     return Template(template).substitute(
         command=facts.command,
         release=facts.release,
         rooms=facts.rooms,
         minutes=f"{facts.minutes:.0f}",
-        methods=_methods_table(select(outcomes, part="methods")),
-        differences=_differences_table(select(outcomes, part="methods")),
+        methods=_methods_table(scenes),
+        differences=_differences_table(scenes),
         structured=_structured_table(select(outcomes, part="structured")),
         faults=_faults_table(select(outcomes, part="faults")),
         tilted=_groups_table(select(outcomes, part="tilted")),

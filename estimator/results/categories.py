@@ -9,16 +9,29 @@ from metric_tree.context import Where
 from metric_tree.prior import Prior
 from metric_tree.tree import DETECTORS, Node, Tree
 
-__all__ = ["Meaning", "meanings"]
+__all__ = ["BROADER_SCORE", "Meaning", "meanings"]
+
+#: What is left of the score of an object whose label is read as a broader kind: a foosball table is no usual table, and
+#: its chance of being unlike the prior is one in four rather than one in ten.
+BROADER_SCORE = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Meaning:
-    """The node of a category name and its prior, or the reason why there is none."""
+    """The node of a category name and its prior, or the reason why there is none.
+
+    broader : the name says more than the node does, as `foosball table` does of a table.
+    """
 
     node: Node | None
     prior: Prior | None
     reason: str | None = None
+    broader: bool = False
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is said of every object of this name."""
+        return (f"read as the broader kind {self.node.name}",) if self.broader and self.node is not None else ()
 
 
 def meanings(
@@ -38,6 +51,18 @@ def _meaning(tree: Tree, name: str, dims: tuple[str, ...] | None, where: Where |
     except InputFault as fault:
         return Meaning(None, None, str(fault))
     try:
-        return Meaning(node, node.prior(dims, where))
+        return Meaning(node, node.prior(dims, where), broader=_is_broader(tree, name, node))
     except InputFault as fault:
         return Meaning(node, None, str(fault))
+
+
+def _is_broader(tree: Tree, name: str, node: Node) -> bool:
+    """Whether a name ends with the name of its node and says more, which is neither an adjective nor a known name."""
+    words, own = _words(name), _words(node.name)
+    if words == own or words[-len(own) :] != own or any(words == _words(alias) for alias in node.aliases):
+        return False
+    return tree.resolve(name, DETECTORS).how in {"label list", "broader kind"}
+
+
+def _words(name: str) -> list[str]:
+    return name.lower().replace("_", " ").replace("-", " ").split()

@@ -14,7 +14,7 @@ from estimator.posterior.posterior import Posterior, object_curves, posterior
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Alternative, ScaleResult, UpReport
 from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
-from estimator.results.categories import Meaning, meanings
+from estimator.results.categories import BROADER_SCORE, Meaning, meanings
 from estimator.results.contradiction import Contradiction, contradiction_of
 from estimator.results.reports import Answer, Options, names_of, result_of
 from metric_base.arrays import FloatArray
@@ -91,7 +91,8 @@ def evidence_of(
     for place, item in enumerate(objects):
         meaning = by_name[item.category]
         if reasons[place] is None and meaning.node is not None and meaning.prior is not None:
-            stated[place] = ObjectEvidence(item, meaning.prior, meaning.node.pose)
+            score = BROADER_SCORE * item.score if meaning.broader else item.score
+            stated[place] = ObjectEvidence(replace(item, score=score), meaning.prior, meaning.node.pose)
     for place, there in zip(list(stated), usable(list(stated.values())).tolist(), strict=True):
         if not any(there):
             reasons[place] = f"none of its extents is among {', '.join(stated.pop(place).prior.dims)}"

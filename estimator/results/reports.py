@@ -119,7 +119,7 @@ def _report(
         verdict=said,
         reason=reason,
         score=item.score,
-        notes=item.notes,
+        notes=(*item.notes, *meaning.notes),
         views=item.views,
     )
 

@@ -1,0 +1,34 @@
+"""What labels mean: a broader kind is said and weighs less."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import metric_tree
+from estimator.records.measured_object import MeasuredObject
+from estimator.results.categories import meanings
+from estimator.results.estimate import scale_of_objects
+from metric_tree.tree import Tree
+
+
+@pytest.fixture(scope="module")
+def shipped() -> Tree:
+    return metric_tree.open()
+
+
+def test_a_label_that_says_more_than_its_node_is_a_broader_kind(shipped: Tree) -> None:
+    by_name = meanings(shipped, {"foosball table", "table", "dining table", "wooden cabinet", "cell phone"})
+    assert [name for name, meaning in by_name.items() if meaning.broader] == ["foosball table"]
+
+
+def test_a_broader_kind_is_said_and_weighs_less(shipped: Tree) -> None:
+    def result(category: str):  # type: ignore[no-untyped-def]
+        table = MeasuredObject("1", category, np.array([1.4, 0.8, 0.75]), np.full(3, 0.05))
+        chair = MeasuredObject("2", "chair", np.array([0.5, 0.5, 0.9]), np.full(3, 0.05))
+        return scale_of_objects([table, chair], shipped).objects[0]
+
+    plain, broader = result("table"), result("foosball table")
+    assert plain.node == broader.node
+    assert broader.notes == ("read as the broader kind table",)
+    assert broader.weight < plain.weight

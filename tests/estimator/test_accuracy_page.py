@@ -1,0 +1,65 @@
+"""The report of accuracy: its statistics against hand-made outcomes, and a page without a hole."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.accuracy.__main__ import TEMPLATE
+from benchmarks.accuracy.methods import METHODS
+from benchmarks.accuracy.outcomes import Outcome, difference, read_outcomes, summary, write_outcomes
+from benchmarks.accuracy.page import Facts, page
+from benchmarks.accuracy.simulations import fewer_dimensions
+from estimator.records.measured_object import MeasuredObject
+
+ONE = Outcome("methods", "rooms", "a", "default", np.log(1.1), False, np.log(0.95), np.log(1.2), 0.1, 6)
+
+
+def test_summary_counts_answered_scenes_alone() -> None:
+    outside = replace(ONE, scene="b", error=np.log(1.3), low=np.log(1.1), high=np.log(1.5), heights=0.3)
+    refused = replace(ONE, scene="c", error=np.log(3.0), refused=True, low=np.nan, high=np.nan, heights=np.nan)
+    s = summary([ONE, outside, refused])
+    assert (s.n, s.coverage) == (3, 0.5)
+    assert s.refused == pytest.approx(1 / 3)
+    assert s.mean == pytest.approx(0.2)
+    assert s.heights == pytest.approx(0.2)
+    widths = np.log(1.2 / 0.95), np.log(1.5 / 1.1) + 20 * np.log(1.1)
+    assert s.score == pytest.approx(np.mean(widths))
+
+
+def test_differences_are_of_the_scenes_of_both() -> None:
+    ours = [replace(ONE, scene=str(k), error=np.log(1.05)) for k in range(12)]
+    theirs = [replace(one, method="paper", error=np.log(1.15)) for one in ours[:10]]
+    mean, low, high, count = difference(ours, theirs)
+    assert count == 10
+    assert mean == pytest.approx(-0.1)
+    assert low <= mean <= high < 0
+
+
+def test_no_dimension_is_counted_twice() -> None:
+    things = [MeasuredObject(str(k), "cup", np.array([0.1, 0.1, 0.1]), np.full(3, 0.05)) for k in range(3)]
+    generator = np.random.default_rng(0)
+    fewer = fewer_dimensions(things, 4, generator)
+    assert fewer is not None
+    assert sum(int(np.isfinite(thing.extents).sum()) for thing in fewer) == 4
+    assert fewer_dimensions(things, 10, generator) is None
+
+
+def test_the_page_has_every_table(tmp_path: Path) -> None:
+    parts = {"methods": "rooms", "structured": "3/6%", "faults": "truncated: 0%", "tilted": "t", "dimensions": "6"}
+    outcomes = [
+        replace(ONE, part=part, group=group, scene=str(number), method=method)
+        for part, group in parts.items()
+        for number in range(3)
+        for method in METHODS
+    ]
+    write_outcomes(outcomes, tmp_path / "rows.jsonl")
+    facts = Facts(command="python -m benchmarks.accuracy", release="2.0.0", rooms="typical sizes", minutes=3.0)
+    text = page(read_outcomes(tmp_path / "rows.jsonl"), facts, TEMPLATE.read_text(encoding="utf-8"))
+    assert "$" not in text
+    assert text.count("Not run.") == 1  # no room of an unseen source
+    assert re.search(r"\| rooms \| default \| 3 \| 0% \| 10\.0 %", text)

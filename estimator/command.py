@@ -48,11 +48,26 @@ def _run(words: Sequence[str]) -> int:
     result = _objects_result(options) if options.objects is not None else _scene_result(options)
     for line in () if options.quiet else result.warnings:
         warn(line, PROGRAM)
-    for file in (options.output, options.work and options.work / "result.json"):
-        if file is not None and result.exit_code == 0:
-            result.save(file)
+    if result.exit_code == 0:
+        for file in (options.output, options.work and options.work / "result.json"):
+            if file is not None:
+                result.save(file)
+    else:
+        _withhold_files(options)
     _print(result, options)
     return result.exit_code
+
+
+def _withhold_files(options: argparse.Namespace) -> None:
+    """Say that nothing is written, and remove what an earlier run of the work folder found, which no longer holds."""
+    from metric_base.terminal import warn
+
+    if options.work is not None:
+        (options.work / "result.json").unlink(missing_ok=True)
+    asked = [name for name in ("output", "figure", "overlay", "write_scaled") if getattr(options, name) is not None]
+    if asked and not options.quiet:
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in asked)
+        warn(f"{names}: nothing is written of an unresolved scale", PROGRAM)
 
 
 def _capture_status(options: argparse.Namespace) -> int | None:

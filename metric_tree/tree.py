@@ -28,6 +28,9 @@ DETECTORS = "detectors"
 #: As many rivals as an ambiguous name's message lists.
 LISTED = 4
 
+#: Characters of a name; a longer text is no name of a thing.
+LONGEST_NAME = 300
+
 
 class UnknownName(InputFault, KeyError):
     """A name that means no node of the tree; the message names the nearest."""
@@ -224,8 +227,10 @@ class Tree:
         """The nodes right below a node."""
         return tuple(self.node(child) for child in self._below.get(node_id, ()))
 
-    def find(self, name: str, vocabulary: str | None = None) -> Node:
+    def find(self, name: str, vocabulary: str | None = None, *, advice: bool = True) -> Node:
         """The node that a name means: an id, synset, name, alias, detector label or phrase; see `resolve`.
+
+        Without `advice` the fault of an unknown name offers no others, which takes longer than all the rest.
 
         Raises
         ------
@@ -239,14 +244,14 @@ class Tree:
         >>> tree.find("black wooden chairs").node_id
         'chair.n.01'
         """
-        meaning = self.resolve(name, vocabulary)
+        meaning = self.resolve(name, vocabulary, advice=advice)
         if meaning.ambiguous:
             rivals = (meaning.node, *meaning.alternatives)[:LISTED]
             candidates = ", ".join(f"{node.node_id} ({node.n_items} items)" for node in rivals)
             raise AmbiguousName(f"{name!r} means several nodes: {candidates}; ask for one of them by its id")
         return meaning.node
 
-    def resolve(self, text: str, vocabulary: str | None = None) -> Meaning:
+    def resolve(self, text: str, vocabulary: str | None = None, *, advice: bool = True) -> Meaning:
         """What a text means, how that was reached, how clear it is, and what else it may mean.
 
         Case, plurals, spaces, hyphens, underscores, articles, numbers, and British spelling are folded; adjectives,
@@ -267,11 +272,13 @@ class Tree:
         """
         if not isinstance(text, str) or not text.strip():
             raise UnknownName(f"name: expected a name; found {text!r}")
+        if len(text) > LONGEST_NAME:
+            raise UnknownName(f"no node is called {text[:40]!r}, with {len(text):,} characters in all")
         if vocabulary is not None and (listed := self._label_node(text, vocabulary)) is not None:
             return Meaning(listed, "label list", math.inf, (), False)
         answer = self._resolver.answer(text)
         if answer is None:
-            nearest = " or ".join(repr(name) for name in self._resolver.nearest(text))
+            nearest = " or ".join(repr(name) for name in (self._resolver.nearest(text) if advice else ()))
             raise UnknownName(f"no node is called {text!r}" + (f"; did you mean {nearest}?" if nearest else ""))
         nodes = [self.node(candidate.node_id) for candidate in answer.candidates]
         return Meaning(nodes[0], answer.how, answer.margin, tuple(nodes[1:]), answer.ambiguous)

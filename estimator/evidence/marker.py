@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 __all__ = ["Marker"]
 
 KIND = "marker"
+#: Most columns or rows of a board: its picture would have thousands of pixels.
+MAX_SQUARES = 200
 
 #: Printers and paper stretch by half a per cent: no marker is better, natural log.
 LEAST_SD = 0.005
@@ -56,6 +58,14 @@ class Marker:
         if _dictionary_name(self.dictionary) is None:
             expected = "a dictionary of OpenCV, such as DICT_4X4_50 or APRILTAG_36h11"
             raise InputFault.at("--marker", "dictionary", expected, self.dictionary)
+        if self.board is not None:
+            self._check_board(*self.board)
+
+    def _check_board(self, columns: int, rows: int, side: float) -> None:
+        if not (2 <= columns <= MAX_SQUARES and 2 <= rows <= MAX_SQUARES):
+            raise InputFault.at("--marker", "board", f"2 to {MAX_SQUARES} columns and rows", (columns, rows))
+        if not 0 < side < self.metres:
+            raise InputFault.at("--marker", "board", "markers smaller than their squares", (self.metres, side))
 
     @classmethod
     def of(cls, text: str) -> Marker:

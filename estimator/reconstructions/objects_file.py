@@ -23,7 +23,10 @@ SCHEMA = "metric-tree/objects/1"
 #: noise run from 0 to 15 %, a careful reconstruction is good for 5 %.
 STATED_SIGMA = 0.05
 
-_Positive = Annotated[float, msgspec.Meta(gt=0, lt=1e300)]
+#: Most objects of a file; each takes some 15 kB, and a scene of thousands says no more.
+MAX_OBJECTS = 50_000
+
+_Positive = Annotated[float, msgspec.Meta(gt=1e-300, lt=1e300)]
 _Zero = Annotated[float, msgspec.Meta(ge=0, lt=1e300)]
 
 
@@ -105,7 +108,10 @@ def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
             raise FieldFault("schema", SCHEMA, record.get("schema"))
         objects = []
         seen: set[str] = set()
-        for place, entry in enumerate(json_array(record.get("objects"), "objects")):
+        entries = json_array(record.get("objects"), "objects")
+        if len(entries) > MAX_OBJECTS:
+            raise FieldFault("objects", f"at most {MAX_OBJECTS:,}", len(entries))
+        for place, entry in enumerate(entries):
             with at_field(f"objects[{place}]"):
                 item = _object(place, json_object(entry, ""))
                 if item.id in seen:

@@ -15,6 +15,9 @@ __all__ = ["BROADER_SCORE", "Meaning", "meanings"]
 #: its chance of being unlike the prior is one in four rather than one in ten.
 BROADER_SCORE = 0.7
 
+#: Unknown names for which others are offered: each takes some milliseconds, and nobody reads more of them.
+ADVISED = 50
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Meaning:
@@ -42,12 +45,17 @@ def meanings(
     With `where` it is that of a region and a year. A name that means no node, or several alike, or a node without
     such a prior, has a reason instead: it is listed, not fatal.
     """
-    return {name: _meaning(tree, name, dims, where) for name in sorted(names)}
+    known: dict[str, Meaning] = {}
+    unknown = 0
+    for name in sorted(names):
+        known[name] = _meaning(tree, name, dims, where, unknown < ADVISED)
+        unknown += known[name].node is None
+    return known
 
 
-def _meaning(tree: Tree, name: str, dims: tuple[str, ...] | None, where: Where | None) -> Meaning:
+def _meaning(tree: Tree, name: str, dims: tuple[str, ...] | None, where: Where | None, advice: bool) -> Meaning:
     try:
-        node = tree.find(name, DETECTORS)
+        node = tree.find(name, DETECTORS, advice=advice)
     except InputFault as fault:
         return Meaning(None, None, str(fault))
     try:

@@ -126,6 +126,33 @@ def test_output_is_the_same_json(tmp_path: Path, tree: Path, capsys: pytest.Capt
     assert [path.name for path in tmp_path.iterdir() if path.name.endswith(".tmp")] == []
 
 
+def test_an_unresolved_scale_writes_nothing_and_says_so(
+    tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "objects.json"
+    file.write_text(json.dumps({"schema": SCHEMA, "objects": []}))
+    words = ["--objects", str(file), "--tree", str(tree), "--output", str(tmp_path / "out.json")]
+    assert main([*words, "--figure", str(tmp_path / "figure.png")]) == 3
+    assert "--output, --figure: nothing is written of an unresolved scale" in capsys.readouterr().err
+    assert [entry.name for entry in tmp_path.iterdir() if entry.is_file()] == ["objects.json"]
+
+
+def test_a_crowd_of_objects_and_a_name_of_pages_are_bounded(
+    tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "objects.json"
+    thing = {"category": "chair", "dimensions": {"height": 1.0}}
+    file.write_text(json.dumps({"schema": SCHEMA, "objects": [thing] * 50_001}))
+    assert main(["--objects", str(file), "--tree", str(tree)]) == 2
+    assert "objects: expected at most 50,000, found 50001" in capsys.readouterr().err
+    names = ["x" * 100_000, *(f"zz{row}" for row in range(60))]
+    file.write_text(json.dumps({"schema": SCHEMA, "objects": [thing | {"category": name} for name in names]}))
+    assert main(["--objects", str(file), "--tree", str(tree), "--quiet", "--json"]) == 3
+    reasons = [item["reason"] for item in json.loads(capsys.readouterr().out)["objects"]]
+    assert len(reasons[0]) < 200
+    assert all("no node is called" in reason for reason in reasons)
+
+
 def test_known_length_with_negative_coordinates(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
     objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
     words = ("--known-length", "0,0,0", "-1,-2,-2", "1.53")

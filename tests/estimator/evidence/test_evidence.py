@@ -226,7 +226,18 @@ def test_pictures_without_a_marker(walk: Walk, nothing: Measurements, tmp_path: 
 
 
 @pytest.mark.parametrize(
-    "text", ["", "DICT_4X4_50", "NONE:0.1", "DICT_4X4_50:0", "DICT_4X4_50:x", "charuco:DICT_4X4_50:5:1:1"]
+    "text",
+    [
+        "",
+        "DICT_4X4_50",
+        "NONE:0.1",
+        "DICT_4X4_50:0",
+        "DICT_4X4_50:x",
+        "charuco:DICT_4X4_50:5:1:1",
+        "charuco:DICT_4X4_50:999999x999999:.1:.05",
+        "charuco:DICT_4X4_50:1x5:.1:.05",
+        "charuco:DICT_4X4_50:5x7:.1:nan",
+    ],
 )
 def test_words_of_a_marker(text: str) -> None:
     with pytest.raises(InputFault, match="--marker"):

@@ -45,12 +45,12 @@ CODES = {
     "E306": "an item without licence, or of a source that the manifest does not name",
     "E307": "an item without any size",
     "W308": "identical rows make up much of a class",
-    "W309": "a size that stands a unit's factor away from its class",
+    "W309": "a size that differs from its class by the factor of a unit (10, 25.4, 304.8, 1000)",
     "W310": "a size far outside its class",
     "W311": "a class of which one dimension is constant",
     "W312": "a class that is a grid of values, no sample",
     "W313": "sources that disagree about a class",
-    "W314": "a class that stands a unit's factor away from its siblings",
+    "W314": "a class that differs from its siblings by the factor of a unit",
 }
 
 

@@ -108,7 +108,7 @@ def parser() -> OneLineParser:
         type=Path,
         help="the scene's pictures, for --detector, --overlay, --gps exif, --marker",
     )
-    add("--detector", metavar="MODEL", help="ONNX Mask R-CNN in torchvision's form, or a registered name to download")
+    add("--detector", metavar="MODEL", help="ONNX Mask R-CNN, YOLO or RT-DETR, or a registered name to download")
     add("--detector-labels", metavar="FILE", type=Path, help="its label names, one a line from label 1 (default: COCO)")
     dense = "dense cloud (default: the one beside the model, if any; auto: made, of a video or pictures)"
     add("--dense", metavar="FILE|none|auto", help=dense)

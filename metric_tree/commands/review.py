@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import difflib
 import random
+import re
 from collections import Counter
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,6 +27,9 @@ SCHEMA = "metric-tree/review/1"
 
 #: Sources of raw items that are neither declared nor sites: the curated ranges, and what our spider asks Wikidata.
 UNDECLARED = ("curated", "wikidata")
+
+#: A host's name, as `crawl generic` gives it to its items: `shop.example`.
+HOST = re.compile(r"[a-z0-9-]+(\.[a-z0-9-]+)*\.[a-z]{2,}")
 
 #: Nearest names of a source that a message offers.
 OFFERED = 3
@@ -58,6 +62,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("--amend", action="store_true", help="replace an earlier word of the same reviewer")
     _add_reviewer(record, "a person's name, or 'program: what it is'")
     record.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
+    record.add_argument("--sources", type=Path, metavar="DIR", help="declarations of your own: their sources exist, too")
     record.add_argument("--why", default="", help="one line")
     actions.add_parser("agreement", help="Cohen's kappa of first and second readings, and where they differ")
     for action in actions.choices.values():
@@ -135,13 +140,13 @@ def _blind(arguments: argparse.Namespace) -> None:
     if arguments.json:
         print_json(rows)
     else:
-        columns = ("subject", "words", *(("title", "size", "picture") if arguments.raw else ()))
+        columns = ("subject", "words", *(("title", "size", "picture", "page") if arguments.raw else ()))
         cells = [[row.get(column, "") for column in columns] for row in rows]
         print_table(columns, cells, title=f"{len(rows)} subjects for {arguments.reviewer}")
 
 
 def _examples(raw: Sequence[Path], subjects: set[str]) -> dict[str, dict[str, str]]:
-    """Title, size in mm and picture of the first item of each subject that the raw items have."""
+    """Title, size in mm, picture and page of the first item of each subject that the raw items have."""
     if not raw:
         return {}
     from metric_tree.build.ingest import blocks, items_of, raw_files
@@ -153,7 +158,8 @@ def _examples(raw: Sequence[Path], subjects: set[str]) -> dict[str, dict[str, st
         words = default_matcher().finding(item.source, item.category_path, item.title, item.synset).subject
         for subject in {f"{item.source}: {words}", f"{EVERY_SOURCE}: {words}"} & subjects - set(examples):
             size = " x ".join(f"{value:.4g}" for value in item.extents_mm or ())
-            examples[subject] = {"title": item.title or "", "size": size, "picture": next(iter(item.images), "")}
+            links = {"picture": next(iter(item.images), ""), "page": item.url or ""}
+            examples[subject] = {"title": item.title or "", "size": size, **links}
         if len(examples) == len(subjects):
             break
     return examples
@@ -167,7 +173,7 @@ def _record(arguments: argparse.Namespace) -> None:
 
     source, separator, words = arguments.subject.partition(": ")
     if separator and arguments.what == "match":
-        _expect_source(source, decisions(arguments.folder))
+        _expect_source(source, decisions(arguments.folder), arguments.sources)
     elif arguments.what == "insertion" and arguments.subject not in default_lexicon().inserted:
         nearest = difflib.get_close_matches(arguments.subject, sorted(default_lexicon().inserted), n=OFFERED, cutoff=0)
         raise BadDecision(
@@ -199,15 +205,18 @@ def _record(arguments: argparse.Namespace) -> None:
         print_table(["subject", "decision", "reviewer"], [row], title=str(file))
 
 
-def _expect_source(name: str, given: Sequence[Decision]) -> None:
-    """See that a decision speaks of a source that raw items can bear: declared, a site, or decided about before."""
-    from crawler.imports.sources import sources
+def _expect_source(name: str, given: Sequence[Decision], folder: Path | None) -> None:
+    """See that a decision is about a source that raw items can have: declared, a site, or decided about before.
+
+    The items of a generic crawl have their host as source, so that any host's name is one.
+    """
+    from crawler.imports.sources import declared_sources
     from crawler.sites import GENERIC, SITES
     from taxonomy.matching.decisions import EVERY_SOURCE, BadDecision
 
-    known = {EVERY_SOURCE, *UNDECLARED, *(site.name for site in (GENERIC, *SITES)), *(one.id for one in sources())}
+    known = {EVERY_SOURCE, *UNDECLARED, *(site.name for site in (GENERIC, *SITES)), *declared_sources(folder)}
     known |= {decision.subject.partition(": ")[0] for decision in given if decision.what == "match"}
-    if name not in known:
+    if name not in known and not HOST.fullmatch(name):
         nearest = difflib.get_close_matches(name, sorted(known), n=OFFERED, cutoff=0) or sorted(known)
         expected = f"a source ({', '.join(nearest)} are nearest), or {EVERY_SOURCE} for all"
         raise BadDecision(f"subject: expected {expected}; found {name!r}")

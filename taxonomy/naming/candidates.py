@@ -11,7 +11,7 @@ from functools import cached_property
 from taxonomy.naming.evidence import Sense, reviewed_meanings, senses
 from taxonomy.naming.spelling import fold_text, plain_fold
 
-__all__ = ["Candidate", "Names", "folded_forms"]
+__all__ = ["Candidate", "Names", "folded_forms", "own_names"]
 
 #: Ends the id of a leaf of items that no source names closer; only its full name means it.
 _OTHER = "/other"
@@ -75,7 +75,7 @@ class Names:
         for node_id, name, words in zip(ids, names, aliases, strict=True):
             for word in words or ():
                 self._forms[plain_fold(word)].setdefault(node_id, False)
-            for own in _own_names(node_id, name):
+            for own in own_names(node_id, name):
                 self._forms[plain_fold(own)][node_id] = True
 
     def __contains__(self, node_id: object) -> bool:
@@ -166,7 +166,7 @@ class Names:
         return Candidate(node, score + 0.01, "own name" if own else "alias" if own is False else "label list")
 
 
-def _own_names(node_id: str, name: str) -> tuple[str, ...]:
+def own_names(node_id: str, name: str) -> tuple[str, ...]:
     """A node's name, without what tells it apart in brackets, and the word of its synset (`bat` of `bat.n.05`)."""
     if node_id.endswith(_OTHER):
         return (name,)

@@ -221,6 +221,20 @@ def test_a_review_is_amended_withdrawn_and_named_once(tmp_path: Path, capsys: py
     assert "subject: expected an insertion" in capsys.readouterr().err
 
 
+EXAMPLES = Path(__file__).parents[3] / "data" / "examples" / "source"
+
+
+@pytest.mark.usefixtures("wordnet")
+def test_a_word_may_be_about_a_host_or_a_source_of_ones_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The items of `crawl generic` have their host as source; a folder's declarations are known where it is named."""
+    record = ["sofa.n.01", "--reviewer", "Ada", "--folder", str(tmp_path), "--json"]
+    assert main(["review", "record", "shop.example: foo", *record]) == 0
+    assert main(["review", "record", "lamps: foo", *record]) == 2
+    assert main(["review", "record", "lamps: foo", *record, "--sources", str(EXAMPLES)]) == 0
+    assert [one.subject for one in decisions(tmp_path)] == ["shop.example: foo", "lamps: foo"]
+    assert "subject: expected a source (" in capsys.readouterr().err
+
+
 @pytest.mark.usefixtures("wordnet")
 def test_a_blind_list_shows_an_example_of_each(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     item = RawItem(
@@ -247,6 +261,7 @@ def test_a_blind_list_shows_an_example_of_each(tmp_path: Path, capsys: pytest.Ca
         "title": "A zzyzx",
         "size": "10",
         "picture": "https://example.org/1.jpg",
+        "page": "",
     }
     assert main([*blind, "--limit", "2"]) == 0
     assert len(json.loads(capsys.readouterr().out)) == 2

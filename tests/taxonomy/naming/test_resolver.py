@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taxonomy.naming.candidates import Names
-from taxonomy.naming.modifiers import after_counts, leading_phrase, without_numbers
+from taxonomy.naming.modifiers import after_counts, contained, leading_phrase, without_numbers
 from taxonomy.naming.resolver import Answer, Resolver
 from taxonomy.naming.spelling import fold_text, plain_fold, singular_phrases
 
@@ -100,6 +100,41 @@ def test_an_ancestor_and_its_descendant_are_one_sense() -> None:
     found = kin.answer("chair")
     assert found is not None
     assert not found.ambiguous
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("robot chair arm", []),
+        ("gaming chairr", []),
+        ("televison", ["television"]),
+        ("computer monitr", ["computer monitor"]),
+        ("gaming sofa", ["sofa"]),
+        ("gaming sofas", ["sofa"]),
+        ("zzz", []),
+    ],
+)
+def test_a_suggestion_is_near_in_spelling_or_the_head_noun(text: str, names: list[str]) -> None:
+    """No compound is offered that shares only its other word: a robot arm is no robot vacuum."""
+    assert RESOLVER.nearest(text) == names
+
+
+def test_a_container_is_what_is_meant_and_not_what_is_in_it() -> None:
+    assert answer("a bottle of water").node_id == "bottle.n.01"
+    assert contained("cup of tea") == ("cup", "tea")
+    assert contained("loaf of bread") is None
+    assert contained("cup of ") is None
+
+
+def test_a_baby_something_is_an_animal_or_unknown() -> None:
+    assert answer("baby cat").node_id == "cat.n.01"
+    assert RESOLVER.answer("baby monitor") is None
+
+
+def test_a_kind_too_far_up_is_taken_by_its_own_name_alone() -> None:
+    """The third level says little of a size: metal furniture is furniture, a thing that is known to be some is not."""
+    assert answer("metal chair").node_id == "chair.n.01"
+    assert RESOLVER.answer("metal entity") is None
 
 
 def test_likeness_of_spelling_is_offered_and_never_taken() -> None:

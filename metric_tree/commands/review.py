@@ -62,7 +62,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("--amend", action="store_true", help="replace an earlier word of the same reviewer")
     _add_reviewer(record, "a person's name, or 'program: what it is'")
     record.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
-    record.add_argument("--sources", type=Path, metavar="DIR", help="declarations of your own: their sources exist, too")
+    record.add_argument(
+        "--sources", type=Path, metavar="DIR", help="declarations of your own: their sources exist, too"
+    )
     record.add_argument("--why", default="", help="one line")
     actions.add_parser("agreement", help="Cohen's kappa of first and second readings, and where they differ")
     for action in actions.choices.values():

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 from crawler.fetch.pictures import decode_picture
@@ -29,17 +30,24 @@ WIDTH, MARGIN, GAP, LABEL = 1600, 40, 30, 46
 #: Pixels of the largest thing's longer side, and the least that a thing keeps, so that it is seen at all.
 LARGEST, LEAST = 340, 3
 
+#: Pixels of a line of credits, and letters that fit into it.
+CREDIT_HEIGHT, CREDIT_LETTERS = 20, 190
+
 #: Columns that a label needs, however small its thing.
 COLUMN = 150
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tile:
-    """A picture to be drawn: its file, whether that is a cut-out, the longest extent and the label's two lines."""
+    """A picture to be drawn: its file, whether that is a cut-out, what its scale is known by, the label and the credit.
+
+    `pixels_per_mm` is known of a rendered picture; the longer side of any other counts as the thing's longest extent.
+    """
 
     path: Path
     is_cut: bool
     longest_mm: float
+    pixels_per_mm: float | None
     title: str
     sizes: str
     credit: str
@@ -67,8 +75,10 @@ def tiles(release: Path, rows: Sequence[Mapping[str, Any]]) -> list[Tile]:
         path = cut or image_path(release, row)
         if path is not None and (cut or not isinstance(decode_picture(path.read_bytes()), str)):
             sizes = " × ".join(f"{side:.0f}" for side in row["extents_mm"])
-            credit = f"{row['source']} ({row['licence'] or 'no licence stated'})"
-            tiles.append(Tile(path, cut is not None, max(row["extents_mm"]), row["title"], f"{sizes} mm", credit))
+            credit = row["attribution"] or f"{row['source']} ({row['licence'] or 'no licence stated'})"
+            scale = row["pixels_per_metre"] / 1000 if cut and row["pixels_per_metre"] else None
+            longest = max(row["extents_mm"])
+            tiles.append(Tile(path, cut is not None, longest, scale, row["title"], f"{sizes} mm", credit))
     return tiles
 
 
@@ -101,11 +111,15 @@ def bar_length(mm_per_px: float, about_px: float = 200) -> float:
 
 
 def _spread(rows: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
-    """At most `count` rows, evenly over the order of longest extents."""
-    ordered = sorted(rows, key=lambda row: (max(row["extents_mm"]), row["image_id"]))
-    if count >= len(ordered):
-        return ordered
-    return [ordered[(2 * k + 1) * len(ordered) // (2 * count)] for k in range(max(0, count))]
+    """At most `count` rows, evenly over the order of longest extents; a second view of an item after one of each."""
+    if not rows or count <= 0:
+        return []
+    ordered = sorted(rows, key=lambda row: (max(row["extents_mm"]), row["item_id"], row["image_id"]))
+    firsts = list({row["item_id"]: row for row in reversed(ordered)}.values())[::-1]
+    if count > len(firsts):
+        shown = {row["image_id"] for row in firsts}
+        return firsts + _spread([row for row in ordered if row["image_id"] not in shown], count - len(firsts))
+    return [firsts[(2 * k + 1) * len(firsts) // (2 * count)] for k in range(count)]
 
 
 def _sheet(things: Sequence[Tile], title: str) -> Any:
@@ -116,7 +130,8 @@ def _sheet(things: Sequence[Tile], title: str) -> Any:
     scaled = [_scale(thing, mm_per_px) for thing in things]
     rows = _rows([picture.size for picture in scaled])
     heights = [max(scaled[k].height for k, _ in row) + LABEL + GAP for row in rows]
-    top, foot = 2 * MARGIN + 50, 60
+    owed = _credit_lines(things)
+    top, foot = 2 * MARGIN + 50, 40 + CREDIT_HEIGHT * len(owed)
     sheet = Image.new("RGB", (WIDTH, top + sum(heights) + foot), "white")
     pen = ImageDraw.Draw(sheet)
     pen.text((MARGIN, MARGIN), title, fill="black", font=_font(26))
@@ -130,10 +145,16 @@ def _sheet(things: Sequence[Tile], title: str) -> Any:
             pen.text((x, shelf + 24), things[k].sizes, fill="#555555", font=_font(14))
         pen.line((MARGIN, shelf + 2, WIDTH - MARGIN, shelf + 2), fill="#dddddd")
         y += height
+    for number, line in enumerate(owed):
+        pen.text((MARGIN, y + 10 + CREDIT_HEIGHT * number), line, fill="#555555", font=_font(14))
+    return sheet
+
+
+def _credit_lines(things: Sequence[Tile]) -> list[str]:
+    """Whom to name for the pictures, as their licences ask, in lines that fit on the sheet."""
     owed = "; ".join(sorted({thing.credit for thing in things}))
     note = "" if all(thing.is_cut for thing in things) else " Framed: not cut, the frame is drawn as the thing."
-    pen.text((MARGIN, y + 10), f"Sources and licences: {owed}.{note}", fill="#555555", font=_font(14))
-    return sheet
+    return wrap(f"Pictures: {owed}.{note}", CREDIT_LETTERS)
 
 
 def _scale(thing: Tile, mm_per_px: float) -> Any:
@@ -142,7 +163,8 @@ def _scale(thing: Tile, mm_per_px: float) -> Any:
 
     with Image.open(thing.path, formats=["PNG", "JPEG", "WEBP"]) as file:
         picture = ImageOps.exif_transpose(file).convert("RGBA")
-    factor = max(thing.longest_mm / mm_per_px, LEAST) / max(picture.size)
+    shown_mm = max(picture.size) / thing.pixels_per_mm if thing.pixels_per_mm else thing.longest_mm
+    factor = max(shown_mm / mm_per_px, LEAST) / max(picture.size)
     size = (max(1, round(picture.width * factor)), max(1, round(picture.height * factor)))
     small = picture.resize(size, Image.Resampling.LANCZOS)
     return small if thing.is_cut else ImageOps.expand(small, 1, "#cc8844")

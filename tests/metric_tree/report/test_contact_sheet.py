@@ -13,7 +13,7 @@ from PIL import Image
 from metric_tree.commands import main
 from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import cut_release
-from metric_tree.report.contact_sheet import LARGEST, MARGIN, bar_length, picture_rows
+from metric_tree.report.contact_sheet import LARGEST, MARGIN, _scale, _spread, bar_length, picture_rows, tiles
 from metric_tree.tree import open_tree
 from tests.made.picture_fixture import HOSTILE, release_with, shop_picture, wallpaper
 
@@ -61,6 +61,25 @@ def test_things_are_as_large_as_their_longest_extent(release, tmp_path, capsys):
     widths = [end - start + 1 for start, end in zip(starts, ends, strict=True) if end - start > 20]
     assert len(widths) == 2
     assert widths[0] / widths[1] == pytest.approx(longest[0] / longest[1], rel=0.03)
+
+
+def test_a_rendered_picture_has_its_own_scale_and_credit(tmp_path):
+    """Two views of one thing, one of them narrow: each is as large as its pixels per metre say."""
+    file = tmp_path / "a.png"
+    Image.new("RGBA", (100, 50), "red").save(file)
+    row = {"path": "a.png", "cutout_path": "a.png", "extents_mm": [300.0, 100.0], "title": "t", "source": "s"}
+    row |= {"licence": "CC-BY-4.0", "attribution": "by Ada", "pixels_per_metre": 500.0}
+    (rendered, cut) = tiles(tmp_path, [row, row | {"pixels_per_metre": None, "attribution": None}])
+    assert _scale(rendered, 2.0).size == (100, 50)  # 200 mm
+    assert _scale(cut, 2.0).size == (150, 75)  # 300 mm
+    assert (rendered.credit, cut.credit) == ("by Ada", "s (CC-BY-4.0)")
+
+
+def test_a_second_view_comes_after_one_of_each_item():
+    rows = [{"item_id": item, "image_id": f"{item}{view}", "extents_mm": [100.0]} for item in "ab" for view in range(4)]
+    assert [row["item_id"] for row in _spread(rows, 2)] == ["a", "b"]
+    assert sorted(row["item_id"] for row in _spread(rows, 4)) == ["a", "a", "b", "b"]
+    assert len({row["image_id"] for row in _spread(rows, 99)}) == 8
 
 
 def test_cut_pictures_come_first_and_spread_over_sizes(release):

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from estimator.capture.video import VideoFrame
 from metric_base.faults import InputFault, Words
+from metric_base.pictures import read_picture
 
 __all__ = ["PICTURE_SUFFIXES", "PictureFolder", "picture_files"]
 
@@ -101,8 +102,7 @@ def _colour(file: Path) -> NDArray[np.uint8]:
     """(h, w, 3) RGB; OpenCV turns it as EXIF asks."""
     import cv2
 
-    data = np.fromfile(file, dtype=np.uint8)
-    picture = cv2.imdecode(data, cv2.IMREAD_COLOR) if len(data) else None
+    picture = read_picture(file, cv2.IMREAD_COLOR)
     if picture is None:
         raise InputFault.at(file, "picture", "a picture that OpenCV reads", Words("something else"))
     return np.ascontiguousarray(picture[:, :, ::-1])

@@ -8,6 +8,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault, Words
+from metric_base.pictures import read_picture
 
 __all__ = ["SUFFIXES", "read_depth"]
 
@@ -62,7 +63,7 @@ def _png(file: Path) -> FloatArray:
     """(h, w) values of a PNG of 16 bits."""
     import cv2
 
-    values = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    values = read_picture(file, cv2.IMREAD_UNCHANGED)
     if values is None or values.dtype != np.uint16:
         actual = Words("no picture" if values is None else str(values.dtype))
         raise InputFault.at(file, "picture", "a PNG of 16 bits", actual)

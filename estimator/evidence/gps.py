@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 __all__ = ["Gps", "local_metres"]
 
 KIND = "gps"
+#: Metres (or degrees) beyond which no position on the earth is, whatever its origin.
+FARTHEST_M = 1e9
 
 #: WGS 84: semi-major axis in metres, first eccentricity squared.
 AXIS_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3
@@ -114,8 +116,8 @@ def _numbers(cells: Iterable[Any]) -> list[float]:
         numbers = [float(cell) for cell in cells]
     except (TypeError, ValueError):
         raise FieldFault("", "three numbers after the name", list(cells)) from None
-    if not all(math.isfinite(number) for number in numbers):
-        raise FieldFault("", "finite numbers", numbers)
+    if not all(abs(number) < FARTHEST_M for number in numbers):
+        raise FieldFault("", f"finite numbers below {FARTHEST_M:g}", numbers)
     return numbers
 
 
@@ -146,7 +148,7 @@ def _exif_degrees(tags: Mapping[int, Any]) -> list[float] | None:
     below = tags.get(ALT_REF) in (1, b"\x01")
     altitude = float(tags.get(ALT, 0.0)) * (-1 if below else 1)
     numbers = [-lat if tags.get(LAT_REF) == "S" else lat, -lon if tags.get(LON_REF) == "W" else lon, altitude]
-    return numbers if all(math.isfinite(number) for number in numbers) else None
+    return numbers if all(abs(number) < FARTHEST_M for number in numbers) else None
 
 
 def _in_metres(values: Mapping[int, list[float]], geodetic: bool) -> dict[int, FloatArray]:

@@ -19,6 +19,7 @@ from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault
+from metric_base.pictures import read_picture
 
 if TYPE_CHECKING:
     from estimator.geometry.measurement import Measurements
@@ -112,7 +113,7 @@ class Marker:
         pictures = 0
         for row, view in enumerate(scene.views):
             file = image_file(folders, view)
-            picture = None if file is None else cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+            picture = None if file is None else read_picture(file, cv2.IMREAD_GRAYSCALE)
             if picture is None:
                 continue
             pictures += 1

@@ -99,7 +99,10 @@ def _camera(entry: dict[str, Any], centred: bool) -> Camera:
         focal = matrix_of(stated if isinstance(stated, list) else [stated, stated], (2,), "pxFocalLength")
     else:
         focal_mm, ratio = number_of(entry, "focalLength"), number_of(entry, "pixelRatio", 1.0)
-        focal_x = focal_mm * size[0] / number_of(entry, "sensorWidth")
+        sensor_mm = number_of(entry, "sensorWidth")
+        if not sensor_mm > 0:
+            raise FieldFault("sensorWidth", "millimetres above 0", sensor_mm)
+        focal_x = focal_mm * size[0] / sensor_mm
         focal = np.array([focal_x, focal_x * ratio])
     centre = matrix_of(
         entry.get("principalPoint", [0, 0] if centred else [side / 2 for side in size]), (2,), "principalPoint"

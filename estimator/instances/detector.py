@@ -33,6 +33,7 @@ from estimator.instances.registry import RegisteredDetector, download, registry_
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.faults import InputFault, Words
+from metric_base.pictures import read_picture
 from metric_base.terminal import progress
 
 __all__ = ["Detections", "Detector", "InputForm", "detect_instances", "load_detector"]
@@ -297,7 +298,7 @@ def _picture(file: Path) -> Picture:
     import cv2
 
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    picture = cv2.imdecode(np.fromfile(file, dtype=np.uint8), flags) if file.stat().st_size else None
+    picture = read_picture(file, flags)
     if picture is None:
         raise InputFault.at(file, "picture", "a picture that OpenCV reads", Words("something else"))
     return np.ascontiguousarray(picture[:, :, ::-1])

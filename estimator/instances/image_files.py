@@ -6,6 +6,7 @@ from pathlib import Path
 
 from estimator.reconstructions.checked_files import is_file
 from estimator.records.scene import Scene, View
+from metric_base.faults import InputFault, Words
 
 __all__ = ["image_file", "image_folders"]
 
@@ -16,7 +17,15 @@ _LEVELS_UP = 3
 
 
 def image_folders(scene: Scene, named: Path | None = None) -> tuple[Path, ...]:
-    """The folder that the user named, then `images` and `frames` beside or above the model, nearest first."""
+    """The folder that the user named, then `images` and `frames` beside or above the model, nearest first.
+
+    Raises
+    ------
+    InputFault
+        What the user named is no folder.
+    """
+    if named is not None and not named.is_dir():
+        raise InputFault.at(named, "--images", "a folder", Words("a file" if named.exists() else "nothing"))
     starts = [path.resolve() for path in (scene.path, scene.model_path) if path is not None]
     places = [
         place / name for start in starts for place in (start, *list(start.parents)[:_LEVELS_UP]) for name in IMAGES

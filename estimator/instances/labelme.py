@@ -15,6 +15,7 @@ from estimator.reconstructions.checked_files import json_array, json_object, rea
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.faults import FieldFault, at_field, in_file
+from metric_base.pictures import decode_picture
 
 __all__ = ["is_labelme", "read_labelme"]
 
@@ -111,7 +112,7 @@ def _stored_mask(text: object, corner: np.ndarray[Any, Any], size: tuple[int, in
         data = base64.b64decode(text, validate=True) if isinstance(text, str) else b""
     except (binascii.Error, ValueError):
         data = b""
-    crop = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_GRAYSCALE) if data else None
+    crop = decode_picture(data, cv2.IMREAD_GRAYSCALE)
     if crop is None:
         raise FieldFault("mask", "a PNG in base64", text)
     whole = np.zeros((size[1], size[0]), dtype=bool)

@@ -27,6 +27,7 @@ from metric_base.arrays import FloatArray
 from metric_base.escaping import visible
 from metric_base.faults import InputFault, Words
 from metric_base.files import OutputNames, whole_folder
+from metric_base.pictures import read_picture
 
 if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont
@@ -79,8 +80,10 @@ def write_overlays(estimate: SceneEstimate, folder: Path, images: Path | None = 
     with whole_folder(folder, "--overlay") as temporary:
         names = OutputNames(temporary)
         for row, file in enumerate(files):
-            picture = None if file is None else cv2.imread(str(file), cv2.IMREAD_COLOR)
-            if picture is not None:
+            if file is not None:
+                picture = read_picture(file, cv2.IMREAD_COLOR)
+                if picture is None:
+                    raise InputFault.at(file, "picture", "one that OpenCV reads", Words("something else"))
                 name = estimate.scene.views[row].name
                 target = names.path(name if Path(name).suffix.lower() in _WRITTEN else f"{name}.png")
                 _write_picture(target, overlay(estimate, row, picture[..., ::-1])[..., ::-1])

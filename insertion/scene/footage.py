@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from estimator.instances.image_files import image_file, image_folders
 from estimator.records.scene import Scene, View
 from metric_base.faults import InputFault
+from metric_base.pictures import read_picture
 
 __all__ = ["Footage", "PictureFootage", "Shot", "Stills"]
 
@@ -66,7 +67,7 @@ class Stills:
         import cv2
 
         file, camera = self._files[row], self.scene.views[row].camera
-        pixels = cv2.imread(str(file), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+        pixels = None if file is None else read_picture(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if pixels is None:
             raise InputFault(f"{file}: picture: expected one that OpenCV reads; found none")
         if pixels.shape[:2] != (camera.height, camera.width):

@@ -18,6 +18,7 @@ import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -152,12 +153,8 @@ def build_release(
     _expect_private(options.private, files)
     own = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
-    with (
-        sole_writer(out),
-        WorkFolder.open(
-            log / "work", fingerprint(files, repr((options, sorted(declared.items()), own, carried)))
-        ) as work,
-    ):
+    key = fingerprint(files, repr((options, sorted(declared.items()), own, carried)))
+    with sole_writer(out), _empty_after_a_fault(log), WorkFolder.open(log / "work", key) as work:
         steps = Steps(options, taxonomy, declared, carried, executor or Here(), progress, work)
         counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()
@@ -166,6 +163,17 @@ def build_release(
         _write_log(log, work.directory, report)  # first, since a run that finds the release there writes no log
         release = publish_release(out, tables, manifest, extras)
     return Build(release, report, log)
+
+
+@contextmanager
+def _empty_after_a_fault(log: Path) -> Iterator[None]:
+    """Remove the log's folder, if the input is at fault and nothing was logged."""
+    try:
+        yield
+    except InputFault:
+        with suppress(OSError):  # an earlier build's log is in it
+            log.rmdir()
+        raise
 
 
 def _expect_private(private: Sequence[str], files: Iterable[Path]) -> None:

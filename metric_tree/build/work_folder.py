@@ -61,7 +61,11 @@ class WorkFolder:
             _remove(directory)
         directory.mkdir(parents=True, exist_ok=True)
         note.write_text(key, encoding="ascii")
-        yield cls(directory)
+        try:
+            yield cls(directory)
+        except InputFault:  # another input is another build
+            _remove(directory)
+            raise
         _remove(directory)
 
     def map(

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import BoolArray
+from metric_base.pictures import read_picture
 from metric_tree.training.pasted import Cutout
 from metric_tree.training.records import BadAnnotations
 
@@ -215,7 +216,7 @@ def _pixels(file: Path) -> Picture:
     """(h, w, 4) BGRA of a cut-out within its tight box, at most KEPT_SIDE_PX long."""
     import cv2
 
-    pixels = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+    pixels = read_picture(file, cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8:
         raise BadAnnotations.at(file, "cut-out", "an RGBA picture of 8 bits", "something else")
     rows, columns = (np.flatnonzero((pixels[:, :, 3] >= OPAQUE).any(axis=axis)) for axis in (1, 0))

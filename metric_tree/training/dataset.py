@@ -16,6 +16,7 @@ import numpy as np
 
 from metric_base.faults import InputFault
 from metric_base.files import whole_folder
+from metric_base.pictures import read_picture
 from metric_tree.training.classes import Classes
 from metric_tree.training.composition import Picture, compose, random_background
 from metric_tree.training.pasted import Cutout
@@ -156,7 +157,7 @@ def _background(plan: Plan, size: tuple[int, int], generator: np.random.Generato
     if not plan.backgrounds:
         return random_background(size, generator)
     file = plan.backgrounds[int(generator.integers(len(plan.backgrounds)))]
-    pixels = cv2.imdecode(np.fromfile(file, dtype=np.uint8), cv2.IMREAD_COLOR)
+    pixels = read_picture(file, cv2.IMREAD_COLOR)
     if pixels is None:
         raise BadAnnotations.at(file, "background", "a picture", "something else")
     height, width = size

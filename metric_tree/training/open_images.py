@@ -11,8 +11,7 @@ import csv
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-
+from metric_base.pictures import read_picture
 from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations, run_lengths
 
 __all__ = ["LISTS", "open_images_pictures"]
@@ -55,7 +54,7 @@ def _picture(
     for mask_name, label in rows:
         if label not in names or mask_name not in files:
             continue  # masks come in sixteen archives; a user may have fetched some
-        picture = cv2.imdecode(np.fromfile(files[mask_name], dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+        picture = read_picture(files[mask_name], cv2.IMREAD_GRAYSCALE)
         if picture is None:
             raise BadAnnotations.at(files[mask_name], "mask", "a picture", "something else")
         if picture.shape != (height, width):

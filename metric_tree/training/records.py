@@ -11,6 +11,7 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, IntArray
 from metric_base.faults import InputFault
+from metric_base.pictures import read_picture
 
 __all__ = ["AnnotatedObject", "AnnotatedPicture", "BadAnnotations", "coded_picture", "run_lengths"]
 
@@ -58,7 +59,7 @@ def coded_picture(path: Path, size: tuple[int, int] | None = None) -> IntArray:
     """
     import cv2
 
-    pixels = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if path.stat().st_size else None
+    pixels = read_picture(path, cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
         told = "no picture" if pixels is None else f"shape {pixels.shape}, {pixels.dtype}"
         raise BadAnnotations.at(path, "picture", "three channels of 8 bits", told)

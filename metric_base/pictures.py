@@ -1,0 +1,41 @@
+"""Pictures that strangers made, decoded by OpenCV: of bounded size, and a refusal is an answer, not an error."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["MAX_PIXELS", "decode_picture", "read_picture"]
+
+#: Most pixels of a picture, twice those of the largest cameras.
+MAX_PIXELS = 1 << 28
+#: Most bytes of a picture's file.
+MAX_BYTES = 1 << 30
+
+# OpenCV reads this when it is first loaded; what it may take grows with it.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
+
+
+def read_picture(file: Path, flags: int) -> NDArray[Any] | None:
+    """The pixels of a file, as `cv2.imread` gives them with `flags`; None where it is no picture or too large."""
+    if not file.is_file() or file.stat().st_size > MAX_BYTES:
+        return None
+    return decode_picture(np.fromfile(file, dtype=np.uint8), flags)
+
+
+def decode_picture(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] | None:
+    """The pixels of a file's bytes, as `cv2.imdecode` gives them with `flags`; None where they are no picture."""
+    import cv2
+
+    array = np.frombuffer(data, dtype=np.uint8) if isinstance(data, bytes) else data
+    if not len(array):
+        return None
+    try:
+        pixels = cv2.imdecode(array, flags)
+    except cv2.error:  # more pixels than it takes, or a size that is none
+        return None
+    return None if pixels is None else np.asarray(pixels)

@@ -1,0 +1,60 @@
+"""Pictures that strangers made: what is none, or too large, is an answer and no error."""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from metric_base.pictures import decode_picture, read_picture
+
+
+def bomb(width: int, height: int) -> bytes:
+    """A small PNG that says that it is large."""
+
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    pixels = zlib.compress(b"\0" * 100_000)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize("data", [b"", b"GIF89a", b"\xff\xd8\xff\xe0", bomb(60_000, 60_000), bomb(0, 5)])
+def test_what_is_no_picture_is_none(data: bytes, tmp_path: Path) -> None:
+    assert decode_picture(data, cv2.IMREAD_COLOR) is None
+    (tmp_path / "a.png").write_bytes(data)
+    assert read_picture(tmp_path / "a.png", cv2.IMREAD_COLOR) is None
+
+
+def test_what_is_no_file_is_none(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for name in ("pipe", "nothing", "."):
+        assert read_picture(tmp_path / name, cv2.IMREAD_COLOR) is None
+    assert read_picture(Path("/dev/zero"), cv2.IMREAD_COLOR) is None
+
+
+def test_a_picture_is_what_opencv_reads(tmp_path: Path) -> None:
+    pixels = np.arange(60, dtype=np.uint8).reshape(4, 5, 3)
+    file = tmp_path / "a.png"
+    file.write_bytes(cv2.imencode(".png", pixels)[1].tobytes())
+    read = read_picture(file, cv2.IMREAD_COLOR)
+    assert read is not None
+    np.testing.assert_array_equal(read, pixels)
+
+
+@settings(max_examples=100)
+@given(st.data())
+def test_a_damaged_picture_never_raises(data: st.DataObject) -> None:
+    whole = bytearray(cv2.imencode(".png", np.full((6, 7, 3), 9, dtype=np.uint8))[1].tobytes())
+    for place, value in data.draw(st.lists(st.tuples(st.integers(0, len(whole) - 1), st.integers(0, 255)), max_size=5)):
+        whole[place] = value
+    decoded = decode_picture(bytes(whole), cv2.IMREAD_COLOR)
+    assert decoded is None or decoded.ndim == 3

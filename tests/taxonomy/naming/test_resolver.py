@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taxonomy.naming.candidates import Names
-from taxonomy.naming.modifiers import after_counts, contained, leading_phrase, without_numbers
+from taxonomy.naming.modifiers import after_counts, container_and_content, leading_phrase, without_numbers
 from taxonomy.naming.resolver import Answer, Resolver
 from taxonomy.naming.spelling import fold_text, plain_fold, singular_phrases
 
@@ -121,9 +121,9 @@ def test_a_suggestion_is_near_in_spelling_or_the_head_noun(text: str, names: lis
 
 def test_a_container_is_what_is_meant_and_not_what_is_in_it() -> None:
     assert answer("a bottle of water").node_id == "bottle.n.01"
-    assert contained("cup of tea") == ("cup", "tea")
-    assert contained("loaf of bread") is None
-    assert contained("cup of ") is None
+    assert container_and_content("cup of tea") == ("cup", "tea")
+    assert container_and_content("loaf of bread") is None
+    assert container_and_content("cup of ") is None
 
 
 def test_a_baby_something_is_an_animal_or_unknown() -> None:

@@ -1,4 +1,4 @@
-"""Insertion against a path tracer's truth: `python -m benchmarks.insertion.traced_room --light lamp --out DIR`.
+"""Insertion against a path tracer's truth: `python -m benchmarks.insertion.traced_room --room lamp --out DIR`.
 
 Blender's Cycles renders a furnished room without an object and with it. We insert the same object into the pictures
 without it, and compare colour, shadow and outline with those in which it really stands. Needs Blender
@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,14 @@ from numpy.typing import NDArray
 from estimator.records.scene import View
 from insertion.blender.process import run_blender
 from insertion.exports.metric_frame import MetricFrame, metric_frame, object_matrix
+from insertion.models.gltf import read_model
+from insertion.models.size import Size
+from insertion.places.place import Place
 from insertion.records.encoding import linear_to_srgb, luminance, srgb_to_linear
 from insertion.records.result import ScaleUsed
+from insertion.render.body import body_of
 from insertion.scene.footage import PictureFootage, Stills
-from insertion.staging.insert import Placed, insert_objects, place_objects
+from insertion.staging.insert import Placed, insert_objects
 from insertion.staging.options import ObjectRequest
 from insertion.staging.stage import Stage, make_stage
 from tests.made.insertions import write_glb
@@ -36,44 +40,80 @@ from tests.made.rooms.similarity import Similarity, similarity_between
 from tests.made.rooms.solids import Mesh, join
 from tests.made.rooms.world import Pinhole, World
 
-SIZE, FOCAL = (320, 240), 250.0
-SAMPLES = 48
-#: Square area lights: side (m), watts, place (x, y, z with z up), what it shines at.
-LIGHTS = {
-    "lamp": [(0.5, 45.0, (0.6, -0.4, 2.5), (0.5, -0.3, 0.0))],
-    "day": [(1.6, 110.0, (-2.5, -0.5, 1.6), (1.0, 0.3, 0.4)), (2.0, 12.0, (0.0, 0.0, 2.5), (0.0, 0.0, 0.0))],
+SIZE, FOCAL = (240, 180), 187.5
+SAMPLES = 24
+#: Mean luminance of the pictures: what a camera's own exposure aims at.
+EXPOSED = 0.18
+
+
+@dataclass(frozen=True, slots=True)
+class TracedRoom:
+    """A made room under square area lights: side (m), watts, place (x, y, z with z up), what it shines at.
+
+    place : x, y on the floor in metres and the heading in degrees of the object.
+    """
+
+    kind: str
+    seed: int
+    place: tuple[float, float, float]
+    lights: tuple[tuple[float, float, tuple[float, float, float], tuple[float, float, float]], ...]
+
+
+#: The last one is held out: no constant was chosen with it in view.
+ROOMS = {
+    "lamp": TracedRoom(
+        "sitting room", 1001, (1.761, 0.986, -160.64), ((0.5, 45.0, (0.6, -0.4, 2.5), (0.5, -0.3, 0.0)),)
+    ),
+    "day": TracedRoom(
+        "kitchen",
+        1002,
+        (1.41, 1.533, -150.62),
+        ((1.3, 110.0, (-2.4, -0.5, 1.6), (1.0, 0.3, 0.4)), (2.0, 8.0, (0.0, 0.0, 2.5), (0.0, 0.0, 0.0))),
+    ),
+    "two lamps": TracedRoom(
+        "study",
+        1004,
+        (0.328, 1.593, -87.0),
+        ((0.4, 35.0, (-1.3, 0.9, 2.5), (-1.2, 0.8, 0.0)), (0.4, 20.0, (1.4, -0.9, 2.5), (1.3, -0.8, 0.0))),
+    ),
+    "held out": TracedRoom(
+        "bedroom",
+        1006,
+        (0.3, 0.6, -90.0),
+        ((1.2, 60.0, (2.6, 0.3, 1.5), (-1.0, 0.0, 0.3)), (0.3, 16.0, (-1.4, 1.2, 2.3), (-1.2, 1.0, 0.0))),
+    ),
 }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--light", choices=LIGHTS, default="lamp")
+    parser.add_argument("--room", choices=ROOMS, default="lamp")
     parser.add_argument("--views", type=int, default=8)
-    parser.add_argument("--seed", type=int, default=1001)
     parser.add_argument("--judged", type=int, default=3, help="views in which the object is rendered as well")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    world = _world(options.seed, options.views)
-    made = quick_scene(world, Knobs(depth_noise=0.004), options.seed)
+    room = ROOMS[options.room]
+    world = _world(room, options.views)
+    made = quick_scene(world, Knobs(depth_noise=0.004), room.seed)
     to_scene = similarity_between(
         np.array([pose.centre for pose in world.poses]), np.array([view.centre for view in made.scene.views])
     )
-    _bare_pictures(world, options.light, options.out)
+    _bare_pictures(world, room, options.out)
     stage = _stage(made, to_scene, options.out)
     model = write_glb(solid("chair", np.array([0.42, 0.38, 0.75])), options.out / "chair.glb", (0.6, 0.25, 0.12))
-    placed = place_objects(stage, [ObjectRequest(model)])[0]
+    placed = _placed(stage, model, room, to_scene)
     ours: list[NDArray[np.uint8]] = []
     results = insert_objects(stage, [placed], lambda _, picture: ours.append(picture))
     order = [k for k, frame in enumerate(results[0].frames) if frame.silhouette is not None and frame.visible > 0.9]
     judged = order[:: max(1, len(order) // options.judged)][: options.judged]
-    truth = _true_pictures(world, options.light, options.out, stage, placed, to_scene, judged)
+    truth = _true_pictures(world, room, options.out, stage, placed, to_scene, judged)
     for number, row in enumerate(judged):
         _compare(stage, placed, row, ours[row], truth[number], options.out)
 
 
-def _world(seed: int, views: int) -> World:
-    world = furnished_room("sitting room", seed, Knobs(views=views, coverage=0.7))
+def _world(room: TracedRoom, views: int) -> World:
+    world = furnished_room(room.kind, room.seed, Knobs(views=views, coverage=0.7))
     return replace(world, camera=Pinhole(*SIZE, FOCAL))
 
 
@@ -92,10 +132,12 @@ def _room_files(world: World, folder: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def _job(world: World, light: str, rows: Sequence[int], objects: list[dict[str, Any]], out: Path) -> dict[str, Any]:
+def _job(
+    world: World, room: TracedRoom, rows: Sequence[int], objects: list[dict[str, Any]], out: Path
+) -> dict[str, Any]:
     return {
         "objects": objects,
-        "lights": [_light(*stated) for stated in LIGHTS[light]],
+        "lights": [_light(*stated) for stated in room.lights],
         "environment": None,
         "window": {"width": SIZE[0], "height": SIZE[1], "fx": FOCAL, "fy": FOCAL, "cx": SIZE[0] / 2, "cy": SIZE[1] / 2},
         "keys": [
@@ -130,7 +172,7 @@ def _camera_matrix(world: World, row: int) -> NDArray[np.float64]:
     return np.asarray(TO_JOB @ matrix)
 
 
-def _bare_pictures(world: World, light: str, out: Path) -> None:
+def _bare_pictures(world: World, room: TracedRoom, out: Path) -> None:
     """The pictures without the object, kept from run to run."""
     import cv2
 
@@ -139,10 +181,16 @@ def _bare_pictures(world: World, light: str, out: Path) -> None:
     images.mkdir(exist_ok=True)
     rows = [k for k in range(len(world.poses)) if not (traced / f"{k:06d}.npy").is_file()]
     if rows:
-        run_blender(_job(world, light, rows, _room_files(world, out), traced), out)
+        run_blender(_job(world, room, rows, _room_files(world, out), traced), out)
     for k in range(len(world.poses)):
-        linear = np.load(traced / f"{k:06d}.npy")[..., :3].astype(np.float32)
-        cv2.imwrite(str(images / f"frame{k:03d}.png"), np.rint(linear_to_srgb(linear))[..., ::-1].astype(np.uint8))
+        cv2.imwrite(str(images / f"frame{k:03d}.png"), _developed(traced / f"{k:06d}.npy", out)[..., ::-1])
+
+
+def _developed(file: Path, out: Path) -> NDArray[np.uint8]:
+    """A traced picture as the camera would store it, at one exposure for the whole room."""
+    bare = [luminance(np.load(other)[..., :3].astype(np.float32)).mean() for other in sorted((out / "bare").iterdir())]
+    linear = np.load(file)[..., :3].astype(np.float32)
+    return np.rint(linear_to_srgb(linear * EXPOSED / np.mean(bare))).astype(np.uint8)
 
 
 def _stage(made: MadeScene, to_scene: Similarity, out: Path) -> Stage:
@@ -153,12 +201,26 @@ def _stage(made: MadeScene, to_scene: Similarity, out: Path) -> Stage:
     return make_stage(scene, stills, PictureFootage(stills), made.instances, scale)
 
 
+def _placed(stage: Stage, model: Path, room: TracedRoom, to_scene: Similarity) -> Placed:
+    """The object on the floor where the room says, whatever the places that are free."""
+    x, y, turn = room.place
+    floor = stage.supports.surfaces[0].plane
+    position = to_scene(np.array([[x, y, 0.0]]))[0]
+    position = position + (floor.height - position @ floor.basis[2]) * floor.basis[2]
+    front = to_scene.rotation @ [np.cos(np.radians(turn)), np.sin(np.radians(turn)), 0.0]
+    front = front - (front @ floor.basis[2]) * floor.basis[2]
+    place = Place(position, floor.basis, stage.scene.views[0].centre, "floor", 0)
+    chair, size = read_model(model), Size(1.0, "file")
+    body = body_of(chair, position, floor.basis, front / np.linalg.norm(front), 1 / stage.scale.metres_per_unit)
+    return Placed(ObjectRequest(model), chair, size, place, front / np.linalg.norm(front), turn, body)
+
+
 def _named(view: View) -> View:
     return replace(view, name=f"{Path(view.name).stem}.png")
 
 
 def _true_pictures(
-    world: World, light: str, out: Path, stage: Stage, placed: Placed, to_scene: Similarity, rows: Sequence[int]
+    world: World, room: TracedRoom, out: Path, stage: Stage, placed: Placed, to_scene: Similarity, rows: Sequence[int]
 ) -> list[NDArray[np.uint8]]:
     """The pictures with the object in the room."""
     frame = metric_frame([placed], stage.scale.metres_per_unit)
@@ -168,11 +230,8 @@ def _true_pictures(
     item = {"file": str(placed.request.model.resolve()), "matrix": (TO_JOB @ matrix).tolist()}
     missing = [k for k in rows if not (traced / f"{k:06d}.npy").is_file()]
     if missing:
-        run_blender(_job(world, light, missing, [*_room_files(world, out), item], traced), out)
-    return [
-        np.rint(linear_to_srgb(np.load(traced / f"{k:06d}.npy")[..., :3].astype(np.float32))).astype(np.uint8)
-        for k in rows
-    ]
+        run_blender(_job(world, room, missing, [*_room_files(world, out), item], traced), out)
+    return [_developed(traced / f"{k:06d}.npy", out) for k in rows]
 
 
 def _to_world(frame: MetricFrame, to_scene: Similarity) -> NDArray[np.float64]:

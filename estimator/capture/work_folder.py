@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import json
+import os
 import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -68,7 +69,7 @@ class WorkFolder:
         stamp = self._stamp(name)
         if stamp.get("key") == key and all((self.path / output).exists() for output in stamp["outputs"]):
             return str(stamp["digest"])
-        started = time.perf_counter()
+        started, cpu = time.perf_counter(), sum(os.times()[:4])
         part = self.path / f".{name}.part"
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir()
@@ -81,6 +82,7 @@ class WorkFolder:
         digest = _digest_of(b"".join(content_digest(self.path / output).encode() for output in made))
         self.seconds[name] = round(time.perf_counter() - started, 3)
         row = {"key": key, "outputs": made, "digest": digest, "seconds": self.seconds[name]}
+        row["cpu_seconds"] = round(sum(os.times()[:4]) - cpu, 3)  # of all threads and processes that it started
         with whole_file(self._stamp_file(name)) as file:
             file.write_text(json.dumps(row) + "\n", encoding="utf-8")
         return digest

@@ -2,8 +2,9 @@
 
 Each still gives every pixel's direction from the place: by the depth of the cloud where it has points nearby, so that a
 wall two metres away shifts as it should. What no picture shows (mostly the ceiling and its lamps) is filled from the
-border of what they show, then scaled until a white surface is as bright as the brightest ordinary surfaces of the
-pictures. Most of the unseen light comes from where lamps are: high above the middle of the room.
+border of what they show, then scaled until there is as much ambient light as the shading of the planes asks for; the
+lamps that it asks for are added. Without planes, a white surface is as bright as the brightest ordinary surfaces of the
+pictures, and most of the unseen light comes from where lamps are: high above the middle of the room.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.light.environment import HEIGHT, WIDTH, Environment, map_directions, solid_angles
+from insertion.light.shading import WHITE_ALBEDO, Lamp, Shading
 from insertion.places.place import Place
 from insertion.records.encoding import luminance, srgb_to_linear
 from insertion.scene.cloud import Cloud, even_rows, points_seen
@@ -25,9 +27,7 @@ __all__ = ["environment_at"]
 
 #: Stills that are looked at, and pixels between samples.
 MAX_STILLS, STEP = 24, 6
-#: The brightest ordinary surfaces are painted walls (0.5 to 0.8), paper and tiles: taken together they reflect this ...
-WHITE_ALBEDO = 0.65
-#: ... and this share of the pixels is brighter than they are (lamps, windows, highlights).
+#: This share of the pixels is brighter than the brightest ordinary surfaces (lamps, windows, highlights).
 BRIGHTER_SHARE = 0.03
 #: This share of the unseen light comes from the lamp, as this power of the cosine about its direction (25 degrees).
 LAMP_SHARE, LAMP_POWER = 0.6, 12
@@ -45,18 +45,24 @@ class _Samples:
     colours: NDArray[np.float32]
 
 
-def environment_at(place: Place, height: float, cloud: Cloud, stills: Stills) -> Environment:
+def environment_at(
+    place: Place, height: float, cloud: Cloud, stills: Stills, shading: Shading | None = None
+) -> Environment:
     """The environment around the middle of an object of this height (scene units) at the place."""
     middle = place.position + 0.5 * height * place.basis[2]
     samples = _samples(middle, place.basis, cloud, stills)
     total, count = _splat(samples)
     seen = np.clip(count / 2.0, 0.0, 1.0)
     shown = total / np.maximum(count, 1e-6)[..., None]
-    shown = shown * (1 + (CLIPPED_TIMES - 1) * (shown.max(axis=-1, keepdims=True) > CLIPPED))
-    filled = _fill(shown, seen)
-    lamp = _lamp_direction(middle, place.basis, cloud)
-    raised = _raise_top(filled, seen, _white_level(samples), lamp)
-    return Environment(raised.astype(np.float32), place.basis, seen.astype(np.float32))
+    if shading is None:
+        shown = shown * (1 + (CLIPPED_TIMES - 1) * (shown.max(axis=-1, keepdims=True) > CLIPPED))
+        toward = _lamp_direction(middle, place.basis, cloud)
+        lit = _raise_top(_fill(shown, seen), seen, _white_level(samples), toward)
+    else:
+        lit = _raise_ambient(_fill(shown, seen), seen, shading.ambient)
+        for lamp in shading.lamps:
+            lit = lit + _lamp_light(lamp, middle, place.basis, lit)
+    return Environment(lit.astype(np.float32), place.basis, seen.astype(np.float32))
 
 
 def _samples(middle: FloatArray, basis: FloatArray, cloud: Cloud, stills: Stills) -> _Samples:
@@ -156,3 +162,34 @@ def _raise_top(filled: FloatArray, seen: FloatArray, white: float, lamp: FloatAr
     colour = mean / max(float(luminance(mean)), 1e-9)
     rest = 1 + ((1 - LAMP_SHARE) * wanted / unseen - 1) * hidden
     return np.asarray(filled * rest[..., None] + (LAMP_SHARE * wanted / total) * lobe[..., None] * colour)
+
+
+def _raise_ambient(filled: FloatArray, seen: FloatArray, ambient: float) -> FloatArray:
+    """The unseen upper part scaled so that the irradiance on a level surface is the ambient one."""
+    weight = np.maximum(map_directions()[..., 2], 0.0) * solid_angles()[:, None]
+    bright = luminance(filled)
+    hidden = (1 - seen) * (weight > 0)
+    shown = float((weight * (1 - hidden) * bright).sum())
+    unseen = float((weight * hidden * bright).sum())
+    if unseen <= 1e-9:
+        return filled
+    times = float(np.clip((ambient - shown) / unseen, *UNSEEN))
+    return np.asarray(filled * (1 + (times - 1) * hidden)[..., None])
+
+
+def _lamp_light(lamp: Lamp, middle: FloatArray, basis: FloatArray, lit: FloatArray) -> FloatArray:
+    """(h, w, 3) radiance of a lamp: a soft disc for each place it may be at, with the irradiance strength / r^2."""
+    directions, area = map_directions(), solid_angles()[:, None]
+    white = np.einsum("hw,hwc->c", np.broadcast_to(area, directions.shape[:2]), lit)
+    colour = white / max(float(luminance(white)), 1e-9)
+    light = np.zeros(directions.shape[:2])
+    away = (lamp.places - middle) @ basis.T
+    distances = np.maximum(np.linalg.norm(away, axis=1), lamp.size / 2)
+    shone = np.maximum(-(away @ basis * lamp.facing).sum(axis=1) / distances, 0.0)
+    power = lamp.weights * lamp.strengths * np.where(lamp.facing.any(axis=1), shone, 1.0)
+    for toward, distance, strength in zip(away, distances, power, strict=True):
+        cosine = directions @ (toward / distance)
+        width = np.arctan(lamp.size / 2 / distance)
+        lobe = np.exp(-(1 - cosine) / max(1 - np.cos(width), 1e-4))
+        light += strength / distance**2 * lobe / max(float((lobe * area).sum()), 1e-12)
+    return np.asarray(light[..., None] * colour)

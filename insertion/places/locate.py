@@ -30,6 +30,8 @@ LEVEL_SHARE = 0.008
 MAX_CANDIDATES, SEEN_SHARE = 8, 0.25
 #: An object smaller than this in the picture is not worth a place, larger hides the scene (share of the height).
 APPARENT = (0.04, 0.7)
+#: A free place has nothing above it up to so many heights of the object, if there is such a place.
+OPEN_HEIGHTS = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,7 +202,9 @@ def _points_of(space: Space, instances: Sequence[Instance]) -> FloatArray:
 def _free_places(space: Space, number: int, mask: BoolArray | None = None) -> list[tuple[float, Place]]:
     """Up to two free places of a plane, in the cells `mask` (r, c), scored by views that see it times root area."""
     surface = space.supports.surfaces[number]
-    free = free_cells(surface, space.radius, space.height)
+    free = free_cells(surface, space.radius, OPEN_HEIGHTS * space.height)  # not under a table
+    if not free.any():
+        free = free_cells(surface, space.radius, space.height)
     if mask is not None:
         free &= mask
     room = distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]

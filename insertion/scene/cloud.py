@@ -11,6 +11,7 @@ from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import Scene, View
 from insertion.records.encoding import srgb_to_linear
 from insertion.scene.footage import Stills
+from insertion.scene.strays import stray_points
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Cloud", "FrontPoints", "coloured_cloud", "even_rows", "front_points", "points_seen"]
@@ -19,6 +20,8 @@ __all__ = ["Cloud", "FrontPoints", "coloured_cloud", "even_rows", "front_points"
 MAX_POINTS = 150_000
 #: Stills that colour the cloud.
 MAX_STILLS = 40
+#: Views that are asked whether they see through a point.
+STRAY_VIEWS = 16
 #: A point is hidden if another one within this many pixels lies nearer than this share of its depth.
 HIDDEN_PX, HIDDEN_SHARE = 4, 0.95
 
@@ -90,7 +93,19 @@ def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
         count[seen] += 1
     with np.errstate(invalid="ignore"):
         colours = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)
-    return Cloud(points, colours.astype(np.float32), scene.dense is not None, _visibility(scene, step))
+    cloud = Cloud(points, colours.astype(np.float32), scene.dense is not None, _visibility(scene, step))
+    return _without_strays(cloud, scene)
+
+
+def _without_strays(cloud: Cloud, scene: Scene) -> Cloud:
+    """The cloud without the points that views see through, where it is known what each view sees."""
+    if cloud.seen_by is None:
+        return cloud
+    asked = even_rows(tuple(range(len(scene.views))), STRAY_VIEWS)
+    kept = ~stray_points(cloud.points, [scene.views[k] for k in asked], [cloud.seen_by[k] for k in asked])
+    number = np.cumsum(kept) - 1
+    seen_by = tuple(number[rows[kept[rows]]] for rows in cloud.seen_by)
+    return Cloud(cloud.points[kept], cloud.colours[kept], cloud.dense, seen_by)
 
 
 def _visibility(scene: Scene, step: int) -> tuple[IntArray, ...] | None:

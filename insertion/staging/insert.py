@@ -209,7 +209,8 @@ def _view_of(stage: Stage, frame: str) -> View:
 
 def _renderer(context: Any, stage: Stage, item: Placed) -> ObjectRenderer:
     height = float(item.model.extents[1]) * item.size.factor / stage.scale.metres_per_unit
-    return ObjectRenderer(context, item.body, environment_at(item.place, height, stage.cloud, stage.stills))
+    environment = environment_at(item.place, height, stage.cloud, stage.stills, stage.shading())
+    return ObjectRenderer(context, item.body, environment)
 
 
 def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:

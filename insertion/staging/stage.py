@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
 
 from estimator.records.scene import Instance, Scene
+from insertion.light.open_air import shown_empty
+from insertion.light.patches import plane_patches
+from insertion.light.shading import Shading, fit_shading
 from insertion.places.supports import Supports, supports_of
 from insertion.records.result import ScaleUsed
 from insertion.scene.carried_masks import MaskCarrier
@@ -18,7 +24,7 @@ __all__ = ["Stage", "make_stage"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """Everything about the scene that does not depend on an object."""
+    """Everything about the scene that does not depend on an object; shading is found when it is first asked for."""
 
     scene: Scene
     stills: Stills
@@ -28,6 +34,7 @@ class Stage:
     instances: tuple[Instance, ...]
     scale: ScaleUsed
     carrier: MaskCarrier
+    shading: Callable[[], Shading | None]
 
     def masks(self, shot: Shot) -> Sequence[Instance]:
         """The masks of a shot, carried over from the nearest annotated view where it has none of its own."""
@@ -46,13 +53,22 @@ def make_stage(
         if not item.from_box:  # a box has no edge to hide behind
             by_view[item.view].append(item)
     cloud = coloured_cloud(scene, stills)
+    supports = supports_of(scene, cloud)
     return Stage(
         scene,
         stills,
         footage,
         cloud,
-        supports_of(scene, cloud),
+        supports,
         tuple(instances),
         scale,
         MaskCarrier(scene, by_view, cloud),
+        cache(lambda: _shading(scene, stills, cloud, supports)),
     )
+
+
+def _shading(scene: Scene, stills: Stills, cloud: Cloud, supports: Supports) -> Shading | None:
+    """The lamps of the scene; takes a second or two, hence only when something is drawn."""
+    centres = np.array([view.centre for view in scene.views])
+    patches = plane_patches(cloud, centres)
+    return fit_shading(patches, supports.up.vector, lambda places: shown_empty(places, cloud, stills))

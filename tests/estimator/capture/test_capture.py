@@ -25,9 +25,9 @@ from tests.made.rooms.world import Pinhole, Pose
 from tests.made.videos import Lens, filmed, orbit, room, times_of, write_video
 
 LENS = Lens(320, 240, 250.0, k=-0.06)
-FRAMES = 36
+FRAMES = 26
 #: A third of the frames is reconstructed from, so that the others have to be localised.
-CHOSEN = 14
+CHOSEN = 11
 COMMAND = "import sys; from estimator.command import main; sys.exit(main(sys.argv[1:]))"
 STAGES = ("frames", "features", "matches", "model", "poses")
 
@@ -179,15 +179,18 @@ def test_a_folder_of_its_frames_is_a_folder_of_pictures(
     """Without instances the command says in one line what is missing; everything before is kept."""
     import shutil
 
-    shutil.copytree(work / "frames", tmp_path / "pictures")
+    (tmp_path / "pictures").mkdir()
+    some = sorted((work / "frames").iterdir())[:7]
+    for file in some:
+        shutil.copy(file, tmp_path / "pictures")
     status = main([str(tmp_path / "pictures"), "--work", str(tmp_path / "w"), "--json"])
     captured = capsys.readouterr()
     assert (status, captured.out) == (2, "")
     (line,) = captured.err.splitlines()
     assert "--instances FILE, --detector MODEL, or --draw" in line
     poses = read_frame_poses(tmp_path / "w")
-    assert [pose.origin for pose in poses.frames] == ["reconstructed"] * CHOSEN
-    assert [pose.time_s for pose in poses.frames] == [None] * CHOSEN
+    assert [pose.origin for pose in poses.frames] == ["reconstructed"] * len(some)
+    assert [pose.time_s for pose in poses.frames] == [None] * len(some)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,8 @@ from tests.made.rooms.render import NoOpenGL
 from tests.made.videos import Lens, MadeFrame, filmed, orbit, panning, room, still, times_of, write_video
 
 LENS = Lens(320, 240, 250.0)
-N = 12
+#: Two more than the fewest that are tried at all.
+N = 8
 
 
 def _arc(kind: str, seed: int, frames: int, texture: float = 1.0, blur: float = 0.0) -> Iterator[MadeFrame]:

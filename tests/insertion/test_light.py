@@ -1,0 +1,81 @@
+"""Lamps from the shading of planes: rooms of plain cells under a known light."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insertion.light.patches import Patches
+from insertion.light.shading import Shading, fit_shading
+from metric_base.arrays import FloatArray
+
+UP = np.array([0.0, 0.0, 1.0])
+#: Floor 5 x 4 m, walls 2.5 m high: middle, half sides, normal, albedo of each plane.
+PLANES = (
+    ((0, 0, 0), (2.5, 2.0, 0), (0, 0, 1), 0.3),
+    ((0, 2.0, 1.25), (2.5, 0, 1.25), (0, -1, 0), 0.65),
+    ((-2.5, 0, 1.25), (0, 2.0, 1.25), (1, 0, 0), 0.65),
+    ((2.5, 0, 1.25), (0, 2.0, 1.25), (-1, 0, 0), 0.6),
+)
+
+
+def _room(lamp: tuple[float, float, float] | None, strength: float, seed: int = 0) -> Patches:
+    """Cells lit by an ambient irradiance of 1 and one lamp, with a tenth of noise."""
+    generator = np.random.default_rng(seed)
+    places, normals, light, plane = [], [], [], []
+    for number, (middle, half, normal, albedo) in enumerate(PLANES):
+        at = np.array(middle) + generator.uniform(-1, 1, (60, 3)) * half
+        irradiance = np.ones(60)
+        if lamp is not None:
+            away = np.array(lamp) - at
+            distance = np.linalg.norm(away, axis=1)
+            irradiance += strength * np.maximum(away @ np.array(normal, dtype=float), 0) / distance**3
+        places.append(at)
+        normals.append(np.tile(np.array(normal, dtype=float), (60, 1)))
+        light.append(np.log(albedo / np.pi * irradiance) + generator.normal(0, 0.1, 60))
+        plane.append(np.full(60, number))
+    diagonal = float(np.linalg.norm([5.0, 4.0, 2.5]))
+    return Patches(
+        np.concatenate(places), np.concatenate(normals), np.concatenate(light), np.concatenate(plane), diagonal
+    )
+
+
+def _lamp_place(shading: Shading) -> FloatArray:
+    return np.asarray(shading.lamps[0].weights @ shading.lamps[0].places)
+
+
+@pytest.mark.parametrize("lamp", [(1.0, -0.8, 2.4), (-1.2, 0.9, 2.3)])
+def test_a_lamp_is_where_the_shading_says(lamp: tuple[float, float, float]) -> None:
+    shading = fit_shading(_room(lamp, 4.0), UP)
+    assert shading is not None
+    assert len(shading.lamps) == 1
+    assert np.linalg.norm(_lamp_place(shading) - lamp) < 0.7
+    # white walls: the ambient irradiance is what it is
+    assert shading.ambient == pytest.approx(1.0, rel=0.35)
+    below = np.array([lamp[0], lamp[1], 0.0])
+    away = shading.lamps[0].places - below
+    irradiance = shading.lamps[0].weights @ (shading.lamps[0].strengths / (away**2).sum(axis=1))
+    assert irradiance == pytest.approx(4.0 / lamp[2] ** 2, rel=0.5)
+
+
+def test_even_light_has_hardly_a_lamp() -> None:
+    shading = fit_shading(_room(None, 0.0), UP)
+    assert shading is not None
+    away = [lamp.places - np.array([0.0, 0.0, 0.0]) for lamp in shading.lamps]
+    irradiance = sum(
+        lamp.weights @ (lamp.strengths / (a**2).sum(axis=1)) for lamp, a in zip(shading.lamps, away, strict=True)
+    )
+    assert irradiance < 0.35 * shading.ambient
+
+
+def test_no_lamp_is_where_none_can_be() -> None:
+    true = (1.0, -0.8, 2.4)
+    shading = fit_shading(_room(true, 4.0), UP, lambda places: places[:, 0] > 0)
+    assert shading is not None
+    assert all((lamp.places[:, 0] <= 0).all() for lamp in shading.lamps)
+
+
+def test_too_few_cells_say_nothing() -> None:
+    room = _room(None, 0.0)
+    few = Patches(room.places[:20], room.normals[:20], room.log_luminance[:20], room.plane[:20], room.diagonal)
+    assert fit_shading(few, UP) is None

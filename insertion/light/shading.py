@@ -204,9 +204,9 @@ def _scores(patches: Patches, walls: BoolArray, fields: FloatArray) -> FloatArra
         off = np.abs(own - middle[:, None]) / CELL_SIGMA
         total -= temper * np.where(off < OUTLIER, 0.5 * off**2, OUTLIER * (off - 0.5 * OUTLIER)).sum(axis=1)
     albedo = np.array(albedos)  # (k, c)
-    for own, sigma in ((walls, WALL_SIGMA), (np.ones(len(walls), dtype=bool), OTHER_SIGMA)):
-        if own.sum() > 1:
-            total -= 0.5 * (((albedo[own] - albedo[own].mean(axis=0)) / sigma) ** 2).sum(axis=0)
+    for kind, sigma in ((walls, WALL_SIGMA), (np.ones(len(walls), dtype=bool), OTHER_SIGMA)):
+        if kind.sum() > 1:
+            total -= 0.5 * (((albedo[kind] - albedo[kind].mean(axis=0)) / sigma) ** 2).sum(axis=0)
     return total
 
 

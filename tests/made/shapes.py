@@ -193,28 +193,33 @@ def _maps(things: list[Thing], view: View) -> tuple[FloatArray, IntArray]:
 
 
 def _depths(solid: Solid, eye: FloatArray, rays: FloatArray) -> FloatArray:
-    """(n,) first positive hit of each ray on a solid, infinite where it misses."""
+    """(n,) first positive hit of each of the rays (n, 3) on a solid, infinite where it misses."""
     half = solid.size / 2
     start = (solid.rotation.T @ (eye - solid.centre)) / half
-    ray = (rays @ solid.rotation) / half
+    ray = np.ascontiguousarray(((rays @ solid.rotation) / half).T)  # (3, n): NumPy is slow along a short axis
     with np.errstate(divide="ignore", invalid="ignore"):
         if solid.kind == "box":
             near, far = _slab(start, ray)
         elif solid.kind == "ellipsoid":
             near, far = _ball(start, ray)
         else:
-            side, cap = _ball(start[:2], ray[:, :2]), _slab(start[2:], ray[:, 2:])
+            side, cap = _ball(start[:2], ray[:2]), _slab(start[2:], ray[2:])
             near, far = np.maximum(side[0], cap[0]), np.minimum(side[1], cap[1])
     return np.where((near <= far) & (near > 1e-6), near, np.inf)
 
 
 def _slab(start: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
-    one, two = (-1 - start) / ray, (1 - start) / ray
-    return np.minimum(one, two).max(axis=1), np.maximum(one, two).min(axis=1)
+    """Where rays (d, n) from `start` (d,) enter and leave the cube of half side 1, (n,) each."""
+    near, far = np.full(ray.shape[1], -np.inf), np.full(ray.shape[1], np.inf)
+    for place, along in zip(start, ray, strict=True):
+        one, two = (-1 - place) / along, (1 - place) / along
+        near, far = np.maximum(near, np.minimum(one, two)), np.minimum(far, np.maximum(one, two))
+    return near, far
 
 
 def _ball(start: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
-    a, b, c = (ray**2).sum(axis=1), ray @ start, start @ start - 1
+    """Where rays (d, n) from `start` (d,) enter and leave the ball of radius 1, (n,) each."""
+    a, b, c = np.asarray(sum(along**2 for along in ray)), start @ ray, start @ start - 1
     root = np.sqrt(b**2 - a * c)
     root = np.where(np.isnan(root), -np.inf, root)
     return (-b - root) / a, (-b + root) / a

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import estimator
@@ -74,7 +74,7 @@ def test_every_kind_is_a_source() -> None:
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    return with_rig(made_walk(tmp_path_factory.mktemp("rig"), views=12), RIG_M)
+    return with_rig(made_walk(tmp_path_factory.mktemp("rig"), views=8), RIG_M)
 
 
 @pytest.fixture(scope="module")
@@ -193,6 +193,7 @@ def test_a_path_over_the_date_line_is_short() -> None:
 
 
 @given(st.floats(0.01, 100), st.integers(0, 1000), st.integers(3, 30))
+@settings(max_examples=40)
 def test_alignment_finds_the_scale(scale: float, seed: int, count: int) -> None:
     generator = np.random.default_rng(seed)
     source = generator.standard_normal((count, 3))

@@ -105,7 +105,7 @@ def message_of(folder: Path) -> str:
     return ""
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_flipped_bytes_give_a_scene_or_one_line(data: st.DataObject, warm: Path, tmp_path: Path) -> None:
     form = data.draw(st.sampled_from(FORMS))
@@ -123,7 +123,7 @@ def test_flipped_bytes_give_a_scene_or_one_line(data: st.DataObject, warm: Path,
     assert "\n" not in message
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_truncation_gives_a_scene_or_one_line(data: st.DataObject, warm: Path, tmp_path: Path) -> None:
     form = data.draw(st.sampled_from(FORMS))
@@ -155,7 +155,7 @@ def paths_in(document: object, path: tuple[str | int, ...] = ()) -> list[tuple[s
 JSON_FILES = ("colmap/instances.json", "opensfm/reconstruction.json", "opensfm/instances/categories.json")
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_odd_values_in_json_give_a_scene_or_one_line(data: st.DataObject, warm: Path, tmp_path: Path) -> None:
     name = data.draw(st.sampled_from(JSON_FILES))

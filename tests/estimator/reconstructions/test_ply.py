@@ -91,7 +91,8 @@ def vis(lists: list[list[int]]) -> bytes:
     return np.uint64(len(lists)).tobytes() + np.array(words, dtype="<u4").tobytes()
 
 
-@given(lists=st.lists(st.lists(st.integers(0, 9), max_size=5), min_size=1, max_size=20))
+@given(lists=st.lists(st.lists(st.integers(0, 9), max_size=5), min_size=1, max_size=10))
+@settings(max_examples=40)
 def test_visibility_is_read_back(lists: list[list[int]], tmp_path_factory: pytest.TempPathFactory) -> None:
     file = tmp_path_factory.mktemp("vis") / "dense.ply.vis"
     file.write_bytes(vis(lists))

@@ -110,16 +110,16 @@ def parser() -> OneLineParser:
     )
     add("--detector", metavar="MODEL", help="ONNX Mask R-CNN, YOLO or RT-DETR, or a registered name to download")
     add("--detector-labels", metavar="FILE", type=Path, help="its label names, one a line from label 1 (default: COCO)")
-    dense = "dense cloud (default: the one beside the model, if any; auto: made, of a video or pictures)"
+    dense = "dense cloud (default: the one beside the model, if any; auto: make one, for a video or pictures)"
     add("--dense", metavar="FILE|none|auto", help=dense)
-    add("--work", metavar="DIR", type=Path, help="of a video or pictures: keeps every stage and resumes")
-    add("--frames", metavar="N", type=int, help="of a video or pictures: frames to use (default: by the motion)")
-    add("--focal", metavar="PX", type=float, help="of a video or pictures: focal length in pixels, not refined")
-    add("--camera-model", metavar="M", help="of a video or pictures: COLMAP's camera model (default: SIMPLE_RADIAL)")
-    draw = "of a video or pictures: draw the instances on a page that is served on loopback"
+    add("--work", metavar="DIR", type=Path, help="for a video or pictures: folder that keeps every stage")
+    add("--frames", metavar="N", type=int, help="for a video or pictures: frames to use (default: by the motion)")
+    add("--focal", metavar="PX", type=float, help="for a video or pictures: focal length in pixels, not refined")
+    add("--camera-model", metavar="M", help="for a video or pictures: COLMAP's camera model (default: SIMPLE_RADIAL)")
+    draw = "for a video or pictures: draw the instances on a page that is served on loopback"
     add("--draw", metavar="PORT", nargs="?", const=0, type=int, help=draw)
-    add("--tree", metavar="REF", help="release: a version or a folder (default: the newest at hand)")
-    add("--where", metavar="region=R,year=Y", help="region and year of the things: region=europe,year=2011")
+    add("--tree", metavar="REF", help="release: a version or a folder (default: the newest available)")
+    add("--where", metavar="region=R,year=Y", help="region and year of the scene: region=europe,year=2011")
     add("--method", choices=METHODS, default="default", help="estimator (default: %(default)s)")
     add(
         "--known-length",
@@ -129,14 +129,14 @@ def parser() -> OneLineParser:
         default=[],
         help="a length known in metres, after SCENE, as A B METRES (points as x,y,z) or a file; may be repeated",
     )
-    trust = "believe a known length that contradicts most objects (otherwise unresolved)"
+    trust = "use a known length even if it contradicts most objects (otherwise unresolved)"
     add("--trust-known-length", action="store_true", help=trust)
     add("--level", type=float, default=0.9, help="mass of the interval (default: %(default)s)")
     add("--leave-one-class-out", action="store_true", help="the scale without each class in turn")
     add("--paper-lists", metavar="DIR", type=Path, help="--method paper with the authors' own lists (scale_metrics)")
     add("--json", action="store_true", help="print the result as JSON (metric-tree/scale/1)")
     add("--output", metavar="FILE", type=Path, help="write the JSON result there as well")
-    add("--figure", metavar="FILE", type=Path, help="draw the posterior and the objects; of a SCENE its plan too")
+    add("--figure", metavar="FILE", type=Path, help="draw the posterior and the objects; for a SCENE, its plan too")
     add("--overlay", metavar="DIR", type=Path, help="draw the boxes with their sizes into every frame")
     add("--write-scaled", metavar="DIR", type=Path, help="write the model again at metric scale")
     add("--csv", action="store_true", help="print the objects as CSV")

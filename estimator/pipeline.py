@@ -47,7 +47,7 @@ def estimate_scale(
     Parameters
     ----------
     scene, instances : as `read_scene` and `read_instances` return them, or made by hand
-    tree : the release with the size priors, by default the newest at hand
+    tree : the release with the size priors, by default the newest available
     level : mass of the equal-tailed interval, between 0 and 1
     evidence : beside the objects, for `default` and `height`: `ScaleEvidence`, or sources that look at the scene
         (`estimator.evidence`: camera height, GPS, markers, metric depth, a rig's baseline)

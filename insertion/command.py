@@ -24,7 +24,7 @@ PROGRAM = "insert-object"
 EPILOG = """\
 Several objects: repeat --model; --size, --at, --on, --plane, --xy, --facing and --category belong to the --model before
 them. The object's metres are divided by the scale, and nothing else. `insert-object study --help` makes the paper's
-user study. Exit status: 0 done; 2 the input is at fault (one line says where), or there is nothing to stand on at the
+user study. Exit status: 0 done; 2 the input is at fault (one line says where), or there is no level surface at the
 place; 1 a fault of the program.
 """
 
@@ -92,7 +92,7 @@ def add_scene_arguments(root: argparse.ArgumentParser) -> None:
     add("--instances", metavar="FILE", type=Path, help="masks that hide the object (default: SCENE/instances.json)")
     add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
     add("--scale", metavar="METRES", type=float, help="metres per scene unit (default: SCENE/result.json)")
-    add("--tree", metavar="REF", help="release for --size prior (default: the newest at hand)")
+    add("--tree", metavar="REF", help="release for --size prior (default: the newest available)")
     each = root.add_argument_group("each object")
     add_one = each.add_argument
     add_one("--model", metavar="FILE", type=Path, action=_PerModel, required=True, help="glTF or GLB file, in metres")

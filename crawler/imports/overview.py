@@ -34,7 +34,7 @@ _WHERE = """
 Where the files are available (`metric-tree import --list --verbose` prints the same). `downloads itself`: `yes`, the
 address names a commit; `while unchanged`, it follows the newest state of a repository and is refused once the sha256
 fails. No address was tried over a network when this was written: what was compared is what the reason says, and the
-sha256 of every file is that of the file at hand.
+sha256 of every file is that of the file read here.
 """
 
 _COLUMNS = ("source", "kind", "rows", "items", "drawn out", "refused", "by reason", "licence", "rows ship")

@@ -39,7 +39,7 @@ Reading = RawItem | Refusal
 
 
 class Refused(Exception):
-    """Raised inside a reader to refuse the row at hand: reason code, field, what was found."""
+    """Raised inside a reader to refuse the current row: reason code, field, what was found."""
 
     def __init__(self, reason: str, field: str, found: object) -> None:
         super().__init__(reason, field, found)

@@ -39,7 +39,7 @@ def _is_repository(source: Source, folder: Path) -> bool:
 
 
 def changed_files(source: Source, folder: Path) -> Iterator[Path]:
-    """The declared files at hand that are not, byte for byte, those that the declaration was checked with."""
+    """The declared files that are there but are not, byte for byte, those that the declaration was checked with."""
     for file in source.files:
         itself = folder.is_file() and folder.name == Path(file.path).name
         path = folder if itself else folder / file.path

@@ -32,7 +32,7 @@ def add_evidence_options(parser: argparse.ArgumentParser) -> None:
     add(
         "--up",
         metavar="X,Y,Z",
-        help="up in the scene's axes, as an inertial unit knows it (not gravity, which is down)",
+        help="up in the scene's axes, as measured by an inertial unit (not gravity, which points down)",
     )
 
 

@@ -44,7 +44,7 @@ SCHEDULER_TIMEOUT = 10
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("raw", metavar="RAW", nargs="+", type=Path, help="*.jsonl, *.jsonl.gz, or folders of them")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the release; nothing may be there yet")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the release; it must not exist yet")
     parser.add_argument("--version", default="0.1.0", help="semantic version of the release (default: %(default)s)")
     parser.add_argument("--name", default="metric-tree", help="name of the release (default: %(default)s)")
     parser.add_argument("--created", metavar="DATE", help=f"ISO date (default: ${DATE_VARIABLE}, else today)")
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--sources",
         metavar="DIR",
         type=Path,
-        help="declarations of your own, SOURCE.toml each, beside the package's: their terms, kinds and addresses hold",
+        help="declarations of your own, SOURCE.toml each, beside the package's, for the terms and kinds of RAW",
     )
     parser.add_argument("--without-curated", action="store_true", help="leave out the project's curated ranges")
     parser.add_argument(

@@ -16,7 +16,7 @@ from metric_base.terminal import print_json, print_table
 
 __all__ = ["CONTACT_VARIABLE", "HELP", "add_arguments", "run"]
 
-HELP = "Run a spider into a raw-item data set: polite, resumable, safe to leave alone."
+HELP = "Run a spider into a raw-item data set: polite, resumable, safe to run unattended."
 
 #: Where a site's owner reaches whoever crawls; asked for once, not on every call.
 CONTACT_VARIABLE = "METRIC_TREE_CONTACT"
@@ -35,10 +35,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--query", default="", help="begin with a search of the site")
     parser.add_argument("--category", default="", help="begin with a category of the site")
-    parser.add_argument("--limit", type=int, metavar="N", help="stop after N new items; all without")
-    parser.add_argument("--resume", action="store_true", help="go on with the crawl in DIR")
-    parser.add_argument("--pictures", action="store_true", help="download the items' pictures, where you may")
-    parser.add_argument("--contact", default=os.environ.get(CONTACT_VARIABLE), help=f"or {CONTACT_VARIABLE}")
+    parser.add_argument("--limit", type=int, metavar="N", help="stop after N new items (default: no limit)")
+    parser.add_argument("--resume", action="store_true", help="continue the crawl in DIR")
+    parser.add_argument("--pictures", action="store_true", help="download pictures where the site's terms allow it")
+    parser.add_argument(
+        "--contact",
+        default=os.environ.get(CONTACT_VARIABLE),
+        help=f"your e-mail address or page (default: {CONTACT_VARIABLE})",
+    )
     parser.add_argument("--delay", type=float, default=1.0, metavar="SECONDS", help="between requests to one site")
     parser.add_argument("--cache", type=Path, metavar="DIR", help="HTTP cache for conditional requests")
     parser.add_argument("--redis", default="", metavar="URL", help="share the frontier with other workers")

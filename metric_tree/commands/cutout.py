@@ -26,12 +26,12 @@ HELP = "Foreground cut-outs of a release's pictures, as a new release; the old o
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("release", metavar="RELEASE", help="folder or version of a release with pictures")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the new release; nothing may be there")
+    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the new release; it must not exist yet")
     parser.add_argument("--backend", choices=BACKENDS, default="auto", help="how to cut (default: %(default)s)")
     parser.add_argument(
         "--model", default="u2net", help="open model that rembg knows, or an ONNX file (default: %(default)s)"
     )
-    parser.add_argument("--download", action="store_true", help="fetch the model's weights if they are not at hand")
+    parser.add_argument("--download", action="store_true", help="fetch the model's weights if the cache lacks them")
     parser.add_argument("--version", help="version of the new release (default: the old one's, with +cutouts)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: %(default)s)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, in place of processes")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HELP", "add_arguments", "run"]
 
-HELP = "Why an item is in its category: source words, the rule that matched, decisions, path, what the build did."
+HELP = "Why an item is in its category: source words, the matching rule, decisions, the path, and what the build did."
 
 SCHEMA = "metric-tree/explain/1"
 

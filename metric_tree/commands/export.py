@@ -21,7 +21,7 @@ HELP = "Training data for instance segmentation (COCO format): pasted cut-outs, 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="a folder that is not there yet")
+    add("--out", type=Path, required=True, metavar="DIR", help="a folder that does not exist yet")
     add("--categories", metavar="FILE.csv|NAME,NAME", help="what `select --out` wrote, or names (default: select's)")
     add("--pictures", type=int, default=1000, help="made pictures (default: %(default)s)")
     add("--size", default="640x480", metavar="WxH", help="of a made picture in pixels (default: %(default)s)")

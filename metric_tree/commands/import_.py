@@ -16,7 +16,7 @@ from metric_base.terminal import output_file, print_json, print_table, warn
 
 __all__ = ["HELP", "add_arguments", "run"]
 
-HELP = "An open data set into raw items; refused rows go, with their reasons, into a quarantine file beside them."
+HELP = "An open data set to raw items; refused rows are written, with reasons, to a quarantine file beside them."
 
 SCHEMA = "metric-tree/import/1"
 
@@ -25,7 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("source", nargs="?", metavar="SOURCE", help="id of a declared source; --list names them")
     parser.add_argument("--all", action="store_true", help="every declared source")
-    parser.add_argument("--list", action="store_true", help="the declared sources: terms, where they are available")
+    parser.add_argument("--list", action="store_true", help="list the declared sources, with terms and addresses")
     parser.add_argument(
         "--sources",
         type=Path,
@@ -44,7 +44,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--ship", type=Path, metavar="DIR", help="DIR/<source>.jsonl.gz of the sources whose terms allow it"
     )
-    parser.add_argument("--verbose", action="store_true", help="with --list: why each source downloads itself or not")
+    parser.add_argument("--verbose", action="store_true", help="with --list: why a source can be downloaded or not")
     parser.add_argument("--summary", type=Path, metavar="FILE.md", help="write the table of the sources imported")
 
 

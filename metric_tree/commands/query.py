@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("name", metavar="NAME", help="name, synset, alias or detector label")
     parser.add_argument("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")
-    parser.add_argument("--where", metavar="region=R,year=Y", help="of things there and then: region=europe,year=2011")
+    parser.add_argument("--where", metavar="region=R,year=Y", help="for a region and a year: region=europe,year=2011")
     parser.add_argument("--vocabulary", help="read NAME as this label list does (coco_80, lvis_v1, ...)")
     parser.add_argument("--kind", help="also the sizes of the shipped items of this kind: product, measured, ...")
     parser.add_argument("--images", metavar="N", type=int, help="name N pictures, spread over the sizes")

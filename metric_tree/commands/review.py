@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = ["HELP", "add_arguments", "run"]
 
-HELP = "What waits for a reviewer (list), subjects without anyone's answer (blind), record a decision, agreement."
+HELP = "What waits for a reviewer (list), subjects without answers (blind), record a decision, agreement."
 
 SCHEMA = "metric-tree/review/1"
 

@@ -41,7 +41,7 @@ class Backend(Protocol):
 class Settings:
     """A backend by name and the network it takes: a rembg model's name or the path of an ONNX file.
 
-    weights : whether the network's weights are at hand; without them `auto` leaves what is not plain.
+    weights : whether the network's weights are available; without them `auto` leaves what is not plain.
     """
 
     name: BackendName = "auto"

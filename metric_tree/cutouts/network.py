@@ -33,7 +33,7 @@ class Network:
 
     @classmethod
     def load(cls, model: str) -> Network:
-        """The network of a model's name or of an ONNX file; weights that are not at hand are downloaded by rembg.
+        """The network of a model's name or of an ONNX file; weights that are not in the cache are downloaded by rembg.
 
         Raises
         ------
@@ -52,7 +52,7 @@ class Network:
         except OSError as error:  # requests.ConnectionError is one
             first = str(error).splitlines()[0][:80]
             raise InputFault(
-                f"--model {model}: expected weights at hand or a network to fetch them; found {first}"
+                f"--model {model}: expected weights in the cache or a network to fetch them; found {first}"
                 "; `--backend plain` needs neither"
             ) from None
         except Exception as error:  # noqa: BLE001 - onnxruntime's faults share no base

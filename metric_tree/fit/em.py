@@ -142,7 +142,7 @@ class Fitted:
 def fit_mixture(rows: Rows, components: int, belief: Belief, seed: int = 0, single: Fitted | None = None) -> Fitted:
     """The mixture of `components` Gaussians by EM, the best of several starts.
 
-    `single` is the fit of one component where it is at hand; it places the starts of several.
+    `single` is the fit of one component if it is known; it places the starts of several.
     One component takes the whole belief; of several, each only takes `STABILISER_ROWS`.
     """
     weights = rows.weights * (rows.effective / rows.weights.sum())  # so that the log likelihood counts real rows

@@ -192,7 +192,7 @@ def _matching_pictures(
 def _match(
     picture: AnnotatedPicture, classes: Classes, lists: tuple[str, ...]
 ) -> tuple[dict[str, Any], list[dict[str, Any]]] | None:
-    """A picture of another set with its objects of our classes; None where it has none or is not at hand."""
+    """A picture of another set with its objects of our classes; None if it has none or is missing."""
     annotations = []
     for one in picture:
         category = classes.of_label(one.names, lists)

@@ -131,6 +131,17 @@ def test_a_baby_something_is_an_animal_or_unknown() -> None:
     assert RESOLVER.answer("baby monitor") is None
 
 
+def test_a_word_that_is_hardly_a_person_is_unknown() -> None:
+    """WordNet has a piranha as a cruel person first, and as a fish that this tree has no place for."""
+    assert RESOLVER.answer("piranha") is None
+
+
+def test_a_colour_in_a_name_of_its_own_is_no_modifier() -> None:
+    """A black cat is a cat; the black widow that WordNet knows is none of its widows."""
+    assert answer("black cat").node_id == "cat.n.01"
+    assert RESOLVER.answer("blue tit") is None
+
+
 def test_a_kind_too_far_up_is_taken_by_its_own_name_alone() -> None:
     """The third level says little of a size: metal furniture is furniture, a thing that is known to be some is not."""
     assert answer("metal chair").node_id == "chair.n.01"

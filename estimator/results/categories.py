@@ -15,6 +15,9 @@ __all__ = ["BROADER_SCORE", "Meaning", "meanings"]
 #: its chance of being unlike the prior is one in four rather than one in ten.
 BROADER_SCORE = 0.7
 
+#: What precedes the names that may be meant, in the reason why a name is unknown.
+ADVICE = "; did you mean "
+
 #: Unknown names for which others are offered: each takes some milliseconds, and nobody reads more of them.
 ADVISED = 50
 
@@ -30,6 +33,11 @@ class Meaning:
     prior: Prior | None
     reason: str | None = None
     broader: bool = False
+
+    @property
+    def fault(self) -> str | None:
+        """The reason without the names that may be meant: a warning lists them, once."""
+        return None if self.reason is None else self.reason.partition(ADVICE)[0]
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -64,7 +64,7 @@ class Leaf:
     pose: Pose | None = None
     dims: tuple[str, ...] | None = None
     aliases: tuple[str, ...] = ()
-    #: `rule` (the nearest kind) or `reader`.
+    #: `rule` (the nearest kind) or `reviewer`.
     placed_by: str = "rule"
 
 

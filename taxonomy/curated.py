@@ -37,7 +37,7 @@ LICENCE = "Apache-2.0"
 
 _AXES = tuple(DIMENSIONS.values())
 _ENDS = ("low", "typical", "high")
-_COLUMNS = ("node_id", *(f"{axis}_{end}" for axis in _AXES for end in _ENDS), "reason", "standard", "reader")
+_COLUMNS = ("node_id", *(f"{axis}_{end}" for axis in _AXES for end in _ENDS), "reason", "standard", "reviewer")
 
 #: Two writers' ranges; the second had been told how narrow the first one's were.
 BLIND_TABLES = ("blind", "blind_wide")
@@ -126,7 +126,7 @@ def _range(row: dict[str, str]) -> CuratedRange:
         high=high,
         reason=row["reason"],
         standard=row["standard"],
-        reviewer=row["reader"],
+        reviewer=row["reviewer"],
     )
 
 

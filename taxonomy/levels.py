@@ -39,7 +39,7 @@ DIMENSIONS = {"L": "length", "W": "width", "H": "height"}
 
 _FILE = "levels.csv"
 _COLUMNS = ("node_id", "name", "level", "parent_id", "pose", "dims", "claims")
-_SUCCESSORS = ("node_id", "successor", "reason", "reader")
+_SUCCESSORS = ("node_id", "successor", "reason", "reviewer")
 
 
 class BadLevels(InputFault):

@@ -63,7 +63,7 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     what: What
     subject: str
     decision: str | None
-    reviewer: str = msgspec.field(name="reader")
+    reviewer: str
     when: str
     why: str = ""
     blind: bool = True

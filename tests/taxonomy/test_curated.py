@@ -10,7 +10,7 @@ from taxonomy.curated import BadRange, blind_ranges, curated_items, curated_rang
 
 HEADER = (
     "node_id,length_low,length_typical,length_high,width_low,width_typical,width_high,"
-    "height_low,height_typical,height_high,reason,standard,reader\n"
+    "height_low,height_typical,height_high,reason,standard,reviewer\n"
 )
 
 

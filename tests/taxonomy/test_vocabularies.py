@@ -57,7 +57,7 @@ def test_void_labels_name_no_thing():
 
 def test_an_id_that_is_gone_gives_way_to_its_successor(tmp_path):
     (tmp_path / "vocabularies").mkdir()
-    (tmp_path / "successors.csv").write_text("node_id,successor,reason,reader\nmt:old,chair.n.01,r,r\n")
+    (tmp_path / "successors.csv").write_text("node_id,successor,reason,reviewer\nmt:old,chair.n.01,r,r\n")
     rows = "list,label,node_id,reason\nl,a,mt:old,name\nl,b,sofa.n.01,name\nl,c,,void\n"
     (tmp_path / "vocabularies" / "l.csv").write_text(rows)
     assert [label.node_id for label in vocabulary("l", tmp_path)] == ["chair.n.01", "sofa.n.01", None]

@@ -99,10 +99,10 @@ def test_a_decision_survives_its_line(subject: str, concept: str | None, why: st
     [
         ("{", "expected a JSON object"),
         ("[]", "expected a JSON object, found array"),
-        ('{"what": "match", "subject": "chair", "decision": "none", "reader": "a", "when": ""}', "<source>: <words>"),
-        ('{"what": "guess", "subject": "*: a", "decision": "none", "reader": "a", "when": ""}', "what: expected"),
-        ('{"what": "match", "subject": "*: a", "decision": "none", "reader": " ", "when": ""}', "reviewer: expected"),
-        ('{"what": "match", "subject": "*: a", "reader": "a", "when": ""}', "decision: expected a value, found none"),
+        ('{"what": "match", "subject": "chair", "decision": "none", "reviewer": "a", "when": ""}', "<source>: <words>"),
+        ('{"what": "guess", "subject": "*: a", "decision": "none", "reviewer": "a", "when": ""}', "what: expected"),
+        ('{"what": "match", "subject": "*: a", "decision": "none", "reviewer": " ", "when": ""}', "reviewer: expected"),
+        ('{"what": "match", "subject": "*: a", "reviewer": "a", "when": ""}', "decision: expected a value, found none"),
     ],
 )
 def test_a_bad_line_is_named_with_file_and_number(tmp_path: Path, line: str, message: str) -> None:

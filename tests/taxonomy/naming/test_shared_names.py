@@ -36,7 +36,7 @@ def test_a_reviewed_word_is_folded_and_names_nodes() -> None:
         assert len(row["nodes"].split()) >= 2
         assert set(row["nodes"].split()) <= nodes, row
         assert row["clear"] in {"yes", "no"}
-        assert row["reader"]
+        assert row["reviewer"]
 
 
 def test_the_tree_keeps_to_the_order() -> None:

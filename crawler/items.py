@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
+from io import BufferedIOBase
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -15,17 +16,21 @@ from metric_base.schema import expect, json_record, record_of
 
 __all__ = [
     "KINDS",
+    "MAX_LINE",
     "SCHEMA",
     "STATISTICS",
     "BadRawItem",
     "Kind",
     "RawItem",
     "Statistic",
+    "bounded_lines",
     "items_of_lines",
     "raw_items",
 ]
 
 SCHEMA = "metric-tree/raw/1"
+#: Bytes of a line; the longest that ships has 1,076.
+MAX_LINE = 1 << 20
 
 #: What a row is worth as evidence (INDEX of the open data): a maker's figure, a measurement, a norm, an
 #: artist's model, a catalogued object, a reviewed range, a category value.
@@ -142,8 +147,24 @@ def raw_items(path: Path) -> Iterator[RawItem]:
     BadRawItem
         A line is no raw item; the message names the file and the line.
     """
-    with path.open("rb") as lines:
-        yield from items_of_lines(path, lines)
+    with path.open("rb") as file:
+        yield from items_of_lines(path, bounded_lines(path, file))
+
+
+def bounded_lines(path: Path, file: BufferedIOBase) -> Iterator[bytes]:
+    """The lines of a file of raw items.
+
+    Raises
+    ------
+    BadRawItem
+        A line has more than `MAX_LINE` bytes: a file that unpacks to gigabytes need not hold a line end.
+    """
+    number = 1
+    while line := file.readline(MAX_LINE):
+        if len(line) == MAX_LINE and not line.endswith(b"\n"):
+            raise BadRawItem(f"{path}:{number}: line: expected less than {MAX_LINE:,} bytes; found more")
+        yield line
+        number += 1
 
 
 def items_of_lines(path: Path | str, lines: Iterable[bytes], first: int = 1) -> Iterator[RawItem]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -131,7 +132,7 @@ def _exif_positions(scene: Scene, images: Path | None) -> dict[int, FloatArray]:
         if file is None:
             continue
         try:
-            with Image.open(file) as picture:
+            with warnings.catch_warnings(action="ignore"), Image.open(file) as picture:
                 position = _exif_degrees(picture.getexif().get_ifd(EXIF_GPS))
         except (OSError, ValueError, ZeroDivisionError, TypeError):
             continue  # a picture without readable EXIF has no position

@@ -22,7 +22,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from crawler.items import RawItem, items_of_lines
+from crawler.items import RawItem, bounded_lines, items_of_lines
 from metric_base.faults import InputFault
 from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
 from taxonomy.categories import Match, Taxonomy
@@ -128,9 +128,8 @@ def raw_files(paths: Iterable[Path]) -> list[Path]:
 def blocks(files: Iterable[Path]) -> Iterator[Block]:
     """The lines of the files in blocks, in their order."""
     for path in files:
-        opened = gzip.open if path.suffix == ".gz" else open
-        with opened(path, "rb") as lines:
-            first = 1
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+            first, lines = 1, bounded_lines(path, file)
             try:
                 while piece := tuple(islice(lines, BLOCK_LINES)):
                     yield Block(str(path), first, piece)

@@ -240,19 +240,25 @@ def _damaged(folder: Path) -> Path:
         (lambda folder: _text(folder, '{"schema": "other/1"}\n'), "schema: expected metric-tree/raw/1"),
         (lambda folder: _bytes(folder, b"\xff\xfe\n"), r"raw\.jsonl:1"),
         (_damaged, "expected gzip data"),
+        (lambda folder: _packed(folder, b"\n" + b" " * (1 << 22)), r"gz:2: line: expected less than 1,048,576 bytes"),
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, make, message):
     with pytest.raises(InputFault, match=message) as raised:
         build(make(tmp_path), tmp_path / "release")
     assert "\n" not in str(raised.value)
-    assert not (tmp_path / "release").exists()
+    assert not [entry for entry in tmp_path.iterdir() if not entry.name.startswith("raw")]
 
 
 def test_a_release_is_never_overwritten(tmp_path):
     (tmp_path / "release").mkdir()
     with pytest.raises(InputFault, match="found an existing one"):
         build(written(tmp_path / "raw.jsonl", made_items()), tmp_path / "release")
+
+
+def _packed(folder: Path, data: bytes) -> Path:
+    (folder / "raw.jsonl.gz").write_bytes(gzip.compress(data))
+    return folder / "raw.jsonl.gz"
 
 
 def _text(folder: Path, text: str) -> Path:

@@ -100,6 +100,7 @@ class RawItem:
         expect(
             _is_region(self.region), "region", f"two letters of ISO 3166, or {', '.join(sorted(REGIONS))}", self.region
         )
+        expect(self.year is None or abs(self.year) < 10_000, "year", "four digits at most", self.year)
         expect(bool(self.source), "source", "a name", self.source)
         expect(bool(self.source_id), "source_id", "an id", self.source_id)
         sizes = [v for v in (*self.dimensions_mm.values(), *(self.extents_mm or ())) if v is not None]

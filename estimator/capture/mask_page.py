@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 import secrets
 import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from io import BufferedIOBase
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,8 @@ __all__ = ["Drawing", "MaskPage", "frames_to_draw", "instances_document"]
 FRAMES = 5
 #: Most bytes of one answer: ten thousand corners.
 MOST_BYTES = 1 << 20
+#: How long a request may take to arrive.
+REQUEST_SECONDS = 30.0
 LOOPBACK = "127.0.0.1"
 
 #: Things by the file name of a frame, each `{"name", "kind", "points"}`; kind is `box` or `polygon`, points are pixels.
@@ -75,7 +79,7 @@ class MaskPage:
         self._drawing = _draft_of(draft, {frame.name for frame in frames})
         self._secret = secrets.token_urlsafe(12)
         try:
-            self._server = ThreadingHTTPServer((LOOPBACK, port), _handler(self))
+            self._server = _QuietServer((LOOPBACK, port), _handler(self))
         except OSError as fault:
             raise InputFault.at("--draw", "port", "one that is free", Words(fault.strerror or str(port))) from None
         self._server.daemon_threads = True
@@ -125,7 +129,7 @@ class MaskPage:
         if path == "start":
             return "application/json", json.dumps(self.start()).encode()
         number = path.removeprefix("frame/")
-        if path.startswith("frame/") and number.isdecimal() and int(number) < len(self._frames):
+        if path.startswith("frame/") and _is_count(number) and int(number) < len(self._frames):
             return "image/*", self._frames[int(number)].file.read_bytes()
         return None
 
@@ -138,8 +142,33 @@ class MaskPage:
         return path[len(prefix) :] if path.startswith(prefix) else None
 
 
+class _QuietServer(ThreadingHTTPServer):
+    """A server that says nothing of a browser that closes its tab half-way."""
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Let the connection go: the terminal is for the person."""
+
+
+def _is_count(text: str) -> bool:
+    """Whether a text is a number of few digits."""
+    return re.fullmatch(r"[0-9]{1,12}", text) is not None
+
+
+def _kept(page: MaskPage, body: BufferedIOBase, length: int) -> tuple[int, dict[str, str]]:
+    """Keep the drawing of a request; the status and the words of the answer."""
+    try:
+        page.save(json.loads(body.read(length)))
+    except (ValueError, RecursionError) as fault:
+        return 400, {"error": str(fault)}
+    except OSError as fault:
+        return 500, {"error": f"the drawing cannot be kept: {fault.strerror or fault}"}
+    return 200, {}
+
+
 def _handler(page: MaskPage) -> Callable[..., BaseHTTPRequestHandler]:
     class Handler(BaseHTTPRequestHandler):
+        timeout = REQUEST_SECONDS
+
         def do_GET(self) -> None:
             path = page.below(self.path, self.headers.get("Host"))
             answer = None if path is None else page.answer(path)
@@ -151,15 +180,11 @@ def _handler(page: MaskPage) -> Callable[..., BaseHTTPRequestHandler]:
         def do_POST(self) -> None:
             path = page.below(self.path, self.headers.get("Host"))
             length = self.headers.get("Content-Length", "")
-            if path != "save" or not length.isdecimal() or int(length) > MOST_BYTES:
+            if path != "save" or not _is_count(length) or int(length) > MOST_BYTES:
                 self._send(404, "application/json", b'{"error": "no such page"}')
                 return
-            try:
-                page.save(json.loads(self.rfile.read(int(length))))
-            except (ValueError, RecursionError) as fault:
-                self._send(400, "application/json", json.dumps({"error": str(fault)}).encode())
-            else:
-                self._send(200, "application/json", b"{}")
+            status, answer = _kept(page, self.rfile, int(length))
+            self._send(status, "application/json", json.dumps(answer).encode())
 
         def _send(self, status: int, kind: str, body: bytes) -> None:
             self.send_response(status)

@@ -28,8 +28,7 @@ def study_page(pictures: Mapping[int, NDArray[np.uint8]], title: str, thing: str
         "repeats": repeats,
         "pictures": [{"step": step, "data": _data(picture)} for step, picture in sorted(pictures.items())],
     }
-    # "</" would end the script
-    text = json.dumps(study).replace("</", "<\\/")
+    text = json.dumps(study).replace("<", "\\u003c")  # "</script>" and "<!--" mean something in a page
     return _TEMPLATE.read_text(encoding="utf-8").replace("/*STUDY*/null", text)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import http.client
 import json
+import socket
+import struct
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -157,3 +159,33 @@ def test_nobody_else_gets_in(served: _Served) -> None:
     assert served.request(served.at("frame/../start"))[0] == 404
     assert served.request(served.at("frame/1"))[0] == 200
     assert served.page.url.startswith("http://127.0.0.1:")
+
+
+@pytest.mark.parametrize(
+    "request_lines",
+    [
+        "GET {at}frame/0",
+        "GET {at}frame/" + "9" * 5000,
+        "POST {at}save\r\nContent-Length: " + "9" * 5000,
+        "GET {at}\r\n\r\n",
+    ],
+    ids=["tab closed", "digits", "length", "half"],
+)
+def test_a_browser_that_hangs_up_is_not_heard_in_the_terminal(
+    served: _Served, request_lines: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    url = urlsplit(served.page.url)
+    head, _, rest = request_lines.format(at=url.path).partition("\r\n")
+    text = f"{head} HTTP/1.1\r\nHost: {url.netloc}\r\n{rest}\r\n\r\n"
+    with socket.create_connection((str(url.hostname), int(url.port or 0)), timeout=10) as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # hang up with a reset
+        connection.sendall(text.encode())
+    assert served.request(served.at(""))[0] == 200
+    assert capfd.readouterr().err == ""
+
+
+def test_a_drawing_that_cannot_be_kept_is_said_in_the_page(served: _Served, tmp_path: Path) -> None:
+    (tmp_path / "d.json").mkdir()
+    status, said = served.request(served.at("save"), _body([]))
+    assert (status, "cannot be kept" in said) == (500, True)
+    (tmp_path / "d.json").rmdir()

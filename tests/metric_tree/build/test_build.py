@@ -239,6 +239,10 @@ def _damaged(folder: Path) -> Path:
         (lambda folder: _text(folder, "not json\n"), r"raw\.jsonl:1: line: expected a JSON object"),
         (lambda folder: _text(folder, '{"schema": "other/1"}\n'), "schema: expected metric-tree/raw/1"),
         (lambda folder: _bytes(folder, b"\xff\xfe\n"), r"raw\.jsonl:1"),
+        (
+            lambda folder: _text(folder, made_items()[0].line().replace('"year": 2000', f'"year": {10**30}')),
+            "year: expected four digits at most",
+        ),
         (_damaged, "expected gzip data"),
         (lambda folder: _packed(folder, b"\n" + b" " * (1 << 22)), r"gz:2: line: expected less than 1,048,576 bytes"),
     ],

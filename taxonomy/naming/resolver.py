@@ -171,14 +171,12 @@ class Resolver:
         words = form.split()
         adjective = len(words) > 1 and is_plain_adjective(words[0])
         answer = self._bare(words) if adjective else self._of_wordnet(form)
-        if adjective and answer and not self._kind_of(form, answer.node_id):
-            answer = self._of_wordnet(form)  # a blue tit is a bird by its whole name
         if answer:
             return answer
         led = leading_phrase(plain)
         if led and (answer := self.answer(led)):
             return answer
-        return None if led or adjective else self._bare(words)
+        return self._bare(words) if not led else None
 
     def _bare(self, words: Sequence[str]) -> Answer | None:
         """The answer for a name after its modifiers are taken away, one by one from the left."""
@@ -222,13 +220,6 @@ class Resolver:
         if node is None or any(other is None or not self._same(node, other) for other in places):
             return None  # what is meant first is no thing, has no place in the tree, or is one of several things
         return None if self._too_broad(node, form.rpartition(" ")[2]) else self._at(node, "broader kind")
-
-    def _kind_of(self, form: str, node: str) -> bool:
-        """Whether WordNet's senses of a compound, where it knows any, are kinds of a node."""
-        known = [sense for sense in senses(form) if sense.nodes]
-        return not known or any(
-            one == node or self._same(one, node) for s in known for one in s.nodes if one in self._names
-        )
 
     def _too_broad(self, node: str, head: str) -> bool:
         """Whether a node is so far up that it says little of a size, unless the text calls it by its own name."""

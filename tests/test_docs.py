@@ -14,6 +14,7 @@ import pytest
 from tests.test_arrow import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[1]
+ROOMS = ("crawler", "taxonomy", "metric_tree", "metric_base", "estimator", "insertion", "tests", "benchmarks", "data")
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 CODE = sorted(path for package in (*PACKAGES, "benchmarks") for path in (ROOT / package).rglob("*.py"))
 #: Documents of others, and words for what only those who wrote the code have seen.
@@ -34,6 +35,12 @@ def test_links_lead_to_files(page: Path) -> None:
     targets = [link.partition("#")[0] for link in LINK.findall(page.read_text(encoding="utf-8"))]
     local = [target for target in targets if target and "://" not in target and not target.startswith("mailto:")]
     assert [target for target in local if not (page.parent / target).exists()] == []
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if page.name != "CHANGELOG.md"], ids=_name)
+def test_files_that_a_page_names_are_there(page: Path) -> None:
+    named = re.findall(rf"`((?:{'|'.join(ROOMS)})/[\w./-]+)`", page.read_text(encoding="utf-8"))
+    assert [name for name in named if not (ROOT / name).exists()] == []
 
 
 def test_code_cites_only_documents_that_are_here() -> None:

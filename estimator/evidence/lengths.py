@@ -5,22 +5,24 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import PurePosixPath
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from estimator.evidence.source import silent
+from estimator.reconstructions.checked_files import json_array, json_object, read_json
 from estimator.reconstructions.known_lengths import KnownLength
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
+from metric_base.faults import FieldFault, in_file
 from metric_base.statistics import robust_sigma
 
 if TYPE_CHECKING:
     from estimator.geometry.measurement import Measurements
 
-__all__ = ["RigBaseline", "known_length_evidence"]
+__all__ = ["RigBaseline", "known_length_evidence", "rig_baselines"]
 
 #: A rig's baseline is stated to a millimetre or so, and the reconstruction's is no better: natural log.
 LEAST_SD = 0.005
@@ -39,7 +41,7 @@ class RigBaseline:
     """The distance in metres between two cameras of a rig, such as a stereo pair.
 
     first, second : folders of the two cameras' pictures, as the model names them (`left/0001.png`,
-    `right/0001.png`); pictures of one moment have the same name in both.
+    `right/0001.png`), or prefixes that end in `_` or `-`; pictures of one moment have the same name after them.
     """
 
     first: str
@@ -60,7 +62,52 @@ class RigBaseline:
         return (ScaleEvidence("baseline", name, self.metres / middle, math.hypot(spread, LEAST_SD)),)
 
 
+def rig_baselines(file: Path) -> tuple[RigBaseline, ...]:
+    """The baselines in metres that a rig configuration of COLMAP states, from each reference to the other cameras.
+
+    It is a list of rigs with `cameras`, each with an `image_prefix`, and a `cam_from_rig_translation` but for the one
+    with `ref_sensor`: the length of the translation is the baseline.
+
+    Raises
+    ------
+    InputFault
+        The file is damaged, or no camera has a translation.
+    """
+    with in_file(file):
+        baselines = [
+            item for entry in json_array(read_json(file), "rigs") for item in _baselines_of(json_object(entry))
+        ]
+        if not baselines:
+            raise FieldFault("cam_from_rig_translation", "three numbers at a camera of one rig or more", None)
+    return tuple(baselines)
+
+
+def _baselines_of(rig: dict[str, Any]) -> list[RigBaseline]:
+    cameras = [json_object(camera, "cameras") for camera in json_array(rig.get("cameras"), "cameras")]
+    prefixes = [camera.get("image_prefix") for camera in cameras]
+    references = [prefix for prefix, camera in zip(prefixes, cameras, strict=True) if camera.get("ref_sensor")]
+    if len(references) != 1 or not all(isinstance(prefix, str) and prefix for prefix in prefixes):
+        raise FieldFault("cameras", "an image_prefix each, and one ref_sensor", prefixes)
+    stated = [
+        (str(prefix), _length(camera["cam_from_rig_translation"]))
+        for prefix, camera in zip(prefixes, cameras, strict=True)
+        if not camera.get("ref_sensor") and "cam_from_rig_translation" in camera
+    ]
+    return [RigBaseline(str(references[0]), prefix, length) for prefix, length in stated]
+
+
+def _length(translation: object) -> float:
+    try:
+        x, y, z = (float(part) for part in json_array(translation, "cam_from_rig_translation"))
+    except (TypeError, ValueError):
+        raise FieldFault("cam_from_rig_translation", "three numbers", translation) from None
+    length = math.hypot(x, y, z)
+    if not 0 < length < math.inf:
+        raise FieldFault("cam_from_rig_translation", "a translation that is not 0", translation)
+    return length
+
+
 def _centres(scene: Scene, folder: str) -> dict[str, FloatArray]:
-    """Camera centres (3,) of the pictures in a folder by their name within it."""
-    names = [(PurePosixPath(view.name), view) for view in scene.views]
-    return {str(name.relative_to(folder)): view.centre for name, view in names if name.is_relative_to(folder)}
+    """Camera centres (3,) of the pictures of a folder, or a prefix, by the rest of their name."""
+    prefix = folder if folder.endswith(("/", "_", "-")) else f"{folder}/"
+    return {view.name.removeprefix(prefix): view.centre for view in scene.views if view.name.startswith(prefix)}

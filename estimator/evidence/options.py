@@ -26,8 +26,8 @@ def add_evidence_options(parser: argparse.ArgumentParser) -> None:
     add("--marker", metavar="DICT:METRES", action="append", default=[], help=marker)
     depth = "depth maps of a network in metres, named as the pictures (npy, PFM, 16-bit PNG in mm)"
     add("--metric-depth", metavar="DIR", type=Path, help=depth)
-    baseline = "a rig's two cameras by their folders of pictures and their distance, as left:right:0.12"
-    add("--baseline", metavar="A:B:METRES", action="append", default=[], help=baseline)
+    baseline = "two cameras of a rig by their folders and distance, as left:right:0.12; or COLMAP's rig_config.json"
+    add("--baseline", metavar="A:B:METRES|FILE", action="append", default=[], help=baseline)
 
     add(
         "--up",
@@ -90,17 +90,20 @@ def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:
     sources += [replace(Marker.of(text), images=options.images) for text in options.marker]
     if options.metric_depth is not None:
         sources.append(MetricDepth(options.metric_depth))
-    return (*sources, *(_baseline(text) for text in options.baseline))
+    return (*sources, *(source for text in options.baseline for source in _baselines(text)))
 
 
-def _baseline(text: str) -> EvidenceSource:
-    from estimator.evidence.lengths import RigBaseline
+def _baselines(text: str) -> tuple[EvidenceSource, ...]:
+    from estimator.evidence.lengths import RigBaseline, rig_baselines
 
+    if text.endswith(".json"):
+        return rig_baselines(Path(text))
     try:
         first, second, metres = text.split(":")
         length = float(metres)
     except ValueError:
         length = 0.0
     if not 0 < length < float("inf"):
-        raise InputFault.at("--baseline", "value", "A:B:METRES, two folders of pictures and their distance", text)
-    return RigBaseline(first, second, length)
+        expected = "A:B:METRES, two folders of pictures and their distance, or COLMAP's rig_config.json"
+        raise InputFault.at("--baseline", "value", expected, text)
+    return (RigBaseline(first, second, length),)

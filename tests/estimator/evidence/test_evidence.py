@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pycolmap
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
@@ -16,7 +18,7 @@ from estimator.evidence.alignment import align
 from estimator.evidence.camera_height import PRESETS, CameraHeight
 from estimator.evidence.depth_files import read_depth
 from estimator.evidence.gps import Gps, local_metres
-from estimator.evidence.lengths import RigBaseline
+from estimator.evidence.lengths import RigBaseline, rig_baselines
 from estimator.evidence.marker import Marker
 from estimator.evidence.metric_depth import MetricDepth
 from estimator.evidence.source import EvidenceSource
@@ -283,6 +285,39 @@ def test_the_baseline_of_a_rig(walk: Walk, nothing: Measurements) -> None:
     row = one(RigBaseline("left", "right", RIG_M).observe(with_rig(walk, RIG_M).scene, nothing))
     assert row.scale == pytest.approx(walk.scale, rel=1e-6)
     assert one(RigBaseline("left", "right", RIG_M).observe(walk.scene, nothing)).scale is None
+
+
+def test_the_baselines_of_colmaps_rig_configuration(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    """A file that pycolmap reads as well."""
+    file = tmp_path / "rig_config.json"
+    moved = {
+        "image_prefix": "right/",
+        "cam_from_rig_rotation": [1, 0, 0, 0],
+        "cam_from_rig_translation": [-RIG_M, 0, 0],
+    }
+    file.write_text(json.dumps([{"cameras": [{"image_prefix": "left/", "ref_sensor": True}, moved]}]), encoding="utf-8")
+    assert pycolmap.read_rig_config(file)[0].cameras[1].cam_from_rig.translation[0] == -RIG_M
+    (baseline,) = rig_baselines(file)
+    row = one(baseline.observe(with_rig(walk, RIG_M).scene, nothing))
+    assert row.scale == pytest.approx(walk.scale, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[]",
+        "{}",
+        '[{"cameras": [{"image_prefix": "a/"}]}]',
+        '[{"cameras": [{"image_prefix": "a/", "ref_sensor": true}, {"image_prefix": "b/"}]}]',
+        '[{"cameras": [{"image_prefix": "a/", "ref_sensor": true},'
+        ' {"image_prefix": "b/", "cam_from_rig_translation": [0, 0]}]}]',
+    ],
+)
+def test_a_rig_configuration_without_a_baseline_is_one_line(tmp_path: Path, text: str) -> None:
+    (tmp_path / "rig_config.json").write_text(text, encoding="utf-8")
+    with pytest.raises(InputFault, match=r"rig_config\.json") as fault:
+        rig_baselines(tmp_path / "rig_config.json")
+    assert "\n" not in str(fault.value)
 
 
 # the vertical from outside

@@ -127,7 +127,7 @@ def scene_estimate(
     started = time.perf_counter()
     scene = source if isinstance(source, Scene) else read_scene(source, dense)
     if images is not None and detector is not None:
-        from estimator.instances.detector import detect_instances
+        from estimator.instances.detection import detect_instances
 
         masks, warnings = detect_instances(scene, images, detector)
     elif instances is None and (options.evidence or sources) and default_instances(scene) is None:

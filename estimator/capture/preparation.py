@@ -141,7 +141,8 @@ def _of_frames(document: dict[str, Any], names: set[str]) -> dict[str, Any]:
 def _detect(options: Namespace, work: WorkFolder) -> None:
     from estimator.capture.instances_file import write_instances
     from estimator.capture.work_folder import content_digest
-    from estimator.instances.detector import detect_instances, load_detector
+    from estimator.instances.detection import detect_instances
+    from estimator.instances.detector import load_detector
     from estimator.reconstructions.colmap import read_colmap
 
     def make(part: Path) -> None:

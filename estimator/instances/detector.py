@@ -9,7 +9,7 @@ are small pictures of the boxes (n, 1, 28, 28). Other detectors hand over COCO r
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,8 +18,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.instances.crops import mask_crop
-from estimator.instances.image_files import image_file
 from estimator.instances.label_names import label_names
 from estimator.instances.masks import box_mask
 from estimator.instances.one_stage import (
@@ -30,13 +28,10 @@ from estimator.instances.one_stage import (
     one_stage_inputs,
 )
 from estimator.instances.registry import RegisteredDetector, download, registry_entry, registry_entry_of
-from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.faults import InputFault, Words
-from metric_base.pictures import read_picture
-from metric_base.terminal import progress
 
-__all__ = ["Detections", "Detector", "InputForm", "detect_instances", "load_detector"]
+__all__ = ["Detections", "Detector", "InputForm", "load_detector"]
 
 InputForm = Literal["torchvision", "caffe"]
 
@@ -219,46 +214,6 @@ def load_detector(ref: str | Path, labels: Path | None = None) -> Detector:
     return Detector(path, names, _form(entry))
 
 
-def detect_instances(scene: Scene, images: Path, detector: Detector) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
-    """The instances that a detector sees in the scene's pictures, and warnings.
-
-    images : the folder that holds them, by the views' names, else by their base names.
-
-    Raises
-    ------
-    InputFault
-        The folder is not there, holds none of the views' pictures, or nothing is detected in any.
-    """
-    if not images.is_dir():
-        raise InputFault.at(images, "--images", "a folder with the scene's pictures", Words("no such folder"))
-    files = [(row, view, _picture_file(images, view)) for row, view in enumerate(scene.views)]
-    there = [(row, view, file) for row, view, file in files if file is not None]
-    if not there:
-        expected = f"pictures by the names of the model's views, such as {scene.views[0].name!r}"
-        raise InputFault.at(images, "--images", expected, Words("none of them"))
-    instances: list[Instance] = []
-    for row, view, file in progress(there, "detecting"):
-        instances += _instances(row, view, detector(_picture(file)), detector)
-    if not instances:
-        expected = f"a detection of score {MIN_SCORE} or more in one of {len(there)} pictures"
-        raise InputFault.at(detector.path, "detections", expected, Words("none"))
-    lost = len(files) - len(there)
-    return tuple(instances), ((f"{images}: {lost} of {len(files)} views have no picture",) if lost else ())
-
-
-def _instances(row: int, view: View, seen: Detections, detector: Detector) -> Iterator[Instance]:
-    for number, (label, score, mask) in enumerate(zip(seen.labels, seen.scores, seen.masks, strict=True)):
-        name = detector.labels[label] if 0 <= label < len(detector.labels) else ""
-        if not name:
-            expected = f"a number with a name (1 to {len(detector.labels) - 1}; name them with --detector-labels)"
-            raise InputFault.at(detector.path, "label", expected, int(label))
-        crop = mask_crop(mask, view.camera)
-        if crop is not None:
-            yield Instance(
-                f"{row}-{number}", row, name, crop[0], crop[1], score=float(min(score, 1.0)), from_box=seen.from_boxes
-            )
-
-
 def _whole_mask(masks: NDArray[Any], row: int, width: int, height: int) -> BoolArray:
     """(H, W) of a mask as large as what was fed; brought to the picture's size where that was resized."""
     import cv2
@@ -284,24 +239,6 @@ def _pasted_mask(masks: NDArray[Any], boxes: FloatArray, row: int, width: int, h
         stretched = cv2.resize(small, (int(right - left), int(bottom - top)), interpolation=cv2.INTER_LINEAR)
         whole[y0:y1, x0:x1] = stretched[y0 - top : y1 - top, x0 - left : x1 - left] >= MASK_THRESHOLD
     return whole
-
-
-def _picture_file(images: Path, view: View) -> Path | None:
-    folder = images.resolve()
-    by_name = image_file((folder,), view)
-    base = folder / Path(view.name.replace("\\", "/")).name
-    return by_name or (base if base.is_file() else None)
-
-
-def _picture(file: Path) -> Picture:
-    """(H, W, 3) RGB; turned as its camera saw it, which is how the model's keypoints count."""
-    import cv2
-
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    picture = read_picture(file, flags)
-    if picture is None:
-        raise InputFault.at(file, "picture", "a picture that OpenCV reads", Words("something else"))
-    return np.ascontiguousarray(picture[:, :, ::-1])
 
 
 def _session(path: Path) -> Any:

@@ -17,7 +17,8 @@ import pytest
 from onnx import TensorProto, helper
 
 from estimator.command import main
-from estimator.instances.detector import Detector, detect_instances, load_detector
+from estimator.instances.detection import detect_instances
+from estimator.instances.detector import Detector, load_detector
 from estimator.instances.label_names import label_names
 from estimator.instances.registry import RegisteredDetector, download, registry
 from estimator.reading import read_instances, read_scene

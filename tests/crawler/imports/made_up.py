@@ -1,0 +1,38 @@
+"""A made-up source of open data, written for a test and imported."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from crawler.imports import Import, import_items, readings
+from crawler.imports.sources import source
+
+HEAD = """
+id = "made_up"
+title = "Made-up things"
+url = "https://example.org"
+licence = "CC0-1.0"
+licence_basis = "we made them up"
+attribution = "us"
+kind = "product"
+year = 2001
+region = "NO"
+ship = true
+"""
+
+
+def made_up(folder: Path, declaration: str, **files: str) -> Import:
+    """The import of files written for the occasion; `things_csv` becomes `things.csv`."""
+    for name, text in files.items():
+        folder.joinpath(".".join(name.rsplit("_", 1))).write_text(text, encoding="utf-8")
+    (folder / "made_up.toml").write_text(HEAD + declaration, encoding="utf-8")
+    declared = source("made_up", folder)
+    return import_items(declared, readings(declared, folder))
+
+
+def sizes(result: Import) -> list[dict[str, float]]:
+    return [{axis: value for axis, value in item.dimensions_mm.items() if value} for item in result.items]
+
+
+def reasons(result: Import) -> list[tuple[str, str]]:
+    return [(refusal.reason, refusal.field) for refusal in result.refusals]

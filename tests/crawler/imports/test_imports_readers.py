@@ -1,0 +1,102 @@
+"""Sets that are no plain table: a museum's sentences, tables of standard parts."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from crawler.imports import Import, import_items, readings
+from crawler.imports.rows import BadTable
+from crawler.imports.sources import source
+from tests.crawler.imports.made_up import reasons, sizes
+
+
+def walters(folder: Path, *objects: dict[str, Any]) -> Import:
+    blank = {"ObjectName": "vases", "Title": "Vase", "Classification": "Ceramics", "DateText": "ca. 1710"}
+    lines = [json.dumps(blank | {"ObjectID": n} | given) for n, given in enumerate(objects)]
+    (folder / "walters_dims.jsonl").write_text("\n".join(lines), encoding="utf-8")
+    declared = source("walters")
+    return import_items(declared, readings(declared, folder))
+
+
+def test_museum_sentences(tmp_path: Path) -> None:
+    result = walters(
+        tmp_path,
+        {"Dimensions": "H: 12 1/2 x Max. Diam: 6 in. (31.8 x 15.2 cm); Diam at rim: 3 in. (7.6 cm)"},
+        {"Dimensions": "2 x 10 in. (5.1 x 25.4 cm) (h. x max. diam.)"},
+        {"Dimensions": "Bezel H: 1/2 in. (1.3 cm); Ring H: 1 in. (2.5 cm)", "ObjectName": "finger rings; jewelry"},
+        {"Dimensions": "15/16 x 2 1/2 in. (2.4 x 6.4 cm)"},
+        {"Dimensions": "H with handles: 8 in. (20.3 cm)", "ObjectName": "boxes (containers)"},
+        {"Dimensions": "H: 8 x Diam at base: 12 in. (20.3 x 30.5 cm)"},
+        {"Dimensions": "H without mount: 2 x W: 1 in. (5.1 x 2.5 cm); Mount H: 9 in. (22.9 cm)"},
+    )
+    assert sizes(result) == [
+        {"height": 317.5, "diameter": 152.4},
+        {"height": 50.8, "diameter": 254.0},
+        {"height": 25.4},
+        {},
+        {"height": 203.2},
+        {"height": 203.2},
+        {"height": 50.8, "width": 25.4},
+    ]
+    assert result.items[3].extents_mm == (63.5, 23.812)
+    assert result.items[2].category_path == ("Ceramics", "finger rings")
+    assert result.items[4].category_path == ("Ceramics", "boxes")
+    assert result.items[0].year == 1710
+
+
+def test_museum_sheets_parts_and_silences_are_refused(tmp_path: Path) -> None:
+    result = walters(
+        tmp_path,
+        {"Dimensions": "H: 9 x W: 6 in.", "ObjectName": "illuminated manuscripts; folios (leaves)"},
+        {"Dimensions": "H: 9 x W: 6 in.", "Classification": "Prints"},
+        {"Dimensions": "H: 9 in.", "ObjectName": "figures; fragments"},
+        {"Dimensions": "Diam of medallion: 2 in."},
+        {"Dimensions": None},
+        {"Dimensions": "unknown"},
+        {"Dimensions": "H: 9 in.", "ObjectName": None},
+    )
+    assert [reason for reason, _ in reasons(result)] == [
+        "flat_picture",
+        "flat_picture",
+        "part_not_whole",
+        "part_not_whole",
+        "no_size",
+        "unreadable",
+        "no_category",
+    ]
+
+
+def test_tables_of_a_standard_part(tmp_path: Path) -> None:
+    (tmp_path / "made.blt").write_text(
+        """
+classes:
+  - id: hexagonnut9
+    names: {name: Made-up nut}
+    parameters:
+      types: {s: Length (in), m_max: Length (in)}
+      tables:
+        - {index: key, columns: [s, m_max], data: {"1/2 in": [0.75, 0.4375]}}
+        - {index: type, columns: [finish], data: {black: ["BK"]}}
+  - id: ibeam_made_up
+    parameters:
+      types: {h: Length (mm)}
+      tables: {index: key, columns: [h], data: {"I100": [100]}}
+""",
+        encoding="utf-8",
+    )
+    declared = source("bolts")
+    result = import_items(declared, readings(declared, tmp_path))
+    assert sizes(result) == [{"width": 19.05, "height": 11.112}]
+    assert result.items[0].title == "Made-up nut 1/2 in"
+    assert reasons(result) == [("part_not_whole", "class")]
+
+
+@pytest.mark.parametrize("damage", ["classes: 3", "[1, 2", ""])
+def test_a_damaged_table_of_standard_parts_is_one_clear_line(tmp_path: Path, damage: str) -> None:
+    (tmp_path / "made.blt").write_text(damage, encoding="utf-8")
+    with pytest.raises(BadTable, match=r"made\.blt: .*expected .*; found "):
+        list(readings(source("bolts"), tmp_path))

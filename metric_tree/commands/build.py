@@ -111,7 +111,7 @@ def _print_estimate(raw: Sequence[Path], workers: int) -> None:
         sizes = ((file.stat().st_size, PACKED if file.suffix == ".gz" else 1) for file in raw_files(raw))
         megabytes = sum(size * packed for size, packed in sizes) / 1e6
         minutes = (SECONDS_AT_LEAST + SECONDS_PER_MB * megabytes / max(1, min(workers, os.cpu_count() or 1))) / 60
-        warn(f"about {minutes:.1f} min: {megabytes:.0f} MB of raw items, {workers} processes")
+        sys.stderr.write(f"about {minutes:.1f} min: {megabytes:.0f} MB of raw items, {workers} processes\n")
 
 
 def _warn(build: Build) -> None:

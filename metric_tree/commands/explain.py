@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("item", metavar="ITEM_ID", help="<source>:<source_id>, as in a release's items")
     parser.add_argument("raw", metavar="RAW", nargs="*", type=Path, help="raw items to look for its words in")
+    parser.add_argument("--log", metavar="DIR", type=Path, help="log of the build (DIR.build): why it refused the item")
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
 
 
@@ -38,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"item: expected an item of {tree.name} {tree.version}; found {arguments.item!r} not there{where}"
         )
     explanation = {"schema": SCHEMA, "item": arguments.item, "words": _words(raw, row), "match": _match(raw, row)}
-    explanation["release"] = _release_part(tree, row)
+    explanation["release"] = _release_part(tree, row) if row else _absence(tree, arguments.item, arguments.log)
     if arguments.json:
         print_json(explanation)
     else:
@@ -97,10 +100,32 @@ def _match(raw: RawItem | None, row: dict[str, Any] | None) -> dict[str, Any]:
     }
 
 
-def _release_part(tree: Tree, row: dict[str, Any] | None) -> dict[str, Any]:
+def _absence(tree: Tree, item_id: str, log: Path | None) -> dict[str, Any]:
+    """Why the release does not show an item: its source is withheld, or the build refused it."""
+    source = item_id.partition(":")[0]
+    withheld = any(one["id"] == source and one["withheld"] for one in tree.release.manifest["sources"])
+    refusal = _refusal(item_id, log / "quarantine.jsonl") if log is not None else None
+    if refusal is not None:
+        why = f"refused: {refusal['reason']}"
+    elif withheld:
+        why = "its source is withheld: rows count in the fit and do not ship"
+    else:
+        why = "not among its items; the log of its build (--log) says what was refused"
+    return {"release": f"{tree.name} {tree.version}", "shipped": False, "why": why}
+
+
+def _refusal(item_id: str, file: Path) -> dict[str, Any] | None:
+    """The record of an item among those that a build refused."""
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise InputFault(f"{file}: expected the refused items of a build; found {error.strerror}") from None
+    records: Iterator[dict[str, Any]] = map(json.loads, lines)
+    return next((one for one in records if f"{one['source']}:{one['source_id']}" == item_id), None)
+
+
+def _release_part(tree: Tree, row: dict[str, Any]) -> dict[str, Any]:
     """The item's place in the release and the doubts that the build noted."""
-    if row is None:
-        return {"release": f"{tree.name} {tree.version}", "shipped": False}
     sizes = {name: row[name] for name in ("length_mm", "width_mm", "height_mm", "extents_mm")}
     return {
         "release": f"{tree.name} {tree.version}",

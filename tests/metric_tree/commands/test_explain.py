@@ -41,3 +41,16 @@ def test_an_item_that_is_nowhere_is_one_line(mini: Tree, capsys: pytest.CaptureF
     error = capsys.readouterr().err
     assert "'shop:none'" in error
     assert error.count("\n") == 1
+
+
+def test_an_item_that_is_not_shown_says_why(mini: Tree, shown: Any, tmp_path: Path) -> None:
+    """Refused by the build as its log says, or nothing known of it."""
+    raw = RawItem(source="shop", source_id="x", title="A fine one", category_path=("chair",), kind="product")
+    file = tmp_path / "raw.jsonl"
+    file.write_text(raw.line() + "\n", encoding="utf-8")
+    (tmp_path / "quarantine.jsonl").write_text('{"reason": "no_category", "source": "shop", "source_id": "x"}\n')
+    words = ("explain", "shop:x", str(file), "--tree", str(mini.release.directory))
+    assert shown(*words, "--log", str(tmp_path))[1]["release"]["why"] == "refused: no_category"
+    assert "--log" in shown(*words)[1]["release"]["why"]
+    assert shown(*words)[1]["release"]["shipped"] is False
+    assert main([*words, "--log", str(tmp_path / "none")]) == 2

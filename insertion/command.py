@@ -76,7 +76,7 @@ def parser() -> argparse.ArgumentParser:
         "--export",
         metavar="DIR",
         type=Path,
-        help="the scene in metres: glTF, USD, COLMAP, nerfstudio, masks, depth",
+        help="the scene in metres: glTF, USD, Blender, COLMAP, nerfstudio, masks, depth",
     )
     add("--preview", metavar="FILE", type=Path, help="draw the free places into a picture, numbered, best first")
     add("--json", action="store_true", help="print the result as JSON (metric-tree/insertion/1)")
@@ -131,7 +131,7 @@ def stage_of(options: argparse.Namespace) -> Stage:
 
 def _run(options: argparse.Namespace) -> int:
     from insertion.blender.process import blender_program
-    from insertion.blender.tracing import traced_layers
+    from insertion.blender.tracing import export_blend, traced_layers
     from insertion.exports.write import LayerWriter, write_exports
     from insertion.outputs import output_kind, picture_writer
     from insertion.scene.video_footage import VideoFootage
@@ -158,8 +158,9 @@ def _run(options: argparse.Namespace) -> int:
             layers=layers,
             tracer=traced_layers if options.renderer == "blender" else None,
         )
-        for line in write_exports(folder, stage, objects, results) if folder is not None else ():
-            sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
+        if folder is not None:
+            for line in [*write_exports(folder, stage, objects, results), *export_blend(folder, stage, objects)]:
+                sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
     for result in results:
         for line in result.warnings:
             sys.stderr.write(f"{PROGRAM}: warning: {line}\n")

@@ -90,6 +90,9 @@ def main() -> None:
     parser.add_argument("--room", choices=ROOMS, default="lamp")
     parser.add_argument("--views", type=int, default=8)
     parser.add_argument("--judged", type=int, default=3, help="views in which the object is rendered as well")
+    parser.add_argument(
+        "--prior", action="store_true", help="the light by its prior alone, without the shading of planes"
+    )
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
@@ -101,6 +104,8 @@ def main() -> None:
     )
     _bare_pictures(world, room, options.out)
     stage = _stage(made, to_scene, options.out)
+    if options.prior:
+        stage = replace(stage, shading=lambda: None)
     model = write_glb(solid("chair", np.array([0.42, 0.38, 0.75])), options.out / "chair.glb", (0.6, 0.25, 0.12))
     placed = _placed(stage, model, room, to_scene)
     ours: list[NDArray[np.uint8]] = []
@@ -108,8 +113,10 @@ def main() -> None:
     order = [k for k, frame in enumerate(results[0].frames) if frame.silhouette is not None and frame.visible > 0.9]
     judged = order[:: max(1, len(order) // options.judged)][: options.judged]
     truth = _true_pictures(world, room, options.out, stage, placed, to_scene, judged)
-    for number, row in enumerate(judged):
-        _compare(stage, placed, row, ours[row], truth[number], options.out)
+    records = [_compare(stage, placed, row, ours[row], truth[number], options.out) for number, row in enumerate(judged)]
+    (options.out / f"{'prior' if options.prior else 'records'}.jsonl").write_text(
+        "".join(json.dumps(record) + "\n" for record in records)
+    )
 
 
 def _world(room: TracedRoom, views: int) -> World:
@@ -244,7 +251,7 @@ def _to_world(frame: MetricFrame, to_scene: Similarity) -> NDArray[np.float64]:
 
 def _compare(
     stage: Stage, placed: Placed, row: int, ours: NDArray[np.uint8], truth: NDArray[np.uint8], out: Path
-) -> None:
+) -> dict[str, Any]:
     import cv2
 
     bare = stage.stills.picture(row)
@@ -271,6 +278,7 @@ def _compare(
     }
     print(json.dumps(record))
     cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, ours, truth])[..., ::-1])
+    return record
 
 
 def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.float32]:

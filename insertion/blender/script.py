@@ -30,6 +30,7 @@ def main(job: dict[str, Any]) -> None:
     set_world(scene, job.get("environment"))
     camera = add_camera(scene, job)
     if job.get("blend"):
+        bpy.ops.file.pack_all()  # the environment is a temporary file
         bpy.ops.wm.save_as_mainfile(filepath=job["blend"], compress=True)
     if job.get("out"):
         render(scene, camera, job)

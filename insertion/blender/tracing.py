@@ -12,15 +12,17 @@ from numpy.typing import NDArray
 
 from estimator.records.scene import Camera
 from insertion.blender.job import full_window, insertion_job
-from insertion.blender.process import run_blender
+from insertion.blender.process import VARIABLE, blender_program, run_blender
 from insertion.exports.metric_frame import camera_keys, metric_frame
 from insertion.light.environment import Environment
+from insertion.light.estimate import environment_at
 from insertion.scene.footage import Shot
 from insertion.scene.rays import camera_rays
 from insertion.staging.insert import Placed
 from insertion.staging.stage import Stage
+from metric_base.faults import InputFault
 
-__all__ = ["traced_layers", "write_blend"]
+__all__ = ["export_blend", "traced_layers", "write_blend"]
 
 Layer = NDArray[np.float32]
 
@@ -43,8 +45,21 @@ def traced_layers(
         )
 
 
+def export_blend(folder: Path, stage: Stage, objects: Sequence[Placed]) -> list[str]:
+    """`scene.blend` in the folder if there is a Blender; what could not be written, one line each."""
+    try:
+        blender_program()
+    except InputFault:
+        return [f"scene.blend is not written: there is no Blender (on PATH, or named by {VARIABLE})"]
+    first = objects[0]
+    height = float(first.model.extents[1]) * first.size.factor / stage.scale.metres_per_unit
+    environment = environment_at(first.place, height, stage.cloud, stage.stills, stage.shading())
+    write_blend(folder / "scene.blend", stage, objects, environment)
+    return []
+
+
 def write_blend(file: Path, stage: Stage, objects: Sequence[Placed], environment: Environment) -> None:
-    """The scene with its animated camera as a `.blend` file."""
+    """The scene with its animated camera as a `.blend` file, which packs what it needs."""
     frame = metric_frame(objects, stage.scale.metres_per_unit)
     shots = [shot for shot in stage.footage.shots if shot.view is not None]
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:

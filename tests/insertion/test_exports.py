@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import struct
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from insertion.blender.tracing import export_blend, traced_layers
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
 from insertion.exports.nerfstudio import write_transforms
 from insertion.exports.usd_scene import write_usd_scene
+from insertion.light.estimate import environment_at
 from insertion.staging.insert import Placed, place_objects
 from insertion.staging.options import ObjectRequest
 from insertion.staging.stage import Stage
@@ -104,3 +107,67 @@ def test_nerfstudio_counts_pixels_from_the_first_centre(scene: tuple[Stage, Plac
         matrix = np.array(frame["transform_matrix"])
         assert matrix[2, 3] == pytest.approx(key.matrix[1, 3])  # height along +z
         assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
+
+
+#: Stands in for Blender: keeps its arguments, compiles the script, and writes what the job asks for.
+BLENDER = """#!{python}
+import json, sys
+from pathlib import Path
+import numpy as np
+words = sys.argv[1:]
+script, file = words[words.index("--python") + 1], words[-1]
+compile(Path(script).read_text(), script, "exec")
+job = json.loads(Path(file).read_text())
+Path("{record}").write_text(json.dumps({{"words": words, "job": job}}))
+assert Path(job["environment"]).stat().st_size > 1000
+if job.get("blend"):
+    Path(job["blend"]).write_bytes(b"BLENDER")
+for key in job["keys"] if job.get("out") else ():
+    layer = np.zeros((job["window"]["height"], job["window"]["width"], 4), np.float16)
+    layer[100:140, 200:260] = [0.5, 0.0, 0.0, 1.0]
+    np.save(Path(job["out"]) / (key["stem"] + ".npy"), layer)
+"""
+
+
+@pytest.fixture
+def blender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The file in which a Blender that only records says what it was asked."""
+    program = tmp_path / "blender"
+    program.write_text(BLENDER.format(python=sys.executable, record=tmp_path / "asked.json"))
+    program.chmod(0o755)
+    monkeypatch.setenv("METRIC_TREE_BLENDER", str(program))
+    return tmp_path / "asked.json"
+
+
+def test_blender_is_asked_for_the_scene_in_metres(scene: tuple[Stage, Placed], blender: Path, tmp_path: Path) -> None:
+    stage, placed = scene
+    assert export_blend(tmp_path, stage, [placed]) == []
+    assert (tmp_path / "scene.blend").read_bytes() == b"BLENDER"
+    asked = json.loads(blender.read_text())
+    assert asked["words"][:3] == ["--background", "--factory-startup", "--python"]
+    assert asked["words"][-2] == "--"
+    frame = metric_frame([placed], stage.scale.metres_per_unit)
+    keys = camera_keys(stage.footage.shots, frame)
+    for stated, key in zip(asked["job"]["keys"], keys, strict=True):
+        np.testing.assert_allclose(stated["matrix"], key.matrix)
+    np.testing.assert_allclose(asked["job"]["objects"][0]["matrix"], object_matrix(placed, frame))
+
+
+def test_what_blender_draws_is_in_the_picture(scene: tuple[Stage, Placed], blender: Path) -> None:
+    stage, placed = scene
+    environment = environment_at(placed.place, HEIGHT, stage.cloud, stage.stills)
+    shot = next(shot for shot in stage.footage.shots if shot.view is not None)
+    with traced_layers(stage, [placed], environment) as traced:
+        layer = traced(shot)
+    assert json.loads(blender.read_text())["job"]["samples"] > 0
+    assert layer.shape == (480, 640, 4)
+    np.testing.assert_allclose(layer[110:130, 215:245], np.broadcast_to([0.5, 0, 0, 1], (20, 30, 4)), atol=1e-3)
+
+
+def test_without_blender_the_rest_is_exported(
+    scene: tuple[Stage, Placed], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stage, placed = scene
+    monkeypatch.setenv("METRIC_TREE_BLENDER", str(tmp_path / "none"))
+    (line,) = export_blend(tmp_path, stage, [placed])
+    assert "scene.blend is not written" in line

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from insertion.light.patches import Patches
+from insertion.scene.patches import Patches
 from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["Lamp", "Shading", "fit_shading"]

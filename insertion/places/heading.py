@@ -6,13 +6,14 @@ import numpy as np
 
 from insertion.places.place import NoPlace, Place
 from insertion.scene.cloud import Cloud
+from insertion.scene.patches import plane_patches
 from metric_base.arrays import FloatArray
 
 __all__ = ["heading"]
 
-#: A column of space is a wall if its points span this share of the scene's own height above the place.
-WALL_SHARE = 0.35
-_COLUMNS = 80
+#: A plane whose normal's cosine with up is below this is upright; it is a wall if it spans this share of the scene's
+#: own height, as a wall does between furniture and the pictures' upper border.
+UPRIGHT, WALL_SHARE = 0.2, 0.4
 
 
 def heading(place: Place, facing: float | str, cloud: Cloud) -> tuple[FloatArray, float]:
@@ -37,23 +38,19 @@ def heading(place: Place, facing: float | str, cloud: Cloud) -> tuple[FloatArray
 
 
 def _away_from_wall(place: Place, cloud: Cloud) -> FloatArray:
-    """(3,) horizontal unit direction away from the nearest wall: the normal of the nearest tall columns."""
-    local = (cloud.points - place.position) @ place.basis.T
-    low, high = np.percentile(local, [2, 98], axis=0)
-    cell = float((high - low)[:2].max()) / _COLUMNS
-    column = np.floor(local[:, :2] / cell).astype(np.int64)
-    keys, group = np.unique(column, axis=0, return_inverse=True)
-    top = np.full(len(keys), -np.inf)
-    bottom = np.full(len(keys), np.inf)
-    np.maximum.at(top, group.ravel(), local[:, 2])
-    np.minimum.at(bottom, group.ravel(), local[:, 2])
-    walls = (keys[top - bottom > WALL_SHARE * (high[2] - low[2])] + 0.5) * cell
-    if len(walls) < 5:
+    """Horizontal unit direction away from the nearest wall: an upright plane of the cloud that is tall enough."""
+    patches = plane_patches(cloud, place.camera[None])
+    up = place.basis[2]
+    low, high = np.percentile(cloud.points @ up, [2, 98])
+    walls = []
+    for number in np.unique(patches.plane):
+        own = patches.plane == number
+        normal, cells = patches.normals[own][0], patches.places[own]
+        if abs(normal @ up) < UPRIGHT and np.ptp(cells @ up) > WALL_SHARE * (high - low):
+            distance = float(np.abs((cells - place.position) @ normal).mean())
+            walls.append((distance, normal))
+    if not walls:
         raise NoPlace("--facing wall: expected a wall in the cloud; found no tall upright surface")
-    distance = np.linalg.norm(walls, axis=1)
-    nearest = walls[distance.argmin()]
-    around = walls[np.linalg.norm(walls - nearest, axis=1) < 6 * cell]
-    normal = np.linalg.eigh(np.cov((around - around.mean(axis=0)).T) if len(around) > 2 else np.eye(2))[1][:, 0]
-    if normal @ nearest > 0:
-        normal = -normal
-    return np.asarray(normal @ place.basis[:2])
+    normal = min(walls, key=lambda wall: wall[0])[1]
+    flat = normal - (normal @ up) * up
+    return np.asarray(flat / np.linalg.norm(flat))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insertion.light.patches import Patches
 from insertion.light.shading import Shading, fit_shading
+from insertion.scene.patches import Patches
 from metric_base.arrays import FloatArray
 
 UP = np.array([0.0, 0.0, 1.0])

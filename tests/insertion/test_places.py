@@ -1,0 +1,93 @@
+"""Where an object is put, by each of the ways to say it, in a made room with known things."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insertion.places.place import NoPlace
+from insertion.staging.insert import Placed, place_objects
+from insertion.staging.options import ObjectRequest
+from insertion.staging.stage import Stage
+from tests.made.insertions import FilmedRoom, film_room, stage_of, write_glb
+from tests.made.minitree import release
+from tests.made.rooms.kinds import KINDS
+from tests.made.rooms.shapes import solid
+
+KIND = "sitting room"
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> FilmedRoom:
+    return film_room(KIND, 1003, tmp_path_factory.mktemp("room"), views=5)
+
+
+@pytest.fixture(scope="module")
+def stage(room: FilmedRoom) -> Stage:
+    return stage_of(room)
+
+
+@pytest.fixture(scope="module")
+def cup(room: FilmedRoom) -> Path:
+    return write_glb(solid("cup", np.array([0.08, 0.08, 0.1])), room.folder / "cup.glb")
+
+
+def _foot(room: FilmedRoom, placed: Placed) -> np.ndarray:
+    """Where the object stands, in metres of the made room."""
+    return np.asarray(room.to_scene.inverse(placed.place.position[None])[0])
+
+
+def test_on_a_category_is_on_its_top(room: FilmedRoom, stage: Stage, cup: Path) -> None:
+    (placed,) = place_objects(stage, [ObjectRequest(cup, on="coffee table")])
+    table = next(thing for thing in room.world.objects if thing.category == "coffee table")
+    foot = _foot(room, placed)
+    low, high = table.mesh.vertices.min(axis=0), table.mesh.vertices.max(axis=0)
+    assert foot[2] == pytest.approx(high[2], abs=0.02)
+    assert (foot[:2] > low[:2]).all()
+    assert (foot[:2] < high[:2]).all()
+
+
+def test_on_what_is_not_there_is_refused(stage: Stage, cup: Path) -> None:
+    with pytest.raises(NoPlace, match=r"--on: expected a category of the instances \(.*couch.*\); found 'piano'"):
+        place_objects(stage, [ObjectRequest(cup, on="piano")])
+
+
+def test_a_plane_and_metres_along_it(room: FilmedRoom, stage: Stage, cup: Path) -> None:
+    """The lowest plane is the floor, and metres are metres whatever the scene's unit is."""
+    one, other = (place_objects(stage, [ObjectRequest(cup, plane=0, xy_m=(x, 0.0))])[0] for x in (0.0, 0.3))
+    feet = _foot(room, one), _foot(room, other)
+    assert feet[0][2] == pytest.approx(0.0, abs=0.02)
+    assert np.linalg.norm(feet[1] - feet[0]) == pytest.approx(0.3, abs=0.005)
+
+
+@pytest.mark.parametrize(("plane", "xy", "word"), [(99, (0.0, 0.0), "--plane"), (0, (50.0, 0.0), "--xy")])
+def test_no_such_plane_or_point(stage: Stage, cup: Path, plane: int, xy: tuple[float, float], word: str) -> None:
+    with pytest.raises(NoPlace, match=word):
+        place_objects(stage, [ObjectRequest(cup, plane=plane, xy_m=xy)])
+
+
+def test_facing_the_wall_is_square_to_the_room(room: FilmedRoom, stage: Stage, cup: Path) -> None:
+    (placed,) = place_objects(stage, [ObjectRequest(cup, plane=0, facing="wall")])
+    front = room.to_scene.rotation.T @ placed.front
+    # walls run along x and y; within ten degrees
+    assert np.abs(front[:2]).max() > np.cos(np.radians(10))
+    # its back is to the wall: the front looks into the room
+    inward = -_foot(room, placed)[:2] / (np.array(KINDS[KIND].floor) / 2)
+    axis = int(np.abs(front[:2]).argmax())
+    assert front[axis] * inward[axis] > 0 or abs(inward[axis]) < 0.5
+
+
+def test_the_size_of_the_prior(room: FilmedRoom, stage: Stage, cup: Path, tmp_path: Path) -> None:
+    import metric_tree
+
+    tree = metric_tree.open(release(tmp_path / "tree").directory)
+    names = [node.name for node in tree.leaves() if "height" in (node.dims or ())]
+    request = replace(ObjectRequest(cup, plane=0), size="prior", category=names[0])
+    (placed,) = place_objects(stage, [request], tree)
+    median = float(tree.find(names[0]).prior(("height",)).quantile(0.5)[0]) / 1000
+    assert placed.size_m["height"] == pytest.approx(median, rel=1e-6)
+    high = np.ptp(placed.body.corners @ placed.body.basis[2]) * placed.body.unit
+    assert high * stage.scale.metres_per_unit == pytest.approx(median, rel=1e-6)

@@ -6,7 +6,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,12 +19,24 @@ from metric_base.faults import InputFault
 from metric_base.files import whole_folder
 from metric_tree.schema import SCHEMA, TABLES
 
-__all__ = ["MANIFEST", "BadRelease", "Release", "link_file", "open_release", "publish_release", "sha256"]
+__all__ = [
+    "MANIFEST",
+    "BadRelease",
+    "Release",
+    "first_in_circle",
+    "link_file",
+    "open_release",
+    "publish_release",
+    "sha256",
+]
 
 MANIFEST = "manifest.json"
 
 #: What a manifest must hold (docs/reference/formats.md).
-MANIFEST_FIELDS = ("schema", "name", "version", "created", "sources", "files", "counts")
+MANIFEST_FIELDS: Mapping[str, type] = {
+    "schema": str, "name": str, "version": str, "created": str, "sources": list, "files": dict, "counts": dict,
+}  # fmt: skip
+_KINDS = {str: "text", list: "an array", dict: "an object"}
 
 #: Rows of one Parquet row group: small enough that the items of one node are read without the others.
 ROW_GROUP = 20_000
@@ -143,11 +155,13 @@ def _manifest(path: Path) -> dict[str, Any]:
     schema = manifest.get("schema") if isinstance(manifest, dict) else None
     if schema != SCHEMA:
         raise BadRelease(f"{path}: schema: expected {SCHEMA}, the one this version reads; found {schema!r}")
-    for field in MANIFEST_FIELDS:
+    for field, kind in MANIFEST_FIELDS.items():
         if field not in manifest:
             raise BadRelease(f"{path}: {field}: expected a value; found none")
-    if not isinstance(manifest["files"], dict):
-        raise BadRelease(f"{path}: files: expected an object; found {type(manifest['files']).__name__}")
+        if not isinstance(manifest[field], kind):
+            raise BadRelease(f"{path}: {field}: expected {_KINDS[kind]}; found {type(manifest[field]).__name__}")
+    if not all(isinstance(source, dict) for source in manifest["sources"]):
+        raise BadRelease(f"{path}: sources: expected objects; found others")
     return dict(manifest)
 
 
@@ -178,3 +192,21 @@ def link_file(source: str | Path, target: str | Path) -> None:
 
 def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def first_in_circle(parents: Sequence[str | None], places: Mapping[str, int]) -> str | None:
+    """The first node that is above itself: what walks such a tree does not end. None where there is none.
+
+    parents : ids by row; places : row by id.
+    """
+    clear: set[str | None] = {None}
+    for start in places:
+        way: dict[str | None, None] = {}
+        node_id: str | None = start
+        while node_id not in clear and node_id in places:
+            if node_id in way:
+                return node_id
+            way[node_id] = None
+            node_id = parents[places[node_id]]
+        clear.update(way)
+    return None

@@ -14,7 +14,7 @@ import pyarrow as pa
 from metric_base.faults import InputFault
 from metric_tree.context import ContextModel, Where, where_of
 from metric_tree.prior import Prior
-from metric_tree.release import Release, open_release
+from metric_tree.release import BadRelease, Release, first_in_circle, open_release
 from metric_tree.releases import release_directory
 from taxonomy.naming.candidates import Names
 from taxonomy.naming.label_votes import label_votes
@@ -362,6 +362,8 @@ class Tree:
         below: dict[str | None, list[str]] = {}
         for node_id, place in self._places.items():
             below.setdefault(parents[place], []).append(node_id)
+        if (node_id := first_in_circle(parents, self._places)) is not None:
+            raise BadRelease(f"{self.release.directory}: {node_id}: parent_id: expected a tree; found a circle")
         return below
 
     @cached_property

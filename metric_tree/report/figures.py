@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from metric_base.escaping import visible
+
 if TYPE_CHECKING:
     from metric_tree.tree import Node
 
@@ -77,7 +79,7 @@ def _panel(panel: Any, node: Node) -> None:
     panel.set_yticks([])
     panel.set_ylim(0, _HEADROOM * highest)
     few = "" if shown < _ENOUGH else f", {shown:,} shown"
-    panel.set_title(f"{node.name}: {node.n_items:,} items{few}", fontsize=11)
+    panel.set_title(f"{visible(node.name)}: {node.n_items:,} items{few}", fontsize=11)
     panel.tick_params(labelsize=9)
     panel.legend(fontsize=8, frameon=False, handlelength=1)
     panel.set_xlabel("mm", fontsize=9, labelpad=0)

@@ -54,9 +54,9 @@ class Linked:
     url: str
 
 
-def plain(text: str) -> str:
+def plain(text: object) -> str:
     """Text as HTML: no markup, and no characters that hide or turn round what stands beside them."""
-    return escape(visible(text))
+    return escape(visible(str(text)))
 
 
 def whole_page(title: str, note: str, sections: Iterable[tuple[str, str]]) -> str:
@@ -119,5 +119,5 @@ def _cell(cell: object) -> str:
 
 def _text(cell: object) -> str:
     if isinstance(cell, Linked):
-        return cell.text
+        return str(cell.text)
     return f"{cell:,}" if isinstance(cell, int) else str(cell)

@@ -48,6 +48,20 @@ def test_the_unit_travels_in_the_file(tmp_path: Path) -> None:
     assert table.schema.field("length_mm").metadata[b"unit"] == b"mm"
 
 
+def _change(directory: Path, **values: object) -> None:
+    manifest = json.loads((directory / MANIFEST).read_text())
+    (directory / MANIFEST).write_text(json.dumps(manifest | values))
+
+
+def test_a_tree_that_is_a_circle_is_one_line(tmp_path: Path) -> None:
+    content = minitree.rows()
+    nodes = {node["node_id"]: node for node in content["nodes.parquet"]}
+    nodes["seat.n.03"]["parent_id"] = "chair.n.01"
+    tree = open_tree(minitree.release(tmp_path / "r", content).directory)
+    with pytest.raises(BadRelease, match=r"parent_id: expected a tree; found a circle"):
+        tree.node("seat.n.03").children()
+
+
 @pytest.mark.parametrize(
     ("damage", "message"),
     [
@@ -56,6 +70,9 @@ def test_the_unit_travels_in_the_file(tmp_path: Path) -> None:
         (lambda d: (d / MANIFEST).write_text("[]"), "expected metric-tree/1"),
         (lambda d: (d / MANIFEST).write_text(json.dumps({"schema": "metric-tree/2"})), "found 'metric-tree/2'"),
         (lambda d: (d / MANIFEST).write_text(json.dumps({"schema": "metric-tree/1"})), "name: expected a value"),
+        (lambda d: _change(d, counts="x"), "counts: expected an object; found str"),
+        (lambda d: _change(d, sources=["x"]), "sources: expected objects"),
+        (lambda d: _change(d, name=5), "name: expected text; found int"),
         (lambda d: (d / "nodes.parquet").unlink(), "found no file"),
         (lambda d: (d / "items.parquet").write_bytes(b"PAR1"), "expected .* bytes; found 4"),
     ],

@@ -36,7 +36,7 @@ MANIFEST = "manifest.json"
 MANIFEST_FIELDS: Mapping[str, type] = {
     "schema": str, "name": str, "version": str, "created": str, "sources": list, "files": dict, "counts": dict,
 }  # fmt: skip
-_KINDS = {str: "text", list: "an array", dict: "an object"}
+_KINDS: Mapping[type, str] = {str: "text", list: "an array", dict: "an object"}
 
 #: Rows of one Parquet row group: small enough that the items of one node are read without the others.
 ROW_GROUP = 20_000
@@ -199,11 +199,11 @@ def first_in_circle(parents: Sequence[str | None], places: Mapping[str, int]) ->
 
     parents : ids by row; places : row by id.
     """
-    clear: set[str | None] = {None}
+    clear: set[str] = set()
     for start in places:
-        way: dict[str | None, None] = {}
+        way: dict[str, None] = {}
         node_id: str | None = start
-        while node_id not in clear and node_id in places:
+        while node_id is not None and node_id not in clear and node_id in places:
             if node_id in way:
                 return node_id
             way[node_id] = None

@@ -163,6 +163,8 @@ class Tree:
         self._table = release.table("nodes")
         self._places = {node_id: place for place, node_id in enumerate(self._table["node_id"].to_pylist())}
         self._nodes: dict[str, Node] = {}
+        if (one := first_in_circle(self._table["parent_id"].to_pylist(), self._places)) is not None:
+            raise BadRelease(f"{release.directory}: {one}: parent_id: expected a tree; found a circle")
 
     def __repr__(self) -> str:
         return f"<Tree {self.name} {self.version}: {len(self)} nodes>"
@@ -362,8 +364,6 @@ class Tree:
         below: dict[str | None, list[str]] = {}
         for node_id, place in self._places.items():
             below.setdefault(parents[place], []).append(node_id)
-        if (node_id := first_in_circle(parents, self._places)) is not None:
-            raise BadRelease(f"{self.release.directory}: {node_id}: parent_id: expected a tree; found a circle")
         return below
 
     @cached_property

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from metric_base.faults import InputFault
+from metric_tree.checks.finding import Finding
 from metric_tree.checks.release_files import CODES, findings
 from metric_tree.prior import Prior
 from metric_tree.report.changes import (
@@ -45,12 +47,26 @@ __all__ = ["page"]
 #: Rows of a table in which a person looks for the worst.
 SHOWN = 20
 
+#: Kinds of errors with which there is nothing to count: of the tree, of priors.
+BREAKING = frozenset({"E2", "E4"})
+
 #: Findings of one code that are shown: enough to see what it is about.
 EXAMPLES = 5
 
 
 def page(tree: Tree, against: Tree | None = None) -> str:
-    """The page as HTML."""
+    """The page as HTML.
+
+    Raises
+    ------
+    InputFault
+        The release's tree or its priors break the format, so that nothing can be counted in it.
+    """
+    noticed = findings(tree.release.directory)
+    if (broken := next((one for one in noticed if one.code[:2] in BREAKING), None)) is not None:
+        raise InputFault(
+            f"{tree.release.directory}: {broken.code}: {broken.subject}: {broken.message} (metric-tree validate)"
+        )
     lists = [coverage(tree, name) for name in vocabularies()]
     sections = [
         ("Find a category", _categories(tree)),
@@ -58,7 +74,7 @@ def page(tree: Tree, against: Tree | None = None) -> str:
         ("Where it comes from", _sources(tree)),
         ("Words of detectors", _coverage(lists)),
         ("Sizes of typical categories", size_figure(typical_nodes(tree)) + paragraph(_SIZE_NOTE, note=True)),
-        ("What to look at", _findings(tree)),
+        ("What to look at", _findings(tree, noticed)),
         *([(f"What changed since {label(against)}", _changes(tree, against, lists))] if against else []),
     ]
     note = f"Release of {tree.release.manifest['created']}; {len(tree):,} categories on five levels."
@@ -135,8 +151,7 @@ def _share(count: int, whole: Coverage) -> str:
     return f"{count} ({count / whole.labels:.0%})" if whole.labels else "–"
 
 
-def _findings(tree: Tree) -> str:
-    all_findings = findings(tree.release.directory)
+def _findings(tree: Tree, all_findings: Sequence[Finding]) -> str:
     counts = Counter(finding.code for finding in all_findings)
     examples = [f for code in sorted(counts) for f in [f for f in all_findings if f.code == code][:EXAMPLES]]
     checked = (

@@ -89,6 +89,15 @@ def test_numbers_stand_to_the_right_and_text_is_escaped():
     assert "<a" not in table(("x",), [(Linked("a", "javascript:alert()"),)])
 
 
+def test_a_tree_that_is_none_has_no_page(tmp_path, capsys):
+    content = minitree.rows()
+    content["nodes.parquet"][-1]["parent_id"] = "nowhere"
+    minitree.release(tmp_path / "r", content)
+    assert main(["report", str(tmp_path / "r"), "--out", str(tmp_path / "page.html")]) == 2
+    assert "E202" in capsys.readouterr().err
+    assert not (tmp_path / "page.html").exists()
+
+
 def test_text_cannot_turn_round_or_hide_what_stands_beside_it():
     page = whole_page("a\u202eb", "\x1b[2J", [("c\ud800", table(["d\u200b"], [["e\u2066"]]))])
     assert not any(mark in page for mark in "\u202e\x1b\ud800\u200b\u2066")

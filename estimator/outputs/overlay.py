@@ -6,7 +6,6 @@ Where the scene knows the truth, `E` is the estimate and `G` the true size, as i
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Sequence
 from itertools import pairwise
@@ -17,38 +16,26 @@ import numpy as np
 
 from estimator.geometry.box_edges import edge_axis, projected_edges
 from estimator.instances.image_files import image_file, image_folders
-from estimator.outputs.placement import label_places
+from estimator.outputs.panels import AXIS_COLOURS, PLAIN, UNTRUSTED, with_legend, with_panels
 from estimator.outputs.size_labels import DimensionLabel, dimension_labels
 from estimator.reconstructions.truth import read_truth
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ObjectReport
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import FloatArray
-from metric_base.escaping import visible
 from metric_base.faults import InputFault, Words
 from metric_base.files import OutputNames, whole_folder
 from metric_base.pictures import read_picture
 
 if TYPE_CHECKING:
-    from PIL.ImageFont import FreeTypeFont
-
     from estimator.results.scene_estimate import SceneEstimate
 
 __all__ = ["overlay", "view_pictures", "write_overlays"]
 
 #: Frames are enlarged to this width, so that the text of many objects finds room.
 LEAST_WIDTH_PX = 1600
-#: Colours (red, green, blue) of length, width and height where they count, and of all that do not.
-AXIS_COLOURS = ((64, 224, 255), (255, 210, 64), (128, 255, 128))
-UNTRUSTED, PLAIN, PANEL = (255, 90, 90), (235, 235, 235), (0, 0, 0)
-PANEL_OPACITY = 0.74
-FONT_PX = 15
-_LINE_PX, _PAD_PX = FONT_PX + 3, 5
-#: Longest name of an object that a panel shows.
-MAX_HEADING = 40
 #: Kinds of picture that are written as they were; others become PNG.
 _WRITTEN = (".png", ".jpg", ".jpeg")
-_FONTS = ("DejaVuSans-Bold.ttf", "DejaVuSans.ttf")
 
 
 def view_pictures(scene: Scene, images: Path | None = None) -> list[Path | None]:
@@ -111,8 +98,12 @@ def overlay(estimate: SceneEstimate, row: int, picture: Any) -> Any:
     edges = [_on_canvas(projected_edges(item.box, view), factor) for item, _, _ in shown if item.box is not None]
     for (_, _, labels), lines in zip(shown, edges, strict=True):
         _draw_edges(canvas, lines, labels)
-    drawn = _with_panels(canvas, [(report, labels) for _, report, labels in shown], edges)
-    return _with_legend(drawn, estimate) if shown else drawn
+    drawn = with_panels(canvas, [(report, labels) for _, report, labels in shown], edges)
+    if not shown:
+        return drawn
+    interval = estimate.result.interval
+    has_truth = bool(read_truth(estimate.scene.path).sizes)
+    return with_legend(drawn, 0.0 if interval is None else interval.level, has_truth)
 
 
 def _shown(estimate: SceneEstimate, row: int) -> list[tuple[MeasuredObject, ObjectReport, tuple[DimensionLabel, ...]]]:
@@ -182,81 +173,3 @@ def _draw_line(canvas: Any, line: FloatArray, colour: tuple[int, int, int], widt
         if np.isfinite([start, end]).all() and np.abs([start, end]).max() < limit:
             first, last = (tuple(np.rint(place).astype(int).tolist()) for place in (start, end))
             cv2.line(canvas, first, last, colour, width, cv2.LINE_AA)
-
-
-def _with_panels(
-    canvas: Any, texts: Sequence[tuple[ObjectReport, tuple[DimensionLabel, ...]]], edges: Sequence[FloatArray]
-) -> Any:
-    """The canvas with a panel of text beside each object, none over another where there is room."""
-    from PIL import Image, ImageDraw
-
-    bold, plain = _fonts()
-    sizes = np.array([_panel_size(report, labels, bold, plain) for report, labels in texts]).reshape(-1, 2)
-    things = np.array([_visible_bounds(lines, canvas.shape) for lines in edges]).reshape(-1, 4)
-    places = np.rint(label_places(things, sizes, (canvas.shape[1], canvas.shape[0])))
-    sheet = Image.fromarray(canvas)
-    shade = Image.new("RGBA", sheet.size, (0, 0, 0, 0))
-    draw = ImageDraw.Draw(shade)
-    for (report, labels), size, (x, y), thing in zip(texts, sizes.tolist(), places.tolist(), things, strict=True):
-        middle = tuple(((thing[:2] + thing[2:]) / 2).tolist())
-        draw.line([(x + size[0] / 2, y + size[1] / 2), middle], fill=(*PLAIN, 170), width=1)
-        draw.rectangle([x, y, x + size[0], y + size[1]], fill=(*PANEL, int(255 * PANEL_OPACITY)))
-        head = UNTRUSTED if report.verdict != "used" else PLAIN
-        draw.text((x + _PAD_PX, y + 2), _heading(report), font=bold, fill=(*head, 255))
-        for line, label in enumerate(labels, start=1):
-            colour = AXIS_COLOURS[label.axis] if label.trusted else UNTRUSTED
-            draw.text((x + _PAD_PX, y + 2 + line * _LINE_PX), label.text, font=plain, fill=(*colour, 255))
-    return np.asarray(Image.alpha_composite(sheet.convert("RGBA"), shade).convert("RGB"))
-
-
-def _with_legend(canvas: Any, estimate: SceneEstimate) -> Any:
-    """The canvas with a strip below it that says what the letters, colours and brackets are."""
-    from PIL import Image, ImageDraw
-
-    _, plain = _fonts()
-    level = estimate.result.interval.level if estimate.result.interval is not None else 0.0
-    truth = "   E estimate, G true size" if read_truth(estimate.scene.path).sizes else ""
-    parts = [
-        ("l length", AXIS_COLOURS[0]), ("w width", AXIS_COLOURS[1]), ("h height", AXIS_COLOURS[2]),
-        ("red: not used for the scale", UNTRUSTED),
-        (f"metres   [low, high] {level:.0%} interval   > at least (truncated){truth}", PLAIN),
-    ]  # fmt: skip
-    strip = Image.new("RGB", (canvas.shape[1], _LINE_PX + 2 * _PAD_PX), PANEL)
-    draw, x = ImageDraw.Draw(strip), float(_PAD_PX)
-    for text, colour in parts:
-        draw.text((x, _PAD_PX), text, font=plain, fill=colour)
-        x += plain.getlength(text) + 3 * _PAD_PX
-    return np.vstack([canvas, np.asarray(strip)])
-
-
-def _heading(report: ObjectReport) -> str:
-    return visible(f"{report.category} {report.id}")[:MAX_HEADING] + (
-        "" if report.verdict == "used" else f"  {report.verdict}"
-    )
-
-
-def _panel_size(
-    report: ObjectReport, labels: Sequence[DimensionLabel], bold: FreeTypeFont, plain: FreeTypeFont
-) -> tuple[int, int]:
-    widths = [bold.getlength(_heading(report)), *(plain.getlength(label.text) for label in labels)]
-    return math.ceil(max(widths)) + 2 * _PAD_PX, (1 + len(labels)) * _LINE_PX + _PAD_PX
-
-
-def _visible_bounds(lines: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """(4,) left, top, right and bottom of what is seen of a box."""
-    places = lines.reshape(-1, 2)
-    with np.errstate(invalid="ignore"):
-        seen = places[((places >= 0) & (places < (shape[1], shape[0]))).all(axis=1)]
-    if not len(seen):
-        return np.array([0.0, 0.0, shape[1], shape[0]])
-    return np.concatenate([seen.min(axis=0), seen.max(axis=0)])
-
-
-def _fonts() -> tuple[FreeTypeFont, FreeTypeFont]:
-    """Bold and plain, from the fonts that matplotlib brings along: no machine lacks them."""
-    import matplotlib as mpl
-    from PIL import ImageFont
-
-    folder = Path(mpl.get_data_path()) / "fonts" / "ttf"
-    bold, plain = (ImageFont.truetype(str(folder / name), FONT_PX) for name in _FONTS)
-    return bold, plain

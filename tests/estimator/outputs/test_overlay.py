@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from estimator.geometry.box_edges import EDGES, corners, edge_axis, projected_edges
-from estimator.outputs.overlay import UNTRUSTED, overlay, write_overlays
+from estimator.outputs.overlay import overlay, write_overlays
+from estimator.outputs.panels import UNTRUSTED
 from estimator.outputs.size_labels import dimension_labels, size_interval
 from estimator.records.measured_object import Box
 from estimator.results.scene_estimate import SceneEstimate

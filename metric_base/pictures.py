@@ -21,14 +21,14 @@ os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
 
 
 def read_picture(file: Path, flags: int) -> NDArray[Any] | None:
-    """(h, w) or (h, w, c) pixels of a file, as `cv2.imread` gives them with `flags`; None where it is no picture or too large."""
+    """(h, w) or (h, w, c) pixels of a file, as `cv2.imread` gives them; None if it is no picture or too large."""
     if not file.is_file() or file.stat().st_size > MAX_BYTES:
         return None
     return decode_picture(np.fromfile(file, dtype=np.uint8), flags)
 
 
 def decode_picture(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] | None:
-    """(h, w) or (h, w, c) pixels of a file's bytes, as `cv2.imdecode` gives them with `flags`; None where they are no picture."""
+    """(h, w) or (h, w, c) pixels of a file's bytes, as `cv2.imdecode` gives them; None if they are no picture."""
     import cv2
 
     array = np.frombuffer(data, dtype=np.uint8) if isinstance(data, bytes) else data

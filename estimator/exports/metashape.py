@@ -42,7 +42,7 @@ def read_metashape(file: Path) -> Scene:
         if chunk is None:
             raise FieldFault("document", "a chunk with cameras", None)
         cameras = {sensor.get("id", ""): sensor for sensor in chunk.iterfind("sensors/sensor")}
-        whole = _transform(chunk.find("transform"))  # of files before version 1.3, which have no components
+        whole = _transform(chunk.find("transform"))  # of files that state it for all cameras
         components = {
             part.get("id", ""): _transform(part.find("transform")) for part in chunk.iterfind("components/component")
         }

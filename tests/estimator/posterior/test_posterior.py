@@ -52,7 +52,7 @@ def test_the_fast_code_is_the_definition(count: int, wrong: bool, cut: bool) -> 
         items[0] = evidence(BOTTLE, items[0].object.extents * [2.0, 1.3, 0.7])
     fast = posterior(items)
     u = fast.coarse[:: max(len(fast.coarse) // 20, 1)]
-    expected_mean, expected_sd = _moments(u, class_log_likelihood(items, u, points=44))
+    expected_mean, expected_sd = _moments(u, class_log_likelihood(items, u, points=32))
     mean, sd = _moments(u, np.interp(u, fast.coarse, fast.class_log_likelihood[0]))
     assert abs(mean - expected_mean) < (0.15 if wrong else 0.04) * expected_sd
     assert sd == pytest.approx(expected_sd, rel=0.12 if wrong else 0.03)

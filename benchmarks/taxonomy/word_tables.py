@@ -135,9 +135,11 @@ def main() -> None:
     (folder / "senses.tsv").write_text("\n".join(written) + "\n", encoding="utf-8")
     heads = ["\t".join(map(str, row)) for row in head_lines(lines)]
     (folder / "heads.tsv").write_text("\n".join(heads) + "\n", encoding="utf-8")
-    codes = ["\t".join(row) for row in sorted(set(code_lines(lists)))]
-    (folder / "codes.tsv").write_text("\n".join(codes) + "\n", encoding="utf-8")
-    print(f"{len(written)} words, {len(heads)} heads, {len(codes)} codes")
+    print(f"{len(written)} words, {len(heads)} heads")
+    if all(lists.values()):  # without the lists' own tables the codes stay as they are
+        codes = ["\t".join(row) for row in sorted(set(code_lines(lists)))]
+        (folder / "codes.tsv").write_text("\n".join(codes) + "\n", encoding="utf-8")
+        print(f"{len(codes)} codes")
 
 
 if __name__ == "__main__":

@@ -2,10 +2,11 @@
 
 The mean ln size m_j of the rows of one source, region and span of years lies off the class's centre by
 
-    m_j - mu = r(region_j) + t(year_j) + e(source_j) + noise_j
+    m_j - mu = r(region_j) + t(year_j) + c_j + e(source_j) + noise_j
 
-on each axis: Gaussian, with the shares `region`, `year` and the rest of the class's covariance between sources B.
-r is shared within a country wholly, within a region by the part `kin`; t follows a Gaussian kernel of `years`. The
+on each axis: Gaussian, with the shares `region`, `year`, `own` and the rest of the class's covariance between sources
+B. r is shared within a country wholly, within a region by the part `kin`; t is that of years by exp(-apart / `years`);
+c is of one context alone, for the models of a maker's list are no independent draws. The
 effect of a context that is asked for is the conditional mean of r + t; what that leaves of their variance stays in B
 (simple kriging; Cressie 1993, 3.2). Without data near the context the effect is nothing and B stays what it was.
 
@@ -121,12 +122,13 @@ class Context:
 class ContextModel:
     """How much of B is region and how much is year, learned over all classes (`metric_tree.fit.contexts`).
 
-    region, year : shares of B, together at most 1; kin : share of a country's effect that its region has; years : the
-    kernel's standard deviation.
+    region, year, own : shares of B, together at most 1; kin : share of a country's effect that its region has; years :
+    those in which the effect of a year falls to a third.
     """
 
     region: float
     year: float
+    own: float
     kin: float
     years: float
 
@@ -185,10 +187,10 @@ class Likeness:
         return cls(same, country, region, np.where(np.isnan(apart), unlike, apart))
 
     def covariance(self, model: ContextModel) -> FloatArray:
-        """Covariance (n, n) of r + t + e, in parts of B."""
-        source = (1 - model.region - model.year) * self.source
+        """Covariance (n, n) of r + t + c + e, in parts of B."""
+        source = (1 - model.region - model.year - model.own) * self.source + model.own * np.eye(len(self.source))
         region = model.region * (self.country + model.kin * self.region)
-        return np.asarray(source + region + model.year * np.exp(-0.5 * (self.apart / model.years) ** 2))
+        return np.asarray(source + region + model.year * np.exp(-self.apart / model.years))
 
 
 def _likeness(contexts: Sequence[Context]) -> Likeness:
@@ -199,8 +201,10 @@ def _nearness(contexts: Sequence[Context], where: Where, model: ContextModel) ->
     """Covariance (n,) of r + t of the contexts with those of `where`, in parts of B."""
     places = [(one.region or f"unknown {row}") for row, one in enumerate(contexts)]
     country, region = _kinship([where.region or "nowhere"], places)
-    apart = np.array([np.inf if one.year is None or where.year is None else one.year - where.year for one in contexts])
-    near = model.region * (country + model.kin * region)[0] + model.year * np.exp(-0.5 * (apart / model.years) ** 2)
+    apart = np.array(
+        [np.inf if one.year is None or where.year is None else abs(one.year - where.year) for one in contexts]
+    )
+    near = model.region * (country + model.kin * region)[0] + model.year * np.exp(-apart / model.years)
     return np.asarray(near)
 
 

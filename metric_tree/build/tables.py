@@ -132,7 +132,8 @@ class Hierarchy:
             weights = plain_weights(category.node_id, having, common, frequencies.get(category.node_id))
             below = [priors[child] for child in having]
             upright = sum(float(weight) for weight, own in zip(weights, below, strict=True) if own[0].dims[0] in AXES)
-            fitted = inner_priors(category.node_id, below, weights, AXES if upright >= 0.5 else EXTENTS)
+            axes, plain = AXES if upright >= 0.5 else EXTENTS, priors.get(f"{category.node_id}/other", ())
+            fitted = inner_priors(category.node_id, below, weights, axes, plain)
             sources = len(items[category.node_id])
             priors[category.node_id] = [replace(one, n_sources=sources or one.n_sources) for one in fitted]
         return priors

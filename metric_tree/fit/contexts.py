@@ -35,20 +35,21 @@ LEAST_PART = 0.2
 #: Decimals of a published offset: a thousandth of a per cent.
 DECIMALS = 5
 
-#: What is tried for each number of the model. Half of B at most is region, or year: sources differ for other reasons
-#: too, and where a country is known by one source only the two cannot be told apart.
+#: What is tried for each number of the model. Three tenths of B at most are region, or year: sources differ for other
+#: reasons too, and where a country or a decade is known by one source only the two cannot be told apart.
 GRIDS: Mapping[str, tuple[float, ...]] = {
-    "region": (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5),
-    "year": (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5),
+    "region": (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3),
+    "year": (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3),
+    "own": (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5),
     "kin": (0.1, 0.3, 0.5, 0.7, 0.9),
-    "years": (5.0, 8.0, 12.0, 20.0, 30.0),
+    "years": (5.0, 8.0, 12.0, 20.0, 30.0, 50.0),
 }
 
 #: Rounds over the grids; the second changes little.
 ROUNDS = 3
 
 #: Before any class is seen, and where no class has two contexts.
-START = ContextModel(region=0.2, year=0.1, kin=0.5, years=12.0)
+START = ContextModel(region=0.2, year=0.1, own=0.1, kin=0.5, years=12.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,22 +121,38 @@ def class_contexts(prior: Prior, axes: Sequence[str], cells: Sequence[Cell], wit
     return replace(prior, contexts=tuple(contexts))
 
 
-def inner_contexts(children: Sequence[Prior], share: FloatArray, shared: FloatArray) -> tuple[Context, ...]:
+def inner_contexts(
+    children: Sequence[Prior], share: FloatArray, shared: FloatArray, plain: Prior | None = None
+) -> tuple[Context, ...]:
     """The contexts of a node: those of its children of the same source, region and years, by the children's weight.
 
     A source that speaks for the part q of the weight says the mean over that part, and off the node's own by a share
-    (1 - q) / q of B.
+    (1 - q) / q of B. What a source calls by the node's plain name speaks for the whole node: a street's cars are of all
+    kinds, in the parts that are driven there.
 
     Parameters
     ----------
-    children : priors over the node's dimensions; share : (c,) their weights, sum 1; shared : (d,) variances of B
+    children : priors over the node's dimensions; share : (c,) their weights, sum 1; shared : (d,) variances of B;
+    plain : the prior of the leaf of things called by the plain name alone, over the node's dimensions
     """
+    whole = plain.contexts if plain is not None else ()
+    told = {(one.source, one.region) for one in whole}
+    parts = [
+        (child, part)
+        for child, part in zip(children, share.tolist(), strict=True)
+        if plain is None or child.node_id != plain.node_id
+    ]
+    rest = [one for one in _grouped(parts, shared) if (one.source, one.region) not in told]
+    return (*whole, *rest)
+
+
+def _grouped(children: Sequence[tuple[Prior, float]], shared: FloatArray) -> list[Context]:
     groups: dict[tuple[str, str, int], list[tuple[float, Context]]] = {}
-    for child, part in zip(children, share.tolist(), strict=True):
+    for child, part in children:
         for one in child.contexts:
             key = (one.source, one.region or "", -1 if one.year is None else int(one.year // SPAN))
             groups.setdefault(key, []).append((part, one))
-    return tuple(one for _, own in sorted(groups.items()) for one in _together(own, shared))
+    return [one for _, own in sorted(groups.items()) for one in _together(own, shared)]
 
 
 def _together(own: Sequence[tuple[float, Context]], shared: FloatArray) -> list[Context]:
@@ -158,7 +175,8 @@ def _together(own: Sequence[tuple[float, Context]], shared: FloatArray) -> list[
 
 def _round_context(offset: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """As published; a sampling variance is never nothing, which would make a source's word the whole truth."""
-    return np.round(offset, DECIMALS), np.maximum(np.round(variance, DECIMALS + 1), 10.0 ** -(DECIMALS + 1))
+    known = np.where(np.isnan(offset), np.nan, np.maximum(np.round(variance, DECIMALS + 1), 10.0 ** -(DECIMALS + 1)))
+    return np.round(offset, DECIMALS), known
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,7 +198,7 @@ def learn_contexts(classes: Iterable[tuple[Sequence[Cell], FloatArray, FloatArra
     for _ in range(ROUNDS):
         for name, grid in GRIDS.items():
             options = [replace(model, **{name: value}) for value in grid]
-            allowed = [option for option in options if option.region + option.year < 0.9]
+            allowed = [option for option in options if option.region + option.year + option.own < 0.95]
             model = max(allowed, key=lambda one: sum(_restricted_likelihood(line, one) for line in lines))
     return model
 

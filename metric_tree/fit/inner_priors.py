@@ -123,13 +123,18 @@ def plain_weights(
 
 
 def inner_priors(
-    node_id: str, children: Sequence[Sequence[Prior]], weights: FloatArray, axes: tuple[str, ...]
+    node_id: str,
+    children: Sequence[Sequence[Prior]],
+    weights: FloatArray,
+    axes: tuple[str, ...],
+    plain: Sequence[Prior] = (),
 ) -> list[Prior]:
     """The priors of an inner node: the joint one that says most, then single axes that more of its children state.
 
     Parameters
     ----------
-    children : the priors of each child, (c,); weights : how common each is; axes : of the frame
+    children : the priors of each child, (c,); weights : how common each is; axes : of the frame; plain : the priors of
+        the leaf of things called by the plain name alone, wherever it is below
 
     A joint prior says as much as it has axes times the weight of the children that have them all: a measured height of
     all people goes before a curated box of some.
@@ -142,7 +147,10 @@ def inner_priors(
         return []
     joint = max(stated, key=lambda dims: (len(dims) * stated[dims], len(dims), dims))
     single = [(axis,) for axis in axes if _mass(children, weights, (axis,)) > stated[joint] * (axis in joint) + MORE]
-    return [_inner_prior(node_id, children, weights, dims) for dims in (joint, *(d for d in single if d != joint))]
+    return [
+        _inner_prior(node_id, children, weights, dims, next((one for _, one in _priors_over([plain], dims)), None))
+        for dims in (joint, *(d for d in single if d != joint))
+    ]
 
 
 def _priors_over(children: Sequence[Sequence[Prior]], dims: tuple[str, ...]) -> list[tuple[int, Prior]]:
@@ -160,9 +168,13 @@ def _mass(children: Sequence[Sequence[Prior]], weights: FloatArray, dims: tuple[
 
 
 def _inner_prior(
-    node_id: str, children: Sequence[Sequence[Prior]], weights: FloatArray, dims: tuple[str, ...]
+    node_id: str,
+    children: Sequence[Sequence[Prior]],
+    weights: FloatArray,
+    dims: tuple[str, ...],
+    plain: Prior | None = None,
 ) -> Prior:
-    """The mixture of the children's priors over `dims`, reduced to `COMPONENTS`."""
+    """The mixture of the children's priors over `dims`, reduced to `COMPONENTS`; `plain` is of `<id>/other`."""
     numbers, having = zip(*_priors_over(children, dims), strict=True)
     share = weights[list(numbers)] / weights[list(numbers)].sum()
     mixture = reduce_mixture(
@@ -187,7 +199,7 @@ def _inner_prior(
         n_sources=max(child.n_sources for child in having),
         share_by_kind=dict(zip(kinds, (share @ by_kind).tolist(), strict=True)),
         borrowed=0.0,
-        contexts=inner_contexts(having, share, np.diagonal(shared)),
+        contexts=inner_contexts(having, share, np.diagonal(shared), plain),
     )
 
 

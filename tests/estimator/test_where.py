@@ -13,7 +13,7 @@ from estimator.reconstructions.objects_file import SCHEMA
 from metric_tree.commands import main as metric_tree_main
 from tests.made import minitree
 
-MODEL = {"region": 0.4, "year": 0.2, "kin": 0.5, "years": 12.0}
+MODEL = {"region": 0.4, "year": 0.2, "own": 0.1, "kin": 0.5, "years": 12.0}
 #: Things are a tenth larger in the United States; B is a third of a tenth of that.
 AMERICAN = {"source": "made", "region": "US", "year": 2011.0, "offset": [0.1] * 3, "variance": [1e-4] * 3}
 

@@ -15,7 +15,7 @@ from metric_base.regions import COUNTRIES, REGIONS, region_of
 from metric_tree.context import Context, ContextModel, Where, context_effect, where_of
 from metric_tree.prior import Prior
 
-MODEL = ContextModel(region=0.3, year=0.2, kin=0.5, years=12.0)
+MODEL = ContextModel(region=0.3, year=0.2, own=0.1, kin=0.5, years=12.0)
 SHARED = np.array([[0.02, 0.01], [0.01, 0.03]])
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,7 +38,7 @@ def made_classes(region: float, year: float, classes: int = 50, seed: int = 0):
         yield cells, np.array([1e-5]), BETWEEN
 
 
-@pytest.mark.parametrize(("region", "year"), [(0.0, 0.0), (0.4, 0.0), (0.0, 0.4)])
+@pytest.mark.parametrize(("region", "year"), [(0.0, 0.0), (0.3, 0.0), (0.0, 0.3)])
 def test_the_shares_of_region_and_year_are_recovered(region: float, year: float) -> None:
     model = learn_contexts(made_classes(region, year))
     assert model.region == pytest.approx(region, abs=0.15)
@@ -69,6 +71,9 @@ def test_a_node_has_the_contexts_of_its_children_by_their_weight() -> None:
     (lone,) = inner_contexts([children[0], plain(7.0)], np.array([0.4, 0.6]), BETWEEN)
     assert lone.offset[0] == pytest.approx(0.2)
     assert lone.variance[0] > both.variance[0] + 0.01
+    named = replace(children[0], node_id="car.n.01/other")
+    (whole,) = inner_contexts([named, children[1]], np.array([0.0, 1.0]), BETWEEN, named)
+    assert (whole.offset[0], whole.variance[0]) == (pytest.approx(0.2), pytest.approx(0.001))
     assert inner_contexts([children[0], plain(7.0)], np.array([0.1, 0.9]), BETWEEN) == ()
 
 
@@ -76,6 +81,6 @@ def test_a_class_seen_there_is_moved_there() -> None:
     names = np.array(["a"]), np.array(["product"])
     cells = cells_of(np.array([[8.2]]), *names, ["DE"], [2010], np.ones(1))
     prior = class_contexts(plain(8.0), ("length",), cells, np.array([0.001]))
-    model = ContextModel(0.3, 0.2, 0.5, 12.0)
+    model = ContextModel(0.3, 0.2, 0.0, 0.5, 12.0)
     moved = prior.in_context(Where("DE", 2010), model).means[0, 0]
     assert 8.0 < prior.in_context(Where("FR", 2010), model).means[0, 0] < moved < 8.2

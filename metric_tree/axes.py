@@ -27,6 +27,10 @@ _HORIZONTAL = ("length", "width", "depth")
 #: Relative difference below which two stated horizontal sizes are one size said twice.
 SAME = 0.005
 
+#: A height over so many of the shorter side is that of a thing which lies flat by nature and stood on its edge: a
+#: record in a rack, a magazine in its holder.
+STANDING = 1.5
+
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
@@ -133,7 +137,7 @@ def _flat(
 ) -> Sizes:
     if len(outer) == 3:
         # a height beside a depth is that of a face seen from the front (a phone, a picture), which lies down here
-        if height is not None and "depth" not in stated:
+        if height is not None and "depth" not in stated and height < STANDING * min(horizontal):
             return Sizes(max(horizontal), min(horizontal), height, outer)
         return Sizes(outer[0], outer[1], outer[2], outer)
     if len(outer) == 2 and height is None:

@@ -36,9 +36,11 @@ from metric_tree.axes import AXES
 from metric_tree.build.ingest import blocks, raw_files
 from metric_tree.build.steps import Options, Steps, shipped_taxonomy
 from metric_tree.build.work_folder import WorkFolder
-from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior, moments
+from metric_tree.fit.class_prior import class_prior
+from metric_tree.fit.class_rows import ClassRows
 from metric_tree.fit.evidence import KIND_WEIGHT
 from metric_tree.fit.kinds import KindModel, learn_kinds
+from metric_tree.fit.moments import VAGUE, moments
 
 WAYS = ("ours", "within", "authors", "bic-mm", "bic-log")
 

@@ -17,11 +17,13 @@ from metric_tree.axes import AXES, EXTENTS, axis_assignments
 from metric_tree.build.duplicates import duplicates
 from metric_tree.build.ingest import refusal
 from metric_tree.build.unit_slips import Reference, reference, slip_factors
-from metric_tree.fit.class_prior import ClassRows, Moments, class_prior, extent_moments, moments
+from metric_tree.fit.class_prior import class_prior
+from metric_tree.fit.class_rows import ClassRows, without_open_numbers
 from metric_tree.fit.contexts import Cell, cells_of
 from metric_tree.fit.em import Belief
-from metric_tree.fit.evidence import STATEMENTS
+from metric_tree.fit.evidence import STATEMENTS, STRONG
 from metric_tree.fit.kinds import KindModel
+from metric_tree.fit.moments import Moments, extent_moments, moments
 from metric_tree.fit.sameness import Sameness, class_sameness
 from metric_tree.prior import Prior
 from metric_tree.schema import ITEMS
@@ -31,6 +33,9 @@ __all__ = ["REFUSALS", "Cleaned", "NodeClass", "class_priors", "clean_shard", "e
 #: Rows of one source in one class that the fit takes, those of the lowest hash: its weight there is bounded anyway
 #: (`evidence.SOURCE_HALF`), and two hundred tell its mean to a fourteenth of its spread.
 FIT_ROWS = 200
+
+#: Flag of rows whose size may be that of the package.
+PACKAGE = "suspect_package"
 
 REFUSALS = {
     "repeated_id": "the source has the id twice",
@@ -172,6 +177,7 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
     by_source = Counter(source[real].tolist())
     scene = np.array([text or "" for text in table["scene"].to_pylist()], dtype=str)
     fit = _fit_rows(source, table["hash"].to_numpy())
+    fit = fit[_trusted(kind[fit], table["flags"].take(pa.array(fit)).to_pylist())]
     world, scene_share = _worlds(source[fit], scene[fit]), _scene_shares(scene[fit])
     spreads = _range_sd(table)
     frames = [
@@ -179,6 +185,7 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
         for name, axes in ((pose, EXTENTS if pose == "any" else AXES), ("any", EXTENTS))
     ]
     frames = frames[:1] if pose == "any" else frames
+    frames[0] = without_open_numbers(frames[0])
     by_kind = dict(Counter(kind.tolist()))
     own = np.log(sizes[:, 3:] if pose == "any" else sizes[:, :3])
     places = table["region"].to_pylist(), table["year"].to_pylist()
@@ -223,6 +230,13 @@ def _scene_shares(scene: NDArray[np.str_]) -> FloatArray:
     """One over the rows in the scene of each row, (n,); one where the scene is unknown."""
     _, code, counts = np.unique(scene, return_inverse=True, return_counts=True)
     return np.where(scene != "", 1 / counts[code], 1.0)
+
+
+def _trusted(kind: NDArray[np.str_], flags: Sequence[Sequence[str] | None]) -> NDArray[np.bool_]:
+    """Rows of a fit, (n,), less those whose size may be a package's, where others speak of the class."""
+    doubted: NDArray[np.bool_] = np.array([PACKAGE in (row or ()) for row in flags], dtype=bool)
+    others = ~doubted & np.isin(kind, sorted(STRONG | {"curated"}))
+    return ~doubted if others.any() else np.full(len(kind), True)
 
 
 def _fit_rows(source: NDArray[np.str_], hashes: NDArray[np.uint64]) -> NDArray[np.intp]:

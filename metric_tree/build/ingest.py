@@ -25,6 +25,7 @@ import pyarrow as pa
 from crawler.items import RawItem, bounded_lines, items_of_lines
 from metric_base.faults import InputFault
 from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
+from metric_tree.build.exclusions import shipped_exclusions
 from taxonomy.categories import Match, Taxonomy
 
 __all__ = [
@@ -188,6 +189,7 @@ def ingest_block(
 #: Reasons for which a raw item is kept for a maintainer to look at (the others are the maintainer's own choice).
 REFUSALS = {
     "no_category": "the taxonomy does not know what the thing is",
+    "excluded": "a reviewer took it out of its class (data/curated/exclusions.csv)",
     "no_size": "no outer size is stated, or four numbers where three are possible",
     "low_trust": "the size was only found in prose",
     "toy_replica": "a toy of the thing, at a size of its own",
@@ -227,8 +229,8 @@ def _row(
     if distrusted := next((flag for flag in UNUSED_FLAGS if flag in item.flags), None):
         return None, distrusted
     node_id = _match(item, taxonomy).node_id
-    if node_id is None:
-        return None, "no_category"
+    if node_id is None or shipped_exclusions().covers(item.source, node_id, item.title):
+        return None, "no_category" if node_id is None else "excluded"
     pose = _poses(taxonomy)[node_id]
     if item.kind == "curated":
         stated: Sizes | None = stated_sizes(item.dimensions_mm, pose)

@@ -14,10 +14,10 @@ import pyarrow as pa
 from crawler.imports.sources import Source
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.build.clean import NodeClass
-from metric_tree.fit.class_prior import VAGUE, Moments
 from metric_tree.fit.em import Belief
 from metric_tree.fit.evidence import EVIDENCE
 from metric_tree.fit.inner_priors import WITNESS, belief_of, commonness, inner_priors, plain_weights
+from metric_tree.fit.moments import VAGUE, Moments
 from metric_tree.fit.sameness import Sameness, shrunk_sameness
 from metric_tree.prior import Prior
 from metric_tree.schema import NODES, PRIORS

@@ -19,7 +19,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["CERTAIN_ROWS", "Disagreement", "disagreement", "with_statements"]
+__all__ = ["CERTAIN_ROWS", "Disagreement", "disagreement", "no_disagreement", "with_statements"]
 
 #: Rows at which a source's mean has half of its largest weight among the source means. The disagreement between
 #: sources is about a third to a half of the spread within, so that a handful of rows already places a source.
@@ -103,6 +103,12 @@ def with_statements(one: Disagreement, names: Sequence[str], kinds: Sequence[str
             spreads=np.concatenate([one.spreads, np.full(len(names), np.nan)]),
         )
     )
+
+
+def no_disagreement(within: FloatArray) -> Disagreement:
+    """A class without rows; `within` (d, d) is what is believed of its spread."""
+    none = np.empty((0, len(within)))
+    return Disagreement((), (), none, none, within, 0 * within, 0.0, np.empty(0))
 
 
 def _with_source_covariance(one: Disagreement) -> Disagreement:

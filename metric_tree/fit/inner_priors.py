@@ -13,12 +13,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_tree.fit.class_prior import VAGUE, Moments
 from metric_tree.fit.contexts import inner_contexts
 from metric_tree.fit.em import Belief, Mixture, raise_to_floor
+from metric_tree.fit.moments import VAGUE, Moments
 from metric_tree.prior import Prior
 
-__all__ = ["WITNESS", "belief_of", "commonness", "inner_priors", "plain_weights", "reduce_mixture"]
+__all__ = ["WITNESS", "belief_of", "commonness", "inner_priors", "is_part", "plain_weights", "reduce_mixture"]
 
 #: Rows that the parent's covariance counts in a child. Spreads of siblings are alike (a factor 1.5 or so between them),
 #: which is how well a sample of about eight rows shows a spread.
@@ -34,8 +34,15 @@ ABOVE = 0.5
 #: Items below a node at which a source has half of a witness's weight: shares among ten are known to a sixth.
 WITNESS_HALF = 10.0
 
-#: Weight of the leaf `<id>/other` in its node: most things that people call by a plain name have no narrower one.
-PLAIN_SHARE = 0.6
+#: Weight of the leaf `<id>/other` in its node: of the things of 97 kinds that have thirty labels or more in ScanNet and
+#: Matterport3D, annotators give 79 % the plain name, on average over the kinds (half of the kinds: 97 % and more).
+PLAIN_SHARE = 0.8
+
+#: Last words of the names of parts, and of things for another thing: a toilet seat, a knife set, a mirror cabinet.
+PART_WORDS = frozenset(
+    ("cab", "cabinet", "cover", "frame", "front", "handle", "holder", "insert", "leg", "lid", "part", "piece", "seat")
+    + ("set", "stand", "tank", "tool", "topper", "trailer", "tray")
+)
 
 #: How far a source of a kind is a witness of how common things are. Rooms and streets that were measured show it, shops
 #: show what is bought, artists what they like to draw; what a museum keeps is rare.
@@ -115,11 +122,24 @@ def plain_weights(
     """
     if stated and (total := sum(stated.get(child, 0.0) for child in children)) > 0:
         return np.array([stated.get(child, 0.0) / total for child in children])
+    parts = np.array([is_part(child, node_id) for child in children])
+    if parts.any() and not parts.all():
+        common = np.where(parts, 0.0, common) / max(float(common[~parts].sum()), 1e-12)
     plain = np.array([child == f"{node_id}/other" for child in children])
     if not plain.any() or plain.all():
         return common
     least = max(PLAIN_SHARE, float(common[plain].sum()))
     return np.where(plain, least, common * (1 - least) / max(float(common[~plain].sum()), 1e-12))
+
+
+def is_part(child_id: str, node_id: str) -> bool:
+    """Whether a child is a part of the node, or a thing for it, by its name: a toilet seat is no toilet.
+
+    >>> is_part("toilet_seat.n.01", "toilet.n.02"), is_part("flush_toilet.n.01", "toilet.n.02")
+    (True, False)
+    """
+    child, node = (name.removeprefix("mt:").partition(".n.")[0] for name in (child_id, node_id))
+    return child.startswith(f"{node}_") and child.rpartition("_")[2] in PART_WORDS
 
 
 def inner_priors(

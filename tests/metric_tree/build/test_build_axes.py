@@ -38,6 +38,8 @@ poses = st.sampled_from(["upright", "flat", "any"])
         ({"height": 146, "width": 71, "depth": 8}, "flat", Sizes(146, 71, 8, (146, 71, 8))),
         # a shoe of length, width, height does not lie on its side
         ({"length": 300, "width": 100, "height": 120}, "flat", Sizes(300, 100, 120, (300, 120, 100))),
+        # a record on its edge is as flat as one that lies
+        ({"length": 320, "width": 11, "height": 318}, "flat", Sizes(320, 318, 11, (320, 318, 11))),
         # length beside depth that say the same are one
         (
             {"length": 900, "width": 2000, "depth": 900, "height": 800},

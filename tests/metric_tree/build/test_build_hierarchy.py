@@ -8,11 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from metric_tree.axes import AXES, EXTENTS
+from metric_tree.build.exclusions import BadExclusion, Exclusions, shipped_exclusions
 from metric_tree.build.frequencies import BadFrequency, stated_frequencies
 from metric_tree.build.steps import shipped_taxonomy
-from metric_tree.fit.class_prior import VAGUE, Moments
 from metric_tree.fit.em import Mixture
-from metric_tree.fit.inner_priors import PLAIN_SHARE, belief_of, commonness, inner_priors, plain_weights, reduce_mixture
+from metric_tree.fit.inner_priors import (
+    PLAIN_SHARE,
+    belief_of,
+    commonness,
+    inner_priors,
+    is_part,
+    plain_weights,
+    reduce_mixture,
+)
+from metric_tree.fit.moments import VAGUE, Moments
 from metric_tree.prior import Prior
 
 TRUST = {"shop": 1.0, "games": 0.35, "flea market": 1.0}
@@ -121,8 +130,8 @@ def test_axes_that_a_child_does_not_state_do_not_count():
 def test_the_leaf_of_the_plain_name_has_most_of_it_unless_a_reviewer_says_otherwise():
     children = ["mug/other", "tankard", "beaker"]
     weights = plain_weights("mug", children, np.array([0.1, 0.6, 0.3]))
-    assert weights == pytest.approx([PLAIN_SHARE, 0.4 * 2 / 3, 0.4 / 3])
-    assert plain_weights("mug", children, np.array([0.8, 0.1, 0.1]))[0] == pytest.approx(0.8)
+    assert weights == pytest.approx([PLAIN_SHARE, (1 - PLAIN_SHARE) * 2 / 3, (1 - PLAIN_SHARE) / 3])
+    assert plain_weights("mug", children, np.array([0.9, 0.05, 0.05]))[0] == pytest.approx(0.9)
     assert plain_weights("mug", children[1:], np.array([0.7, 0.3])) == pytest.approx([0.7, 0.3])
     assert plain_weights("mug", children, np.ones(3) / 3, {"tankard": 1.0, "gone": 3.0}) == pytest.approx([0, 1, 0])
 
@@ -148,3 +157,31 @@ def test_a_frequency_that_is_none_is_refused(tmp_path):
     table.write_text("node_id,child_id,weight,reason\nn,a,-1,because\n")
     with pytest.raises(BadFrequency, match="weight: expected one positive number"):
         stated_frequencies(table)
+
+
+def test_excluded_rows_exist_in_the_taxonomy_and_say_why():
+    nodes = {category.node_id for category in shipped_taxonomy().categories()}
+    rules = shipped_exclusions().rules
+    assert {node for own in rules.values() for node, _ in own if node} <= nodes
+    assert shipped_exclusions().covers("ikea_sa_2020", "door.n.01/other", "LAPPVIKEN: Door, 60x64 cm")
+    assert not shipped_exclusions().covers("metric_tree_2020", "door.n.01/other", "")
+    assert shipped_exclusions().covers("open_models", "lion.n.01", "Schleich Lion Action Figure")
+    assert not shipped_exclusions().covers("open_models", "lion.n.01", "Lion")
+
+
+@pytest.mark.parametrize(
+    ("row", "says"), [(",mug.n.04,,because", "source"), ("shop,,,because", "neither"), ("shop,mug.n.04,,", "reason")]
+)
+def test_an_exclusion_that_says_too_little_is_refused(tmp_path, row: str, says: str):
+    table = tmp_path / "exclusions.csv"
+    table.write_text(f"source,node_id,title,reason\n{row}\n")
+    with pytest.raises(BadExclusion, match=says):
+        Exclusions.of_table(table)
+
+
+def test_parts_are_not_in_the_plain_name():
+    children = ["toilet.n.02/other", "flush_toilet.n.01", "toilet_seat.n.01"]
+    weights = plain_weights("toilet.n.02", children, np.array([0.2, 0.2, 0.6]))
+    assert weights == pytest.approx([PLAIN_SHARE, 1 - PLAIN_SHARE, 0])
+    assert plain_weights("toilet.n.02", children[2:], np.ones(1)) == pytest.approx([1])
+    assert not is_part("mt:dog_other", "dog.n.01")

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from metric_tree.axes import AXES, axis_assignments
-from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior, correlated_covariance, moments
+from metric_tree.fit.class_prior import class_prior
+from metric_tree.fit.class_rows import ClassRows, without_museums, without_open_numbers
 from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows, fit_mixture
 from metric_tree.fit.kinds import KindModel
+from metric_tree.fit.moments import VAGUE, correlated_covariance, moments
 
 MEANS = np.log([[2000.0, 900.0, 700.0], [900.0, 650.0, 1100.0]])  # a sofa and an armchair under one name
 COVARIANCE = np.array([[0.012, 0.004, 0.003], [0.004, 0.010, 0.002], [0.003, 0.002, 0.008]])
@@ -152,6 +154,48 @@ def test_two_museum_pieces_do_not_discard_a_range():
 def test_one_real_row_does_not_widen_a_norm():
     prior = class_prior(with_range(TYPICAL + 0.001, ["a"], ["standard"]), VAGUE, NONE, heldout=False)
     assert np.all(prior.log_sd() < 2 * RANGE_SD[0])
+
+
+def test_a_weak_row_does_not_draw_a_norm_to_its_parent():
+    """A cube of 57 mm and one artist's model of it, among parents a metre wide."""
+    wide = Belief(np.log([1000.0, 900.0, 800.0]), 1.0, correlated_covariance(np.full(3, 0.5)), 8.0)
+    rows = class_rows(
+        np.log([[57.0] * 3, [58.0] * 3]),
+        sources=["curated", "models"],
+        kinds=["curated", "asset"],
+        range_sd=np.array([[0.02] * 3, [np.nan] * 3]),
+    )
+    prior = class_prior(rows, wide, KindModel(0.3, 0.05), heldout=False)
+    assert prior.quantile(0.5) == pytest.approx([57, 57, 57], rel=0.02)
+    assert np.all(prior.log_sd() < 0.03)
+
+
+def test_a_range_says_which_axis_a_number_is_of():
+    lone = np.array([[np.nan, np.nan, np.log(690.0)]])
+    rows = with_range(np.repeat(lone, 4, axis=0), [f"s{n}" for n in range(4)], ["product"] * 4)
+    axes = np.log([[690.0, np.nan, np.nan], [np.nan, 690.0, np.nan], [np.nan, np.nan, 690.0]])
+    x = np.concatenate([rows.x[:1], np.tile(axes, (4, 1))])
+    hidden = replace(rows, x=x, owner=np.r_[0, np.repeat(np.arange(1, 5), 3)])
+    assert class_prior(hidden, VAGUE, NONE, heldout=False).quantile(0.5) == pytest.approx([1000, 500, 700], rel=0.1)
+
+
+def test_numbers_of_no_axis_are_left_out_where_anything_else_speaks():
+    x = np.log([[350.0, 240.0, 20.0], [250.0, np.nan, np.nan], [np.nan, 250.0, np.nan]])
+    rows = replace(class_rows(x[:2], sources=["a", "rooms"]), x=x, owner=np.array([0, 1, 1]))
+    assert without_open_numbers(rows).sources == ("a",)
+    alone = without_open_numbers(rows)
+    assert without_open_numbers(alone) is alone
+    lone = replace(class_rows(x[1:2], sources=["rooms"]), x=x[1:], owner=np.array([0, 0]))
+    assert without_open_numbers(lone) is lone
+
+
+@pytest.mark.parametrize(
+    ("kinds", "left"), [(["product"], 1), (["curated"], 1), (["asset"] * 3, 3), (["asset"], 3), (["museum"], 3)]
+)
+def test_museums_speak_where_nothing_else_does(kinds: list[str], left: int):
+    whole = [*kinds, "museum", "museum"]
+    x = np.log([[100.0, 90.0, 80.0]] * len(whole))
+    assert len(without_museums(class_rows(x, sources=whole, kinds=whole)).kinds) == left
 
 
 def test_many_products_outweigh_a_range():

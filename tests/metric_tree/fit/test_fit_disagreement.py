@@ -9,10 +9,12 @@ import pytest
 
 from metric_tree.axes import AXES
 from metric_tree.fit.centre import class_centre, shared_covariance
-from metric_tree.fit.class_prior import VAGUE, ClassRows, class_prior
+from metric_tree.fit.class_prior import class_prior
+from metric_tree.fit.class_rows import ClassRows
 from metric_tree.fit.disagreement import disagreement, with_statements
 from metric_tree.fit.evidence import KIND_WEIGHT
 from metric_tree.fit.kinds import KindModel, learn_kinds
+from metric_tree.fit.moments import VAGUE
 
 BETWEEN = np.array([[0.04, 0.02, 0.01], [0.02, 0.03, 0.0], [0.01, 0.0, 0.02]])
 WITHIN = 0.02 * np.eye(3)

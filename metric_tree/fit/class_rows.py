@@ -1,0 +1,189 @@
+"""The rows of one class, and what ranges and means among them state of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metric_base.arrays import FloatArray
+from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows
+from metric_tree.fit.evidence import STATEMENTS, STRONG, row_weights
+
+__all__ = [
+    "STATED_SHARED",
+    "ClassRows",
+    "Statements",
+    "nanmean",
+    "own_belief",
+    "statements_of",
+    "take_rows",
+    "weighted_rows",
+    "within_range",
+    "without_museums",
+    "without_open_numbers",
+]
+
+#: Models of artists that make museums unheard: one may be anything, three agree or do not.
+ENOUGH_MODELS = 3
+
+#: Rows that the spread of a stated range counts in place of the parent's: two and a half times as many, for it is of
+#: the class itself.
+STATED_ROWS = 20.0
+
+#: Part of a stated range's variance that objects of one scene share: the range holds everything that a class may be.
+STATED_SHARED = 0.35
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClassRows:
+    """Rows of one class in one frame of axes, duplicates already collapsed.
+
+    x : (m, 3) candidates in ln mm, NaN where missing; owner : (m,) the row of each; sources, kinds : (n,) of the rows;
+    range_sd : (n, 3) standard deviation of ln size that a row states, NaN elsewhere; n : items that the rows stand for,
+    ranges and means not counted; scene_share : (n,) one over the rows of the class in the row's scene.
+    """
+
+    node_id: str
+    axes: tuple[str, ...]
+    x: FloatArray
+    owner: NDArray[np.intp]
+    sources: tuple[str, ...]
+    kinds: tuple[str, ...]
+    range_sd: FloatArray
+    n: int
+    scene_share: FloatArray | None = None
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether nothing but ranges and means is known of the class."""
+        return set(self.kinds) <= STATEMENTS
+
+    @property
+    def weights(self) -> FloatArray:
+        """Weight of each row in the shape of the class, (n,)."""
+        first = self.x[np.searchsorted(self.owner, np.arange(len(self.sources)))]
+        stated = (~np.isnan(first)).sum(axis=1)
+        return row_weights(self.sources, self.kinds, self.scene_share, stated, bool((self.range_sd > 0).any()))
+
+    @property
+    def worth(self) -> float:
+        """How much a row says of the spread on average, 0 to 1; one where products and measurements alone count."""
+        weights = self.weights
+        counting = weights > 0
+        if not counting.any():
+            return 1.0
+        plain = row_weights(self.sources, ["product"] * len(self.kinds), self.scene_share)
+        return float(min(1.0, weights[counting].sum() / plain[counting].sum()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Statements:
+    """What ranges and means say, source by source: names, kinds (s,), means and sd (s, 3) of ln mm, NaN unstated."""
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    means: FloatArray
+    sd: FloatArray
+
+    @property
+    def spread(self) -> FloatArray:
+        """Standard deviation of ln size that is stated of each axis, (3,), NaN of none."""
+        return nanmean(self.sd)
+
+
+def without_museums(rows: ClassRows) -> ClassRows:
+    """The rows less those of museums, if anything else speaks of the class: a range, a product, some artists' models.
+
+    What a museum keeps is of another time, and often of another sense of the word: a mirror is of bronze there.
+    """
+    kinds = np.asarray(rows.kinds)
+    museum = kinds == "museum"
+    models = int((kinds == "asset").sum()) >= ENOUGH_MODELS
+    else_known = models or bool(np.isin(kinds, sorted(STRONG | {"curated"})).any())
+    return take_rows(rows, np.flatnonzero(~museum)) if museum.any() and else_known else rows
+
+
+def without_open_numbers(rows: ClassRows) -> ClassRows:
+    """The rows less those that state one number and not of which axis, if any other speaks of the class.
+
+    The height of what lies flat is such a number: a laptop in a room is open, and a book stands on its shelf.
+    """
+    first = np.searchsorted(rows.owner, np.arange(len(rows.sources)))
+    candidates = np.bincount(rows.owner, minlength=len(rows.sources))
+    is_open = (candidates > 1) & ((~np.isnan(rows.x[first])).sum(axis=1) == 1)
+    return take_rows(rows, np.flatnonzero(~is_open)) if is_open.any() and not is_open.all() else rows
+
+
+def take_rows(rows: ClassRows, chosen: NDArray[np.intp]) -> ClassRows:
+    """The class with some of its rows, ascending; the items that it stands for are the same."""
+    kept = np.isin(rows.owner, chosen)
+    return replace(
+        rows,
+        x=rows.x[kept],
+        owner=np.searchsorted(chosen, rows.owner[kept]),
+        sources=tuple(rows.sources[row] for row in chosen),
+        kinds=tuple(rows.kinds[row] for row in chosen),
+        range_sd=rows.range_sd[chosen],
+        scene_share=None if rows.scene_share is None else rows.scene_share[chosen],
+    )
+
+
+def weighted_rows(rows: ClassRows) -> tuple[Rows, list[str], list[str]]:
+    """The rows that count, with their weights, and the source and kind of each."""
+    weights = rows.weights
+    counting = np.flatnonzero(weights > 0)
+    sources, kinds = ([names[row] for row in counting] for names in (rows.sources, rows.kinds))
+    return Rows(rows.x, rows.owner, weights).subset(counting), sources, kinds
+
+
+def statements_of(rows: ClassRows) -> Statements:
+    """The ranges and means among the rows, those of one source together; a row of open axes states nothing."""
+    first = rows.x[np.searchsorted(rows.owner, np.arange(len(rows.sources)))]  # (n, 3)
+    plain = np.bincount(rows.owner, minlength=len(rows.sources)) == 1
+    stating = np.array([kind in STATEMENTS for kind in rows.kinds], dtype=bool) & plain
+    names = sorted({name for name, states in zip(rows.sources, stating, strict=True) if states})
+    own = [stating & (np.asarray(rows.sources) == name) for name in names]
+    return Statements(
+        tuple(names),
+        tuple(rows.kinds[int(np.flatnonzero(mask)[0])] for mask in own),
+        np.array([nanmean(first[mask]) for mask in own]).reshape(-1, 3),
+        np.array([nanmean(rows.range_sd[mask]) for mask in own]).reshape(-1, 3),
+    )
+
+
+def nanmean(values: FloatArray) -> FloatArray:
+    """Mean over the rows of (n, 3), NaN where none is known."""
+    known = (~np.isnan(values)).sum(axis=0)
+    return np.asarray(np.where(known > 0, np.nansum(values, axis=0) / np.maximum(known, 1), np.nan))
+
+
+def own_belief(belief: Belief, statements: Statements) -> Belief:
+    """The parent's belief, with the sizes and the spread that are stated of the class itself in place of the parent's.
+
+    The sizes say which axis a number is of where a row leaves it open; they are off by the part of the range that
+    objects of one scene share.
+    """
+    means = nanmean(statements.means)
+    if not np.isnan(means).all():
+        rows = max(belief.mean_rows, (1 - STATED_SHARED) / STATED_SHARED)
+        belief = replace(belief, mean=np.where(np.isnan(means), belief.mean, means), mean_rows=rows)
+    stated = ~np.isnan(statements.spread)
+    if not stated.any():
+        return belief
+    own = np.sqrt(np.diagonal(belief.covariance))
+    part = math.sqrt(1 - STATED_SHARED)
+    scale = np.where(stated, part * statements.spread, own) / own
+    covariance = belief.covariance * np.outer(scale, scale)
+    floor = min(SPREAD_FLOOR, float(np.nanmin(statements.spread)) / 2)
+    return replace(belief, covariance=covariance, covariance_rows=STATED_ROWS, floor=floor)
+
+
+def within_range(shared: FloatArray, statements: Statements) -> FloatArray:
+    """B (3, 3), on no axis with more than its part of a stated range's variance."""
+    bound = np.sqrt(STATED_SHARED) * np.nan_to_num(statements.spread, nan=np.inf)
+    sd = np.sqrt(np.diagonal(shared))
+    scale = np.minimum(1.0, bound / np.maximum(sd, 1e-12))
+    return np.asarray(shared * np.outer(scale, scale))

@@ -83,7 +83,7 @@ def class_prior(
     centred = _scale_spread(weighed.shift(centre.effects[code]), centre.mean, kinds, model)
     placed = replace(belief, mean=np.where(np.isnan(centre.mean), belief.mean, centre.mean))
     best, components = _components(centred, placed, seed, rows.worth)
-    best = _move_to_mean(best, centred, x - centre.effects[code], known, centre.mean)
+    best = _move_to_mean(best, centred, centre.mean)
     mass = weighed.weights @ known + (~np.isnan(statements.means)).sum(axis=0)
     borrowed = belief.covariance_rows / (belief.covariance_rows + weighed.effective) if components == 1 else 0.0
     stated = bool((~np.isnan(statements.spread)).any())
@@ -190,12 +190,13 @@ def _scale_spread(rows: Rows, mean: FloatArray, kinds: Sequence[str], model: Kin
     return Rows(centre + (rows.x - centre) * np.where(np.isnan(mean), 1.0, factor), rows.owner, rows.weights)
 
 
-def _move_to_mean(mixture: Mixture, rows: Rows, x: FloatArray, known: FloatArray, mean: FloatArray) -> Mixture:
-    """The mixture moved so that the stated sizes x (n, d) lie about `mean` (d,), if any row states the axis.
+def _move_to_mean(mixture: Mixture, rows: Rows, mean: FloatArray) -> Mixture:
+    """The mixture moved so that the sizes that rows state lie about `mean` (d,), if any row states the axis.
 
     What EM makes of sizes that are not stated by chance alone stays, and nothing of how far a thin class is drawn to
     its belief.
     """
+    x, known = complete_rows(rows, mixture)  # (n, d) each
     whole = rows.weights @ x / rows.weights.sum()  # (d,) of sizes stated and completed
     doubt = KNOWN_ROWS * rows.weights.mean()
     stated = (rows.weights @ (known * x) + doubt * whole) / (rows.weights @ known + doubt)

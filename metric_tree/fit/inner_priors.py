@@ -39,10 +39,10 @@ WITNESS_HALF = 10.0
 PLAIN_SHARE = 0.8
 
 #: Last words of the names of parts, and of things for another thing: a toilet seat, a knife set, a mirror cabinet.
-PART_WORDS = frozenset(
-    ("cab", "cabinet", "cover", "frame", "front", "handle", "holder", "insert", "leg", "lid", "part", "piece", "seat")
-    + ("set", "stand", "tank", "tool", "topper", "trailer", "tray")
-)
+PART_WORDS = frozenset({
+    "cab", "cabinet", "cover", "frame", "front", "handle", "holder", "insert", "leg", "lid", "part", "piece", "seat",
+    "set", "stand", "tank", "tool", "topper", "trailer", "tray",
+})  # fmt: skip
 
 #: How far a source of a kind is a witness of how common things are. Rooms and streets that were measured show it, shops
 #: show what is bought, artists what they like to draw; what a museum keeps is rare.

@@ -170,6 +170,19 @@ def test_a_weak_row_does_not_draw_a_norm_to_its_parent():
     assert np.all(prior.log_sd() < 0.03)
 
 
+def test_rows_of_heights_alone_do_not_move_the_other_axes():
+    """Sixty boxes and two hundred heights of another source, a third lower: the length stays where the boxes have it."""
+    generator = np.random.default_rng(0)
+    boxes = np.log([[500.0, 480.0, 900.0]]) + generator.multivariate_normal(np.zeros(3), COVARIANCE, 60)
+    heights = np.full((200, 3), np.nan)
+    heights[:, 2] = np.log(600.0) + generator.normal(0, 0.2, 200)
+    sources = ["shop"] * 60 + ["rooms"] * 200
+    rows = class_rows(np.concatenate([boxes, heights]), sources=sources, kinds=["product"] * 260)
+    model = KindModel(0.3, 0.05)
+    alone = class_prior(class_rows(boxes, sources=sources[:60]), VAGUE, model, heldout=False).quantile(0.5)
+    assert class_prior(rows, VAGUE, model, heldout=False).quantile(0.5)[:2] == pytest.approx(alone[:2], rel=0.04)
+
+
 def test_a_range_says_which_axis_a_number_is_of():
     lone = np.array([[np.nan, np.nan, np.log(690.0)]])
     rows = with_range(np.repeat(lone, 4, axis=0), [f"s{n}" for n in range(4)], ["product"] * 4)

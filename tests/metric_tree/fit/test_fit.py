@@ -171,7 +171,7 @@ def test_a_weak_row_does_not_draw_a_norm_to_its_parent():
 
 
 def test_rows_of_heights_alone_do_not_move_the_other_axes():
-    """Sixty boxes and two hundred heights of another source, a third lower: the length stays where the boxes have it."""
+    """Sixty boxes, and two hundred heights of another source, a third lower: the length is that of the boxes."""
     generator = np.random.default_rng(0)
     boxes = np.log([[500.0, 480.0, 900.0]]) + generator.multivariate_normal(np.zeros(3), COVARIANCE, 60)
     heights = np.full((200, 3), np.nan)

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from crawler.items import RawItem, raw_items
 from metric_tree.axes import AXES, sizes_from_words
-from metric_tree.fit.class_prior import CURATED_WIDENING
+from metric_tree.build.ingest import CURATED_WIDENING
 from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import Category
 from taxonomy.curated import BLIND_TABLES, CuratedRange, blind_ranges

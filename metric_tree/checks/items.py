@@ -19,8 +19,9 @@ from metric_tree.checks.finding import Finding
 
 __all__ = ["CODES", "findings"]
 
-#: From a hundredth of a millimetre (foil) to a kilometre (the longest ship has 458 m, the highest building 828 m).
-PLAUSIBLE_MM = (0.01, 1e6)
+#: From a hundredth of a millimetre (foil) to five kilometres (the longest ship has 458 m, the highest building 828 m; a
+#: suspension bridge is two or three kilometres long).
+PLAUSIBLE_MM = (0.01, 5e6)
 
 #: Rounding of axes that were sorted in another unit.
 ORDER_TOLERANCE = 1e-6

@@ -119,7 +119,7 @@ FAULTS: dict[str, Fault] = {
     "W213": _menu,
     "E301": _set(ITEM, 0, node_id="chair.n.01"),
     "E302": lambda content: content[ITEM].append(dict(content[ITEM][0])),
-    "E303": _set(ITEM, 0, height_mm=2e6),
+    "E303": _set(ITEM, 0, height_mm=2e7),
     "E304": _set(ITEM, 0, length_mm=500.0, width_mm=600.0),
     "E305": _set(ITEM, 0, kind="guess"),
     "E306": _set(ITEM, 0, licence=None),

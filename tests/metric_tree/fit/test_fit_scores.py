@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metric_tree.fit.class_prior import VAGUE, class_prior, extent_moments
+from metric_tree.fit.class_prior import class_prior
+from metric_tree.fit.moments import VAGUE, extent_moments
 from tests.metric_tree.fit.test_fit import MEANS, NONE, class_rows
 
 SD = 0.15

@@ -177,7 +177,7 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
     by_source = Counter(source[real].tolist())
     scene = np.array([text or "" for text in table["scene"].to_pylist()], dtype=str)
     fit = _fit_rows(source, table["hash"].to_numpy())
-    fit = fit[_trusted(kind[fit], table["flags"].take(pa.array(fit)).to_pylist())]
+    fit = fit[_trust_mask(kind[fit], table["flags"].take(pa.array(fit)).to_pylist())]
     world, scene_share = _worlds(source[fit], scene[fit]), _scene_shares(scene[fit])
     spreads = _range_sd(table)
     frames = [
@@ -232,7 +232,7 @@ def _scene_shares(scene: NDArray[np.str_]) -> FloatArray:
     return np.where(scene != "", 1 / counts[code], 1.0)
 
 
-def _trusted(kind: NDArray[np.str_], flags: Sequence[Sequence[str] | None]) -> NDArray[np.bool_]:
+def _trust_mask(kind: NDArray[np.str_], flags: Sequence[Sequence[str] | None]) -> NDArray[np.bool_]:
     """Rows of a fit, (n,), less those whose size may be a package's, where others speak of the class."""
     doubted: NDArray[np.bool_] = np.array([PACKAGE in (row or ()) for row in flags], dtype=bool)
     others = ~doubted & np.isin(kind, sorted(STRONG | {"curated"}))

@@ -118,7 +118,7 @@ def without_open_numbers(rows: ClassRows) -> ClassRows:
 
 
 def take_rows(rows: ClassRows, chosen: NDArray[np.intp]) -> ClassRows:
-    """The class with some of its rows, ascending; the items that it stands for are the same."""
+    """The class with the rows `chosen` (m,), ascending; the items that it stands for are the same."""
     kept = np.isin(rows.owner, chosen)
     return replace(
         rows,

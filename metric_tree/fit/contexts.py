@@ -142,11 +142,11 @@ def inner_contexts(
         for child, part in zip(children, share.tolist(), strict=True)
         if plain is None or child.node_id != plain.node_id
     ]
-    rest = [one for one in _grouped(parts, shared) if (one.source, one.region) not in told]
+    rest = [one for one in _contexts_by_source(parts, shared) if (one.source, one.region) not in told]
     return (*whole, *rest)
 
 
-def _grouped(children: Sequence[tuple[Prior, float]], shared: FloatArray) -> list[Context]:
+def _contexts_by_source(children: Sequence[tuple[Prior, float]], shared: FloatArray) -> list[Context]:
     groups: dict[tuple[str, str, int], list[tuple[float, Context]]] = {}
     for child, part in children:
         for one in child.contexts:

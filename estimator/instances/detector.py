@@ -29,7 +29,7 @@ from estimator.instances.one_stage import (
 )
 from estimator.instances.registry import RegisteredDetector, download, registry_entry, registry_entry_of
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-from metric_base.faults import InputFault, Words
+from metric_base.faults import FieldFault, InputFault, Words, in_file
 
 __all__ = ["Detections", "Detector", "InputForm", "load_detector"]
 
@@ -99,7 +99,8 @@ class Detector:
             inputs = ", ".join(f"{node.name} {node.shape}" for node in self._session.get_inputs())
             raise InputFault.at(path, "input", "one picture (3, H, W), as torchvision exports it", Words(inputs))
         self._batched = rank == 4
-        self._outputs = _output_names(path, self._session.get_outputs())
+        with in_file(path):
+            self._outputs = _output_names(self._session.get_outputs())
 
     def __call__(self, picture: Picture) -> Detections:
         """The detections in a picture (H, W, 3) RGB.
@@ -255,8 +256,8 @@ def _session(path: Path) -> Any:
         raise InputFault.at(path, "detector", "an ONNX graph that onnxruntime loads", Words(line)) from None
 
 
-def _output_names(path: Path, outputs: Sequence[Any]) -> list[str]:
-    """Names of boxes, labels, scores and masks, told by rank and type: exporters name them as they like."""
+def _output_names(outputs: Sequence[Any]) -> list[str]:
+    """Names of boxes, labels, scores and masks, recognised by rank and type: exporters name them as they like."""
     by_kind: dict[str, str] = {}
     for node in outputs:
         rank = len(node.shape)
@@ -266,7 +267,7 @@ def _output_names(path: Path, outputs: Sequence[Any]) -> list[str]:
     if len(outputs) < len(wanted) or set(by_kind) != set(wanted):
         actual = ", ".join(f"{node.name} {node.shape} {node.type}" for node in outputs)
         expected = "the outputs of Mask R-CNN as torchvision exports it, of YOLO or of RT-DETR"
-        raise InputFault.at(path, "outputs", expected, Words(actual))
+        raise FieldFault("outputs", expected, Words(actual))
     return [by_kind[kind] for kind in wanted]
 
 

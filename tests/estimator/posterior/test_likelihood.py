@@ -82,6 +82,17 @@ def test_lying_thing_may_stand() -> None:
     assert upright < 2 * OUTLIER
 
 
+@pytest.mark.usefixtures("no_gross_errors")
+def test_a_pose_is_a_probability_and_any_pose_knows_no_vertical() -> None:
+    assert all(sum(chances) == pytest.approx(1.0) for chances in VERTICAL.values())
+    book = prior("book.n.01", [(240, 170, 25)])
+    sizes = [(0.24, 0.17, 0.025), (0.17, 0.025, 0.24), (0.24, 0.025, 0.17)]
+    u = np.linspace(-0.1, 0.1, 5)
+    one, *others = (object_curves([evidence(book, size, pose="any")], u)[0] for size in sizes)
+    for other in others:
+        assert other == pytest.approx(one, rel=1e-3)
+
+
 def test_missing_dimension_is_marginalised() -> None:
     item = evidence(CHAIR, (math.nan, math.nan, 1.0))
     found = object_curves([item], np.array([-0.01, 0.0]))[0, 1]

@@ -35,6 +35,8 @@ FLIP = np.diag([1.0, -1.0, -1.0])
 ROTATION_TOLERANCE = 1e-3
 #: How far a lens that stands in for another model may be off, as a share of the longer side: half a pixel of a camera.
 RATIONAL_SHARE = 1e-4
+#: Distortion of real lenses is below 10.
+MOST_COEFFICIENT = 1e3
 #: Rounds of its fit, and the widest tangent of an angle from the axis.
 ROUNDS, WIDEST_TANGENT = 4, 4.0
 #: Where pictures are, seen from the file that names them.
@@ -72,6 +74,8 @@ def brown_camera(
     others = {name: distortion.get(name, 0.0) for name in ("p1", "p2")}
     if not radial[3]:
         return pinhole_camera(size, focal, centre, {**others, **dict(zip(("k1", "k2", "k3"), radial, strict=False))})
+    if not max(map(abs, radial)) <= MOST_COEFFICIENT:
+        raise FieldFault("distortion", f"numbers up to {MOST_COEFFICIENT:g}", radial)
     reach = [max(c, side - c) / f for c, side, f in zip(centre, size, focal, strict=True)]
     corner = np.hypot(reach[0], reach[1])
     tangents = np.linspace(0, WIDEST_TANGENT, 4000)

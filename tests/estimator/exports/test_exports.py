@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -131,6 +132,16 @@ def test_a_lens_with_four_radial_terms_is_followed_within_half_a_pixel(
 def test_a_lens_that_turns_back_before_the_corner_is_refused() -> None:
     with pytest.raises(FieldFault, match="distortion"):
         brown_camera((4000, 3000), (2000.0, 2000.0), (2000.0, 1500.0), {"k1": -0.5, "k4": -0.1})
+
+
+ODD = st.sampled_from([0.0, 1.0, -1.0, 1e300, -1e300, 1e-300, 1e3, 0.1])
+
+
+@given(ODD, ODD.filter(bool), st.sampled_from([1e-300, 1.0, 2000.0, 1e300]), st.sampled_from([1e3, 1e300, -1e300]))
+@settings(max_examples=60)
+def test_odd_numbers_of_a_lens_give_a_camera_or_a_fault(k1: float, k4: float, focal: float, centre: float) -> None:
+    with np.errstate(all="raise", under="ignore"), suppress(FieldFault):
+        brown_camera((2000, 1500), (focal, focal), (centre, 750.0), {"k1": k1, "k4": k4})
 
 
 def test_a_chunk_without_components_has_its_own_transform(colmap: Scene, tmp_path: Path) -> None:

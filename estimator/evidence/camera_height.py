@@ -28,6 +28,9 @@ KIND = "camera_height"
 #: car: behind a windscreen (1.2 m) or on a roof (1.7 m).
 PRESETS = {"handheld": (1.4, 0.15), "tripod": (1.45, 0.2), "car": (1.45, 0.2)}
 
+#: Heights that are believed: from a microscope to an aeroplane.
+LOWEST_M, HIGHEST_M = 1e-6, 1e5
+
 #: The floor that the planes found is no better than this share of the camera's height over it.
 LEAST_SD = 0.01
 
@@ -43,8 +46,8 @@ class CameraHeight:
     sd: float
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.metres) and self.metres > 0 and 0 < self.sd < self.metres):
-            expected = "a positive height with a smaller standard deviation"
+        if not (LOWEST_M <= self.metres <= HIGHEST_M and 0 < self.sd < self.metres):
+            expected = f"a height of {LOWEST_M:g} to {HIGHEST_M:g} metres with a smaller standard deviation"
             raise InputFault.at(KIND, "metres", expected, (self.metres, self.sd))
 
     @classmethod

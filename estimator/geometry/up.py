@@ -90,6 +90,7 @@ def given_up(vector: Sequence[float] | FloatArray) -> Up:
     direction = np.asarray(vector, dtype=float)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
         raise InputFault.at("up", "direction", "three finite numbers, not all 0", tuple(vector))
+    direction = direction / np.abs(direction).max()  # its square may be no number
     return Up(direction / np.linalg.norm(direction), "given", GIVEN_DEG)
 
 

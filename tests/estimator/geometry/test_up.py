@@ -149,6 +149,12 @@ def test_a_given_up_is_compared_with_what_the_cameras_show(tilt, words):
     assert line is None if words is None else words in line
 
 
+@pytest.mark.parametrize("length", [1e-300, 1e-5, 3.0, 1e300])
+def test_the_length_of_a_given_up_says_nothing(length):
+    with np.errstate(all="raise", under="ignore"):
+        assert given_up((0, length, length)).vector == pytest.approx([0, np.sqrt(0.5), np.sqrt(0.5)])
+
+
 @pytest.mark.parametrize("vector", [(0, 0, 0), (1, 2), (1, 2, np.nan), (np.inf, 0, 0)])
 def test_what_is_no_direction_is_refused(vector):
     with pytest.raises(InputFault, match="three finite numbers"):

@@ -17,6 +17,13 @@ __all__ = ["KINDS", "everyday_sentence", "item_quantiles", "shipped_evidence"]
 KINDS = ("measured", "product", "standard", "statistic", "curated", "asset", "museum", "default")
 
 _AXES = {"height": "high", "length": "long", "width": "wide"}
+
+#: Last words of names that have no singular: a pair of scissors is one thing.
+_PLURALS = (
+    "binoculars bellows earbuds earphones glasses goggles handcuffs headphones jeans leggings loppers pajamas pants "
+    "pliers scales scissors shears shorts skis spectacles stairs sunglasses suspenders tights tongs trousers tweezers"
+)
+
 _COLUMNS = ("length_mm", "width_mm", "height_mm")
 
 
@@ -36,9 +43,11 @@ def everyday_sentence(name: str, prior: Prior) -> str:
     middle, (low, high) = float(prior.quantile(0.5)[place]), prior.interval(0.9)[place]
     how = _AXES.get(axis, "across")
     article = "An" if name[:1].lower() in "aeiou" else "A"
+    plural = name.rpartition(" ")[2].lower() in _PLURALS.split()
+    subject = f"{name[:1].upper()}{name[1:]} are" if plural else f"{article} {name} is"
     unit, factor = _unit(middle)
     return (
-        f"{article} {name} is about {_number(middle / factor)} {unit} {how}; "
+        f"{subject} about {_number(middle / factor)} {unit} {how}; "
         f"nine of ten are {_number(float(low) / factor)} to {_number(float(high) / factor)} {unit}."
     )
 

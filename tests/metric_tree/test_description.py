@@ -23,6 +23,12 @@ def test_the_unit_follows_the_size(mini: Tree) -> None:
     )
 
 
+def test_a_pair_of_one_thing_is_plural(mini: Tree) -> None:
+    prior = mini.find("swivel chair").prior(("length",))
+    assert everyday_sentence("over-ear headphones", prior).startswith("Over-ear headphones are about 62 cm")
+    assert everyday_sentence("bus", prior).startswith("A bus is")
+
+
 def test_evidence_counts_the_items_below(mini: Tree) -> None:
     chair = mini.find("chair")
     evidence = shipped_evidence(chair)

@@ -37,7 +37,7 @@ from metric_tree.build.ingest import blocks, raw_files
 from metric_tree.build.steps import Options, Steps, shipped_taxonomy
 from metric_tree.build.work_folder import WorkFolder
 from metric_tree.fit.class_prior import class_prior
-from metric_tree.fit.class_rows import ClassRows
+from metric_tree.fit.class_rows import ClassRows, take_rows
 from metric_tree.fit.evidence import KIND_WEIGHT
 from metric_tree.fit.kinds import KindModel, learn_kinds
 from metric_tree.fit.moments import VAGUE, moments
@@ -99,7 +99,7 @@ def _classes(arguments: argparse.Namespace) -> Iterator[ClassRows]:
     for path in sorted(work.glob("clean-*.classes")):
         for one in pickle.loads(path.read_bytes()):  # noqa: S301 - written by this very program
             real = np.flatnonzero(np.asarray(one.kinds) != "curated")
-            one = _taken(one, real)  # noqa: PLW2901 - a class without its curated range
+            one = _chosen_rows(one, real)  # noqa: PLW2901 - a class without its curated range
             if one.axes == AXES and _complete(one).sum() >= CLASS_ROWS and not _is_round(one):
                 yield one
 
@@ -118,23 +118,14 @@ def _complete(one: ClassRows) -> NDArray[np.bool_]:
     return whole
 
 
-def _taken(one: ClassRows, rows: NDArray[np.intp]) -> ClassRows:
-    """The class with the given rows, ascending."""
-    kept = np.isin(one.owner, rows)
-    return replace(
-        one,
-        x=one.x[kept],
-        owner=np.searchsorted(rows, one.owner[kept]),
-        sources=tuple(one.sources[row] for row in rows),
-        kinds=tuple(one.kinds[row] for row in rows),
-        range_sd=one.range_sd[rows],
-        n=len(rows),
-    )
+def _chosen_rows(one: ClassRows, rows: NDArray[np.intp]) -> ClassRows:
+    """The class with the given rows (m,), ascending, and as many items."""
+    return replace(take_rows(one, rows), n=len(rows))
 
 
 def _cross_validated(one: ClassRows, model: KindModel, rows: int, seed: int) -> dict[str, float]:
     generator = np.random.default_rng(seed)
-    one = _taken(one, np.sort(generator.permutation(len(one.sources))[:rows]))
+    one = _chosen_rows(one, np.sort(generator.permutation(len(one.sources))[:rows]))
     fold = generator.permutation(len(one.sources)) % FOLDS
     whole = _complete(one)
     total = dict.fromkeys(WAYS, 0.0)
@@ -165,7 +156,7 @@ def _scores(
     test = one.x[first[held]]
     whole = _complete(one)
     train = one.x[first[seen[whole[seen]]]]
-    prior = class_prior(_taken(one, seen), VAGUE, model, seed=seed, heldout=False)
+    prior = class_prior(_chosen_rows(one, seen), VAGUE, model, seed=seed, heldout=False)
     alone = replace(prior, shared_covariance=0 * prior.shared_covariance)
     jacobian = test.sum(axis=1)
     return {

@@ -77,7 +77,7 @@ def test_a_shop_with_faults_is_brought_home(tmp_path: Path) -> None:
 
 
 def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
-    kills = 3  # ten are a command of their own: python -m benchmarks.crawler.crawl --kills 10
+    kills = 3  # ten are a command of their own: python -m benchmarks.kills crawl
     shop = Shop(products=80 * kills, faults=False, delay=0.1)
     generator = random.Random(4)
     with MadeSite(shop) as site:

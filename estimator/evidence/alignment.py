@@ -39,8 +39,8 @@ class Alignment:
 def align(source: FloatArray, target: FloatArray) -> Alignment | None:
     """The similarity from source (n, 3) to target (n, 3) by least median of squares, refined on its inliers.
 
-    pycolmap's LO-RANSAC (`estimate_sim3d_robust`, 4.2.1) gives none where the target is exactly flat, as a marker is and
-    as GPS with one altitude is, and wants a bound for inliers, which nobody knows before.
+    pycolmap's LO-RANSAC (`estimate_sim3d_robust`, 4.2.1) gives none where the target is exactly flat, as a marker is
+    and as GPS with one altitude is, and wants a bound for inliers, which nobody knows before.
 
     Umeyama 1991: with centred points X, Y and the singular values S of Y' X, scale = tr(S D) / |X|^2. None where fewer
     than three pairs are there or one of the sets has no extent.

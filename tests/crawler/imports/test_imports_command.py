@@ -164,7 +164,7 @@ def test_a_table_without_a_declared_column_is_refused_whole(world: Path, capsys:
     file.write_text("a,no\n1,2\n")
     out = world / "out" / "x.jsonl"
     assert main(["import", "open_things", "--input", str(file), "--out", str(out)]) == 2
-    assert capsys.readouterr().err == f"metric-tree import: {file}: columns: expected 'w'; found 'a', 'no'\n"
+    assert capsys.readouterr().err == f"metric-tree import: {file}: columns: expected 'w', found 'a', 'no'\n"
     assert not out.parent.exists()
 
 

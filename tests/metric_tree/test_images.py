@@ -23,7 +23,8 @@ from tests.made.small_taxonomy import small_taxonomy
 @pytest.fixture
 def crawl(tmp_path, monkeypatch):
     """A folder as a crawl leaves it: items, pictures of eight of them, the files."""
-    monkeypatch.setattr(command, "build_release", partial(build_release, taxonomy=small_taxonomy, declared=SOURCES))
+    monkeypatch.setattr(command, "build_release", partial(build_release, taxonomy=small_taxonomy))
+    monkeypatch.setattr(command, "declared_sources", lambda _: SOURCES)
     monkeypatch.setattr(command, "shipped_curated", tuple)
     folder = tmp_path / "crawl"
     folder.mkdir()

@@ -78,6 +78,8 @@ def main() -> None:
     folder = options.out / "insertion"
     folder.mkdir(parents=True, exist_ok=True)
     _write_sheet(folder / "made_rooms.jpg", [pair for case in cases for pair in case.pictures])
+    if options.traced:
+        _write_traced(folder / "traced_rooms.jpg", options.traced)
     (options.out / "insertion.md").write_text(_page(cases, options.traced), encoding="utf-8")
     print(options.out / "insertion.md")
 
@@ -184,6 +186,15 @@ def _write_sheet(file: Path, pairs: list[tuple[Picture, Picture]]) -> None:
         np.vstack([np.hstack(cells[k : k + 2]) for k in range(0, len(cells) - 1, 2)])[..., ::-1],
         [cv2.IMWRITE_JPEG_QUALITY, 85],
     )
+
+
+def _write_traced(file: Path, folders: Sequence[Path]) -> None:
+    """One view of each traced room, twice as large: without the object, with it inserted, with it really there."""
+    import cv2
+
+    rows = [cv2.imread(str(sorted(folder.glob("compare_*.png"))[-1])) for folder in folders]
+    sheet = np.vstack([cv2.resize(row, None, fx=1.6, fy=1.6, interpolation=cv2.INTER_CUBIC) for row in rows])
+    cv2.imwrite(str(file), sheet, [cv2.IMWRITE_JPEG_QUALITY, 85])
 
 
 def _page(cases: list[Case], traced: Sequence[Path]) -> str:

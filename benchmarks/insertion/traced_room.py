@@ -113,7 +113,8 @@ def main() -> None:
     order = [k for k, frame in enumerate(results[0].frames) if frame.silhouette is not None and frame.visible > 0.9]
     judged = order[:: max(1, len(order) // options.judged)][: options.judged]
     truth = _true_pictures(world, room, options.out, stage, placed, to_scene, judged)
-    records = [_compare(stage, placed, row, ours[row], truth[number], options.out) for number, row in enumerate(judged)]
+    pictures = None if options.prior else options.out
+    records = [_compare(stage, placed, row, ours[row], truth[number], pictures) for number, row in enumerate(judged)]
     (options.out / f"{'prior' if options.prior else 'records'}.jsonl").write_text(
         "".join(json.dumps(record) + "\n" for record in records)
     )
@@ -250,7 +251,7 @@ def _to_world(frame: MetricFrame, to_scene: Similarity) -> NDArray[np.float64]:
 
 
 def _compare(
-    stage: Stage, placed: Placed, row: int, ours: NDArray[np.uint8], truth: NDArray[np.uint8], out: Path
+    stage: Stage, placed: Placed, row: int, ours: NDArray[np.uint8], truth: NDArray[np.uint8], out: Path | None
 ) -> dict[str, Any]:
     import cv2
 
@@ -277,7 +278,8 @@ def _compare(
         "shadow_pixels": int(dark.sum()),
     }
     print(json.dumps(record))
-    cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, ours, truth])[..., ::-1])
+    if out is not None:
+        cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, ours, truth])[..., ::-1])
     return record
 
 

@@ -10,7 +10,7 @@ uniform sampler2DShadow shadow_atlas;
 // Share of light i that reaches a place (0 in shadow, 1 lit).
 float lit(int i, vec3 place, vec3 normal) {
     float slope = 1.0 - abs(dot(normal, light_direction[i]));
-    vec3 from = place + normal * caster_radius * (0.006 + 0.012 * slope) - caster_centre;
+    vec3 from = place + normal * caster_radius * (0.012 + 0.035 * slope) - caster_centre;
     vec2 at = vec2(dot(light_right[i], from), dot(light_up[i], from));
     if (max(abs(at.x), abs(at.y)) > 0.97) return 1.0;
     float depth = 0.5 - 0.5 * dot(light_direction[i], from) / (2.0 * caster_radius);

@@ -12,7 +12,7 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["edges", "extent_sigma", "quantiles", "surface_cells"]
+__all__ = ["edges", "end_quantiles", "extent_sigma", "quantiles", "surface_cells"]
 
 # The share cut off at either end: enough to lose flying points, and little against any face.
 TRIM = 0.015
@@ -46,14 +46,22 @@ STRAY_SIGMA = 3.0
 FADE_SIGMA = 0.6
 
 
-def edges(points: FloatArray, noise: float | FloatArray = 0.0) -> tuple[FloatArray, FloatArray]:
+def end_quantiles(points: FloatArray) -> FloatArray:
+    """(4, d) of points (n, d): the shares t, 3 t, 1 - 3 t and 1 - t along each column, which edges are made of."""
+    return quantiles(points[:: max(1, -(-len(points) // MAX_POINTS))], END_SHARES)
+
+
+def edges(
+    points: FloatArray, noise: float | FloatArray = 0.0, ends: FloatArray | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Lower and upper edge (d,) of points (n, d) along each column; `noise` of the surface, one for all or (d,).
+
+    ends : their `end_quantiles`, where these are known
 
     Equation: edge = q(t) - (q(3 t) - q(t)) / 2 + overshoot - extent / (2 n) at the lower end, the mirror image at the
     upper one, with t = 1.5 % (`_overshoot`).
     """
-    thin = points[:: max(1, -(-len(points) // MAX_POINTS))]
-    outer_low, inner_low, inner_high, outer_high = quantiles(thin, END_SHARES)
+    outer_low, inner_low, inner_high, outer_high = end_quantiles(points) if ends is None else ends
     most = MAX_FADE * (outer_high - outer_low)
     low = outer_low - EXTRAPOLATION * np.minimum(inner_low - outer_low, most)
     high = outer_high + EXTRAPOLATION * np.minimum(outer_high - inner_high, most)
@@ -75,7 +83,9 @@ def _overshoot(extents: FloatArray, noise: float | FloatArray) -> FloatArray:
     return np.asarray(np.minimum((extents - true) / 2, extents / 4))
 
 
-def extent_sigma(points: FloatArray, extents: FloatArray, noise: float | FloatArray) -> FloatArray:
+def extent_sigma(
+    points: FloatArray, extents: FloatArray, noise: float | FloatArray, ends: FloatArray | None = None
+) -> FloatArray:
     """(2, d) standard deviation of the lower and of the upper edge of points (n, d), as shares of the extents (d,).
 
     Equation: sigma^2 = 0.015^2 + 0.25^2 / n + (3 / n)^2 + (noise / extent)^2 / 2 + (0.6 fade / extent)^2 for an edge,
@@ -83,8 +93,7 @@ def extent_sigma(points: FloatArray, extents: FloatArray, noise: float | FloatAr
     of the sum of both squares.
     """
     safe = np.maximum(extents, np.finfo(float).tiny)
-    thin = points[:: max(1, -(-len(points) // MAX_POINTS))]
-    outer_low, inner_low, inner_high, outer_high = quantiles(thin, END_SHARES)
+    outer_low, inner_low, inner_high, outer_high = end_quantiles(points) if ends is None else ends
     fade = np.array([inner_low - outer_low, outer_high - inner_high])
     count = max(len(points), 1)
     common = RULE_SIGMA**2 + SAMPLING_SIGMA**2 / count + (STRAY_SIGMA / count) ** 2 + (noise / safe) ** 2 / 2

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from estimator.geometry.eta import eta
-from estimator.geometry.extents import edges, extent_sigma
+from estimator.geometry.extents import edges, end_quantiles, extent_sigma
 from estimator.geometry.footprint import footprint_axes, smallest_rectangle_axes
 from estimator.geometry.outliers import forest_inliers, neighbour_inliers
 from metric_base.arrays import FloatArray, IntArray
@@ -70,11 +70,13 @@ def dimensions(kept: Inliers, basis: FloatArray, blur: FloatArray, robust: bool 
     axes = np.vstack([turn @ basis[:2], basis[2]])
     local = np.vstack([turn @ level[:, :2].T, level[:, 2]]).T
     noise = np.sqrt(np.einsum("ai,ij,aj->a", axes, blur, axes))
-    low, high = edges(local, noise)
+    ends = end_quantiles(local)
+    low, high = edges(local, noise, ends)
     # length is the longer side
     if high[0] - low[0] < high[1] - low[1]:
         order = [1, 0, 2]
         axes, local, low, high, noise = axes[order], local[:, order], low[order], high[order], noise[order]
+        ends = ends[:, order]
     lowest = local.min(axis=0)
-    sigma = extent_sigma(local, high - low, noise)
+    sigma = extent_sigma(local, high - low, noise, ends)
     return Dimensions(axes, low, high, sigma, eta(local, lowest, local.max(axis=0)), kept.rows, lowest[2])

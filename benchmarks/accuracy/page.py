@@ -22,9 +22,13 @@ _HEAD = (
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the page says of its own making: the command, the releases and how the made rooms' sizes were drawn."""
+    """What the page says of its own making: the command, the releases and how the made rooms' sizes were drawn.
+
+    earlier : parts whose outcomes were kept from earlier runs (`--rows`).
+    """
 
     command: str
+    earlier: tuple[str, ...]
     release: str
     rooms: str
     minutes: float
@@ -35,6 +39,7 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
     scenes = [one for one in outcomes if one.part in {"methods", "scenes"}]
     return Template(template).substitute(
         command=facts.command,
+        earlier=_earlier_text(facts.earlier),
         release=facts.release,
         rooms=facts.rooms,
         minutes=f"{facts.minutes:.0f}",
@@ -49,6 +54,14 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
     )
 
 
+def _earlier_text(parts: Sequence[str]) -> str:
+    return (
+        f" The outcomes of {', '.join(parts)} are those of earlier runs of this command, part by part (`--rows`)."
+        if parts
+        else ""
+    )
+
+
 def _groups(outcomes: Sequence[Outcome]) -> list[str]:
     return list(dict.fromkeys(one.group for one in outcomes))
 
@@ -58,7 +71,8 @@ def _line(group: str, method: str, outcomes: Sequence[Outcome]) -> str:
     cells = [
         group, method, str(s.n), f"{s.refused:.0%}", _share(s.median), _share(s.mean), _share(s.p90),
         _share(s.bias, "+"),
-        f"{_share(s.heights)} ({_share(s.heights_sd)})", _number(s.coverage), _number(s.ratio), _number(s.score, 3),
+        f"{_share(s.heights)} ({_share(s.heights_sd)})" if np.isfinite(s.heights) else "",
+        _number(s.coverage), _number(s.ratio), _number(s.score, 3),
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"
 
@@ -107,7 +121,8 @@ def _structured_table(outcomes: Sequence[Outcome]) -> str:
                 summary(_all_answered(select(outcomes, group=f"{count}/{noise}", method=method))) for noise in noises
             ]
             shown = [f"{_share(s.mean)} ({_number(s.coverage)})" for s in of_noise]
-            lines.append(f"| {count} | {method} | {' | '.join(shown)} |")
+            scenes = max(one.n for one in of_noise)
+            lines.append(f"| {count} | {method} ({scenes} scenes) | {' | '.join(shown)} |")
     return "\n".join(lines)
 
 

@@ -58,7 +58,13 @@ def test_the_page_has_every_table(tmp_path: Path) -> None:
         for method in METHODS
     ]
     write_outcomes(outcomes, tmp_path / "rows.jsonl")
-    facts = Facts(command="python -m benchmarks.accuracy", release="2.0.0", rooms="typical sizes", minutes=3.0)
+    facts = Facts(
+        command="python -m benchmarks.accuracy",
+        earlier=("tilted",),
+        release="2.0.0",
+        rooms="typical sizes",
+        minutes=3.0,
+    )
     text = page(read_outcomes(tmp_path / "rows.jsonl"), facts, TEMPLATE.read_text(encoding="utf-8"))
     assert "$" not in text
     assert text.count("Not run.") == 1  # no room of an unseen source

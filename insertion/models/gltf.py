@@ -26,6 +26,8 @@ _MAGIC, _JSON = 0x46546C67, 0x4E4F534A
 _UNREAD = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu", "KHR_mesh_quantization")
 #: A larger model is not for insertion in video: at this many triangles one shadow map takes a second.
 MAX_TRIANGLES = 2_000_000
+#: Metres from its origin beyond which no part of a thing is.
+MAX_METRES = 1e9
 
 
 def read_model(path: Path) -> Model:
@@ -37,9 +39,12 @@ def read_model(path: Path) -> Model:
     with in_file(path):
         header, binary = _header(path.read_bytes())
     try:
-        scene = _trimesh_scene(path, _number_materials(header), binary)
-        parts = tuple(_parts(scene, header))
-    except (ValueError, KeyError, IndexError, TypeError, AttributeError, OSError) as fault:
+        with np.errstate(all="ignore"):  # absurd numbers are refused below
+            scene = _trimesh_scene(path, _number_materials(header), binary)
+            parts = tuple(_parts(scene, header))
+    except (
+        ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, ArithmeticError, OSError
+    ) as fault:  # fmt: skip
         raise InputFault(f"{path}: expected a readable glTF 2.0 file; found {type(fault).__name__}: {fault}") from fault
     with in_file(path):
         _check_parts(parts)
@@ -72,8 +77,8 @@ def _check_parts(parts: tuple[Part, ...]) -> None:
     triangles = sum(len(part.faces) for part in parts)
     expect(triangles > 0, "meshes", "at least one triangle", Words("none"))
     expect(triangles <= MAX_TRIANGLES, "meshes", f"at most {MAX_TRIANGLES} triangles", triangles)
-    finite = all(np.isfinite(part.vertices).all() for part in parts)
-    expect(finite, "POSITION", "finite numbers", Words("others"))
+    finite = all((np.abs(part.vertices) < MAX_METRES).all() for part in parts)
+    expect(finite, "POSITION", f"finite numbers below {MAX_METRES:g}", Words("others"))
     corners = np.concatenate([part.vertices for part in parts])
     extent = (corners.max(axis=0) - corners.min(axis=0)).max()
     expect(extent > 0, "POSITION", "a body with an extent", Words("a single point"))

@@ -62,6 +62,7 @@ def test_an_animation_is_ignored_with_a_word(chair: Path, tmp_path: Path) -> Non
         ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco_mesh_compression"),
         ({"meshes": []}, "chair|expected"),
         ({"accessors": []}, "expected a readable"),
+        ({"bufferViews": [{"buffer": 0, "byteOffset": 10**12, "byteLength": 12}] * 12}, "expected a readable"),
     ],
 )
 def test_what_cannot_be_read_is_named(chair: Path, tmp_path: Path, changes: dict, words: str) -> None:

@@ -76,6 +76,8 @@ def brown_camera(
         return pinhole_camera(size, focal, centre, {**others, **dict(zip(("k1", "k2", "k3"), radial, strict=False))})
     if not max(map(abs, radial)) <= MOST_COEFFICIENT:
         raise FieldFault("distortion", f"numbers up to {MOST_COEFFICIENT:g}", radial)
+    if not min(focal) > 0:
+        raise FieldFault("focal length", "above 0", list(focal))
     reach = [max(c, side - c) / f for c, side, f in zip(centre, size, focal, strict=True)]
     corner = np.hypot(reach[0], reach[1])
     tangents = np.linspace(0, WIDEST_TANGENT, 4000)

@@ -247,6 +247,7 @@ class Prior:
 
 
 def _normal_cdf(z: FloatArray) -> FloatArray:
+    """The standard normal's distribution function at z, an array of any shape; the result has the same shape."""
     # math.erf in place of scipy.special.ndtr: importing SciPy costs more than a whole query may
     return 0.5 * (1 + np.asarray(_erf(z / math.sqrt(2)), dtype=float))
 

@@ -1,4 +1,4 @@
-"""Every public function that takes or returns arrays says their shapes; names are nouns and verbs, no participles."""
+"""Functions that take or return arrays say their shapes, private too; names are nouns and verbs, no participles."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _SIDE = r"(\.\.\.|[A-Za-z]'?|\d+( or \d+)?|[A-Z]{2,}|(\d )?\(?\w+ [+-] \d+\)?|\d
 SHAPE = re.compile(rf"\({_SIDE},( {_SIDE},?)*\)|\bscalars?\b|\bany shape\b|\bsame shape\b")
 
 
-def array_functions(private: bool = False) -> Iterator[tuple[str, str, str]]:
-    """(place, name, docstring) of the functions whose annotations name an array."""
+def array_functions() -> Iterator[tuple[str, str, str]]:
+    """(place, name, docstring) of the functions whose annotations name an array, public and private."""
     for file, tree in _trees().items():
-        yield from _functions(file, tree, private)
+        yield from _functions(file, tree)
 
 
 @cache
@@ -42,21 +42,21 @@ def _nodes(kind: type[Node]) -> Iterator[tuple[str, Node]]:
                 yield f"{file.relative_to(ROOT)}:{node.lineno}", node
 
 
-def _functions(file: Path, body: ast.Module | ast.ClassDef, private: bool) -> Iterator[tuple[str, str, str]]:
+def _functions(file: Path, body: ast.Module | ast.ClassDef) -> Iterator[tuple[str, str, str]]:
     """Those of a module or a class; a function within a function is part of that one."""
     for node in body.body:
         if isinstance(node, ast.ClassDef):
-            yield from _functions(file, node, private)
-        elif isinstance(node, ast.FunctionDef) and (private or not node.name.startswith("_")):
+            yield from _functions(file, node)
+        elif isinstance(node, ast.FunctionDef):
             arguments = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
             notes = [note for note in (node.returns, *(argument.annotation for argument in arguments)) if note]
             if any(ARRAY.search(ast.unparse(note)) for note in notes):
                 yield f"{file.relative_to(ROOT)}:{node.lineno}", node.name, ast.get_docstring(node) or ""
 
 
-def test_public_functions_name_the_shapes_of_their_arrays() -> None:
+def test_functions_name_the_shapes_of_their_arrays() -> None:
     functions = list(array_functions())
-    assert len(functions) > 100
+    assert sum(name.startswith("_") for _, name, _ in functions) > 100
     assert [f"{place} {name}" for place, name, text in functions if not SHAPE.search(text)] == []
 
 

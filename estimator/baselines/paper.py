@@ -153,7 +153,10 @@ def _list(path: Path) -> tuple[tuple[str, ...], FloatArray]:
 def _mixtures(
     by_name: Mapping[str, Meaning], authors: Mapping[str, tuple[tuple[str, ...], FloatArray]] | None
 ) -> tuple[dict[str, Mixture], list[str]]:
-    """The mixture of each category name, and what to say about those fitted to less than the class's items."""
+    """The mixture of each category name, and what to say about those fitted to less than the class's items.
+
+    authors : by node id, dims (d,) and sizes (n, d) in mm.
+    """
     mixtures, notes = {}, []
     for name, meaning in by_name.items():
         if meaning.node is None or meaning.prior is None:
@@ -218,7 +221,7 @@ def _answer(
 
 
 def _plausible(item: MeasuredObject, mixture: Mixture) -> tuple[tuple[str, ...], FloatArray]:
-    """The mixture's dimensions that the object shows with eta of 0.7 or more, and its extents on them (scene units).
+    """The mixture's dimensions that the object shows with eta of 0.7 or more, and its extents (k,) in scene units.
 
     A dimension without a confidence is taken as it is; a box whose vertical is unknown has only sorted extents.
     """

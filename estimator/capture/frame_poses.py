@@ -174,6 +174,7 @@ def _pose(row: dict[str, Any]) -> FramePose:
 
 
 def _array(value: Sequence[Any] | None, shape: tuple[int, ...]) -> FloatArray | None:
+    """The value as an array of `shape`, (3, 3) or (3,), None of None; ValueError if it is no such array of numbers."""
     if value is None:
         return None
     array = np.asarray(value, dtype=np.float64)

@@ -165,6 +165,10 @@ class _Tracker:
         return row, PosePoints(self._scene.points[row], rays_of(self._camera, places))
 
     def _pose(self, held: _Held, points: tuple[IntArray, PosePoints] | None, guess: FramePose | None) -> FramePose:
+        """The pose of a frame by its tracked points, rows (n,) and the points themselves, from a guess.
+
+        Its origin is `none` where the points are too few, or too far from their projections.
+        """
         none = FramePose(held.index, held.time_s, None, "none")
         if points is None or guess is None or guess.rotation is None or guess.translation is None:
             return none
@@ -194,7 +198,10 @@ class _Tracker:
         first: FramePose | None,
         last: FramePose | None,
     ) -> list[FramePose]:
-        """The poses with those that are missing interpolated between their neighbours in time, and checked."""
+        """The poses with those that are missing interpolated between their neighbours in time, and checked.
+
+        points : of each frame the rows (n,) and the points, None where it shows none.
+        """
         known = [pose for pose in (first, *poses, last) if pose is not None and pose.rotation is not None]
         filled = []
         for pose, tracked in zip(poses, points, strict=True):
@@ -209,6 +216,7 @@ class _Tracker:
     def _interpolate(
         self, pose: FramePose, before: FramePose, after: FramePose, tracked: tuple[IntArray, PosePoints] | None
     ) -> FramePose:
+        """The pose between two others by time, checked by its tracked points, rows (n,) and the points themselves."""
         from scipy.spatial.transform import Rotation, Slerp
 
         start, end, at = before.time_s, after.time_s, pose.time_s

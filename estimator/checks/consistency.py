@@ -88,4 +88,5 @@ def _errors_and_depths(view: View, points: FloatArray, keypoints: FloatArray) ->
 
 
 def _median(values: FloatArray) -> float:
+    """The median of values (n,), NaN of none."""
     return float(np.median(values)) if len(values) else np.nan

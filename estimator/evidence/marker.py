@@ -168,7 +168,10 @@ def _row(
     corners: Mapping[int, Sequence[tuple[int, FloatArray]]],
     scene: Scene,
 ) -> ScaleEvidence | None:
-    """The evidence of one marker, or None where too few of its corners are in two views."""
+    """The evidence of one marker, or None where too few of its corners are in two views.
+
+    shape : (3,) metres of each corner; corners : of each, rows of the views with its pixel (2,).
+    """
     places = {}
     for number, seen in corners.items():
         views = [scene.views[row] for row, _ in seen]

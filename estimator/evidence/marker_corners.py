@@ -41,6 +41,7 @@ def marker_corners(picture: Any, dictionary: Any) -> list[tuple[int, FloatArray]
 
 
 def _markers(detector: Any, picture: Any) -> list[tuple[int, FloatArray]]:
+    """The markers that a detector sees in a grey picture (h, w): number and corners (4, 2) in pixels."""
     corners, numbers, _ = detector.detectMarkers(picture)
     if numbers is None:
         return []

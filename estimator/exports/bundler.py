@@ -72,6 +72,7 @@ class _Numbers:
     """A row of numbers and a place in it."""
 
     def __init__(self, values: FloatArray) -> None:
+        """Begin at the first of the numbers (n,)."""
         self.values, self.place = values, 0
 
     def take(self, count: int, field: str) -> FloatArray:

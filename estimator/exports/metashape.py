@@ -92,6 +92,7 @@ def _view(
     components: dict[str, FloatArray],
     whole: FloatArray,
 ) -> View:
+    """The view of a camera; components, whole : (4, 4) transforms, the second of cameras without a component."""
     sensor = sensors.get(entry.get("sensor_id", ""))
     if sensor is None:
         raise FieldFault("sensor_id", "a sensor of the file", entry.get("sensor_id"))

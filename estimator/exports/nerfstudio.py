@@ -82,6 +82,7 @@ def _world(document: dict[str, Any]) -> FloatArray:
 
 
 def _view(file: Path, document: dict[str, Any], frame: dict[str, Any], world: FloatArray) -> View:
+    """The view of a frame; world : (3, 4) what the file's world is turned and moved by."""
     name = frame.get("file_path")
     if not isinstance(name, str) or not name:
         raise FieldFault("file_path", "a name", name)

@@ -271,7 +271,7 @@ def _object(
     up: Up,
     options: MeasurementOptions,
 ) -> MeasuredObject:
-    """One object as the posterior takes it."""
+    """One object as the posterior takes it; basis : (3, 3) rows two horizontal axes and up."""
     masks = [instances[row] for row in track.members]
     record = MeasuredObject(
         id="",

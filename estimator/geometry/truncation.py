@@ -83,6 +83,7 @@ class Surroundings:
         return np.where(inside, depth[lines, columns], np.inf), height[lines, columns]
 
     def _picture(self, number: int) -> tuple[FloatArray, FloatArray]:
+        """(h, w) depth and height of the nearest point in each cell of a view, scene units; infinite, 0 without."""
         view, matrix = self.scene.views[number], self.labels.visibility
         rows = matrix.indices[matrix.indptr[number] : matrix.indptr[number + 1]]
         points = self.labels.points[rows[:: max(1, -(-len(rows) // MAX_DEPTH_POINTS))]]

@@ -38,6 +38,10 @@ def instances_of_masks(masks: MasksByImage, scene: Scene) -> tuple[tuple[Instanc
 def _instance(
     number: str, name: str, row: int, entry: tuple[str, BoolArray] | tuple[str, BoolArray, float], scene: Scene
 ) -> Instance | None:
+    """The instance of an entry with mask (h, w), None of an empty one.
+
+    InputFault if the mask is not bool (h, w), or the score is not from 0 to 1.
+    """
     category, mask, score = entry if len(entry) == 3 else (*entry, 1.0)
     mask = np.asarray(mask)
     if mask.ndim != 2 or mask.dtype != bool or not mask.size:

@@ -150,7 +150,7 @@ class Detector:
         return Detections(boxes, labels, scores, tuple(drawn), from_boxes=True)
 
     def _answers(self, outputs: list[str] | None, feeds: dict[str, Any]) -> list[NDArray[Any]]:
-        """What the graph answers; its fault is the file's."""
+        """What the graph answers, arrays of any shape; its fault is the file's. feeds : arrays by input name."""
         try:
             return list(self._session.run(outputs, feeds))
         except Exception as fault:  # noqa: BLE001 - onnxruntime's errors have no common base that it exports

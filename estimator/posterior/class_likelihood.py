@@ -257,6 +257,7 @@ def _powers(t: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _unit_powers(points: int) -> FloatArray:
+    """t^2, t, 1 as rows, (3, g), at g = `points` even steps of t from -1 to 1."""
     return _powers(np.linspace(-1, 1, points))
 
 

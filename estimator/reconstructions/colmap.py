@@ -111,7 +111,7 @@ def _searched_rows(sorted_ids: IntArray, order: IntArray, ids: IntArray) -> IntA
 
 
 def _view(image: ColmapImage, model: ColmapModel, rows_of: Callable[[IntArray], IntArray], suffix: str) -> View:
-    """The view of an image; `suffix` is that of the model's files, for faults."""
+    """The view of an image; `suffix` is that of the model's files, for faults; rows_of maps (m,) ids to rows (m,)."""
     with at_field(f"image {image.name!r}"):
         _check_pose(image, model, suffix)
         rows, keypoints = _observations(image, rows_of, suffix)

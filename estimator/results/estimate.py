@@ -159,7 +159,10 @@ def _used_dimensions(evidence: Sequence[ObjectEvidence]) -> list[tuple[str, ...]
 def _without_support(
     objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning], lines: FloatArray, level: float
 ) -> Alternative | None:
-    """The scale if no object reached down to the plane it stands on; None where none does."""
+    """The scale if no object reached down to the plane it stands on; None where none does.
+
+    lines : (k, 3) mean and standard deviation of log scale, and doubt, of other evidence; scale in metres per unit.
+    """
     if all(item.unsupported_height is None for item in objects):
         return None
     bare = [

@@ -77,6 +77,7 @@ def window_behind(camera: Camera, box: Box) -> Window:
 
 
 def _box_of(view: View, points: FloatArray) -> Box | None:
+    """Pixels that points (n, 3) of the scene cover, with a margin; None where they are out of the picture."""
     local = points @ view.rotation.T + view.translation
     width, height = view.camera.width, view.camera.height
     ahead = local[:, 2] > 1e-6 * np.abs(local).max()

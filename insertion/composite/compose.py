@@ -128,6 +128,11 @@ def _blend(
     box: Box,
     seed: int,
 ) -> Picture:
+    """The picture (h, w, 3) of a box with the layer over it, 8-bit sRGB.
+
+    before : (h, w, 3); hidden : (h, w) share of the layer that something hides; share : (h, w, 3) of the light that is
+    left.
+    """
     light = srgb_to_linear(before)
     kept = (1 - hidden)[..., None]
     covering = np.dstack([layer.colour * look.gain.astype(np.float32) * kept, layer.alpha[..., None] * kept])
@@ -141,7 +146,7 @@ def _blend(
 
 
 def _blur(layer: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
-    """Blurred by the picture's own blur, less the renderer's."""
+    """A layer (h, w, 4) blurred by the picture's own blur, one sigma in pixels, less the renderer's."""
     import cv2
 
     rest = float(np.sqrt(max(sigma_px**2 - 0.35**2, 0.0)))
@@ -149,6 +154,7 @@ def _blur(layer: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
 
 
 def _silhouette(alpha: NDArray[np.float32], box: Box) -> tuple[int, int, int, int] | None:
+    """The box of the object's own pixels (x, y, width, height), by its coverage alpha (h, w); None without."""
     rows, columns = np.flatnonzero((alpha > 0.5).any(axis=1)), np.flatnonzero((alpha > 0.5).any(axis=0))
     if not len(rows):
         return None
@@ -157,6 +163,7 @@ def _silhouette(alpha: NDArray[np.float32], box: Box) -> tuple[int, int, int, in
 
 
 def _visible(alpha: NDArray[np.float32], hidden: NDArray[np.float32]) -> float:
+    """The share of the coverage alpha (h, w) that is not hidden; hidden : (h, w) share of each pixel."""
     total = float(alpha.sum())
     return float((alpha * (1 - hidden)).sum()) / total if total > 0 else 0.0
 

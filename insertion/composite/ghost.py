@@ -35,6 +35,7 @@ def draw_interval(
 
 
 def _outline(view: View, renderer: ObjectRenderer, times: float) -> NDArray[np.uint8]:
+    """(h, w) mask, 0 or 1, of the object grown `times` about its foot, in the real picture."""
     import cv2
 
     whole = Box(0, 0, view.camera.width, view.camera.height)

@@ -107,7 +107,7 @@ def _gain(picture: Picture, front: FrontPoints, cloud: Cloud) -> NDArray[np.floa
 
 
 def _blur(grey: NDArray[np.float32]) -> float:
-    """One sigma of the blur in pixels, from the strongest edges (Zhuo and Sim 2011).
+    """One sigma of the blur of a grey picture (h, w) in pixels, from the strongest edges (Zhuo and Sim 2011).
 
     A step edge blurred by s has the gradient 1 / (sqrt(2 pi) s); blurred again by s0 it falls by the ratio
     R = sqrt(s^2 + s0^2) / s, so s = s0 / sqrt(R^2 - 1).
@@ -125,6 +125,7 @@ def _blur(grey: NDArray[np.float32]) -> float:
 
 
 def _gradient(grey: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(h, w) size of the gradient in grey levels per pixel; grey : (h, w)."""
     import cv2
 
     across = cv2.filter2D(grey, cv2.CV_32F, np.array([[-0.5, 0, 0.5]], np.float32))
@@ -133,7 +134,10 @@ def _gradient(grey: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _grain_of(grey: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
-    """One sigma of the grain by brightness, and its smoothness in pixels, from the flattest parts of the picture."""
+    """One sigma of the grain by brightness, and its smoothness in pixels, from the flattest parts of the picture.
+
+    grey : (h, w) levels 0 to 255; the sigmas are (_BINS,) in grey levels.
+    """
     import cv2
 
     base = cv2.GaussianBlur(grey, (0, 0), 2.0)

@@ -94,7 +94,11 @@ def _hidden_by(
     pixels: FloatArray,
     depths: FloatArray,
 ) -> NDArray[np.bool_]:
-    """The pixels in which the thing with this mask hides the object."""
+    """The pixels in which the thing with this mask hides the object.
+
+    mask, around, behind : (h, w), the last the object's depth; pixels : (m, 2) in the box; depths : (m,) scene units;
+    the result is (h, w).
+    """
     at = pixels.astype(np.int64)
     own = mask[at[:, 1], at[:, 0]]
     heard = own & around[at[:, 1], at[:, 0]]
@@ -114,7 +118,11 @@ def _hidden_by(
 def _by_nearest_point(
     mask: NDArray[np.bool_], behind: NDArray[np.float32], pixels: FloatArray, depths: FloatArray
 ) -> NDArray[np.bool_]:
-    """Whether most of the three nearest points of the thing are nearer than the object, for each pixel of the mask."""
+    """Whether most of the three nearest points of the thing are nearer than the object, for each pixel of the mask.
+
+    mask, behind and the result : (h, w), `behind` the object's depth; pixels : (m, 2) in the box; depths : (m,) scene
+    units.
+    """
     from scipy.ndimage import median_filter
     from scipy.spatial import cKDTree
 
@@ -129,7 +137,11 @@ def _by_nearest_point(
 def _nearer_pixels(
     where: NDArray[np.bool_], behind: NDArray[np.float32], pixels: FloatArray, depths: FloatArray, reach: float
 ) -> NDArray[np.bool_]:
-    """Of the pixels `where`, those whose nearest points of the cloud are clearly nearer than the object."""
+    """Of the pixels `where`, those whose nearest points of the cloud are clearly nearer than the object.
+
+    where, behind and the result : (h, w), `behind` the object's depth; pixels : (m, 2) in the box; depths : (m,) scene
+    units; reach : in pixels.
+    """
     from scipy.ndimage import median_filter
     from scipy.spatial import cKDTree
 

@@ -165,7 +165,10 @@ def _raise_top(filled: FloatArray, seen: FloatArray, white: float, lamp: FloatAr
 
 
 def _raise_ambient(filled: FloatArray, seen: FloatArray, ambient: float) -> FloatArray:
-    """The unseen upper part scaled so that the irradiance on a level surface is the ambient one."""
+    """The unseen upper part scaled so that the irradiance on a level surface is the ambient one.
+
+    filled and the result : (h, w, 3) radiance; seen : (h, w) 0 to 1.
+    """
     weight = np.maximum(map_directions()[..., 2], 0.0) * solid_angles()[:, None]
     bright = luminance(filled)
     hidden = (1 - seen) * (weight > 0)

@@ -121,7 +121,10 @@ def fit_shading(
 
 
 def _refit(lamps: list[_Fitted], patches: Patches, walls: BoolArray, candidates: _Candidates) -> list[_Fitted]:
-    """The lamps, each fitted again beside the others, for the first of two stood for both."""
+    """The lamps, each fitted again beside the others, for the first of two stood for both.
+
+    walls : (k,) whether each plane is upright.
+    """
     for number in range(len(lamps) if len(lamps) > 1 else 0):
         others = lamps[:number] + lamps[number + 1 :]
         lamps = [*others[:number], _best_lamp(patches, walls, candidates, others), *others[number:]]
@@ -129,7 +132,7 @@ def _refit(lamps: list[_Fitted], patches: Patches, walls: BoolArray, candidates:
 
 
 def _best_lamp(patches: Patches, walls: BoolArray, candidates: _Candidates, others: list[_Fitted]) -> _Fitted:
-    """One lamp beside others."""
+    """One lamp beside others; walls : (k,) whether each plane is upright."""
     field = _field(others, patches)
     scores = np.array([_scores(patches, walls, field + q * candidates.irradiance) for q in RATIOS]).T  # (c, q)
     scores = scores - 0.5 * ((np.log(RATIOS / RATIO_MIDDLE) / RATIO_SIGMA) ** 2) + candidates.log_prior[:, None]
@@ -144,6 +147,7 @@ def _field(lamps: list[_Fitted], patches: Patches) -> FloatArray:
 
 
 def _candidates(patches: Patches, up: FloatArray, impossible: Callable[[FloatArray], BoolArray] | None) -> _Candidates:
+    """Where a lamp may be; up : (3,) unit vector; impossible : which of (n, 3) places no lamp is at, (n,)."""
     basis = _basis(patches, up)
     local = patches.places @ basis.T
     low, high = local.min(axis=0), local.max(axis=0)
@@ -166,7 +170,11 @@ def _candidates(patches: Patches, up: FloatArray, impossible: Callable[[FloatArr
 
 
 def _with_facing(grid: FloatArray, steps: list[FloatArray], levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places with how a lamp there may shine: to all sides, from high up downwards, from a wall inwards."""
+    """Places with how a lamp there may shine: to all sides, from high up downwards, from a wall inwards.
+
+    grid : (m, 3) along two horizontal axes and up; steps : (g,) on each horizontal axis; levels : (l,) heights; places
+    and directions are (c, 3).
+    """
     ways = [(grid, np.zeros(3)), (grid[grid[:, 2] >= levels[LEVELS // 2]], np.array([0.0, 0.0, -1.0]))]
     for axis in range(2):
         for end, inward in ((0, 1.0), (-1, -1.0)):
@@ -211,7 +219,7 @@ def _scores(patches: Patches, walls: BoolArray, fields: FloatArray) -> FloatArra
 
 
 def _lamp(candidates: _Candidates, scores: FloatArray) -> Lamp:
-    """The likely candidates with their mean ratios."""
+    """The likely candidates with their mean ratios; scores : (c, q) log posterior by candidate and ratio."""
     weight = np.exp(scores - scores.max())  # (c, q)
     kept = np.flatnonzero(weight.sum(axis=1) > LEAST_WEIGHT * weight.sum(axis=1).max())
     weight = weight[kept]
@@ -221,6 +229,9 @@ def _lamp(candidates: _Candidates, scores: FloatArray) -> Lamp:
 
 
 def _ambient(patches: Patches, field: FloatArray) -> float:
-    """Ambient irradiance: the lightest planes have the albedo of white, radiance = albedo / pi * ambient * field."""
+    """Ambient irradiance: the lightest planes have the albedo of white, radiance = albedo / pi * ambient * field.
+
+    field : (n,) irradiance of the cells over the ambient one.
+    """
     lightest = float(np.quantile(patches.log_luminance - np.log(field), 1 - LIGHTEST))
     return float(np.pi * np.exp(lightest) / WHITE_ALBEDO)

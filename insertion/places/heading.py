@@ -38,7 +38,7 @@ def heading(place: Place, facing: float | str, cloud: Cloud) -> tuple[FloatArray
 
 
 def _away_from_wall(place: Place, cloud: Cloud) -> FloatArray:
-    """Horizontal unit direction away from the nearest wall: an upright plane of the cloud that is tall enough."""
+    """Horizontal unit direction (3,) away from the nearest wall: an upright plane of the cloud that is tall enough."""
     patches = plane_patches(cloud, place.camera[None])
     up = place.basis[2]
     low, high = np.percentile(cloud.points @ up, [2, 98])

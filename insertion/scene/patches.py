@@ -105,7 +105,10 @@ def _planes(points: FloatArray, normals: FloatArray, thick: float) -> list[tuple
 
 
 def _of_one_hue(hue: FloatArray, rows: IntArray) -> list[IntArray]:
-    """The rows of a plane by what it is painted with: a rug on a floor, a picture on a wall; the largest first."""
+    """The rows of a plane by what it is painted with: a rug on a floor, a picture on a wall; the largest first.
+
+    hue : (n, 2) log red and blue over green; rows : (k,) of the plane, and (j,) of each paint.
+    """
     parts: list[IntArray] = []
     while len(rows) >= LEAST_CELLS * CELL_POINTS and len(parts) < MOST_HUES:
         seeds = hue[rows[:: max(1, len(rows) // 40)]]

@@ -48,10 +48,12 @@ def write_preview(stage: Stage, places: Sequence[Place], placed: Placed, file: P
 
 
 def _ring(place: Place, radius: float) -> FloatArray:
+    """(32, 3) points of a circle about the place in its plane; radius in scene units."""
     turn = np.linspace(0, 2 * np.pi, 33)[:-1]
     flat = np.column_stack([np.cos(turn), np.sin(turn)]) * radius
     return np.asarray(place.position + flat @ place.basis[:2])
 
 
 def _inside(view: View, ring: FloatArray) -> bool:
+    """Whether all points (n, 3) of a ring are in the picture of a view."""
     return bool(np.isfinite(pixels_in_view(view, ring)[0]).all())

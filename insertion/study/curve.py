@@ -120,7 +120,10 @@ def _table(answers: Sequence[Answer]) -> tuple[FloatArray, FloatArray]:
 
 
 def _fit(steps: FloatArray, counts: FloatArray, sigma: float) -> tuple[Observer, float]:
-    """The observer from one start, and its negative log likelihood."""
+    """The observer from one start, and its negative log likelihood.
+
+    steps : (n,) per cent; counts : (n, 3) of the three answers at each.
+    """
     from scipy.optimize import minimize
 
     def cost(values: FloatArray) -> float:

@@ -33,6 +33,7 @@ def study_page(pictures: Mapping[int, NDArray[np.uint8]], title: str, thing: str
 
 
 def _data(picture: NDArray[np.uint8]) -> str:
+    """The picture (h, w, 3) RGB as a data address of a JPEG."""
     import cv2
 
     ok, data = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])

@@ -73,7 +73,7 @@ def _make(options: argparse.Namespace) -> int:
 
 
 def _pictures(stage: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
-    """The chosen picture at every step: the first object grows and shrinks about its foot, the rest stays."""
+    """The chosen picture (h, w, 3) at every step: the first object grows and shrinks about its foot, the rest stays."""
     from insertion.staging.insert import resize, single_picture
     from insertion.study.page import STEPS
 

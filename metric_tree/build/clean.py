@@ -212,6 +212,12 @@ def _class_rows(
     n: int,
     scene_share: FloatArray,
 ) -> ClassRows:
+    """The rows of a class for its fit in one frame of axes.
+
+    sizes : (n, 6) mm, stated axes and then extents, NaN where missing; source, kind : (n,) of the rows; spreads :
+    (n, 3) stated standard deviations of ln size of the extents, NaN without; n : items that the rows stand for;
+    scene_share : (n,) one over the rows in the row's scene.
+    """
     x, owner = axis_assignments(sizes[:, :3], sizes[:, 3:], pose)
     first = x[np.searchsorted(owner, np.arange(len(sizes)))]  # (n, 3)
     same = np.isclose(first[:, :, None], sizes[:, None, 3:])  # each axis beside the extents it may be

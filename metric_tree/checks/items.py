@@ -183,6 +183,10 @@ def _source_findings(items: pa.Table, node_id: str, rows: NDArray[np.int64], siz
 
 
 def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], extents: FloatArray) -> Iterator[Finding]:
+    """Classes whose median is off their siblings' by a factor.
+
+    node_ids : (n,) of the items; extents : (n, 3) mm, longest first, NaN beyond the last.
+    """
     parents = dict(zip(nodes["node_id"].to_pylist(), nodes["parent_id"].to_pylist(), strict=True))
     medians = {node_id: _medians(extents[rows]) for node_id, rows in _groups(node_ids) if len(rows) >= ENOUGH}
     families: dict[str | None, list[str]] = {}

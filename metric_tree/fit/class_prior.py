@@ -231,6 +231,7 @@ def _prior(
     n_sources: int,
     by_kind: dict[str, float],
 ) -> Prior:
+    """The prior over the axes that enough rows state: shared (d, d) is B, known (d,) the weight of rows by axis."""
     axes = published_axes(known)
     means, covariances, between = _marginal(mixture, shared, axes)
     return Prior(

@@ -95,6 +95,11 @@ def _cell(
     year: Sequence[int | None],
     weight: FloatArray,
 ) -> Cell:
+    """The cell of the rows `own` (k,).
+
+    x : (n, d) ln size, NaN where unstated; kind, year : (n,) of the rows; weight : (n,) one over the rows in the row's
+    scene.
+    """
     source, region, _ = key
     parts = np.where(np.isnan(x[own]), 0.0, weight[own, None])  # (n, d)
     mass = parts.sum(axis=0)
@@ -147,6 +152,7 @@ def inner_contexts(
 
 
 def _contexts_by_source(children: Sequence[tuple[Prior, float]], shared: FloatArray) -> list[Context]:
+    """The contexts of weighted children, one for each source, region and span; shared : (d,) variances of B."""
     groups: dict[tuple[str, str, int], list[tuple[float, Context]]] = {}
     for child, part in children:
         for one in child.contexts:
@@ -156,7 +162,7 @@ def _contexts_by_source(children: Sequence[tuple[Prior, float]], shared: FloatAr
 
 
 def _together(own: Sequence[tuple[float, Context]], shared: FloatArray) -> list[Context]:
-    """Contexts of several families as one, weighted by their parts; `shared` is B (d, d)."""
+    """Contexts of several families as one, weighted by their parts; shared : (d,) variances of B."""
     parts = np.array([part for part, _ in own])
     offsets = np.array([one.offset for _, one in own])  # (c, d)
     weights = np.where(np.isnan(offsets), 0.0, parts[:, None])
@@ -174,7 +180,10 @@ def _together(own: Sequence[tuple[float, Context]], shared: FloatArray) -> list[
 
 
 def _round_context(offset: FloatArray, variance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """As published; a sampling variance is never nothing, which would make a source's word the whole truth."""
+    """Offset (d,) and variance (d,) as published; a sampling variance is never nothing.
+
+    At nothing a source's word would be the whole truth.
+    """
     known = np.where(np.isnan(offset), np.nan, np.maximum(np.round(variance, DECIMALS + 1), 10.0 ** -(DECIMALS + 1)))
     return np.round(offset, DECIMALS), known
 

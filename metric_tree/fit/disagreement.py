@@ -135,7 +135,11 @@ def _spreads(x: FloatArray, known: FloatArray, mass: FloatArray, means: FloatArr
 def _within(
     x: FloatArray, known: FloatArray, mass: FloatArray, centre: FloatArray, rows: FloatArray, spread: FloatArray
 ) -> FloatArray:
-    """Pooled covariance within a source; a source's own mean takes one of its effective rows."""
+    """Pooled covariance (d, d) within a source; a source's own mean takes one of its effective rows.
+
+    x : (n, d) ln mm; known : (n, d); mass : (s, n) weights by source; centre : (n, d) mean of each row's source; rows :
+    (s, d) effective rows; spread : (d, d) of the class.
+    """
     weights = mass.sum(axis=0)  # (n,)
     offset = known * (x - centre)
     own = (weights[:, None] * offset).T @ offset
@@ -147,6 +151,11 @@ def _within(
 
 
 def _moments(means: FloatArray, rows: FloatArray, trust: FloatArray, within: FloatArray) -> FloatArray:
+    """Covariance (d, d) between sources by the method of moments.
+
+    means, rows : (s, d) means in ln mm and effective rows of the sources; trust : (s,); within : (d, d) covariance
+    within a source.
+    """
     d = means.shape[1]
     between = np.zeros((d, d))
     for i, j in zip(*np.triu_indices(d), strict=True):
@@ -162,6 +171,6 @@ def _moments(means: FloatArray, rows: FloatArray, trust: FloatArray, within: Flo
 
 
 def _positive(matrix: FloatArray, least: float) -> FloatArray:
-    """The symmetric matrix with no eigenvalue under `least`; entries from different rows need not fit together."""
+    """The symmetric matrix (d, d) with no eigenvalue under `least`; entries from other rows need not fit together."""
     values, vectors = np.linalg.eigh(matrix)
     return np.asarray((vectors * np.maximum(values, least)) @ vectors.T)

@@ -239,6 +239,7 @@ def _completions(rows: Rows, mixture: Mixture) -> Iterator[tuple[NDArray[np.intp
 
 
 def _maximisation(rows: Rows, mixture: Mixture, responsibility: FloatArray, belief: Belief) -> Mixture:
+    """The mixture after a step of EM, given the responsibility (m, k) of each component for each candidate."""
     k, d = mixture.means.shape
     share = responsibility * rows.weights[rows.owner][:, None]  # (m, k)
     mass = share.sum(axis=0)  # (k,)
@@ -252,7 +253,10 @@ def _maximisation(rows: Rows, mixture: Mixture, responsibility: FloatArray, beli
 
 
 def _posterior_mean(mass: FloatArray, first: FloatArray, second: FloatArray, belief: Belief) -> Mixture:
-    """Normal-inverse-Wishart update (Gelman et al., Bayesian Data Analysis, 3.6), moments taken about belief.mean."""
+    """Normal-inverse-Wishart update (Gelman et al., Bayesian Data Analysis, 3.6), moments taken about belief.mean.
+
+    mass : (k,) weight of each component; first, second : (k, d) and (k, d, d) weighted sums of the moments, ln mm.
+    """
     kappa = belief.mean_rows + mass  # (k,)
     mean = first / np.maximum(kappa, 1e-12)[:, None]  # (k, d); the belief's own mean is the origin
     scatter = second - kappa[:, None, None] * mean[:, :, None] * mean[:, None, :]
@@ -310,6 +314,7 @@ def _nearest_seed(
 def _of_partition(
     x: FloatArray, weights: FloatArray, part: NDArray[np.intp], components: int, belief: Belief
 ) -> Mixture:
+    """The mixture of hard parts: rows x (n, d) in ln mm with weights (n,), and the component (n,) of each."""
     share = (part[None] == np.arange(components)[:, None]) * weights  # (k, n)
     offset = x - belief.mean
     first, second = share @ offset, np.einsum("kn,nd,ne->kde", share, offset, offset)

@@ -184,6 +184,7 @@ def _priors_over(children: Sequence[Sequence[Prior]], dims: tuple[str, ...]) -> 
 
 
 def _mass(children: Sequence[Sequence[Prior]], weights: FloatArray, dims: tuple[str, ...]) -> float:
+    """The weight of the children that have all of `dims`; weights : (c,)."""
     return float(sum(weights[number] for number, _ in _priors_over(children, dims)))
 
 
@@ -194,7 +195,10 @@ def _inner_prior(
     dims: tuple[str, ...],
     plain: Prior | None = None,
 ) -> Prior:
-    """The mixture of the children's priors over `dims`, reduced to `COMPONENTS`; `plain` is of `<id>/other`."""
+    """The mixture of the children's priors over `dims`, reduced to `COMPONENTS`; `plain` is of `<id>/other`.
+
+    weights : (c,) how common each child is.
+    """
     numbers, having = zip(*_priors_over(children, dims), strict=True)
     share = weights[list(numbers)] / weights[list(numbers)].sum()
     mixture = reduce_mixture(
@@ -252,6 +256,10 @@ def _pair(
 
 
 def _costs(weights: FloatArray, means: FloatArray, covariances: FloatArray, i: int) -> FloatArray:
+    """(k,) what it costs to merge component i with each, infinite for itself.
+
+    weights : (k,); means : (k, d); covariances : (k, d, d).
+    """
     total, _, merged = _pair(weights, means, covariances, i)
     log_det = np.linalg.slogdet(covariances)[1]
     cost: FloatArray = 0.5 * (total * np.linalg.slogdet(merged)[1] - weights[i] * log_det[i] - weights * log_det)
@@ -262,5 +270,9 @@ def _costs(weights: FloatArray, means: FloatArray, covariances: FloatArray, i: i
 def _merge(
     weights: FloatArray, means: FloatArray, covariances: FloatArray, i: int, j: int
 ) -> tuple[float, FloatArray, FloatArray]:
+    """Weight, mean (d,) and covariance (d, d) of components i and j as one.
+
+    weights : (k,); means : (k, d); covariances : (k, d, d).
+    """
     total, mean, covariance = _pair(weights, means, covariances, i)
     return float(total[j]), mean[j], covariance[j]

@@ -180,6 +180,11 @@ def _restricted_likelihood(means: FloatArray, variances: FloatArray, present: Fl
 
 
 def _plain_and_mixed(means: FloatArray, variances: FloatArray, present: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n,) log of share times likelihood of each line, as one thing under its name and as two.
+
+    means : (n, s) ln mm of the sources, less their biases; variances : (n, s); present : (n, s), 1 where there is a
+    source, else 0.
+    """
     plain = np.log(1 - MIXED_SHARE) + _restricted_likelihood(means, variances, present)
     mixed = np.log(MIXED_SHARE) + _restricted_likelihood(means, variances + MIXED_SD**2, present)
     return plain, mixed

@@ -84,6 +84,7 @@ def shrunk_sameness(classes: Mapping[str, Sameness]) -> tuple[dict[str, Sameness
 
 
 def _of_axis(x: FloatArray, scene: NDArray[np.str_]) -> Sameness | None:
+    """The sameness on one axis: x (n,) ln size, NaN where unstated, scene (n,) names; None of too few rooms."""
     known = ~np.isnan(x)
     x, scene = x[known], scene[known]
     if len(x) == 0:

@@ -48,7 +48,10 @@ def picture(file: Path) -> AnnotatedPicture:
 
 
 def _object(line: str, blue: NDArray[np.int64], values: NDArray[np.int64]) -> AnnotatedObject | None:
-    """The object of a line; None for a part, and for one that the picture does not show."""
+    """The object of a line; None for a part, and for one that the picture does not show.
+
+    blue : (h, w) codes of the instances; values : (n,) codes above 0, ascending.
+    """
     columns = [column.strip() for column in line.split("#")]
     try:
         if len(columns) != _COLUMNS:

@@ -54,6 +54,7 @@ def picture(file: Path) -> AnnotatedPicture:
 
 
 def _object(one: dict[str, Any], size: tuple[int, int], seen: NDArray[np.int64] | None) -> AnnotatedObject | None:
+    """The object of an entry, None where nothing of it shows; seen : (h, w) class numbers; size : (height, width)."""
     mask = _draw(one["polygon"], size)
     if seen is not None:
         mask &= seen == int(one["name_ndx"])
@@ -64,6 +65,7 @@ def _object(one: dict[str, Any], size: tuple[int, int], seen: NDArray[np.int64] 
 
 
 def _draw(polygon: dict[str, list[float]], size: tuple[int, int]) -> BoolArray:
+    """(h, w) mask of a polygon in pixels; size : (height, width)."""
     import cv2
 
     corners = np.column_stack([np.array(polygon["x"], dtype=float), np.array(polygon["y"], dtype=float)])

@@ -195,6 +195,7 @@ def _window(layer: _Layer, size: tuple[int, int]) -> tuple[Picture, tuple[slice,
 
 
 def _paint(picture: NDArray[np.float32], layer: _Layer, generator: np.random.Generator) -> None:
+    """Draw a layer into the picture (H, W, 3) BGR, values 0 to 255, in place."""
     import cv2
 
     light = generator.uniform(*BRIGHTNESS) * generator.uniform(*TINT, 3)

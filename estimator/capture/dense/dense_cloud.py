@@ -75,6 +75,7 @@ def _sources(scene: Scene, row: int, shared: IntArray) -> list[int]:
 
 
 def _views_and_sources(scene: Scene, chosen: Sequence[int], shared: IntArray) -> list[int]:
+    """Rows of the chosen views and of those they are compared with; shared : (v, v) points in common."""
     return sorted({*chosen, *(source for row in chosen for source in _sources(scene, row, shared))})
 
 

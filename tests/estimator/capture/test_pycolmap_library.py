@@ -13,7 +13,7 @@ COMPRESS = (
 
 
 @pytest.mark.parametrize(
-    "module", ["estimator.capture.mapping.pycolmap_library", "estimator.capture.mapping.colmap_worker"]
+    "module", ["estimator.reconstructions.pycolmap_library", "estimator.capture.mapping.colmap_worker"]
 )
 def test_zlib_works_after_pycolmap(module: str) -> None:
     done = subprocess.run(

@@ -72,7 +72,8 @@ def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:
     if options.objects is not None or options.method in {"paper", "sucar"}:
         obstacle = "--objects" if options.objects is not None else f"--method {options.method}"
         expected = "a SCENE and --method default or height"
-        raise InputFault.at("--camera-height, --gps, --marker, --metric-depth, --baseline", "evidence", expected, Words(obstacle))
+        names = "--camera-height, --gps, --marker, --metric-depth, --baseline"
+        raise InputFault.at(names, "evidence", expected, Words(obstacle))
     if options.gps not in {None, "exif"} and not Path(options.gps).is_file():
         raise InputFault(f"--gps: expected exif, or a CSV file; found no file {options.gps}")
     if options.metric_depth is not None and not options.metric_depth.is_dir():

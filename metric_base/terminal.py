@@ -8,7 +8,7 @@ import os
 import shutil
 import sys
 import traceback
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
@@ -29,7 +29,6 @@ __all__ = [
     "output_width",
     "print_json",
     "print_table",
-    "progress",
     "style_text",
     "table_text",
     "version",
@@ -106,20 +105,6 @@ def warn(message: str, program: str | None = None) -> None:
 def print_json(value: Any) -> None:
     """Print a value as JSON, indented for a person, exact for a machine."""
     sys.stdout.write(visible_json(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)) + "\n")
-
-
-def progress(items: Iterable[Item], description: str, total: int | None = None) -> Iterator[Item]:
-    """The items, with a bar on standard error while they are consumed, where that is a terminal.
-
-    total : how many there are, where `items` has no length.
-    """
-    if not sys.stderr.isatty():
-        yield from items
-        return
-    from rich.console import Console
-    from rich.progress import track
-
-    yield from track(items, description=description, total=total, console=Console(stderr=True), transient=True)
 
 
 def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str | None = None) -> None:

@@ -13,7 +13,6 @@ from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, r
 from estimator.capture.localisation import localised_frames
 from estimator.capture.mapping.evidence import Evidence, Pair
 from estimator.capture.mapping.failures import CaptureFailure, Failure
-from estimator.capture.mapping.progress import progress
 from estimator.capture.mapping.reconstruction import Lens, make_features, make_matches, make_model
 from estimator.capture.video import Video
 from estimator.capture.work_folder import WorkFolder, content_digest
@@ -22,6 +21,7 @@ from estimator.reconstructions.checked_files import read_json
 from estimator.reconstructions.colmap import read_colmap
 from estimator.records.scene import Camera, Scene
 from metric_base.faults import InputFault
+from metric_base.progress import progress_bar
 
 __all__ = ["CaptureOptions", "reconstruct"]
 
@@ -144,7 +144,7 @@ def _pair(row: list[Any]) -> Pair:
 def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene) -> None:
     names = dict(zip(frames.indices, frames.names, strict=True))
     if isinstance(source, Video):
-        with progress("poses of all frames", len(frames.times_s or ())) as told_done:
+        with progress_bar("poses of all frames", len(frames.times_s or ())) as told_done:
             poses = []
             for pose in localised_frames(source.frames(), scene, names, source.width):
                 poses.append(pose)
@@ -159,7 +159,7 @@ def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene) -> Non
 def _make_dense(part: Path, work: Path) -> None:
     from estimator.capture.dense.dense_cloud import make_dense_cloud
 
-    with progress("dense points") as told_done:
+    with progress_bar("dense points") as told_done:
         make_dense_cloud(read_colmap(work / "sparse" / "0"), work / "frames", part / "dense.ply", told_done)
 
 

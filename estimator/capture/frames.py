@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.frame_choice import Motion, chosen_frames, motion_of
-from estimator.capture.mapping.progress import progress
 from estimator.capture.pictures import PICTURE_SUFFIXES, PictureFolder, picture_files
 from estimator.capture.smear import edge_sharpness
 from estimator.capture.video import VIDEO_SUFFIXES, Video, VideoFrame
 from estimator.reconstructions.checked_files import read_json
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault, Words
+from metric_base.progress import progress_bar
 
 __all__ = ["FRAMES_FILE", "Frames", "is_capture", "make_frames", "read_frames", "source_of"]
 
@@ -87,7 +87,7 @@ def make_frames(part: Path, source: Source, wanted: int | None) -> None:
     n = len(motion.step) if motion is not None else source.n_frames
     chosen = chosen_frames(motion, wanted) if motion is not None else _even(n, wanted)
     rows = []
-    with progress("writing frames", n) as told_done:
+    with progress_bar("writing frames", n) as told_done:
         for frame in source.frames():
             told_done(frame.index, None)
             if frame.index in set(chosen.tolist()):
@@ -126,7 +126,7 @@ def read_frames(folder: Path) -> Frames:
 
 def _motion(video: Video) -> Motion:
     def pictures() -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        with progress("reading the video", video.n_frames or None) as told_done:
+        with progress_bar("reading the video", video.n_frames or None) as told_done:
             for frame in video.frames():
                 told_done(frame.index + 1, None)
                 yield frame.time_s, frame.colour

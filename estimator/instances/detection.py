@@ -13,7 +13,7 @@ from estimator.instances.image_files import image_file
 from estimator.records.scene import Instance, Scene, View
 from metric_base.faults import InputFault, Words
 from metric_base.pictures import read_picture
-from metric_base.terminal import progress
+from metric_base.progress import progress
 
 __all__ = ["detect_instances"]
 

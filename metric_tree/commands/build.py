@@ -18,9 +18,10 @@ from typing import Any, TypeVar
 
 from crawler.imports.sources import declared_sources
 from metric_base.faults import InputFault
+from metric_base.progress import progress_bars
 from metric_base.terminal import print_json, print_table, warn
 from metric_tree.build.ingest import SHARDS, raw_files
-from metric_tree.build.steps import Build, Options, Progress, build_release, shipped_curated
+from metric_tree.build.steps import Build, Options, build_release, shipped_curated
 from metric_tree.build.tables import CURATED
 from metric_tree.release import open_release
 
@@ -88,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     declared = declared_sources(arguments.sources)
     _print_estimate(arguments.raw, arguments.workers)
-    with executor_of(arguments.workers, arguments.scheduler) as executor, _progress() as progress:
+    with executor_of(arguments.workers, arguments.scheduler) as executor, progress_bars() as shown:
         build = build_release(
             arguments.raw,
             arguments.out,
@@ -98,7 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
             curated=() if arguments.without_curated else shipped_curated(),
             declared=declared,
             executor=executor,
-            progress=progress,
+            # the blocks of the first step are not counted ahead
+            progress=lambda step, done: shown(step, done, None if step == "ingest" else SHARDS),
         )
     _warn(build)
     _print(build, arguments.json)
@@ -182,45 +184,6 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None
             pool.shutdown(cancel_futures=True)
     else:
         yield None
-
-
-@contextmanager
-def _progress() -> Iterator[Progress | None]:
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        SpinnerColumn,
-        TaskID,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-    from rich.progress import Progress as Bar
-
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left:"),
-        TimeRemainingColumn(),
-    )
-    with Bar(*columns, console=Console(stderr=True)) as bar:
-        tasks: dict[str, TaskID] = {}
-
-        def shown(step: str, done: int) -> None:
-            if step not in tasks:
-                tasks[step] = bar.add_task(
-                    step, total=None if step == "ingest" else SHARDS
-                )  # blocks are not counted ahead
-            bar.update(tasks[step], completed=done)
-
-        yield shown
 
 
 def _fold(text: str) -> tuple[int, int]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from metric_base.faults import InputFault
+from metric_base.progress import progress_bar
 from metric_base.terminal import print_json, print_table
 from metric_tree.commands.build import executor_of
 from metric_tree.cutouts.backend import BACKENDS, Settings
@@ -44,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     release = open_release(release_directory(arguments.release))
     settings = _settings(arguments.backend, arguments.model, arguments.download)
     manifest = release.manifest
-    with executor_of(arguments.workers, arguments.scheduler) as executor, _progress() as progress:
+    with executor_of(arguments.workers, arguments.scheduler) as executor, progress_bar("cut") as shown:
         made = cut_release(
             release,
             arguments.out,
@@ -52,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
             version=arguments.version or f"{manifest['version'].partition('+')[0]}+cutouts",
             created=manifest["created"],
             executor=executor,
-            progress=progress,
+            progress=shown,
         )
     _print(made, arguments.json)
     return 0
@@ -86,16 +85,3 @@ def _print(release: Release, as_json: bool) -> None:
     rows = [(f"cut: {method}", count, "") for method, count in summary["cut"].items()]
     rows += [(f"set aside: {reason}", count, REASONS[reason]) for reason, count in summary["set_aside"].items()]
     print_table(["pictures", "count", "why"], rows, title=f"{release.directory}: {summary['pictures']} pictures")
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[int, int], None] | None]:
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True)) as bar:
-        task = bar.add_task("cut", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)

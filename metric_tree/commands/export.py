@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import csv
-import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from metric_base.faults import InputFault
+from metric_base.progress import progress
 from metric_base.terminal import print_json, print_table
 from metric_tree.tree import Node, Tree, open_tree
 
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     tree = open_tree(arguments.tree)
     classes = Classes(tree, _nodes(tree, arguments.categories))
     cutouts = cutouts_of(classes, plan.seed)
-    summary = export_dataset(arguments.out, classes, cutouts, plan, _others(arguments), _with_progress)
+    summary = export_dataset(arguments.out, classes, cutouts, plan, _others(arguments), _making)
     record: dict[str, Any] = {
         "schema": "metric-tree/export/1",
         "out": str(arguments.out),
@@ -128,14 +128,8 @@ def _others(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, ...], It
         yield open_images.LISTS, open_images.open_images_pictures(folder)
 
 
-def _with_progress(items: Iterable[Any], total: int) -> Iterable[Any]:
-    """The items, with a bar on standard error where that is a terminal."""
-    if not sys.stderr.isatty():
-        return items
-    from rich.console import Console
-    from rich.progress import track
-
-    return track(items, "making pictures", total, console=Console(stderr=True), transient=True)
+def _making(pictures: Iterable[Any], total: int) -> Iterable[Any]:
+    return progress(pictures, "making pictures", total)
 
 
 def _print(record: dict[str, Any]) -> None:

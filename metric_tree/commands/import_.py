@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from crawler.imports import Import, import_items, readings
@@ -12,6 +11,7 @@ from crawler.imports.overview import overview, summary, terms
 from crawler.imports.source_files import changed_files, source_folder, write_import, write_lines
 from crawler.imports.sources import Source, source, sources
 from metric_base.faults import InputFault
+from metric_base.progress import progress
 from metric_base.terminal import output_file, print_json, print_table, warn
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -55,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = _chosen_sources(arguments)
     _see_places(arguments)
     summaries = []
-    for declared in _with_progress(chosen):
+    for declared in progress(chosen, "importing"):
         folder = source_folder(declared, arguments.input)
         result = import_items(declared, readings(declared, folder))
         if arguments.input:
@@ -111,17 +111,6 @@ def _write(result: Import, arguments: argparse.Namespace) -> None:
         write_import(result, arguments.out / name if inside else arguments.out)
     if arguments.ship and result.source.ship:
         write_lines(arguments.ship / f"{name}.gz", (item.line() for item in result.items))
-
-
-def _with_progress(chosen: Sequence[Source]) -> Iterator[Source]:
-    """The sources, with a bar on standard error where that is a terminal."""
-    if not sys.stderr.isatty():
-        yield from chosen
-        return
-    from rich.console import Console
-    from rich.progress import track
-
-    yield from track(chosen, description="importing", console=Console(stderr=True), transient=True)
 
 
 def _print_sources(declared: Sequence[Source], as_json: bool, verbose: bool) -> int:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 from metric_base.faults import InputFault
 from metric_base.files import whole_file
-from metric_base.terminal import print_json, print_table, progress
+from metric_base.progress import progress
+from metric_base.terminal import print_json, print_table
 
 if TYPE_CHECKING:
     from crawler.fetch.pictures import Picture

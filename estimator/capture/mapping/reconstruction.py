@@ -11,8 +11,8 @@ from typing import Any
 from estimator.capture.mapping.evidence import Evidence, ModelShape, model_disagreement, model_shape
 from estimator.capture.mapping.failures import Failure
 from estimator.capture.mapping.gates import early_failure, model_failure
-from estimator.capture.mapping.progress import progress
 from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
+from metric_base.progress import progress_bar
 
 __all__ = ["Lens", "make_features", "make_matches", "make_model"]
 
@@ -23,6 +23,10 @@ MAX_SIDE = 1000
 #: Focal length over the longer side before anything is known: a telephone's main camera while filming.
 FOCAL_FACTOR = 0.85
 THREADS = 2
+
+#: Threads of each of the two mappers, which run at once. With one the same matches give the same model; with more the
+#: sums of the adjustment are added in another order each time, which moves a focal length by up to 1 %.
+MAPPING_THREADS = 1
 #: Frames that the global mapper checks the incremental one on; it takes twice as long for as many.
 CHECKED = 50
 
@@ -66,7 +70,7 @@ def make_features(part: Path, pictures: Path, names: list[str], lens: Lens) -> N
         "max_side": MAX_SIDE,
         "threads": THREADS,
     }
-    with progress("features", len(names)) as told:
+    with progress_bar("features", len(names)) as told:
         process = start_worker("features", request, part)
         result = wait_for_worker(process, "features", part / "features.log", told)
     (part / "features.json").write_text(json.dumps(result), encoding="utf-8")
@@ -76,7 +80,7 @@ def make_matches(part: Path, features: Path, names: list[str], in_order: bool) -
     """`matches.db` and `matches.json` in the part folder; `features` is the folder of the features."""
     shutil.copyfile(features / "features.db", part / "matches.db")
     request = {"database": str(part / "matches.db"), "names": names, "in_order": in_order, "threads": THREADS}
-    with progress("matches") as told:
+    with progress_bar("matches") as told:
         process = start_worker("matches", request, part)
         result = wait_for_worker(process, "matches", part / "matches.log", told)
     (part / "matches.json").write_text(json.dumps(result), encoding="utf-8")
@@ -97,7 +101,7 @@ def make_model(part: Path, matches: Path, pictures: Path, evidence: Evidence, le
         for step in ("incremental", "global")
     }
     requests["global"]["names"] = evidence.names[:: max(1, len(evidence.names) // CHECKED)]
-    with progress("mapping", len(evidence.names)) as told:
+    with progress_bar("mapping", len(evidence.names)) as told:
         processes = {step: start_worker(step, request, part) for step, request in requests.items()}
         try:
             wait_for_worker(processes["incremental"], "incremental", part / "incremental.log", told)
@@ -131,7 +135,7 @@ def _request(
         "scratch": str(scratch),
         "output": str(output),
         "names": names,
-        "threads": THREADS,
+        "threads": MAPPING_THREADS,
         "seed": seed,
         "refine_focal": not lens.fixed,
         "forward": False,

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from insertion.study.answers import ANSWERS, Answer, read_answers
 from insertion.study.curve import Observer, curve_of, wilson
 from insertion.study.page import ANSWERS_SCHEMA, STEPS, study_page
-from insertion.study.study_command import run_study
+from insertion.study_command import run_study
 from metric_base.faults import InputFault
 
 

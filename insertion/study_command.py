@@ -26,7 +26,7 @@ def run_study(words: Sequence[str]) -> int:
 
 
 def _page_parser() -> argparse.ArgumentParser:
-    from insertion.command import add_scene_arguments
+    from insertion.scene_arguments import add_scene_arguments
 
     root = argparse.ArgumentParser(
         prog="insert-object study",
@@ -53,7 +53,7 @@ def _report_parser() -> argparse.ArgumentParser:
 
 
 def _make(options: argparse.Namespace) -> int:
-    from insertion.command import requests_of, stage_of, tree_of
+    from insertion.scene_arguments import requests_of, stage_of, tree_of
     from insertion.staging.insert import place_objects
     from insertion.study.page import study_page
     from metric_base.files import whole_file

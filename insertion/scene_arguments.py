@@ -1,0 +1,111 @@
+"""The arguments that `insert-object` and `insert-object study` share, and what they ask for."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from metric_base.faults import InputFault
+
+if TYPE_CHECKING:
+    from insertion.staging.options import ObjectRequest
+    from insertion.staging.stage import Stage
+
+__all__ = ["add_scene_arguments", "requests_of", "stage_of", "tree_of"]
+
+
+class _PerModel(argparse.Action):
+    """A value that belongs to the last --model."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+        """Store the value in the last object of `namespace.objects`."""
+        objects: list[dict[str, Any]] = namespace.objects or []
+        if self.dest == "model":
+            objects = [*objects, {"model": values}]
+        elif not objects:
+            parser.error(f"{option_string}: expected --model before it")
+        else:
+            objects[-1][self.dest] = values
+        namespace.objects = objects
+
+
+def add_scene_arguments(root: argparse.ArgumentParser) -> None:
+    """What `insert-object` and `insert-object study` share."""
+    add = root.add_argument
+    add("scene", metavar="SCENE|WORK", type=Path, help="COLMAP model folder with its pictures, or a work folder")
+    add("--images", metavar="DIR", type=Path, help="the pictures (default: `images` beside or above the model)")
+    add("--instances", metavar="FILE", type=Path, help="masks that hide the object (default: SCENE/instances.json)")
+    add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
+    add("--scale", metavar="METRES", type=float, help="metres per scene unit (default: SCENE/result.json)")
+    add("--tree", metavar="REF", help="release for --size prior (default: the newest available)")
+    each = root.add_argument_group("each object")
+    add_one = each.add_argument
+    add_one("--model", metavar="FILE", type=Path, action=_PerModel, required=True, help="glTF or GLB file, in metres")
+    add_one("--size", action=_PerModel, help="file (default), height=METRES (length=, width=), or prior")
+    add_one("--category", metavar="NAME", action=_PerModel, help="category of the tree, for --size prior")
+    add_one("--at", metavar="WHERE", action=_PerModel, help="frame=NAME_OR_INDEX,x=PX,y=PX or auto (default)")
+    add_one("--on", metavar="CATEGORY", action=_PerModel, help="free space on top of a thing of this category")
+    add_one("--plane", metavar="N", type=int, action=_PerModel, help="a support plane, lowest first from 0")
+    add_one("--xy", metavar="X,Y", action=_PerModel, help="metres along the plane's axes from its middle (default 0,0)")
+    add_one("--facing", action=_PerModel, help="camera (default), wall, or degrees turned from the camera")
+    root.set_defaults(objects=None)
+
+
+def requests_of(options: argparse.Namespace) -> list[ObjectRequest]:
+    """The objects that the arguments ask for."""
+    return [_request(stated) for stated in options.objects]
+
+
+def stage_of(options: argparse.Namespace) -> Stage:
+    """The scene of the arguments, ready for insertion."""
+    from estimator.reading import read_instances, read_scene
+    from insertion.scene.footage import PictureFootage, Stills
+    from insertion.scene.video_footage import video_footage
+    from insertion.staging.options import read_scale
+    from insertion.staging.stage import make_stage
+
+    scale = read_scale(options.scene, options.scale)
+    scene = read_scene(options.scene, options.dense)
+    frames = options.scene / "frames"
+    stills = Stills(scene, options.images or (frames if frames.is_dir() else None))
+    footage = video_footage(options.scene, scene) or PictureFootage(stills)
+    default = any((options.scene / name).exists() for name in ("instances.json", "instances"))
+    instances = read_instances(options.instances, scene) if options.instances or default else ()
+    return make_stage(scene, stills, footage, instances, scale)
+
+
+def tree_of(options: argparse.Namespace) -> Any:
+    """The release for `--size prior`; None where nobody asks for a prior."""
+    if not any(stated.get("size") == "prior" for stated in options.objects):
+        return None
+    import metric_tree
+
+    return metric_tree.open(options.tree)
+
+
+def _request(stated: dict[str, Any]) -> ObjectRequest:
+    from insertion.places.request import facing_of, point_of
+    from insertion.staging.options import ObjectRequest
+
+    ways = [name for name in ("at", "on", "plane") if stated.get(name) is not None]
+    if len(ways) > 1:
+        raise InputFault(f"--{ways[0]}: expected one of --at, --on and --plane; found also --{ways[1]}")
+    return ObjectRequest(
+        stated["model"],
+        stated.get("size") or "file",
+        point_of(stated.get("at") or "auto"),
+        stated.get("on"),
+        stated.get("plane"),
+        _xy(stated.get("xy") or "0,0"),
+        facing_of(stated.get("facing") or "camera"),
+        stated.get("category"),
+    )
+
+
+def _xy(words: str) -> tuple[float, float]:
+    try:
+        x, y = (float(word) for word in words.split(","))
+    except ValueError:
+        raise InputFault(f"--xy: expected X,Y in metres; found {words!r}") from None
+    return x, y

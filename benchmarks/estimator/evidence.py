@@ -156,7 +156,7 @@ def coverage_rows(tree: Tree, scenes: int) -> Iterator[Row]:
 
 
 def _lines(names: Sequence[str], truth: float, may_fail: bool, generator: np.random.Generator) -> FloatArray:
-    """(k, 3) mean, spread and doubt of the kinds; "any" stands for one at random."""
+    """(k, 3) mean, spread and doubt of the kinds; "any" draws one of them at random."""
     rows = []
     for name in names:
         spread = SPREADS[str(generator.choice(list(SPREADS))) if name == "any" else name]

@@ -1,4 +1,4 @@
-"""What an inserted object is like against the same mesh that stands in the room: writes docs/evidence/insertion.md.
+"""Compare inserted objects with the same mesh really standing in the room: writes docs/evidence/insertion.md.
 
 `python -m benchmarks.insertion.proof [--traced DIR ...] [--out docs/evidence]`. Made rooms are filmed with exact truth;
 the object is inserted at the true scale and at scales that are wrong by 10 %, and compared with the mesh in the room.

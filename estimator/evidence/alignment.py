@@ -89,7 +89,7 @@ def _refine(source: FloatArray, target: FloatArray, inliers: BoolArray) -> Align
 
 
 def _residuals(source: FloatArray, target: FloatArray, fit_source: FloatArray, fit_target: FloatArray) -> FloatArray:
-    """(t, n) squared distances after the similarities of t fitted sets (t, k, 3); infinite where there is none."""
+    """(t, n) squared distances after each of the similarities of t sets (t, k, 3); infinite for a set that has none."""
     scale, rotation, translation = _similarities(fit_source, fit_target)
     placed = scale[:, None, None] * (source @ rotation.transpose(0, 2, 1)) + translation[:, None]
     squares = ((placed - target) ** 2).sum(axis=2)

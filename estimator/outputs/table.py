@@ -11,12 +11,9 @@ from collections.abc import Sequence
 from estimator.records.result import Alternative, ObjectReport, ScaleResult
 from metric_base.escaping import visible
 from metric_base.terminal import Cell, output_width, style_text, table_text
+from metric_tree.axes import AXES, EXTENTS
 
 __all__ = ["csv_text", "headline", "result_text"]
-
-#: Columns of the dimensions, in the order in which people say them; a free box has its sorted extents.
-AXES = ("length", "width", "height")
-EXTENTS = ("extent1", "extent2", "extent3")
 
 STYLE = {"used": "green", "outlier": "red", "skipped": "dim"}
 #: Columns where standard output is no terminal and `COLUMNS` is not set: room for a long reason on one line.

@@ -30,6 +30,10 @@ def verdict(weight: float | None) -> Verdict:
     return "used" if weight >= EVEN else "outlier"
 
 
+#: What a person calls the sorted extents.
+_IN_WORDS = dict(zip(EXTENTS, ("longest side", "middle side", "shortest side"), strict=True))
+
+
 def dimension_names(item: MeasuredObject) -> tuple[str, str, str]:
     """What the object's three extents are called: a free box has sorted extents."""
     return (AXES[0], AXES[1], AXES[2]) if item.vertical_known else EXTENTS
@@ -45,7 +49,7 @@ def outlier_reason(item: ObjectEvidence, scale: float, own_scale: float) -> str:
     share, name, size, (low, high) = max(off, key=lambda entry: entry[0])
     if share > 1:
         side = "only " if size < low else ""
-        return f"{name} {side}{_metres(size)}, usual {_metres(low)} to {_metres(high)}"
+        return f"{_IN_WORDS.get(name, name)} {side}{_metres(size)}, usual {_metres(low)} to {_metres(high)}"
     return f"proportions unlike its class; alone it says scale {own_scale:.3g}"
 
 

@@ -8,13 +8,14 @@ from typing import Any
 
 import pyarrow as pa
 
+from metric_tree.axes import AXES, EXTENTS
 from metric_tree.checks.finding import Finding
 
 __all__ = ["CODES", "LEVELS", "findings"]
 
 LEVELS = 5
 POSES = ("upright", "flat", "any")
-DIMENSIONS = ("length", "width", "height", "extent1", "extent2", "extent3")
+DIMENSIONS = (*AXES, *EXTENTS)
 
 CODES = {
     "E201": "not exactly one root",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -120,8 +119,11 @@ def _refusal(item_id: str, file: Path) -> dict[str, Any] | None:
         lines = file.read_text(encoding="utf-8").splitlines()
     except OSError as error:
         raise InputFault(f"{file}: expected the refused items of a build; found {error.strerror}") from None
-    records: Iterator[dict[str, Any]] = map(json.loads, lines)
-    return next((one for one in records if f"{one['source']}:{one['source_id']}" == item_id), None)
+    try:
+        records = [json.loads(line) for line in lines]
+        return next((one for one in records if f"{one['source']}:{one['source_id']}" == item_id), None)
+    except (ValueError, KeyError, TypeError):
+        raise InputFault(f"{file}: expected refused items as a build writes them; found others") from None
 
 
 def _release_part(tree: Tree, row: dict[str, Any]) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from metric_base.escaping import visible
+from metric_tree.axes import EXTENTS
 
 if TYPE_CHECKING:
     from metric_tree.tree import Node
@@ -17,7 +18,7 @@ __all__ = ["coverage_figure", "size_figure"]
 
 #: One colour per axis, told apart by people who see no red and green too (Okabe and Ito 2008).
 _COLOURS = {"length": "#0072B2", "width": "#E69F00", "height": "#009E73"}
-_EXTENT_COLOURS = dict(zip(("extent1", "extent2", "extent3"), _COLOURS.values(), strict=True))
+_EXTENT_COLOURS = dict(zip(EXTENTS, _COLOURS.values(), strict=True))
 
 #: Panels side by side.
 _COLUMNS = 3

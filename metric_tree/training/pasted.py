@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from metric_tree.axes import AXES
 from metric_tree.pictures import image_path
 from metric_tree.training.classes import Classes
 from metric_tree.tree import Node, NoPrior
@@ -15,8 +16,6 @@ __all__ = ["Cutout", "cutouts_of"]
 
 #: Sizes drawn from the prior for an item that states none of its own.
 DRAWS = 16
-
-_AXES = ("length", "width", "height")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +56,7 @@ def cutouts_of(classes: Classes, seed: int) -> list[Cutout]:
 
 def _size(item: dict[str, object], node: Node, seed: int) -> tuple[str, tuple[float, ...]]:
     """What the size is of, and the item's own size, else draws from the prior of its node or the first one above."""
-    known = [float(str(item[f"{axis}_mm"])) for axis in _AXES if item.get(f"{axis}_mm") is not None]
+    known = [float(str(item[f"{axis}_mm"])) for axis in AXES if item.get(f"{axis}_mm") is not None]
     if node.pose == "upright" and item.get("height_mm") is not None:
         return "height", (float(str(item["height_mm"])),)
     if len(known) > 1 and node.pose != "upright":

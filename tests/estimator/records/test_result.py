@@ -111,6 +111,8 @@ def test_outlier_reason_names_the_dimension_that_is_off() -> None:
     assert outlier_reason(long, 1.0, 0.7).startswith("length 2 m, usual ")
     usual = evidence(chair, (0.56, 0.54, 0.95))
     assert "proportions" in outlier_reason(usual, 1.0, 0.7)
+    stone = prior("stone.n.01", [(90, 60, 40)], dims=("extent1", "extent2", "extent3"))
+    assert outlier_reason(evidence(stone, (0.06, 0.9, 0.04)), 1.0, 0.7).startswith("longest side 0.9 m, usual ")
 
 
 def test_support_planes_are_reported_both_ways(mini: Tree) -> None:

@@ -54,3 +54,5 @@ def test_an_item_that_is_not_shown_says_why(mini: Tree, shown: Any, tmp_path: Pa
     assert "--log" in shown(*words)[1]["release"]["why"]
     assert shown(*words)[1]["release"]["shipped"] is False
     assert main([*words, "--log", str(tmp_path / "none")]) == 2
+    (tmp_path / "quarantine.jsonl").write_text('{"reason": "no_category"')
+    assert main([*words, "--log", str(tmp_path)]) == 2

@@ -77,7 +77,7 @@ def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = N
     if dense != "none":
         scene = _with_dense(scene, None if dense is None else Path(dense))
     if not len(scene.points) and scene.dense is None:
-        from estimator.exports.programs import points_advice
+        from estimator.other_programs.programs import points_advice
 
         raise InputFault.at(path, "points", points_advice(scene.format), 0)
     return scene
@@ -132,7 +132,7 @@ def _sparse_scene(path: Path) -> Scene:
         from estimator.reconstructions.opensfm import read_opensfm  # reads tracks with pyarrow, which COLMAP needs not
 
         return read_opensfm(path)
-    from estimator.exports.programs import EXPORT_NAMES, advice_on_file, export_file, read_export
+    from estimator.other_programs.programs import EXPORT_NAMES, advice_on_file, export_file, read_export
 
     export = export_file(path)
     if export is not None:

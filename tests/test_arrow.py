@@ -37,7 +37,7 @@ ROOMS = [
     "metric_tree.report",
     "estimator.records",
     "estimator.reconstructions",
-    "estimator.exports",
+    "estimator.other_programs",
     "estimator.checks",
     "estimator.instances",
     "estimator.association",

@@ -241,10 +241,10 @@ shares of the scene's extent, those of pixels of the picture's width.
 
 {forms}
 
-`python -m pytest tests/estimator/exports tests/estimator/instances/test_forms.py` has the same for two lenses, and
-the forms of masks. Real files of public repositories were read by hand to check conventions, and are not part of the
-tests: in instant-ngp's and Meshroom's the cameras look at one place in front of them. The pieces they had that the
-made files had not (Metashape's k4, pictures without points) were faults, and are tested now.
+`python -m pytest tests/estimator/other_programs tests/estimator/instances/test_forms.py` has the same for two lenses,
+and the forms of masks. Real files of public repositories were read by hand to check conventions, and are not part
+of the tests: in instant-ngp's and Meshroom's the cameras look at one place in front of them. The pieces they had that
+the made files had not (Metashape's k4, pictures without points) were faults, and are tested now.
 """
 
 

@@ -64,7 +64,7 @@ def is_capture(path: Path) -> bool:
 
     if colmap_folder(path) is not None or (path / "reconstruction.json").is_file() or (path / FRAMES_FILE).is_file():
         return False
-    from estimator.exports.programs import export_file
+    from estimator.other_programs.programs import export_file
 
     return export_file(path) is None and len(picture_files(path)) >= LEAST_PICTURES
 

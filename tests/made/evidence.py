@@ -216,3 +216,9 @@ KINDS = {
     "depth, PNG": Case("--metric-depth DIR (PNG, mm)", _depth("png")),
     "baseline": Case("--baseline left:right:0.12", lambda _, factor: RigBaseline("left", "right", factor * RIG_M)),
 }
+
+
+def one(rows: tuple[ScaleEvidence, ...]) -> ScaleEvidence:
+    """The only row."""
+    (row,) = rows
+    return row

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.exports.posed_views import brown_camera
+from estimator.other_programs.posed_views import brown_camera
 from estimator.reading import read_scene
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Scene

@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from estimator.exports.posed_views import brown_camera, matrix_of, points_beside, posed_view
+from estimator.other_programs.posed_views import brown_camera, matrix_of, points_beside, posed_view
 from estimator.reconstructions.cameras import make_camera, projected_views
 from estimator.reconstructions.checked_files import read_text
 from estimator.records.scene import Camera, Scene, View

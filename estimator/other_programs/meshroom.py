@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.exports.posed_views import (
+from estimator.other_programs.posed_views import (
     matrix_of,
     number_of,
     observed_views,

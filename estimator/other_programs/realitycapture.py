@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.exports.posed_views import (
+from estimator.other_programs.posed_views import (
     FLIP,
     brown_camera,
     number_of,

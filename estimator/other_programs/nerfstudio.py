@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.exports.posed_views import (
+from estimator.other_programs.posed_views import (
     FLIP,
     matrix_of,
     number_of,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.exports.posed_views import FLIP, observed_views, picture_size, posed_view
+from estimator.other_programs.posed_views import FLIP, observed_views, picture_size, posed_view
 from estimator.reconstructions.cameras import make_camera
 from estimator.reconstructions.checked_files import read_text
 from estimator.records.scene import Scene, View

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from estimator.exports.bundler import read_bundler
-from estimator.exports.meshroom import read_meshroom
-from estimator.exports.metashape import read_metashape
-from estimator.exports.nerfstudio import read_nerfstudio
-from estimator.exports.realitycapture import is_realitycapture, read_realitycapture
+from estimator.other_programs.bundler import read_bundler
+from estimator.other_programs.meshroom import read_meshroom
+from estimator.other_programs.metashape import read_metashape
+from estimator.other_programs.nerfstudio import read_nerfstudio
+from estimator.other_programs.realitycapture import is_realitycapture, read_realitycapture
 from estimator.reconstructions.checked_files import folder_entries, read_bytes
 from estimator.records.scene import Scene
 

@@ -1,0 +1,20 @@
+"""A walk through a made room, and what is measured of no object in it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from estimator.geometry.measurement import Measurements, measure_objects
+from tests.made.walk import Walk, made_walk
+
+
+@pytest.fixture
+def walk(tmp_path: Path) -> Walk:
+    return made_walk(tmp_path)
+
+
+@pytest.fixture
+def nothing(walk: Walk) -> Measurements:
+    return measure_objects(walk.scene, ())

@@ -1,0 +1,73 @@
+"""Printed markers, and points triangulated from their corners."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from estimator.evidence.marker import Marker
+from estimator.evidence.triangulation import triangulate
+from estimator.geometry.measurement import Measurements
+from estimator.reconstructions.cameras import pixels_in_view
+from estimator.records.scene import Camera
+from metric_base.faults import InputFault
+from tests.made.evidence import (
+    draw_marker,
+    marker_picture,
+    one,
+)
+from tests.made.walk import Walk
+
+
+def test_a_small_marker_seen_aslant_is_not_too_large(walk: Walk, nothing: Measurements) -> None:
+    """44 by 10 to 25 pixels: corners refined as a chessboard's would make it 2 to 3 % too large."""
+    draw_marker(walk, marker_picture("DICT_4X4_50"), 0.3 * 520 / 400)
+    row = one(Marker("DICT_4X4_50", 0.3).observe(walk.scene, nothing))
+    assert row.scale == pytest.approx(walk.scale, rel=0.006)
+
+
+def test_pictures_without_a_marker(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    marker = Marker("DICT_4X4_50", 0.1)
+    assert one(marker.observe(walk.scene, nothing)).reason == "no picture of the scene was found"
+    draw_marker(walk, np.full((50, 50), 80, dtype=np.uint8), 0.5)
+    assert one(marker.observe(walk.scene, nothing)).reason == "no marker is in two pictures or more"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "DICT_4X4_50",
+        "NONE:0.1",
+        "DICT_4X4_50:0",
+        "DICT_4X4_50:x",
+        "charuco:DICT_4X4_50:5:1:1",
+        "charuco:DICT_4X4_50:999999x999999:.1:.05",
+        "charuco:DICT_4X4_50:1x5:.1:.05",
+        "charuco:DICT_4X4_50:5x7:.1:nan",
+    ],
+)
+def test_words_of_a_marker(text: str) -> None:
+    with pytest.raises(InputFault, match="--marker"):
+        Marker.of(text)
+
+
+def test_a_point_of_wrong_pixels_is_left_out(walk: Walk) -> None:
+    views, point = walk.scene.views[:6], walk.scene.points[-1]
+    pixels = np.array([pixels_in_view(view, point[None])[0][0] for view in views])
+    found = triangulate(views, pixels, 0.005)
+    assert found == pytest.approx(point, abs=1e-6)
+    pixels[2] += 60
+    assert triangulate(views, pixels, 0.005) == pytest.approx(point, abs=1e-6)
+    assert triangulate(views[:1], pixels[:1], 0.005) is None
+    assert triangulate([views[0], views[0]], pixels[[0, 0]], 0.005) is None, "parallel rays"
+
+
+def test_a_distorted_camera_has_straight_rays(walk: Walk) -> None:
+    from estimator.reconstructions.cameras import project, view_rays
+
+    camera = Camera("SIMPLE_RADIAL", 640, 480, np.array([500.0, 320.0, 240.0, 0.05]))
+    pixels = np.array([[100.0, 50.0], [600.0, 400.0]])
+    assert project(camera, view_rays(camera, pixels)) == pytest.approx(pixels, abs=1e-3)

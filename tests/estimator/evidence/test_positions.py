@@ -1,0 +1,88 @@
+"""Positions of the cameras: GPS, tables, EXIF, and their alignment."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator.evidence.alignment import align
+from estimator.evidence.gps import Gps, local_metres
+from estimator.evidence.marker import Marker
+from estimator.geometry.measurement import Measurements
+from metric_base.faults import InputFault
+from tests.made.evidence import (
+    degrees_of,
+    one,
+    position_table,
+    write_exif,
+)
+from tests.made.walk import Walk
+
+
+def test_positions_in_metres(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    noisy = walk.metres + np.random.default_rng(1).normal(0, 0.02, walk.metres.shape)
+    noisy[:3] += 40  # three positions in the next street
+    row = one(Gps(position_table(tmp_path / "path.csv", walk.scene, noisy, "x y z")).observe(walk.scene, nothing))
+    assert row.scale == pytest.approx(walk.scale, rel=0.01)
+    assert row.sd_log == pytest.approx(0.01, abs=0.004)
+
+
+def test_positions_in_degrees(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    file = position_table(tmp_path / "path.csv", walk.scene, degrees_of(walk.metres), "lat lon alt")
+    assert one(Gps(file).observe(walk.scene, nothing)).scale == pytest.approx(walk.scale, rel=0.006)
+
+
+def test_positions_too_rough_for_their_path_are_mute(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    rough = walk.metres + np.random.default_rng(1).normal(0, 4.0, walk.metres.shape)
+    row = one(Gps(position_table(tmp_path / "path.csv", walk.scene, rough, "x y z")).observe(walk.scene, nothing))
+    assert row.scale is None
+    assert row.reason is not None
+    few = position_table(
+        tmp_path / "few.csv", replace(walk.scene, views=walk.scene.views[:3]), walk.metres[:3], "x y z"
+    )
+    assert "3 views have a position" in str(one(Gps(few).observe(walk.scene, nothing)).reason)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "name,x,y\n", "name,x,y,z\nleft/0000.png,1,2\n", "name,x,y,z\nleft/0000.png,1,2,nan\n"]
+)
+def test_a_damaged_table_is_one_line(walk: Walk, nothing: Measurements, tmp_path: Path, text: str) -> None:
+    (tmp_path / "path.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(InputFault, match=r"path\.csv"):
+        Gps(tmp_path / "path.csv").observe(walk.scene, nothing)
+
+
+def test_pictures_in_a_folder_of_another_name(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    write_exif(walk)
+    (tmp_path / "images").rename(tmp_path / "pictures")
+    assert one(Gps("exif").observe(walk.scene, nothing)).scale is None
+    assert one(Gps("exif", tmp_path / "pictures").observe(walk.scene, nothing)).scale is not None
+    marker = Marker("DICT_4X4_50", 0.1, images=tmp_path / "pictures")
+    assert one(marker.observe(walk.scene, nothing)).reason == "no marker is in two pictures or more"
+
+
+def test_a_path_over_the_date_line_is_short() -> None:
+    metres = local_metres(np.array([[10.0, 179.9999, 0.0], [10.0, -179.9999, 5.0]]))
+    assert np.linalg.norm(metres[1]) == pytest.approx(22.4, abs=0.6)
+
+
+@given(st.floats(0.01, 100), st.integers(0, 1000), st.integers(3, 30))
+@settings(max_examples=40)
+def test_alignment_finds_the_scale(scale: float, seed: int, count: int) -> None:
+    generator = np.random.default_rng(seed)
+    source = generator.standard_normal((count, 3))
+    turn, _ = np.linalg.qr(generator.standard_normal((3, 3)))
+    turn *= np.sign(np.linalg.det(turn))
+    alignment = align(source, scale * source @ turn.T + generator.uniform(-9, 9, 3))
+    assert alignment is not None
+    assert alignment.scale == pytest.approx(scale, rel=1e-6)
+
+
+def test_points_at_one_place_align_with_nothing() -> None:
+    assert align(np.zeros((5, 3)), np.ones((5, 3))) is None
+    assert align(np.eye(3)[:2], np.eye(3)[:2]) is None

@@ -1,0 +1,129 @@
+"""Pictures of other sets, in the real forms of COCO, ADE20K and Open Images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pycocotools.coco import COCO
+
+from metric_base.faults import InputFault
+from metric_tree.training.ade20k_challenge import CLASSES
+from metric_tree.training.classes import Classes, _lookup
+from metric_tree.tree import Tree, open_tree
+from tests.made.other_sets import (
+    ade20k,
+    ade20k_challenge,
+    ade20k_of_2017,
+    coco,
+    open_images,
+    open_images_of_fiftyone,
+    open_images_v7,
+    picture_of,
+)
+from tests.metric_tree.training.conftest import export
+
+
+@pytest.mark.parametrize(
+    ("written", "expected"),
+    [
+        (coco, [("chair", 2000, 0), ("mouse", 20000, 1)]),
+        (ade20k, [("chair", 25 * 40, 0)]),
+        (ade20k_of_2017, [("chair", 50 * 40, 0)]),
+        (open_images, [("chair", 50 * 40, 0)]),
+        (open_images_v7, [("chair", 50 * 40, 0)]),
+        (open_images_of_fiftyone, [("chair", 50 * 40, 0)]),
+    ],
+)
+def test_other_sets_are_read_in_their_own_form(
+    tree: Tree, tmp_path: Path, written: Callable[[Path], list[str]], expected: list[tuple[str, int, int]]
+) -> None:
+    folder = tmp_path / "other"
+    folder.mkdir()
+    assert export(tree, tmp_path / "set", "--pictures", "0", "--val-share", "0", *written(folder)) == 0
+    coco = COCO(str(tmp_path / "set" / "annotations" / "instances_train.json"))
+    (image,) = coco.imgs.values()
+    assert Path(image["file_name"]).is_file()
+    assert (image["width"], image["height"]) == (200, 100)
+    found = [(coco.cats[one["category_id"]]["name"], one["area"], one["iscrowd"]) for one in coco.anns.values()]
+    assert sorted(found) == sorted(expected)
+    for one in coco.anns.values():
+        rows, columns = np.nonzero(coco.annToMask(one))
+        if not one["iscrowd"]:
+            assert (columns.min(), rows.min(), rows.max()) == (10, 10, 49)
+
+
+def test_the_challenge_parts_things_that_touch(tree: Tree, tmp_path: Path) -> None:
+    assert export(tree, tmp_path / "set", "--pictures", "0", "--val-share", "0", *ade20k_challenge(tmp_path)) == 0
+    coco = COCO(str(tmp_path / "set" / "annotations" / "instances_train.json"))
+    found = [(coco.cats[one["category_id"]]["name"], one["bbox"], one["area"]) for one in coco.anns.values()]
+    assert found == [("chair", [10, 10, 25, 40], 1000), ("chair", [35, 10, 25, 40], 1000)]
+
+
+def test_every_class_of_the_challenge_is_read() -> None:
+    assert len(set(CLASSES)) == 100
+    assert (CLASSES[7], CLASSES[46], CLASSES[99]) == ("chair", "swivel chair", "flag")  # as its list numbers them
+    shipped = open_tree()
+    known = [name for name in CLASSES if _lookup(shipped, name, ("ade20k_150", None)) is not None]
+    assert set(CLASSES) - set(known) == {"trade name"}
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a_atr.txt", b"001 # 0 # chair", "line 1"),
+        ("annotations_instance/training/a.png", "grey", "three channels"),
+        ("annotations_instance/training/a.png", "class 200", "red"),
+        ("annotations/training/a.png", "grey", "annotations_instance"),
+        ("a.json", b"{}", "annotation"),
+        ("nothing.txt", b"", "none"),
+    ],
+)
+def test_damaged_ade20k_is_one_line(
+    tree: Tree, tmp_path: Path, name: str, content: bytes | str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "ade"
+    picture_of(folder / "a.jpg", (20, 20))
+    cv2.imwrite(str(folder / "a_seg.png"), np.zeros((20, 20, 3), np.uint8))
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+    if isinstance(content, bytes):
+        (folder / name).write_bytes(content)
+    else:
+        picture = np.full((20, 20) if content == "grey" else (20, 20, 3), 200, np.uint8)
+        cv2.imwrite(str(folder / name), picture)
+    assert export(tree, tmp_path / "set", "--pictures", "0", "--ade20k", str(folder)) == 2
+    err = capsys.readouterr().err
+    assert said in err
+    assert err.count("\n") == 1
+
+
+def test_made_pictures_and_other_sets_go_together(tree: Tree, tmp_path: Path) -> None:
+    words = []
+    for written in (coco, ade20k, ade20k_of_2017, ade20k_challenge, open_images):
+        folder = tmp_path / written.__name__
+        folder.mkdir()
+        words += written(folder)
+    assert export(tree, tmp_path / "set", "--pictures", "4", "--val-share", "0", *words) == 0
+    assert len(COCO(str(tmp_path / "set" / "annotations" / "instances_train.json")).imgs) == 9
+
+
+def test_labels_go_to_their_class_through_the_tree(tree: Tree) -> None:
+    classes = Classes(tree, [tree.node("chair.n.01"), tree.node("mouse.n.04")])
+    assert classes.of_label(("swivel chair",), ()) == 1  # below
+    assert classes.of_label(("mouse",), ("coco_80",)) == 2  # the device, not the animal
+    assert classes.of_label(("rat",), ()) is None
+    assert classes.of_label(("seat",), ()) is None  # above: may be a chair or not
+    assert dict(classes.ambiguous) == {"seat": 1}
+    assert classes.of_label(("no such thing", "bar stool"), ()) == 1  # a synonym
+    with pytest.raises(InputFault, match="below"):
+        Classes(tree, [tree.node("chair.n.01"), tree.node("swivel_chair.n.01")])
+
+
+@pytest.mark.parametrize("text", ["[]", "{", '{"images": [], "annotations": [{}], "categories": []}'])
+def test_damaged_coco_is_one_line(tree: Tree, tmp_path: Path, text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "bad.json").write_text(text)
+    assert export(tree, tmp_path / "set", "--coco", str(tmp_path / "bad.json"), str(tmp_path)) == 2
+    assert "bad.json" in capsys.readouterr().err

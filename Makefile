@@ -7,6 +7,10 @@ BIN := .venv/bin
 # Versions are pinned in requirements.lock; nothing is fetched that it does not name.
 INSTALL = $(UV) pip install --quiet --python $(BIN)/python --build-constraints .ci/build.lock.txt
 
+# A setting that keeps Python from storing compiled modules would cost each of the thousands of processes of the tests
+# a second or more.
+unexport PYTHONDONTWRITEBYTECODE
+
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -168,8 +167,7 @@ def _draw_line(canvas: Any, line: FloatArray, colour: tuple[int, int, int], widt
     """Draw a line (k, 2), without what is NaN or far outside."""
     import cv2
 
-    limit = 8.0 * max(canvas.shape)
-    for start, end in pairwise(line):
-        if np.isfinite([start, end]).all() and np.abs([start, end]).max() < limit:
-            first, last = (tuple(np.rint(place).astype(int).tolist()) for place in (start, end))
-            cv2.line(canvas, first, last, colour, width, cv2.LINE_AA)
+    drawable = np.isfinite(line).all(axis=1) & (np.abs(np.nan_to_num(line)).max(axis=1) < 8.0 * max(canvas.shape))
+    runs = np.split(np.arange(len(line)), np.flatnonzero(np.diff(drawable)) + 1)
+    parts = [np.rint(line[run]).astype(np.int32) for run in runs if drawable[run[0]] and len(run) > 1]
+    cv2.polylines(canvas, parts, False, colour, width, cv2.LINE_AA)

@@ -1,126 +1,84 @@
 """Fuzzing of every reader, each in a process of its own with bounded memory.
 
     python -m tests.fuzz [MINUTES] [READER ...]         (make fuzz MINUTES=10)
+    python -m tests.fuzz --table                        the totals of all runs
 
-Prints, for each reader: inputs, those taken, those refused with one line, faults of the program, hangs (over 5 s),
-wrong answers (taken, with numbers that no scene has), and peak memory. Inputs that did harm are kept in `out/fuzz`.
+Counts, for each reader: inputs, those taken, those refused with one line, faults of the program, hangs (over 5 s),
+wrong answers (taken, with numbers that no scene has), and peak memory. Inputs that did harm are kept in `out/fuzz`, inputs
+that reach new code in `out/fuzz/reached`; each run adds a line to `tests/fuzz/runs.jsonl`.
 """
 
 from __future__ import annotations
 
 import json
-import resource
-import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import time
-import traceback
-import warnings
 from collections import Counter
 from pathlib import Path
-from types import FrameType
+from typing import Any
 
-import numpy as np
-
-from metric_base.faults import InputFault
 from metric_base.terminal import print_table
-from tests.fuzz.mutations import mutated
-from tests.fuzz.readers import READERS, Reader, write_seeds
+from tests.fuzz.outcomes import COUNTS, KEPT
+from tests.fuzz.readers import READERS, write_seeds
 
-HANG_SECONDS = 5
-#: Bytes of address space of a reader; its answer to a lie about a size must not need more.
-MEMORY = 4 << 30
-KEPT = Path("out") / "fuzz"
-COLUMNS = ("reader", "inputs", "taken", "refused", "faults", "hangs", "wrong", "peak MiB")
-
-
-class Hang(BaseException):
-    """A reader took too long."""
-
-
-def fuzz(reader: Reader, seeds: Path, seconds: float, most: int, seed: int, kept: Path | None) -> Counter[str]:
-    """Mutate the files of a reader for so long, or so many times; what came of it, counted."""
-    rng = np.random.default_rng(seed)
-    counts: Counter[str] = Counter()
-    files = [file for pattern in reader.files for file in sorted((seeds / reader.seed).glob(pattern))]
-    end = time.monotonic() + seconds
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary) / "scene"
-        shutil.copytree(seeds / reader.seed, folder)
-        while time.monotonic() < end and counts["inputs"] < most:
-            source = files[int(rng.integers(len(files)))]
-            target = folder / source.relative_to(seeds / reader.seed)
-            whole = source.read_bytes()
-            data = mutated(whole, rng)
-            target.write_bytes(data)
-            outcome = one_outcome(reader, folder, seeds)
-            target.write_bytes(whole)
-            counts.update(["inputs", outcome.partition(":")[0]])
-            if kept is not None and not outcome.startswith(("taken", "refused")):
-                kept.mkdir(parents=True, exist_ok=True)
-                name = f"{reader.name}-{counts['inputs']}-{source.name}"
-                (kept / name).write_bytes(data)
-                (kept / f"{name}.txt").write_text(outcome)
-    return counts
-
-
-def one_outcome(reader: Reader, folder: Path, seeds: Path) -> str:
-    """`taken`, `refused`, or `faults`, `hangs`, `wrong` with what was said."""
-
-    def stop(_number: int, _frame: FrameType | None) -> None:
-        raise Hang
-
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, HANG_SECONDS)
-    try:
-        reader.read(folder, seeds)
-    except InputFault as fault:
-        return "refused" if "\n" not in str(fault) and len(str(fault)) < 2000 else f"faults: {fault}"
-    except Hang:
-        return f"hangs: {traceback.format_exc()}"
-    except AssertionError as fault:
-        return f"wrong: {fault}\n{traceback.format_exc()}"
-    except Exception:  # noqa: BLE001 - what is looked for
-        return f"faults: {traceback.format_exc()}"
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
-    return "taken"
-
-
-def _worker(name: str, seeds: Path, seconds: float) -> None:
-    warnings.simplefilter("ignore")
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    reader = next(reader for reader in READERS if reader.name == name)
-    counts = fuzz(reader, seeds, seconds, 10**9, int(time.time()), KEPT)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-    sys.stdout.write(json.dumps({**counts, "peak MiB": round(peak)}))
+#: What came of every run.
+RUNS = Path(__file__).with_name("runs.jsonl")
+COLUMNS = ("reader", "minutes", *COUNTS, "peak MiB")
+#: Seconds that a reader may take beyond its time before it is killed: a hang in a library that no signal interrupts.
+PATIENCE = 60
 
 
 def main(words: list[str]) -> int:
     """Fuzz and print the table; 1 if anything did harm."""
-    if words[:1] == ["--worker"]:
-        _worker(words[1], Path(words[2]), float(words[3]))
+    if words[:1] == ["--table"]:
+        print_table(COLUMNS, totals([json.loads(line) for line in RUNS.read_text(encoding="utf-8").splitlines()]))
         return 0
     minutes = float(words[0]) if words else 1.0
-    chosen = [reader for reader in READERS if not words[1:] or reader.name in words[1:]]
-    rows, harm = [], 0
+    chosen = [reader.name for reader in READERS if not words[1:] or reader.name in words[1:]]
+    runs = []
     with tempfile.TemporaryDirectory() as temporary:
-        seeds = Path(temporary)
-        write_seeds(seeds)
-        for reader in chosen:
-            seconds = 60 * minutes / len(chosen)
-            command = [sys.executable, "-m", "tests.fuzz", "--worker", reader.name, str(seeds), str(seconds)]
-            done = subprocess.run(command, capture_output=True, text=True, timeout=seconds + 120, check=False)
-            counts = json.loads(done.stdout) if done.returncode == 0 else {"faults": 1}
-            if done.returncode:
-                sys.stderr.write(done.stderr[-2000:])
-            rows.append((reader.name, *(counts.get(name, 0) for name in COLUMNS[1:])))
-            harm += sum(counts.get(name, 0) for name in ("faults", "hangs", "wrong"))
-    print_table(COLUMNS, rows)
-    return int(harm > 0)
+        write_seeds(Path(temporary) / "seeds")
+        for name in chosen:
+            runs.append(one_run(name, Path(temporary), 60 * minutes / len(chosen)))
+            with RUNS.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(runs[-1]) + "\n")
+    print_table(COLUMNS, totals(runs))
+    return int(any(run.get(name) for run in runs for name in ("faults", "hangs", "wrong")))
+
+
+def one_run(name: str, temporary: Path, seconds: float) -> dict[str, Any]:
+    """What came of fuzzing a reader for so long, in a process of its own."""
+    answer = temporary / "answer.json"
+    answer.unlink(missing_ok=True)
+    places = [str(temporary / "seeds"), str((KEPT / "reached" / name).absolute()), str(seconds), str(answer)]
+    command = [sys.executable, "-m", "tests.fuzz.guided", name, *places]
+    log = temporary / "log"
+    with log.open("wb") as output, subprocess.Popen(command, stdout=output, stderr=output) as process:
+        try:
+            status = process.wait(seconds + PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.send_signal(signal.SIGKILL)
+            status = -signal.SIGKILL
+    counts: dict[str, Any] = json.loads(answer.read_text()) if answer.is_file() else {}
+    if status:
+        counts["hangs" if status == -signal.SIGKILL else "faults"] = 1 + counts.get("faults", 0)
+        KEPT.mkdir(parents=True, exist_ok=True)
+        (KEPT / f"{name}-end.txt").write_bytes(log.read_bytes()[-20_000:])
+    return {"reader": name, "minutes": round(seconds / 60, 2), **counts}
+
+
+def totals(runs: list[dict[str, Any]]) -> list[tuple[object, ...]]:
+    """A row of the table for each reader, and one for all."""
+    by_reader: dict[str, Counter[str]] = {reader.name: Counter() for reader in READERS}
+    for run in runs:
+        for reader in (run["reader"], "all"):
+            counts = by_reader.setdefault(reader, Counter())
+            counts.update({name: run.get(name, 0) for name in ("minutes", *COUNTS)})
+            counts["peak MiB"] = max(counts["peak MiB"], run.get("peak MiB", 0))
+    rows = ((name, counts) for name, counts in by_reader.items() if counts["minutes"])
+    return [(name, round(counts["minutes"], 1), *(counts[column] for column in COLUMNS[2:])) for name, counts in rows]
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.fuzz.__main__ import fuzz, one_outcome
+from tests.fuzz.outcomes import fuzz, one_outcome
 from tests.fuzz.readers import READERS, Reader, write_seeds
 
 #: Inputs that once did harm: `<reader>--<file of the seed>`, with a number between them where there are more.
@@ -25,7 +25,7 @@ def seeds(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 def test_whole_files_are_taken_and_damaged_ones_do_no_harm(reader: Reader, seeds: Path) -> None:
     assert one_outcome(reader, seeds / reader.seed, seeds) == "taken"
-    counts = fuzz(reader, seeds, seconds=1.5, most=40, seed=7, kept=None)
+    counts = fuzz(reader, seeds, seconds=1.5, most=40, seed=7)
     assert counts["taken"] + counts["refused"] == counts["inputs"] > 0
 
 

@@ -1,0 +1,160 @@
+"""The readers of what a crawl, an import and a build are given: pages, pictures, raw items, declarations, releases."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import shutil
+from functools import cache
+from pathlib import Path
+
+import crawler.sites
+from crawler.imports import import_items, readings
+from crawler.imports.sources import source
+from crawler.items import raw_items
+from crawler.page.page import absolute_url, page, saved_page
+from crawler.sites import SITES, item_of, use_site
+from crawler.sites.listing import listed_items
+from metric_base.folders import data_folder
+from metric_tree.build.ingest import blocks, items_of
+from metric_tree.checks.release_files import findings
+from metric_tree.release import MANIFEST, sha256
+from metric_tree.tree import AmbiguousName, Tree, UnknownName, open_tree
+from tests.crawler.page.shop_pages import MADE, OTHERS
+from tests.fuzz.reader import Reader
+from tests.made.hostile_pictures import shop_picture
+from tests.made.minitree import release
+from tests.made.raw_fixture import made_items
+
+__all__ = ["WEB_READERS", "write_web_seeds"]
+
+#: Examples that ship: a page with the declaration of its site, a table with that of its source.
+EXAMPLES = data_folder() / "examples"
+URL = "https://www.lamps.example/p/17"
+
+
+def _page(folder: Path, _seeds: Path) -> None:
+    for file in folder.glob("page*"):
+        read = saved_page(file, URL)
+        _check_item(item_of(read).line())
+        for address in read.links:
+            absolute_url(URL, address)
+        for item in listed_items(read, SITES[1]):
+            _check_item(item.line())
+
+
+def _check_item(line: str) -> None:
+    """What a page gave is a raw item that can be written and read again."""
+    from crawler.items import RawItem
+
+    assert RawItem.from_line(line.encode()).line() == line, "an item that changes when it is read again"
+
+
+def _raw_items(folder: Path, _seeds: Path) -> None:
+    for file in sorted(folder.iterdir()):
+        for block in blocks([file]):
+            for item in items_of(block):
+                _check_item(item.line())
+        if file.suffix == ".jsonl":
+            list(raw_items(file))
+
+
+def _site(folder: Path, _seeds: Path) -> None:
+    try:
+        site = use_site(folder / "lamps.toml")
+        read = page((folder / "page.html").read_bytes(), URL)
+        item_of(read)
+        list(listed_items(read, site))
+        list(site.addresses("a lamp", "lamps/table"))
+        site.canonical_url(URL + "?colour=red")
+        site.may_store(URL)
+    finally:
+        crawler.sites._GIVEN.clear()
+        crawler.sites._site_of_host.cache_clear()
+
+
+def _source(folder: Path, _seeds: Path) -> None:
+    declared = source("lamps", folder)
+    for item in import_items(declared, readings(declared, folder)).items:
+        _check_item(item.line())
+
+
+def _release(folder: Path, _seeds: Path) -> None:
+    _sign(folder)
+    findings(folder)
+    tree = open_tree(folder)
+    for node in tree:
+        node.items()
+        for dims in node.prior_dims:
+            node.prior(dims).interval(0.9)
+    tree.search("chair")
+
+
+def _sign(folder: Path) -> None:
+    """Write the sizes and checksums of the tables into the manifest, if it can be read: a stranger can, too."""
+    path = folder / MANIFEST
+    try:
+        manifest = json.loads(path.read_bytes())
+        for table in folder.glob("*.parquet"):
+            manifest["files"][table.name] |= {"bytes": table.stat().st_size, "sha256": sha256(table)}
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return
+    path.write_text(json.dumps(manifest))
+
+
+@cache
+def _tree() -> Tree:
+    return open_tree()
+
+
+def _words(folder: Path, _seeds: Path) -> None:
+    for line in (folder / "words.txt").read_bytes().decode("utf-8", "surrogateescape").split("\n"):
+        try:
+            answer = _tree().resolve(line)
+        except (UnknownName, AmbiguousName) as fault:
+            assert len(str(fault)) < 2000, "a long complaint"
+        else:
+            assert answer.node.node_id in _tree(), "no node"
+        _tree().search(line, 3)
+
+
+def _crawl_picture(folder: Path, _seeds: Path) -> None:
+    from crawler.fetch.pictures import Picture, picture
+
+    for file in sorted(folder.glob("picture.*")):
+        answer = picture(file.read_bytes(), URL, "a:b", folder / "kept")
+        assert isinstance(answer, Picture | str)
+    shutil.rmtree(folder / "kept", ignore_errors=True)
+
+
+WEB_READERS = (
+    Reader("page", "pages", ("page*",), _page),
+    Reader("raw-items", "raw", ("*.jsonl", "*.gz"), _raw_items),
+    Reader("site", "site", ("lamps.toml",), _site),
+    Reader("source", "source", ("lamps.toml", "lamps.csv"), _source),
+    Reader("release", "release", ("manifest.json", "*.parquet"), _release),
+    Reader("words", "words", ("words.txt",), _words),
+    Reader("crawl-picture", "pictures", ("picture.*",), _crawl_picture),
+)
+
+
+def write_web_seeds(folder: Path) -> None:
+    """A whole folder of each form."""
+    for part in ("pages", "raw", "words", "pictures"):
+        (folder / part).mkdir(parents=True)
+    for number, made in enumerate(MADE[:6]):
+        text = (
+            f'<html lang="{made.language}"><head>{made.head}</head><body><h1>Lamp</h1>{made.body}{OTHERS}</body></html>'
+        )
+        body = text.encode("utf-16" if number == 0 else "utf-8")
+        (folder / "pages" / f"page{number}").write_bytes(gzip.compress(body) if number == 1 else body)
+    lines = "".join(item.line() + "\n" for item in made_items(2))
+    (folder / "raw" / "made.jsonl").write_text(lines)
+    (folder / "raw" / "packed.jsonl.gz").write_bytes(gzip.compress(lines.encode()))
+    for part in ("site", "source"):
+        shutil.copytree(EXAMPLES / part, folder / part)
+    release(folder / "release")
+    words = 'black office chair\nmouse\nStühle aus Holz, 4er-Set\nthe left half of a 19" monitor stand (used)\n扶手椅\n'
+    (folder / "words" / "words.txt").write_text(words, encoding="utf-8")
+    for kind in ("JPEG", "PNG", "WEBP"):
+        (folder / "pictures" / f"picture.{kind.lower()}").write_bytes(shop_picture(0, (80, 72), kind))

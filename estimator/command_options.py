@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from estimator.completion import SHELLS, completion_script
 from estimator.evidence.options import add_evidence_options, evidence_sources, up_direction
-from metric_base.completion import SHELLS, completion_script
 from metric_base.faults import InputFault
 
 __all__ = ["PROGRAM", "OneLineParser", "parse_options", "parser"]

@@ -12,12 +12,12 @@ import numpy as np
 from estimator.instances.arrays import MasksByImage, instances_of_masks
 from estimator.instances.forms import holds_instances, read_instance_files
 from estimator.reconstructions.cameras import pixels_in_view, projected_views
-from estimator.reconstructions.checked_files import folder_entries
 from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_colmap
 from estimator.reconstructions.ply import dense_file, read_dense_cloud
 from estimator.records.scene import DenseCloud, Instance, Scene
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.faults import InputFault, Words
+from metric_base.input_files import folder_entries
 
 if TYPE_CHECKING:
     from pycolmap import Reconstruction

@@ -72,22 +72,28 @@ def _run(options: argparse.Namespace) -> int:
     from insertion.blender.process import blender_program
     from insertion.blender.tracing import export_blend, traced_layers
     from insertion.exports.write import LayerWriter, write_exports
-    from insertion.outputs import output_kind, picture_writer
+    from insertion.outputs import output_kind, picture_writer, preview_place
     from insertion.scene.video_footage import VideoFootage
     from insertion.staging.insert import insert_objects, place_objects
+    from metric_base.files import refuse_input
 
     output_kind(options.out)
+    if options.preview is not None:
+        preview_place(options.preview)
     if options.renderer == "blender":
         blender_program()  # said before the work is done, not after
     requests = requests_of(options)
     stage = stage_of(options)
+    film = stage.footage if isinstance(stage.footage, VideoFootage) else None
+    source, turned = (film.source, film.turned_deg) if film is not None else (None, 0)
+    for option, path in (("--out", options.out), ("--preview", options.preview)):
+        if path is not None:
+            refuse_input(path, option, [source, options.instances, *(item.model for item in requests)])
     objects = place_objects(stage, requests, tree_of(options))
     if options.preview is not None:
         _write_preview(stage, objects[0], options.preview)
-    film = stage.footage if isinstance(stage.footage, VideoFootage) else None
-    source, turned = (film.source, film.turned_deg) if film is not None else (None, 0)
     with picture_writer(options.out, source, turned) as write, _exports(options.export) as folder:
-        layers = None if folder is None else LayerWriter(folder, stage.scale.metres_per_unit)
+        layers = None if folder is None else LayerWriter(folder, stage.footage.shots, stage.scale.metres_per_unit)
         results = insert_objects(
             stage,
             objects,

@@ -12,12 +12,16 @@ from numpy.typing import NDArray
 from estimator.capture.video import VIDEO_SUFFIXES
 from insertion.scene.footage import Shot
 from metric_base.faults import InputFault
-from metric_base.files import whole_file, whole_folder
+from metric_base.files import OutputNames, whole_file, whole_folder
+from metric_base.pictures import write_picture
+from metric_base.terminal import output_file
 
-__all__ = ["output_kind", "picture_writer"]
+__all__ = ["output_kind", "picture_writer", "preview_place"]
 
 Picture = NDArray[np.uint8]
 Writer = Callable[[Shot, Picture], None]
+#: What a preview may be written as.
+PREVIEWS = (".png", ".jpg", ".jpeg", ".webp")
 #: Rate of a video made from stills, which have no times.
 STILLS_RATE = 6.0
 
@@ -36,6 +40,13 @@ def output_kind(out: Path) -> str:
     return "folder"
 
 
+def preview_place(file: Path) -> None:
+    """InputFault for a place that no picture can be written to, before any work is done."""
+    if file.suffix.lower() not in PREVIEWS:
+        raise InputFault(f"--preview: expected a picture ({', '.join(PREVIEWS)}); found {file.name!r}")
+    output_file(file, "--preview")
+
+
 @contextmanager
 def picture_writer(out: Path, source: Path | None = None, turned_deg: int = 0) -> Iterator[Writer]:
     """A function that writes one picture after another; `out` appears when all are written.
@@ -44,7 +55,13 @@ def picture_writer(out: Path, source: Path | None = None, turned_deg: int = 0) -
     """
     if output_kind(out) == "folder":
         with whole_folder(out, "--out") as folder:
-            yield lambda shot, picture: _write_png(folder, shot, picture)
+            names = OutputNames(folder)
+
+            def write_png(shot: Shot, picture: Picture) -> None:
+                stem = shot.name.removesuffix(Path(shot.name).suffix)
+                write_picture(names.path(f"{stem}.png"), picture[..., ::-1])
+
+            yield write_png
         return
     from insertion.video.writer import VideoWriter
 
@@ -54,11 +71,3 @@ def picture_writer(out: Path, source: Path | None = None, turned_deg: int = 0) -
             video.write(picture, shot.index / STILLS_RATE if shot.time_s is None else shot.time_s)
 
         yield write
-
-
-def _write_png(folder: Path, shot: Shot, picture: Picture) -> None:
-    import cv2
-
-    file = (folder / shot.name).with_suffix(".png")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    cv2.imwrite(str(file), picture[..., ::-1])

@@ -9,14 +9,14 @@ import shutil
 import stat
 import tempfile
 import unicodedata
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from metric_base.faults import InputFault
 from metric_base.leftovers import hold, part_of, remove_dead_files, remove_dead_folders
 
-__all__ = ["WRITE_FAULTS", "OutputNames", "inside", "whole_file", "whole_folder"]
+__all__ = ["WRITE_FAULTS", "OutputNames", "inside", "output_names", "refuse_input", "whole_file", "whole_folder"]
 
 #: What a system says about a place that cannot be written, as against a fault of the program.
 WRITE_FAULTS = frozenset({
@@ -140,6 +140,19 @@ class OutputNames:
     @staticmethod
     def _key(path: Path) -> str:
         return unicodedata.normalize("NFC", str(path)).casefold()
+
+
+def output_names(names: Iterable[str]) -> dict[str, Path]:
+    """Relative paths for names that a file states: each inside, no two the same file on any system."""
+    free = OutputNames(Path())
+    return {name: free.path(name) for name in dict.fromkeys(names)}
+
+
+def refuse_input(output: Path, option: str, inputs: Iterable[Path | None]) -> None:
+    """InputFault if an output is one of the files that are read: it would be overwritten."""
+    for path in inputs:
+        if path is not None and output.exists() and path.exists() and output.samefile(path):
+            raise InputFault(f"{option}: expected another file than {path}, which is read; found {output}")
 
 
 def _safe_part(part: str) -> str:

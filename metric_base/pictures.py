@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MAX_PIXELS", "decode_picture", "read_picture"]
+__all__ = ["MAX_PIXELS", "decode_picture", "read_picture", "write_picture"]
 
 #: Most pixels of a picture, twice those of the largest cameras.
 MAX_PIXELS = 1 << 28
 #: Most bytes of a picture's file.
 MAX_BYTES = 1 << 30
 
-# OpenCV reads this when it is first loaded; what it may take grows with it.
+# OpenCV reads these when it is first loaded: the size that it may take, and that it says nothing of damaged files.
 os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
+os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
 
 
 def read_picture(file: Path, flags: int) -> NDArray[Any] | None:
@@ -39,3 +41,21 @@ def decode_picture(data: bytes | NDArray[np.uint8], flags: int) -> NDArray[Any] 
     except cv2.error:  # more pixels than it takes, or a size that is none
         return None
     return None if pixels is None else np.asarray(pixels)
+
+
+def write_picture(file: Path, pixels: NDArray[Any], flags: Sequence[int] = ()) -> None:
+    """Write (h, w) or (h, w, c) pixels, as `cv2.imwrite` does, in the form of the file's ending.
+
+    Encoded first, then written: OpenCV's own writer does not say why it failed.
+
+    Raises
+    ------
+    OSError
+        The disk is full, or the file cannot be written.
+    """
+    import cv2
+
+    whole, encoded = cv2.imencode(file.suffix, pixels, flags)
+    assert whole, file.suffix  # a picture in memory always encodes
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_bytes(encoded.tobytes())

@@ -17,6 +17,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 
 from metric_base.faults import FieldFault, InputFault, Words, in_file
+from metric_base.input_files import read_text
 
 __all__ = ["BadDeclaration", "expect", "json_lines", "json_record", "record_of", "toml_record", "toml_table"]
 
@@ -26,6 +27,10 @@ _PLACE = re.compile(r" - at `(key in )?`?\$?\.?([^`]*)`$")
 _MISSING = re.compile(r"Object missing required field `(\w+)`")
 _UNKNOWN = re.compile(r"Object contains unknown field `(\w+)`")
 _TYPES = re.compile(r"Expected (.*), got (.*)")
+
+
+#: Largest TOML file; the largest that ships has 14,000 bytes.
+MAX_TOML_BYTES = 1 << 22
 
 
 class BadDeclaration(InputFault):
@@ -76,7 +81,7 @@ def json_lines(path: Path, kind: type[Record], fault: type[InputFault] = InputFa
     InputFault
         Of the type `fault`: a line is not such a record; the message names file and line.
     """
-    for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), start=1):
+    for number, line in enumerate(read_text(path, may_be_empty=True).splitlines(), start=1):
         if line.strip():
             with in_file(f"{path}:{number}", fault) as place:
                 record = json_record(line, kind)
@@ -92,9 +97,10 @@ def toml_table(path: Path, fault: type[InputFault] = BadDeclaration) -> dict[str
         Of the type `fault`: the file cannot be read or is no TOML.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise fault(f"{path}: expected TOML, found: {' '.join(str(error).split())}") from None
+        return tomllib.loads(read_text(path, MAX_TOML_BYTES, may_be_empty=True))
+    except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, a number of thousands of digits
+        words = str(error).removeprefix(f"{path}: ").split()
+        raise fault(f"{path}: expected TOML, found: {' '.join(words)}") from None
 
 
 def toml_record(path: Path, kind: type[Record], fault: type[InputFault] = BadDeclaration) -> Record:

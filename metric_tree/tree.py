@@ -288,10 +288,14 @@ class Tree:
     def search(self, text: str, limit: int = 10) -> tuple[Node, ...]:
         """At most `limit` nodes for what a person types, the likeliest first: meanings, beginnings, like spellings.
 
+        A text that is longer than any name finds none.
+
         >>> import metric_tree
         >>> metric_tree.open().search("wardrob", limit=1)[0].name
         'wardrobe'
         """
+        if len(text) > LONGEST_NAME:
+            return ()
         return tuple(self.node(node_id) for node_id in self._resolver.nodes_by_relevance(text, limit))
 
     def _label_node(self, text: str, vocabulary: str) -> Node | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from pathlib import PurePosixPath
 from typing import Literal
 
 import msgspec
@@ -13,7 +14,7 @@ from crawler.text.catalogue_lengths import AXES
 from crawler.text.units import MILLIMETRES
 from metric_base.schema import expect
 
-__all__ = ["REASONS", "Axis", "Cases", "Format", "Rule", "Table"]
+__all__ = ["REASONS", "Axis", "Cases", "Format", "Rule", "Table", "expect_inside"]
 
 Format = Literal["csv", "json", "jsonl", "properties", "xls", "yaml"]
 
@@ -79,6 +80,7 @@ class Rule(_Declared, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         tests = (self.matches, self.listed or None, self.below, self.above)
         expect(any(test is not None for test in tests), "rule", "matches, listed, below or above", self.column)
+        expect_inside(self.listed, "listed")
 
 
 class Cases(_Declared, frozen=True, kw_only=True):
@@ -164,6 +166,8 @@ class Table(_Declared, frozen=True, kw_only=True):
         axes = {name: Axis(column=axis) if isinstance(axis, str) else axis for name, axis in given.items()}
         msgspec.structs.force_setattr(self, "axes", axes)
         expect(bool(self.files), "files", "file names", self.files)
+        for pattern in (*self.files, self.records):
+            expect_inside(pattern, "files")
         expect(self.unit in {None, *MILLIMETRES}, "unit", f"one of {', '.join(MILLIMETRES)}", self.unit)
         without = [axis.column for axis in axes.values() if not axis.unit]
         expect(bool(self.unit) or not without, "unit", "a unit for every axis", without)
@@ -178,6 +182,13 @@ class Table(_Declared, frozen=True, kw_only=True):
     def columns_of_axes(self) -> Mapping[str, Axis]:
         """The axes, each with its column."""
         return {name: axis for name, axis in self.axes.items() if isinstance(axis, Axis)}
+
+
+def expect_inside(path: str, field: str) -> None:
+    """FieldFault for a path, or a pattern of paths, that leads out of the folder that it is relative to."""
+    parts = PurePosixPath(path.replace("\\", "/"))
+    outside = parts.is_absolute() or ".." in parts.parts or ":" in path or "\0" in path
+    expect(not outside, field, "a path inside the source's folder", path)
 
 
 def _one_of(known: Iterable[str]) -> str:

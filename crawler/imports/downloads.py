@@ -21,6 +21,9 @@ CACHE_VARIABLE = "METRIC_TREE_CACHE"
 #: Attempts after the first where a transfer fails or brings other bytes: one, for a line that stutters.
 RETRIES = 1
 
+#: Largest file of an archive that is unpacked.
+MAX_MEMBER = 1 << 30
+
 #: Folder of what was downloaded to make files of; a name that no pattern of a table finds.
 _PUBLIC = ".public"
 
@@ -110,7 +113,8 @@ def _candidates(file: SourceFile, public: Path) -> Iterator[bytes]:
     """What can be the file: every member of an archive, the JSON document written anew."""
     if file.form == "zip":
         with zipfile.ZipFile(public) as archive:
-            yield from (archive.read(member) for member in archive.infolist() if not member.is_dir())
+            members = (one for one in archive.infolist() if not one.is_dir() and one.file_size <= MAX_MEMBER)
+            yield from (archive.read(member) for member in members)
     else:
         indent = 0 if file.form == "json-lines" else None
         yield json.dumps(json.loads(public.read_bytes()), indent=indent).encode()

@@ -8,9 +8,10 @@ from typing import Literal
 
 import msgspec
 
-from crawler.imports.declaration import Table
+from crawler.imports.declaration import Table, expect_inside
 from crawler.items import Kind
 from metric_base.folders import data_folder
+from metric_base.input_files import read_text
 from metric_base.schema import BadDeclaration, expect, toml_record
 
 __all__ = [
@@ -72,6 +73,7 @@ class SourceFile(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     note: str = ""
 
     def __post_init__(self) -> None:
+        expect_inside(self.path, "path")
         expect(len(self.sha256) == 64, "sha256", "64 hexadecimal digits", self.sha256)
         expect(bool(self.url or self.note), "url", "an address, or a note why there is none", self.path)
 
@@ -162,10 +164,7 @@ def _read_lists(source: Source, folder: Path) -> None:
     rules = (rule for table in source.tables for rule in (*table.only, *table.reject, *table.flag))
     for rule in rules:
         if rule.listed:
-            try:
-                texts = (folder / rule.listed).read_text(encoding="utf-8").split("\n")
-            except (OSError, UnicodeDecodeError) as error:
-                raise BadDeclaration(f"{folder / rule.listed}: expected a list of texts, found: {error}") from None
+            texts = read_text(folder / rule.listed, may_be_empty=True).split("\n")
             msgspec.structs.force_setattr(rule, "texts", frozenset(filter(None, texts)))
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator
 from functools import cache
 from urllib.parse import quote, quote_plus, urlsplit
 
 import msgspec
-from lxml.etree import XPath, XPathSyntaxError
+from lxml.etree import HTMLParser, XPath, XPathError, fromstring
 
-from crawler.page.page import Page, absolute_url, canonical_url, squeeze
+from crawler.page.page import Element, Page, absolute_url, canonical_url, squeeze
 from crawler.page.product import MAXIMUM_IMAGES, Product, product
 from metric_base.schema import expect
 
@@ -54,6 +55,10 @@ class Site(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             _expect_pattern("hosts", pattern)
         for name in ("title", "category", "brand", "images"):
             _expect_xpath(name, getattr(self, name))
+        expect(not self.id or re.compile(self.id).groups > 0, "id", "an expression with a group", self.id)
+        for template in self.templates:
+            parts = _FIELD.split(template)
+            expect(not set("{}") & set("".join(parts)), "templates", "no fields but {query} and {category}", template)
 
     def owns(self, url: str) -> bool:
         """Whether an address belongs to the site."""
@@ -87,9 +92,9 @@ class Site(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         """Addresses to begin with: the templates that what is given fills."""
         given = {"query": quote_plus(query), "category": quote(category.strip("/"))}
         for template in self.templates:
-            wanted = re.findall(r"\{(\w+)\}", template)
-            if wanted and all(given[name] for name in wanted):
-                yield template.format(**given)
+            wanted = _FIELD.findall(template)
+            if wanted and all(given[name[1:-1]] for name in wanted):
+                yield _FIELD.sub(lambda field: given[field[0][1:-1]], template)
 
     def product(self, page: Page) -> Product:
         """The product of one of the site's pages; what its rules do not find is read as on any site."""
@@ -105,6 +110,15 @@ class Site(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
         return product(page, own)
 
 
+#: What a template of addresses may hold.
+_FIELD = re.compile(r"\{query\}|\{category\}")
+#: An XPath is tried on pages of so many elements and may take so much processor time on each: libxml2 cannot be
+#: interrupted while it looks, so one that takes the square of a page would keep a crawl from the next.
+_TRIED_ON, _TRIAL_SECONDS = (4, 16, 64, 256, 1024), 0.05
+#: Longest XPath; a longer one could nest so deep that even the smallest trial would not end.
+_LONGEST_XPATH = 300
+
+
 def _expect_pattern(field: str, pattern: str) -> None:
     try:
         re.compile(pattern)
@@ -113,10 +127,26 @@ def _expect_pattern(field: str, pattern: str) -> None:
 
 
 def _expect_xpath(field: str, xpath: str) -> None:
+    if not xpath:
+        return
+    expect(len(xpath) <= _LONGEST_XPATH and xpath.count("[") < 6, field, "a short XPath", xpath)
     try:
-        _compiled(xpath or "//h1")
-    except XPathSyntaxError as error:
+        for count in _TRIED_ON:
+            began = time.process_time()
+            answer = _compiled(xpath)(_trial_page(count))
+            seconds = time.process_time() - began
+            expect(isinstance(answer, list), field, "an XPath of elements, attributes or texts", xpath)
+            expect(seconds < _TRIAL_SECONDS, field, "an XPath that is quick on a large page", xpath)
+    except XPathError as error:
         expect(False, field, f"an XPath ({error})", xpath)
+
+
+@cache
+def _trial_page(count: int) -> Element:
+    """A page of so many elements: lists of links and texts in each other."""
+    rows = "".join(f'<li class="x"><a href="/{n}">a <b>1</b></a></li>' for n in range(count // 3))
+    page: Element = fromstring(f"<html><body><div><h1>a</h1><ul>{rows}</ul></div></body></html>", HTMLParser())
+    return page
 
 
 _compiled = cache(XPath)

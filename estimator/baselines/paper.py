@@ -18,7 +18,6 @@ from pathlib import Path
 import numpy as np
 
 from estimator.baselines.candidates import candidate_scales, estimate_on
-from estimator.reconstructions.checked_files import read_text
 from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.results.categories import Meaning, meanings
@@ -26,6 +25,7 @@ from estimator.results.reports import Answer, Options, result_of
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault, Words
 from metric_base.folders import data_folder
+from metric_base.input_files import read_text
 from metric_base.statistics import mixture_log_density
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.tree import Node, Tree, UnknownName

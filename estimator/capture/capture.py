@@ -17,10 +17,10 @@ from estimator.capture.mapping.reconstruction import Lens, make_features, make_m
 from estimator.capture.video import Video
 from estimator.capture.work_folder import WorkFolder, content_digest
 from estimator.reconstructions.cameras import CAMERA_MODELS
-from estimator.reconstructions.checked_files import read_json
 from estimator.reconstructions.colmap import read_colmap
 from estimator.records.scene import Camera, Scene
 from metric_base.faults import InputFault
+from metric_base.input_files import read_json
 from metric_base.progress import progress_bar
 
 __all__ = ["CaptureOptions", "reconstruct"]

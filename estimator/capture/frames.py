@@ -15,9 +15,10 @@ from estimator.capture.frame_choice import Motion, chosen_frames, motion_of
 from estimator.capture.pictures import PICTURE_SUFFIXES, PictureFolder, picture_files
 from estimator.capture.smear import edge_sharpness
 from estimator.capture.video import VIDEO_SUFFIXES, Video, VideoFrame
-from estimator.reconstructions.checked_files import read_json
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault, Words
+from metric_base.input_files import read_json
+from metric_base.pictures import write_picture
 from metric_base.progress import progress_bar
 
 __all__ = ["FRAMES_FILE", "Frames", "is_capture", "make_frames", "read_frames", "source_of"]
@@ -155,8 +156,7 @@ def _write_frame(folder: Path, frame: VideoFrame, source: Source) -> dict[str, A
     file = folder / name
     assert file.suffix.lower() in PICTURE_SUFFIXES
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-    if not cv2.imwrite(str(file), colour[:, :, ::-1], quality):
-        raise InputFault.at(file, "frame", "a place that can be written", Words("none"))
+    write_picture(file, colour[:, :, ::-1], quality)
     return {
         "index": frame.index,
         "name": name,

@@ -105,7 +105,7 @@ def _copy_dataset(file: Path, work: WorkFolder) -> None:
     """The part of a dataset that is about the chosen frames: one of a video may name every frame of it."""
     from estimator.capture.frames import read_frames
     from estimator.capture.work_folder import content_digest
-    from estimator.reconstructions.checked_files import read_json
+    from metric_base.input_files import read_json
 
     document = read_json(file)
     if not isinstance(document, dict):  # bare results need their categories: they are read where they are
@@ -142,8 +142,9 @@ def _detect(options: Namespace, work: WorkFolder) -> None:
     from estimator.capture.instances_file import write_instances
     from estimator.capture.work_folder import content_digest
     from estimator.instances.detection import detect_instances
-    from estimator.instances.detector import load_detector
+    from estimator.instances.detector import MAX_LABEL_BYTES, load_detector
     from estimator.reconstructions.colmap import read_colmap
+    from metric_base.input_files import read_text
 
     def make(part: Path) -> None:
         scene = read_colmap(work.path / "sparse" / "0")
@@ -156,7 +157,7 @@ def _detect(options: Namespace, work: WorkFolder) -> None:
     file, labels = Path(options.detector), options.detector_labels
     inputs = {
         "detector": content_digest(file) if file.is_file() else str(options.detector),
-        "labels": None if labels is None else labels.read_text(encoding="utf-8"),
+        "labels": None if labels is None else read_text(labels, MAX_LABEL_BYTES),
         "model": content_digest(work.path / "sparse"),
     }
     work.stage("instances", inputs, [INSTANCES], make)

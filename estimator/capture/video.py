@@ -20,6 +20,10 @@ Picture = NDArray[np.uint8]
 
 #: Suffixes that are read as videos; the content decides whether they are.
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg"})
+#: What FFmpeg may read: this file alone, as a container of pictures and sound, not as a list of other files.
+READ_ALONE = {"protocol_whitelist": "file", "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg"}
+#: Largest frame, and the widest and narrowest shape of its pixels.
+MAX_PIXELS, MAX_ASPECT = 1 << 26, 8
 #: Threads of the decoder; two cores are the reference machine.
 THREADS = 2
 
@@ -58,6 +62,8 @@ class Video:
             self.turned_deg = -round(first.rotation / 90) * 90 % 360
             self.hdr = CURVES.get(int(first.color_trc))
             self._aspect = float(stream.sample_aspect_ratio or Fraction(1))
+            if not 1 / MAX_ASPECT <= self._aspect <= MAX_ASPECT:
+                raise InputFault.at(path, "video", f"pixels of a shape below {MAX_ASPECT}:1", self._aspect)
             self.height, self.width = self._upright(first).shape[:2]
 
     def frames(self) -> Iterator[VideoFrame]:
@@ -87,10 +93,13 @@ def _open_video(path: Path) -> Any:
     except ImportError:
         expected = "PyAV (pip install 'metric-tree[video]')"
         raise InputFault.at(path, "video", expected, Words("not installed")) from None
+    if not path.is_file():
+        raise InputFault.at(path, "video", "a file", Words("a folder or a device" if path.exists() else "no such file"))
     try:
-        return av.open(str(path))
+        # named as a file, so that a colon in its name is no protocol; a playlist in it leads nowhere else
+        return av.open(f"file:{path}", metadata_errors="replace", container_options=READ_ALONE)
     except (av.error.FFmpegError, OSError) as fault:
-        words = "no such file" if not path.exists() else getattr(fault, "strerror", None) or str(fault)
+        words = getattr(fault, "strerror", None) or str(fault)
         raise InputFault.at(path, "video", "a video that FFmpeg reads", Words(words)) from None
 
 
@@ -100,6 +109,9 @@ def _stream(path: Path, container: Any) -> Any:
 
     for stream in container.streams.video:
         if not stream.disposition & av.stream.Disposition.attached_pic:
+            if stream.width * stream.height > MAX_PIXELS:
+                size = Words(f"{stream.width} x {stream.height}")
+                raise InputFault.at(path, "video", f"frames of at most {MAX_PIXELS:,} pixels", size)
             stream.thread_type, stream.thread_count = "AUTO", THREADS
             return stream
     raise InputFault.at(path, "video", "a video stream", Words("none"))

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimator.evidence.source import silent
-from estimator.reconstructions.checked_files import json_array, json_object, read_json
+from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.reconstructions.known_lengths import KnownLength
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, in_file
+from metric_base.input_files import read_json
 from metric_base.statistics import robust_sigma
 
 if TYPE_CHECKING:

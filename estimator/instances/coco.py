@@ -10,9 +10,10 @@ from typing import Any
 from estimator.instances.crops import ViewNames, differs_in_aspect, joined_instances, mask_crop
 from estimator.instances.label_names import label_names
 from estimator.instances.masks import box_mask, coco_mask, picture_size
-from estimator.reconstructions.checked_files import json_array, json_object, read_json
+from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.input_files import read_json
 
 __all__ = ["category_names", "entries_by_id", "ignored_categories", "read_coco"]
 

@@ -9,6 +9,7 @@ are small pictures of the boxes (n, 1, 28, 28). Other detectors hand over COCO r
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -30,6 +31,7 @@ from estimator.instances.one_stage import (
 from estimator.instances.registry import RegisteredDetector, download, registry_entry, registry_entry_of
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.faults import FieldFault, InputFault, Words, in_file
+from metric_base.input_files import read_text
 
 __all__ = ["Detections", "Detector", "InputForm", "load_detector"]
 
@@ -46,6 +48,18 @@ CAFFE_MEANS = (102.9801, 115.9465, 122.7717)
 CAFFE_SHORT_SIDE, CAFFE_LONGEST_SIDE, CAFFE_DIVISOR = 800, 1333, 32
 #: A box whose corner is this many pictures away, or no number, holds nothing that could be pasted.
 FAR_BOX = 10
+#: Most detections of a picture that are believed: COCO's detectors give at most 100.
+MAX_DETECTIONS = 1000
+#: Most names of a detector, and the largest file of them: Open Images has 20,000.
+MAX_LABELS, MAX_LABEL_BYTES = 100_000, 1 << 24
+#: Largest graph: a file of this form cannot be larger.
+MAX_GRAPH_BYTES = 1 << 31
+#: Longest side of a picture that a graph was traced for.
+MAX_SIDE = 10_000
+#: Seconds that a detector may take for one picture; a large Mask R-CNN takes ten.
+PICTURE_SECONDS = 300.0
+#: Of onnxruntime's five levels of messages the last: its warnings quote names of the graph as they are.
+FATAL = 4
 #: onnxruntime writes a device id under the user's cache unless this is set before its import.
 TELEMETRY_VARIABLE = "ORT_DISABLE_TELEMETRY"
 
@@ -87,6 +101,10 @@ class Detector:
     def __init__(self, path: Path, labels: Sequence[str], form: InputForm = "torchvision") -> None:
         self.path, self.labels, self.form = path, tuple(labels), form
         self._session = _session(path)
+        for node in self._session.get_inputs():
+            sides = [side for side in node.shape if isinstance(side, int)]
+            if not all(0 < side <= MAX_SIDE for side in sides):
+                raise InputFault.at(path, "input", f"sides of 1 to {MAX_SIDE:,} pixels", Words(str(node.shape)))
         self._one_stage = one_stage_form(self._session.get_outputs())
         if self._one_stage is not None:
             named = class_names(self._session.get_modelmeta().custom_metadata_map)
@@ -118,6 +136,7 @@ class Detector:
         height, width = picture.shape[:2]
         boxes = np.asarray(boxes, dtype=float) / np.tile(factor, 2)
         kept = np.flatnonzero(scores >= MIN_SCORE)
+        self._expect_few(len(kept))
         drawn = partial(_whole_mask, masks) if whole else partial(_pasted_mask, masks, boxes)
         return Detections(
             boxes[kept],
@@ -136,9 +155,10 @@ class Detector:
             boxes, labels, scores, masks = one_stage_detections(
                 form, answers, (width, height), (fed.shape[3], fed.shape[2]), factor, shift, MIN_SCORE
             )
-        except (IndexError, ValueError, StopIteration) as fault:
+        except (IndexError, ValueError, StopIteration, MemoryError) as fault:
             shapes = Words(f"{[answer.shape for answer in answers]}: {fault}")
             raise InputFault.at(self.path, "outputs", f"those of {form}", shapes) from None
+        self._expect_few(len(scores))
         if masks is not None:
             return Detections(boxes, labels, scores, masks)
         with np.errstate(invalid="ignore"):
@@ -149,14 +169,28 @@ class Detector:
         ]
         return Detections(boxes, labels, scores, tuple(drawn), from_boxes=True)
 
+    def _expect_few(self, count: int) -> None:
+        if count > MAX_DETECTIONS:
+            expected = f"at most {MAX_DETECTIONS:,} of score {MIN_SCORE} or more in a picture"
+            raise InputFault.at(self.path, "detections", expected, Words(f"{count:,}"))
+
     def _answers(self, outputs: list[str] | None, feeds: dict[str, Any]) -> list[NDArray[Any]]:
         """What the graph answers, arrays of any shape; its fault is the file's. feeds : arrays by input name."""
+        import onnxruntime
+
+        options = onnxruntime.RunOptions()
+        options.log_severity_level = FATAL
+        limit = threading.Timer(PICTURE_SECONDS, setattr, (options, "terminate", True))
+        limit.daemon = True
+        limit.start()
         try:
-            return list(self._session.run(outputs, feeds))
+            return [np.asarray(answer) for answer in self._session.run(outputs, feeds, options)]
         except Exception as fault:  # noqa: BLE001 - onnxruntime's errors have no common base that it exports
             line = (str(fault).splitlines() or ["an error"])[0]
             shape = next(iter(feeds.values())).shape
             raise InputFault.at(self.path, "run", f"an answer to a picture of shape {shape}", Words(line)) from None
+        finally:
+            limit.cancel()
 
     def _run(self, fed: FloatPicture) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Boxes (n, 4), labels (n,), scores (n,) and masks (n, 1, H, W) of a picture (3, H, W) as it is fed."""
@@ -206,13 +240,23 @@ def load_detector(ref: str | Path, labels: Path | None = None) -> Detector:
         There is no such file or name, or the download is not to be had; the message says how to get a detector.
     """
     is_file = Path(ref).is_file()
+    if is_file and Path(ref).stat().st_size > MAX_GRAPH_BYTES:
+        size = Words(f"{Path(ref).stat().st_size:,}")
+        raise InputFault.at(ref, "--detector", f"at most {MAX_GRAPH_BYTES:,} bytes", size)
     entry = registry_entry_of(Path(ref)) if is_file else registry_entry(str(ref))
     path = Path(ref) if is_file or entry is None else download(entry)
     if labels is not None:
-        names = ("", *(line.strip() for line in labels.read_text(encoding="utf-8").splitlines()))
-    else:
-        names = () if entry is None else label_names(entry.labels)
+        return Detector(path, _names(labels), _form(entry))
+    names = () if entry is None else label_names(entry.labels)
     return Detector(path, names, _form(entry))
+
+
+def _names(file: Path) -> tuple[str, ...]:
+    """The names of a file of labels, one a line, behind that of the background."""
+    lines = read_text(file, MAX_LABEL_BYTES).splitlines()
+    if len(lines) > MAX_LABELS:
+        raise InputFault.at(file, "labels", f"at most {MAX_LABELS:,} lines", Words(f"{len(lines):,}"))
+    return ("", *(line.strip() for line in lines))
 
 
 def _whole_mask(masks: NDArray[Any], row: int, width: int, height: int) -> BoolArray:
@@ -249,8 +293,10 @@ def _session(path: Path) -> Any:
     except ImportError:
         expected = "onnxruntime (pip install 'metric-tree[images]')"
         raise InputFault.at(path, "detector", expected, Words("not installed")) from None
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = FATAL
     try:
-        return onnxruntime.InferenceSession(str(path), providers=onnxruntime.get_available_providers())
+        return onnxruntime.InferenceSession(str(path), options, providers=onnxruntime.get_available_providers())
     except Exception as fault:  # noqa: BLE001 - its errors have no common base that it exports
         line = (str(fault).splitlines() or ["an error"])[0]
         raise InputFault.at(path, "detector", "an ONNX graph that onnxruntime loads", Words(line)) from None

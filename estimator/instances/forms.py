@@ -10,9 +10,9 @@ from estimator.instances.labelme import is_labelme, read_labelme
 from estimator.instances.mask_files import LABELS, MASK_SUFFIXES, read_mask_files
 from estimator.instances.panoptic import is_panoptic, read_panoptic
 from estimator.instances.yolo import NAME_FILES, read_yolo
-from estimator.reconstructions.checked_files import folder_entries, read_json
 from estimator.records.scene import Instance, Scene
 from metric_base.faults import InputFault, Words
+from metric_base.input_files import folder_entries, read_json
 
 __all__ = ["FORMS", "holds_instances", "read_instance_files"]
 

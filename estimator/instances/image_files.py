@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from estimator.reconstructions.checked_files import is_file
 from estimator.records.scene import Scene, View
 from metric_base.faults import InputFault, Words
+from metric_base.input_files import is_file
 
 __all__ = ["image_file", "image_folders"]
 

@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.masks import picture_size
-from estimator.reconstructions.checked_files import folder_entries, json_object, read_bytes, read_json
+from estimator.reconstructions.checked_files import json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.input_files import folder_entries, read_bytes, read_json
 
 __all__ = ["CATEGORIES", "read_label_images", "read_png"]
 

@@ -11,10 +11,11 @@ import numpy as np
 
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.masks import box_mask, coco_mask, picture_size
-from estimator.reconstructions.checked_files import json_array, json_object, read_json
+from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.faults import FieldFault, at_field, in_file
+from metric_base.input_files import read_json
 from metric_base.pictures import decode_picture
 
 __all__ = ["is_labelme", "read_labelme"]

@@ -19,10 +19,11 @@ import numpy as np
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.masks import coco_mask
 from estimator.reconstructions.cameras import MAX_PIXELS
-from estimator.reconstructions.checked_files import json_array, json_object, read_bytes, read_json
+from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
 from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.input_files import read_bytes, read_json
 
 __all__ = ["LABELS", "MASK_SUFFIXES", "read_mask_files"]
 

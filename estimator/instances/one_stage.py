@@ -31,6 +31,12 @@ OneStageForm = Literal["yolo", "yolo-end", "detr", "detr-logits", "detr-authors"
 OVERLAP = 0.7
 #: Sides of the input where the graph leaves them free, and the grey of the padding.
 SIDE_PX, GREY = 640, 114
+#: Most candidates that are compared with each other: YOLO makes 8,400 of a picture, most of them with low scores.
+MOST_CANDIDATES = 10_000
+#: Most boxes of a picture after that.
+MOST_KEPT = 1000
+#: Longest text of the names in a graph: Open Images has 20,000 names.
+LONGEST_NAMES = 1 << 20
 #: Columns of a row that is already decided: a box, a score, a class.
 _DECIDED = 6
 _BOX_COLUMNS = 4
@@ -61,8 +67,9 @@ def one_stage_form(outputs: Sequence[Any]) -> OneStageForm | None:
 
 def class_names(metadata: dict[str, str]) -> tuple[str, ...] | None:
     """The names that Ultralytics writes into its graphs, label 0 being the background; None where there are none."""
+    text = metadata.get("names", "")
     try:
-        names = ast.literal_eval(metadata.get("names", ""))
+        names = ast.literal_eval(text if len(text) < LONGEST_NAMES else "")
     except (ValueError, SyntaxError, MemoryError, RecursionError):
         return None
     if isinstance(names, dict) and names and all(isinstance(key, int) and 0 <= key < 100_000 for key in names):
@@ -106,6 +113,8 @@ def one_stage_detections(
     basis = next((answer[0] for answer in answers if answer.ndim == 4), None)
     boxes, classes, scores, coefficients = _rows(form, answers, picture)
     kept = np.flatnonzero(scores >= least_score)
+    if len(kept) > MOST_CANDIDATES:
+        raise ValueError(f"{len(kept):,} candidates of score {least_score} or more")
     if form == "yolo":
         kept = kept[_without_doubles(boxes[kept], classes[kept], scores[kept])]
     boxes, classes, scores = boxes[kept], classes[kept], scores[kept]
@@ -160,6 +169,8 @@ def _without_doubles(boxes: FloatArray, classes: IntArray, scores: FloatArray) -
         shared = np.maximum(high - low, 0).prod(axis=1)
         if not (shared > OVERLAP * (area[others] + area[row] - shared)).any():
             kept.append(row)
+        if len(kept) > MOST_KEPT:
+            raise ValueError(f"more than {MOST_KEPT:,} boxes that are apart")
     return np.array(kept, dtype=np.int64)
 
 

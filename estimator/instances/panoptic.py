@@ -11,9 +11,10 @@ import numpy as np
 from estimator.instances.coco import category_names, entries_by_id
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.label_images import read_png
-from estimator.reconstructions.checked_files import is_file, json_array, json_object
+from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.input_files import is_file
 
 __all__ = ["is_panoptic", "read_panoptic"]
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.masks import box_mask, coco_mask
-from estimator.reconstructions.checked_files import folder_entries, read_text
 from estimator.records.scene import Instance, Scene
 from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.input_files import folder_entries, read_text
 
 __all__ = ["NAME_FILES", "read_yolo", "yolo_names"]
 

@@ -12,10 +12,10 @@ import numpy as np
 
 from estimator.other_programs.posed_views import FLIP, observed_views, picture_size, posed_view
 from estimator.reconstructions.cameras import make_camera
-from estimator.reconstructions.checked_files import read_text
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.input_files import read_text
 
 __all__ = ["read_bundler"]
 

@@ -13,10 +13,10 @@ import numpy as np
 
 from estimator.other_programs.posed_views import brown_camera, matrix_of, points_beside, posed_view
 from estimator.reconstructions.cameras import make_camera, projected_views
-from estimator.reconstructions.checked_files import read_text
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.input_files import read_text
 
 __all__ = ["read_metashape"]
 

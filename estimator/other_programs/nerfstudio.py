@@ -22,10 +22,11 @@ from estimator.other_programs.posed_views import (
     posed_view,
 )
 from estimator.reconstructions.cameras import make_camera, projected_views
-from estimator.reconstructions.checked_files import json_array, json_object, read_json
+from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, at_field, in_file
+from metric_base.input_files import read_json
 
 __all__ = ["read_nerfstudio"]
 

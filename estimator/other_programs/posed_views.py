@@ -10,11 +10,11 @@ from typing import Any, cast
 import numpy as np
 
 from estimator.reconstructions.cameras import make_camera
-from estimator.reconstructions.checked_files import is_file
 from estimator.reconstructions.ply import read_points
 from estimator.records.scene import MAX_COORDINATE, Camera, View
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.faults import FieldFault, InputFault, Words
+from metric_base.input_files import is_file
 
 __all__ = [
     "FLIP",

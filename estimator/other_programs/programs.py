@@ -10,8 +10,8 @@ from estimator.other_programs.meshroom import read_meshroom
 from estimator.other_programs.metashape import read_metashape
 from estimator.other_programs.nerfstudio import read_nerfstudio
 from estimator.other_programs.realitycapture import is_realitycapture, read_realitycapture
-from estimator.reconstructions.checked_files import folder_entries, read_bytes
 from estimator.records.scene import Scene
+from metric_base.input_files import folder_entries, read_bytes
 
 __all__ = ["EXPORT_NAMES", "advice_on_file", "export_file", "points_advice", "read_export"]
 

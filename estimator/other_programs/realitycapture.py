@@ -20,10 +20,10 @@ from estimator.other_programs.posed_views import (
     posed_view,
 )
 from estimator.reconstructions.cameras import projected_views
-from estimator.reconstructions.checked_files import read_text
 from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scene import Scene, View
 from metric_base.faults import FieldFault, at_field, in_file
+from metric_base.input_files import read_text
 
 __all__ = ["is_realitycapture", "read_realitycapture"]
 

@@ -24,7 +24,7 @@ from estimator.records.scene import Instance, Scene
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault, Words
 from metric_base.files import OutputNames, whole_folder
-from metric_base.pictures import read_picture
+from metric_base.pictures import read_picture, write_picture
 
 if TYPE_CHECKING:
     from estimator.results.scene_estimate import SceneEstimate
@@ -72,17 +72,8 @@ def write_overlays(estimate: SceneEstimate, folder: Path, images: Path | None = 
                     raise InputFault.at(file, "picture", "one that OpenCV reads", Words("something else"))
                 name = estimate.scene.views[row].name
                 target = names.path(name if Path(name).suffix.lower() in _WRITTEN else f"{name}.png")
-                _write_picture(target, overlay(estimate, row, picture[..., ::-1])[..., ::-1])
+                write_picture(target, overlay(estimate, row, picture[..., ::-1])[..., ::-1])
     return sum(file is not None for file in files)
-
-
-def _write_picture(file: Path, picture: Any) -> None:
-    """Encode first, then write: OpenCV's own writer does not say why it failed."""
-    import cv2
-
-    _, encoded = cv2.imencode(file.suffix, picture)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_bytes(encoded.tobytes())
 
 
 def overlay(estimate: SceneEstimate, row: int, picture: Any) -> Any:

@@ -15,13 +15,13 @@ import numpy as np
 
 from estimator.outputs.colmap_writer import write_colmap_model
 from estimator.outputs.rescaled_colmap import write_scaled_colmap
-from estimator.reconstructions.checked_files import read_bytes
 from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction
 from estimator.reconstructions.ply import ply_layout, read_visibility, visibility_bytes
 from estimator.records.scene import Scene
 from metric_base.arrays import IntArray
 from metric_base.faults import InputFault, in_file
 from metric_base.files import whole_folder
+from metric_base.input_files import read_bytes
 
 __all__ = ["TRANSFORM", "write_scaled"]
 

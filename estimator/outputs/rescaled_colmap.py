@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.checked_files import ByteReader, read_text
+from estimator.reconstructions.checked_files import ByteReader
 from estimator.reconstructions.colmap_binary import image_places, point_places
 from metric_base.arrays import IntArray
 from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.input_files import read_text
 
 __all__ = ["write_scaled_colmap"]
 

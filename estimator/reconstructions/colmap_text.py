@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from estimator.reconstructions.cameras import make_camera
-from estimator.reconstructions.checked_files import read_text
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.input_files import read_text
 
 __all__ = ["read_text_model"]
 

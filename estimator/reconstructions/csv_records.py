@@ -6,8 +6,8 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from estimator.reconstructions.checked_files import read_text
 from metric_base.faults import InputFault, Words
+from metric_base.input_files import read_text
 
 __all__ = ["csv_records"]
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.reconstructions.checked_files import read_text
 from estimator.records.scene import MAX_COORDINATE
 from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.input_files import read_text
 
 __all__ = ["KnownLength", "parse_known_lengths"]
 

@@ -10,10 +10,11 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from estimator.reconstructions.checked_files import json_array, json_object, read_json
+from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.input_files import read_json
 
 __all__ = ["SCHEMA", "STATED_SIGMA", "parse_objects", "read_objects"]
 

@@ -15,11 +15,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from estimator.reconstructions.cameras import make_camera, projected_views
-from estimator.reconstructions.checked_files import json_array, json_object, read_json
+from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.reconstructions.opensfm_tracks import read_observations
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.input_files import read_json
 
 __all__ = ["largest_reconstruction", "read_opensfm"]
 

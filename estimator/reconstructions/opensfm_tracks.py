@@ -10,10 +10,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow import csv
 
-from estimator.reconstructions.checked_files import read_bytes
 from estimator.records.scene import MAX_COORDINATE
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.faults import InputFault, Words
+from metric_base.input_files import read_bytes
 
 __all__ = ["read_observations"]
 

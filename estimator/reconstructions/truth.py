@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from estimator.reconstructions.checked_files import read_json
 from estimator.records.scene import MAX_COORDINATE
 from metric_base.faults import InputFault
+from metric_base.input_files import read_json
 
 __all__ = ["SceneTruth", "read_truth"]
 

@@ -14,6 +14,7 @@ from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
 from insertion.light.environment import Environment
 from insertion.render.pinhole import Window
 from insertion.staging.insert import Placed
+from metric_base.pictures import write_picture
 
 __all__ = ["SAMPLES", "full_window", "insertion_job", "support_albedo", "write_environment"]
 
@@ -68,7 +69,5 @@ def support_albedo(environment: Environment) -> list[float]:
 
 def write_environment(environment: Environment, file: Path) -> Path:
     """The environment as a Radiance picture; Blender counts the azimuth the other way."""
-    import cv2
-
-    cv2.imwrite(str(file), np.ascontiguousarray(environment.radiance[:, ::-1, ::-1]))
+    write_picture(file, np.ascontiguousarray(environment.radiance[:, ::-1, ::-1]))
     return file

@@ -13,6 +13,7 @@ from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
 from insertion.models.model import Material, Part
 from insertion.render.pinhole import focal_lengths
 from insertion.staging.insert import Placed
+from metric_base.pictures import write_picture
 
 __all__ = ["write_usd_scene"]
 
@@ -108,13 +109,12 @@ def _material(stage: Any, path: str, material: Material, file: Path, name: str, 
 
 
 def _texture(stage: Any, path: str, material: Material, file: Path, name: str) -> Any:
-    import cv2
     from pxr import Gf, Sdf, UsdShade
 
     folder = file.parent / "textures"
     folder.mkdir(exist_ok=True)
     assert material.base_texture is not None  # asked for
-    cv2.imwrite(str(folder / f"{name}.png"), material.base_texture[..., [2, 1, 0, 3]])
+    write_picture(folder / f"{name}.png", material.base_texture[..., [2, 1, 0, 3]])
     reader = UsdShade.Shader.Define(stage, f"{path}/st")
     reader.CreateIdAttr("UsdPrimvarReader_float2")
     reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.capture.pictures import PICTURE_SUFFIXES
 from estimator.outputs.rescaled import write_scaled
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
@@ -19,6 +21,8 @@ from insertion.scene.footage import Shot
 from insertion.staging.insert import Placed
 from insertion.staging.stage import Stage
 from metric_base.arrays import FloatArray
+from metric_base.files import output_names
+from metric_base.pictures import write_picture
 
 __all__ = ["LayerWriter", "write_exports"]
 
@@ -32,7 +36,8 @@ def write_exports(
     `insertion/exports/blender_scene.py` reads.
     """
     frame = metric_frame(objects, stage.scale.metres_per_unit)
-    keys = camera_keys(stage.footage.shots, frame)
+    names = _picture_names(stage.footage.shots)
+    keys = [replace(key, name=names[key.name].as_posix()) for key in camera_keys(stage.footage.shots, frame)]
     camera = next(shot.view.camera for shot in stage.footage.shots if shot.view is not None)
     write_gltf_scene(folder / "scene.glb", objects, keys, camera, frame)
     write_transforms(folder / "transforms.json", keys, camera, "pictures")
@@ -60,27 +65,31 @@ def _object(item: Placed, matrix: FloatArray) -> dict[str, Any]:
     return {"file": str(item.request.model.resolve()), "matrix": matrix.tolist()}
 
 
+def _picture_names(shots: Sequence[Shot]) -> dict[str, Path]:
+    """Where each shot's picture is in the folder of pictures; a name of a model never leads out of it."""
+    paths = output_names(
+        shot.name if Path(shot.name).suffix.lower() in PICTURE_SUFFIXES else f"{shot.name}.png" for shot in shots
+    )
+    return dict(zip((shot.name for shot in shots), paths.values(), strict=True))
+
+
 class LayerWriter:
     """The pictures that the object was drawn on, and of every frame its depth in millimetres and its masks."""
 
-    def __init__(self, folder: Path, metres_per_unit: float) -> None:
+    def __init__(self, folder: Path, shots: Sequence[Shot], metres_per_unit: float) -> None:
         self._folder, self._millimetres = folder, 1000 * metres_per_unit
+        self._names = _picture_names(shots)
         for name in ("pictures", "depth", "mask"):
             (folder / name).mkdir()
 
     def picture(self, shot: Shot, picture: NDArray[np.uint8]) -> None:
         """Keep the picture (h, w, 3) as it was, under the name that `transforms.json` gives it."""
-        import cv2
-
-        file = self._folder / "pictures" / shot.name
-        file.parent.mkdir(parents=True, exist_ok=True)
-        cv2.imwrite(str(file), picture[..., ::-1])
+        write_picture(self._folder / "pictures" / self._names[shot.name], picture[..., ::-1])
 
     def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
         """Write one object's visible coverage (h, w), 0 to 255, and its depth (h, w), 16 bits, 0 where it is not."""
-        import cv2
-
-        stem = f"{Path(shot.name).stem}_{number}.png"
-        cv2.imwrite(str(self._folder / "mask" / stem), np.rint(255 * alpha).astype(np.uint8))
+        name = self._names[shot.name]
+        file = name.with_name(f"{name.stem}_{number}.png")
+        write_picture(self._folder / "mask" / file, np.rint(255 * alpha).astype(np.uint8))
         deep = np.nan_to_num(depth * self._millimetres, nan=0.0)
-        cv2.imwrite(str(self._folder / "depth" / stem), np.clip(np.rint(deep), 0, 65535).astype(np.uint16))
+        write_picture(self._folder / "depth" / file, np.clip(np.rint(deep), 0, 65535).astype(np.uint16))

@@ -14,9 +14,11 @@ from typing import Any
 
 import numpy as np
 
+from insertion.models.gltf_files import MAX_BYTES, MAX_TRIANGLES, FolderResolver, check_header, check_images
 from insertion.models.model import Material, Model, Part, Pixels
 from metric_base.arrays import FloatArray
 from metric_base.faults import FieldFault, InputFault, Words, in_file
+from metric_base.input_files import read_bytes
 from metric_base.schema import expect
 
 __all__ = ["read_model"]
@@ -24,8 +26,6 @@ __all__ = ["read_model"]
 _MAGIC, _JSON = 0x46546C67, 0x4E4F534A
 #: What may be required of a reader and is not read here: compressed meshes and textures.
 _UNREAD = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu", "KHR_mesh_quantization")
-#: A larger model is not for insertion in video: at this many triangles one shadow map takes a second.
-MAX_TRIANGLES = 2_000_000
 #: Metres from its origin beyond which no part of a thing is.
 MAX_METRES = 1e9
 
@@ -36,14 +36,18 @@ def read_model(path: Path) -> Model:
         raise InputFault(
             f"{path}: expected a glTF file (.glb or .gltf); found {'a folder' if path.is_dir() else 'none'}"
         )
+    resolver = FolderResolver(path)
     with in_file(path):
-        header, binary = _header(path.read_bytes())
+        header, binary = _header(read_bytes(path, limit=MAX_BYTES))
+        check_header(header)
+        check_images(header, binary[8:], resolver)  # a chunk begins with its length and kind
     try:
         with np.errstate(all="ignore"):  # absurd numbers are refused below
-            scene = _trimesh_scene(path, _number_materials(header), binary)
+            scene = _trimesh_scene(_number_materials(header), binary, resolver)
             parts = tuple(_parts(scene, header))
     except (
-        ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, ArithmeticError, OSError
+        ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, ArithmeticError, OSError,
+        SyntaxError, RecursionError, MemoryError,
     ) as fault:  # fmt: skip
         raise InputFault(f"{path}: expected a readable glTF 2.0 file; found {type(fault).__name__}: {fault}") from fault
     with in_file(path):
@@ -79,9 +83,29 @@ def _check_parts(parts: tuple[Part, ...]) -> None:
     expect(triangles <= MAX_TRIANGLES, "meshes", f"at most {MAX_TRIANGLES} triangles", triangles)
     finite = all((np.abs(part.vertices) < MAX_METRES).all() for part in parts)
     expect(finite, "POSITION", f"finite numbers below {MAX_METRES:g}", Words("others"))
+    for part in parts:
+        _check_part(part)
     corners = np.concatenate([part.vertices for part in parts])
     extent = (corners.max(axis=0) - corners.min(axis=0)).max()
     expect(extent > 0, "POSITION", "a body with an extent", Words("a single point"))
+
+
+def _check_part(part: Part) -> None:
+    """FieldFault for corners without a normal or a texture coordinate, and for colours of another length."""
+    count, material = len(part.vertices), part.material
+    inside = not len(part.faces) or (part.faces.min() >= 0 and part.faces.max() < count)
+    expect(bool(inside), "indices", f"numbers from 0 to {count - 1}", Words("others"))
+    shaped = {"NORMAL": part.normals.shape == (count, 3), "TEXCOORD_0": part.uv.shape == (count, 2)}
+    for field, whole in shaped.items():
+        expect(whole, field, "a value for each corner", Words("another number of them"))
+    values = {"NORMAL": part.normals, "TEXCOORD_0": part.uv}
+    for field, numbers in values.items():
+        expect(bool(np.isfinite(numbers).all()), field, "finite numbers", Words("others"))
+    factors = np.array([material.metallic, material.roughness, material.alpha_cutoff or 0.0])
+    sound = material.base_color.shape == (4,) and material.emissive.shape == (3,)
+    colours = (material.base_color, material.emissive, factors)
+    sound = sound and all((np.isfinite(colour) & (colour >= 0)).all() for colour in colours)
+    expect(bool(sound), "materials", "colours of four and three numbers from 0", Words("others"))
 
 
 def _warnings(header: dict[str, Any]) -> list[str]:
@@ -101,12 +125,10 @@ def _number_materials(header: dict[str, Any]) -> dict[str, Any]:
     return {**header, "materials": materials} if materials else header
 
 
-def _trimesh_scene(path: Path, header: dict[str, Any], binary: bytes) -> Any:
+def _trimesh_scene(header: dict[str, Any], binary: bytes, resolver: FolderResolver) -> Any:
     import trimesh
-    from trimesh.resolvers import FilePathResolver
 
     text = json.dumps(header).encode()
-    resolver = FilePathResolver(str(path))
     if not binary:
         return trimesh.load_scene(io.BytesIO(text), file_type="gltf", resolver=resolver, process=False)
     text += b" " * (-len(text) % 4)

@@ -10,12 +10,17 @@ import msgspec
 from insertion.places.request import At
 from insertion.records.result import ScaleUsed
 from metric_base.faults import InputFault, in_file
+from metric_base.input_files import read_bytes
 from metric_base.schema import expect, json_record
 
 __all__ = ["ObjectRequest", "ScaleUsed", "read_scale"]
 
 #: The major version of a result that is read here.
 SCALE_SCHEMA = "metric-tree/scale/1"
+#: No scene's unit is smaller in metres, and none is larger than its inverse.
+SMALLEST_SCALE = 1e-12
+#: Largest result; one of 10,000 objects has some 10 MB.
+MAX_RESULT_BYTES = 1 << 27
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,17 +65,20 @@ def read_scale(folder: Path, stated: float | None) -> ScaleUsed:
     Raises InputFault where there is neither, or the result is not resolved.
     """
     if stated is not None:
-        if not 0 < stated < float("inf"):
-            raise InputFault(f"--scale: expected metres per scene unit, above 0; found {stated}")
+        if not SMALLEST_SCALE < stated < 1 / SMALLEST_SCALE:
+            raise InputFault(f"--scale: expected metres per scene unit, above {SMALLEST_SCALE:g}; found {stated}")
         return ScaleUsed(stated, None, None, "option")
     file = folder / "result.json"
     if not file.is_file():
         how = f"--scale METRES_PER_UNIT, or {file} (estimate-scale {folder} --output {file})"
         raise InputFault(f"{folder}: scale: expected {how}; found neither")
     with in_file(file):
-        result = json_record(file.read_bytes(), _Result)
+        result = json_record(read_bytes(file, limit=MAX_RESULT_BYTES), _Result)
         resolved = result.status == "resolved" and result.scale is not None
         expect(resolved, "status", "resolved (or state --scale)", result.status)
+        interval = result.interval or _Interval()
+        for field, value in (("scale", result.scale), ("interval.low", interval.low), ("interval.high", interval.high)):
+            sound = value is None or SMALLEST_SCALE < value < 1 / SMALLEST_SCALE
+            expect(sound, field, f"metres per unit above {SMALLEST_SCALE:g}", value)
     assert result.scale is not None
-    interval = result.interval or _Interval()
     return ScaleUsed(result.scale, interval.low, interval.high, "result")

@@ -43,7 +43,7 @@ def write_preview(stage: Stage, places: Sequence[Place], placed: Placed, file: P
         text = f"{number}: {place.support}"
         cv2.putText(picture, text, (int(x) - 30, int(y)), cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, 1, cv2.LINE_AA)
     with whole_file(file, "--preview") as temporary:
-        data = cv2.imencode(file.suffix or ".png", picture[..., ::-1])[1]
+        data = cv2.imencode(file.suffix, picture[..., ::-1])[1]
         temporary.write_bytes(data.tobytes())
 
 

@@ -10,12 +10,15 @@ import msgspec
 
 from insertion.study.page import ANSWERS_SCHEMA
 from metric_base.faults import InputFault, in_file
+from metric_base.input_files import folder_entries, read_bytes
 from metric_base.schema import expect, json_record
 
 __all__ = ["ANSWERS", "Answer", "read_answers"]
 
 Judgement = Literal["too small", "right", "too large"]
 ANSWERS: tuple[str, ...] = get_args(Judgement)
+#: Largest file of answers; the page's own has some 10 kB.
+MAX_BYTES = 1 << 24
 
 
 class _Row(msgspec.Struct):
@@ -55,7 +58,7 @@ def read_answers(path: Path) -> list[Answer]:
     """
     if not path.exists():
         raise InputFault(f"{path}: expected a file of answers or a folder of them; found none")
-    files = sorted(path.glob("*.json")) if path.is_dir() else [path]
+    files = [one for one in folder_entries(path) if one.suffix == ".json"] if path.is_dir() else [path]
     answers = [answer for file in files for answer in _answers_of(file)]
     if not answers:
         raise InputFault(f"{path}: answers: expected at least one; found none")
@@ -64,5 +67,5 @@ def read_answers(path: Path) -> list[Answer]:
 
 def _answers_of(file: Path) -> list[Answer]:
     with in_file(file):
-        document = json_record(file.read_bytes(), _Answers)
+        document = json_record(read_bytes(file, limit=MAX_BYTES), _Answers)
     return [Answer(str(document.participant), row.step, row.answer) for row in document.answers]

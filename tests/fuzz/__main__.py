@@ -4,8 +4,8 @@
     python -m tests.fuzz --table                        the totals of all runs
 
 Counts, for each reader: inputs, those taken, those refused with one line, faults of the program, hangs (over 5 s),
-wrong answers (taken, with numbers that no scene has), and peak memory. Inputs that did harm are kept in `out/fuzz`, inputs
-that reach new code in `out/fuzz/reached`; each run adds a line to `tests/fuzz/runs.jsonl`.
+wrong answers (taken, with numbers that no scene has), and peak memory. Inputs that did harm are kept in `out/fuzz`,
+inputs that reach new code in `out/fuzz/reached`; each run adds a line to `tests/fuzz/runs.jsonl`.
 """
 
 from __future__ import annotations

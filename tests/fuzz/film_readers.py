@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image
 
 from estimator.capture.video import Video
-from estimator.evidence.depth_files import SUFFIXES, read_depth
+from estimator.evidence.depth_files import read_depth
 from estimator.evidence.gps import Gps
 from estimator.instances.detector import load_detector
 from estimator.reading import read_scene
@@ -50,15 +50,14 @@ def _check_part(part: Part) -> None:
         assert np.isfinite(values).all(), "a number that is not finite"
 
 
-def _video(folder: Path, _seeds: Path) -> None:
-    for file in sorted(folder.glob("video.*")):
-        video, last = Video(file), -np.inf
-        for frame in video.frames():
-            assert frame.colour.shape == (video.height, video.width, 3), "a frame of another size"
-            assert last < frame.time_s < np.inf, "a time that does not grow"
-            last = frame.time_s
-            if frame.index >= 20:
-                break
+def _video(file: Path, _seeds: Path) -> None:
+    video, last = Video(file), -np.inf
+    for frame in video.frames():
+        assert frame.colour.shape == (video.height, video.width, 3), "a frame of another size"
+        assert last < frame.time_s < np.inf, "a time that does not grow"
+        last = frame.time_s
+        if frame.index >= 20:
+            break
 
 
 @cache
@@ -74,16 +73,14 @@ def _gps(folder: Path, seeds: Path) -> None:
             assert row.scale is None or (np.isfinite(row.scale) and row.scale > 0), "a scale that is none"
 
 
-def _depth(folder: Path, _seeds: Path) -> None:
-    for suffix in SUFFIXES:
-        read_depth(folder / f"depth{suffix}")
+def _depth(file: Path, _seeds: Path) -> None:
+    assert read_depth(file).size, "an empty map"
 
 
-def _picture(folder: Path, _seeds: Path) -> None:
-    for file in sorted(folder.glob("picture.*")):
-        for flags in (cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, cv2.IMREAD_UNCHANGED):
-            pixels = read_picture(file, flags)
-            assert pixels is None or pixels.size, "an empty picture"
+def _picture(file: Path, _seeds: Path) -> None:
+    for flags in (cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION, cv2.IMREAD_UNCHANGED):
+        pixels = read_picture(file, flags)
+        assert pixels is None or pixels.size, "an empty picture"
 
 
 def _answers(folder: Path, _seeds: Path) -> None:
@@ -109,10 +106,10 @@ def _detector(folder: Path, _seeds: Path) -> None:
 
 FILM_READERS = (
     Reader("model", "models", ("model*", "*.bin", "*.png"), _model),
-    Reader("video", "videos", ("video.*",), _video),
+    Reader("video", "videos", ("video.*",), _video, alone=True),
     Reader("gps", "gps", ("*.csv", "images/*"), _gps),
-    Reader("depth", "depth", ("depth.*",), _depth),
-    Reader("picture", "pictures", ("picture.*",), _picture),
+    Reader("depth", "depth", ("depth.*",), _depth, alone=True),
+    Reader("picture", "pictures", ("picture.*",), _picture, alone=True),
     Reader("answers", "answers", ("answers.json",), _answers),
     Reader("scale-of-result", "result", ("result.json",), _scale),
     Reader("detector", "detector", ("*",), _detector),

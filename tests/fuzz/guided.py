@@ -41,6 +41,7 @@ def main(name: str, seeds: Path, corpus: Path, seconds: float, answer: Path) -> 
     reader = next(reader for reader in READERS if reader.name == name)
     temporary = tempfile.TemporaryDirectory()
     bench = Bench(reader, seeds, Path(temporary.name), KEPT)
+    bench.run_whole()
     corpus.mkdir(parents=True, exist_ok=True)
     for number, whole in enumerate(bench.whole):
         (corpus / f"whole-{number}").write_bytes(bytes([number]) + whole)

@@ -11,9 +11,13 @@ __all__ = ["Reader"]
 
 @dataclass(frozen=True, slots=True)
 class Reader:
-    """files : those of a seed folder that are mutated, one at a time; read : reads the folder, or raises."""
+    """files : those of a seed folder that are mutated, one at a time; read : reads the folder, or raises.
+
+    alone : whether each file is read for itself; then `read` is given the file in place of the folder.
+    """
 
     name: str
     seed: str
     files: tuple[str, ...]
     read: Callable[[Path, Path], None]
+    alone: bool = False

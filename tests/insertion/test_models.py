@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +19,13 @@ from metric_base.faults import InputFault
 from tests.made.insertions import write_glb
 from tests.made.rooms.shapes import solid
 
+#: The head of a PNG of 60,000 x 60,000.
+_HEAD = b"IHDR" + struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+_CHUNKS = ((13, _HEAD), (0, b"IDAT"))
+LARGE_PNG = base64.b64encode(
+    b"\x89PNG\r\n\x1a\n"
+    + b"".join(struct.pack(">I", size) + body + struct.pack(">I", zlib.crc32(body)) for size, body in _CHUNKS)
+).decode()
 SIZE = np.array([0.5, 0.4, 0.9])
 
 
@@ -62,7 +71,17 @@ def test_an_animation_is_ignored_with_a_word(chair: Path, tmp_path: Path) -> Non
         ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco_mesh_compression"),
         ({"meshes": []}, "chair|expected"),
         ({"accessors": []}, "expected a readable"),
-        ({"bufferViews": [{"buffer": 0, "byteOffset": 10**12, "byteLength": 12}] * 12}, "expected a readable"),
+        ({"bufferViews": [{"buffer": 0, "byteOffset": 10**12, "byteLength": 12}] * 12}, "byteOffset: expected"),
+        ({"accessors": [{"count": 10**12, "componentType": 5126, "type": "VEC3"}]}, "count: expected a whole number"),
+        ({"nodes": [{"children": [1]}, {"children": [0]}]}, "no circle"),
+        ({"nodes": [{"children": [1]}, {}, {"children": [1]}]}, r"nodes\[1\]: expected one parent"),
+        ({"nodes": [{"mesh": 0}] * 99_000}, "at most 2000000 triangles"),
+        ({"nodes": [{"children": [n + 1]} for n in range(999)] + [{"mesh": 0}]}, "at most 500 levels"),
+        ({"images": [{"uri": "../../etc/passwd"}]}, r"images\[0\] uri: expected a file in the folder of the model"),
+        ({"images": [{"uri": "http://example.org/x.png"}]}, "expected a file beside the model"),
+        ({"images": [{"uri": "bad.glb"}]}, "expected a PNG, JPEG or WebP"),
+        ({"images": [{"uri": "data:image/png;base64," + LARGE_PNG}]}, "expected at most 67,108,864 pixels"),
+        ({"materials": [{"pbrMetallicRoughness": {"metallicFactor": 1e999}}]}, "colours of four and three numbers"),
     ],
 )
 def test_what_cannot_be_read_is_named(chair: Path, tmp_path: Path, changes: dict, words: str) -> None:

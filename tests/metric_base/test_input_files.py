@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from estimator.reconstructions import checked_files
-from estimator.reconstructions.checked_files import folder_entries, read_bytes, read_json
+from metric_base import input_files
 from metric_base.faults import InputFault
+from metric_base.input_files import folder_entries, read_bytes, read_json
 
 
 def test_a_pipe_is_read_while_it_is_written(tmp_path: Path) -> None:
@@ -35,7 +35,7 @@ def test_a_pipe_is_read_while_it_is_written(tmp_path: Path) -> None:
 def test_a_pipe_without_a_writer_and_one_without_an_end_are_faults(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(checked_files, "PIPE_SECONDS", 0.1)
+    monkeypatch.setattr(input_files, "PIPE_SECONDS", 0.1)
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     with pytest.raises(InputFault, match="zero bytes"):
@@ -90,6 +90,6 @@ def test_folders_have_a_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     for name in "cab":
         (tmp_path / name).touch()
     assert [path.name for path in folder_entries(tmp_path)] == ["a", "b", "c"]
-    monkeypatch.setattr(checked_files, "MAX_ENTRIES", 2)
+    monkeypatch.setattr(input_files, "MAX_ENTRIES", 2)
     with pytest.raises(InputFault, match="at most 2 entries"):
         folder_entries(tmp_path)

@@ -1,0 +1,188 @@
+"""What a glTF file says of itself, checked before it is believed, and the files beside it that it names."""
+
+from __future__ import annotations
+
+import base64
+import io
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from metric_base.faults import FieldFault, Words, at_field
+from metric_base.input_files import read_bytes
+from metric_base.schema import expect
+
+__all__ = ["MAX_BYTES", "MAX_TRIANGLES", "FolderResolver", "check_header", "check_images"]
+
+#: A larger model is not for insertion in video: at this many triangles one shadow map takes a second.
+MAX_TRIANGLES = 2_000_000
+#: Largest file, and largest file beside it: triangles take a fifth, textures the rest.
+MAX_BYTES = 1 << 29
+#: Most pixels of a texture: 8192 x 8192, which takes 268 MB.
+MAX_TEXTURE_PIXELS = 1 << 26
+#: Most pixels of all textures of a file together.
+MAX_PIXELS = 1 << 27
+#: Most nodes of a file, and most levels of them.
+MAX_NODES, MAX_DEPTH = 100_000, 500
+#: Most values of an accessor: three corners of each triangle.
+MAX_COUNT = 3 * MAX_TRIANGLES
+#: What pictures a texture may be in (glTF 2.0 has PNG and JPEG; EXT_texture_webp adds WebP).
+_PICTURES = ("PNG", "JPEG", "WEBP")
+
+
+class FolderResolver:
+    """The files beside a glTF file, by the names that it gives them; no name leads out of the folder."""
+
+    def __init__(self, file: Path) -> None:
+        self._folder = file.parent.resolve()
+        self._read: dict[str, bytes] = {}
+
+    def __getitem__(self, name: str) -> bytes:
+        """The bytes of a file, read once.
+
+        FieldFault for what is not a regular file in the folder; InputFault if all files together are too large.
+        """
+        if name in self._read:
+            return self._read[name]
+        file = self._folder / unquote(name)
+        try:
+            inside = file.resolve().is_relative_to(self._folder)
+        except (OSError, ValueError, RuntimeError):  # a zero byte, a circle of links
+            inside = False
+        if not inside:
+            raise FieldFault("uri", "a file in the folder of the model", name)
+        if not file.is_file():
+            raise FieldFault("uri", "a file beside the model", name)
+        self._read[name] = read_bytes(file, limit=MAX_BYTES - sum(map(len, self._read.values())))
+        return self._read[name]
+
+    get = __getitem__
+
+
+def check_header(header: dict[str, Any]) -> None:
+    """FieldFault where a count, a stride or the tree of nodes is none that a model has."""
+    for field in ("accessors", "bufferViews", "buffers", "images", "meshes", "nodes", "materials", "textures"):
+        rows = header.get(field, [])
+        expect(isinstance(rows, list), field, "an array", Words(type(rows).__name__))
+        for number, row in enumerate(rows):
+            expect(isinstance(row, dict), f"{field}[{number}]", "an object", row)
+    for number, row in enumerate(header.get("accessors", [])):
+        with at_field(f"accessors[{number}]"):
+            _expect_count(row, "count", 1, MAX_COUNT)
+            _expect_count(row, "byteOffset", 0, MAX_BYTES)
+    for number, row in enumerate(header.get("bufferViews", [])):
+        with at_field(f"bufferViews[{number}]"):
+            _expect_count(row, "byteOffset", 0, MAX_BYTES)
+            _expect_count(row, "byteLength", 1, MAX_BYTES)
+            _expect_count(row, "byteStride", 4, 252)
+    _check_nodes(header)
+
+
+def _expect_count(row: dict[str, Any], field: str, low: int, high: int) -> None:
+    value = row.get(field, low)
+    sound = isinstance(value, int) and not isinstance(value, bool) and low <= value <= high
+    expect(sound, field, f"a whole number from {low} to {high}", value)
+
+
+def _check_nodes(header: dict[str, Any]) -> None:
+    """The nodes are trees, as the standard asks: no node is below itself or below two others."""
+    nodes = header.get("nodes", [])
+    expect(len(nodes) <= MAX_NODES, "nodes", f"at most {MAX_NODES}", len(nodes))
+    parents: dict[int, int] = {}
+    for number, node in enumerate(nodes):
+        for child in _indices(node.get("children", []), f"nodes[{number}].children", len(nodes)):
+            expect(child not in parents, f"nodes[{child}]", "one parent", Words(f"{parents.get(child)} and {number}"))
+            parents[child] = number
+    triangles = sum(_triangles(header, node) for node in nodes)
+    expect(triangles <= MAX_TRIANGLES, "meshes", f"at most {MAX_TRIANGLES} triangles", triangles)
+    depths: dict[int, int] = {}
+    for number in range(len(nodes)):
+        way = [number]
+        while way[-1] in parents and way[-1] not in depths:
+            expect(
+                len(way) <= MAX_DEPTH, f"nodes[{number}]", f"at most {MAX_DEPTH} levels, in no circle", Words("more")
+            )
+            way.append(parents[way[-1]])
+        for step in reversed(way):
+            depths.setdefault(step, depths[parents[step]] + 1 if step in parents else 0)
+        expect(depths[number] <= MAX_DEPTH, f"nodes[{number}]", f"at most {MAX_DEPTH} levels", depths[number])
+
+
+def _indices(values: object, field: str, count: int) -> Iterator[int]:
+    expect(isinstance(values, list), field, "an array", values)
+    assert isinstance(values, list)
+    for value in values:
+        expect(isinstance(value, int) and 0 <= value < count, field, f"numbers from 0 to {count - 1}", value)
+        yield value
+
+
+def _triangles(header: dict[str, Any], node: dict[str, Any]) -> int:
+    """How many triangles a node draws, at most: a mesh may be drawn by many nodes."""
+    meshes, accessors = header.get("meshes", []), header.get("accessors", [])
+    if "mesh" not in node:
+        return 0
+    (mesh,) = _indices([node["mesh"]], "mesh", len(meshes))
+    count = 0
+    for part in meshes[mesh].get("primitives", []):
+        expect(isinstance(part, dict), f"meshes[{mesh}].primitives", "objects", part)
+        place = part.get("indices", (part.get("attributes") or {}).get("POSITION"))
+        if isinstance(place, int) and 0 <= place < len(accessors):
+            each = 3 if part.get("mode", 4) == 4 else 1
+            count += accessors[place].get("count", 0) // each
+    return count
+
+
+def check_images(header: dict[str, Any], binary: bytes, resolver: FolderResolver) -> None:
+    """FieldFault for a texture that is no picture or has too many pixels: trimesh leaves such out in silence.
+
+    binary : the buffer that a GLB holds itself, empty without.
+    """
+    buffers: list[bytes] = []
+    for number, buffer in enumerate(header.get("buffers", [])):
+        with at_field(f"buffers[{number}]"):
+            buffers.append(_data(buffer["uri"], resolver) if "uri" in buffer else binary)
+    views = header.get("bufferViews", [])
+    total = 0
+    for number, image in enumerate(header.get("images", [])):
+        with at_field(f"images[{number}]"):
+            data = _data(image["uri"], resolver) if "uri" in image else _view(image, views, buffers)
+            width, height = _picture_size(data)
+            pixels = width * height
+            expect(pixels <= MAX_TEXTURE_PIXELS, "size", f"at most {MAX_TEXTURE_PIXELS:,} pixels", Words(f"{pixels:,}"))
+            total += pixels
+    expect(total <= MAX_PIXELS, "images", f"at most {MAX_PIXELS:,} pixels in all", Words(f"{total:,}"))
+
+
+def _view(image: dict[str, Any], views: list[dict[str, Any]], buffers: list[bytes]) -> bytes:
+    (number,) = _indices([image.get("bufferView")], "bufferView", len(views))
+    view = views[number]
+    (place,) = _indices([view.get("buffer")], "buffer", len(buffers))
+    start = view.get("byteOffset", 0)
+    return buffers[place][start : start + view.get("byteLength", 0)]
+
+
+def _data(uri: object, resolver: FolderResolver) -> bytes:
+    """What an address holds: the data in itself, or a file in the model's folder."""
+    expect(isinstance(uri, str), "uri", "a text", uri)
+    head, comma, text = str(uri).partition("base64,")
+    if not comma:
+        return resolver[head]
+    try:
+        return base64.b64decode(text)
+    except ValueError as fault:
+        raise FieldFault("uri", "data in base64", Words(str(fault))) from None
+
+
+def _picture_size(data: bytes) -> tuple[int, int]:
+    from PIL import Image
+
+    try:
+        with warnings.catch_warnings(action="ignore"), Image.open(io.BytesIO(data), formats=_PICTURES) as picture:
+            width, height = picture.size
+            return width, height
+    except Image.DecompressionBombError:
+        raise FieldFault("size", f"at most {MAX_TEXTURE_PIXELS:,} pixels", Words("far more")) from None
+    except (OSError, ValueError, SyntaxError) as fault:
+        raise FieldFault("picture", "a PNG, JPEG or WebP", Words(type(fault).__name__)) from None

@@ -1,0 +1,158 @@
+"""Input files read with suspicion: bounded bytes, text and JSON, with every fault as one line that names the file."""
+
+from __future__ import annotations
+
+import gc
+import itertools
+import json
+import os
+import re
+import select
+import stat
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from metric_base.faults import InputFault, Words
+
+__all__ = ["STDIN", "folder_entries", "is_file", "open_file", "read_bytes", "read_json", "read_text"]
+
+#: JSON's escape of a surrogate; a half of a pair is no character that can be written or looked up.
+_HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")
+#: Standard input by the name that commands give it.
+STDIN = "-"
+#: Largest files that are read: binary ones become arrays of their own size, text about three times as much, JSON
+#: about ten times (COCO's largest annotations, of 118,000 pictures, are 450 MB).
+MAX_BYTES, MAX_TEXT_BYTES, MAX_JSON_BYTES = 1 << 33, 1 << 31, 1 << 29
+#: Most files in a folder of pictures or masks: ten hours of video at three pictures a second.
+MAX_ENTRIES = 100_000
+#: How long a pipe may have no writer.
+PIPE_SECONDS = 2.0
+_PIPE_BYTES = 1 << 20
+
+
+def read_bytes(path: Path, most: int = -1, limit: int = MAX_BYTES, *, may_be_empty: bool = False) -> bytes:
+    """The whole file, or its first `most` bytes; `-` is standard input.
+
+    Raises
+    ------
+    InputFault
+        It is missing, a folder, a device, unreadable, empty, or of more than `limit` bytes; or a pipe that nobody
+        writes to.
+    """
+    with open_file(path) as descriptor:
+        mode = os.fstat(descriptor).st_mode
+        if stat.S_ISREG(mode):
+            size = os.fstat(descriptor).st_size
+            if most < 0 and size > limit:
+                raise InputFault.at(path, "file", f"at most {limit:,} bytes", Words(f"{size:,}"))
+            with os.fdopen(os.dup(descriptor), "rb") as file:
+                data = file.read(most)
+        elif stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or str(path) == STDIN:
+            data = _read_pipe(path, descriptor, limit if most < 0 else most, whole=most < 0)
+        else:
+            kind = "a folder" if stat.S_ISDIR(mode) else "a device"
+            raise InputFault.at(path, "file", "a regular file or a pipe", Words(kind))
+    if not data and not may_be_empty:
+        raise InputFault.at(path, "file", "some content", Words("zero bytes"))
+    return data
+
+
+@contextmanager
+def open_file(path: Path) -> Iterator[int]:
+    """A descriptor of a file that is opened without waiting; the system's refusals are faults of the input."""
+    try:
+        # a pipe without a writer would keep us waiting in `open` itself
+        descriptor = os.dup(0) if str(path) == STDIN else os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except OSError as fault:
+        raise InputFault.at(path, "file", "a readable file", Words(fault.strerror or "an error")) from None
+    except ValueError:  # a zero byte in the name
+        raise InputFault.at(path, "file", "a name of a file", str(path)) from None
+    try:
+        yield descriptor
+    except OSError as fault:
+        raise InputFault.at(path, "file", "a readable file", Words(fault.strerror or "an error")) from None
+    finally:
+        os.close(descriptor)
+
+
+def _read_pipe(path: Path, descriptor: int, limit: int, whole: bool) -> bytes:
+    """What comes through a pipe, at most `limit` bytes; more are a fault where the whole is asked for."""
+    parts, size, patience = [], 0, time.monotonic() + PIPE_SECONDS
+    while size <= limit:
+        try:
+            part = os.read(descriptor, min(_PIPE_BYTES, limit + 1 - size))
+        except BlockingIOError:  # somebody has it open and thinks
+            select.select([descriptor], [], [])
+            continue
+        if part:
+            parts.append(part)
+            size += len(part)
+        elif size or time.monotonic() > patience or str(path) == STDIN:
+            return b"".join(parts)
+        else:  # nobody has opened it yet
+            time.sleep(0.02)
+    if whole:
+        raise InputFault.at(path, "file", f"at most {limit:,} bytes", Words("more"))
+    return b"".join(parts)[:limit]
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a regular file; no name, however long or strange, is a fault."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
+def folder_entries(folder: Path) -> list[Path]:
+    """The entries of a folder in order of their names.
+
+    Raises
+    ------
+    InputFault
+        It cannot be listed, or has more than MAX_ENTRIES.
+    """
+    try:
+        with os.scandir(folder) as entries:
+            names = [entry.name for entry in itertools.islice(entries, MAX_ENTRIES + 1)]
+    except OSError as fault:
+        raise InputFault.at(folder, "folder", "a readable folder", Words(fault.strerror or "an error")) from None
+    if len(names) > MAX_ENTRIES:
+        raise InputFault.at(folder, "folder", f"at most {MAX_ENTRIES:,} entries", Words("more"))
+    return [folder / name for name in sorted(names)]
+
+
+def read_text(path: Path, limit: int = MAX_TEXT_BYTES, *, may_be_empty: bool = False) -> str:
+    """The whole file as UTF-8."""
+    try:
+        return read_bytes(path, limit=limit, may_be_empty=may_be_empty).decode("utf-8-sig")
+    except UnicodeDecodeError as fault:
+        byte = Words(f"byte {fault.object[fault.start]:#04x} at {fault.start}")
+        raise InputFault.at(path, "encoding", "UTF-8", byte) from None
+
+
+def read_json(path: Path) -> Any:
+    """The JSON document of a file."""
+    text = read_text(path, MAX_JSON_BYTES)
+    collecting = gc.isenabled()
+    gc.disable()  # a document holds no cycles, and looking for them in a million points takes longer than to read it
+    try:
+        document = json.loads(text)
+        if _HALF_CHARACTER.search(text):
+            json.dumps(document, ensure_ascii=False).encode()
+        return document
+    except UnicodeEncodeError:
+        raise InputFault.at(path, "JSON", "whole characters", Words("half of a surrogate pair")) from None
+    except RecursionError:
+        raise InputFault.at(path, "JSON", "a document of ordinary depth", Words("endless nesting")) from None
+    except json.JSONDecodeError as fault:
+        fault_place = Words(f"{fault.msg} at line {fault.lineno}, column {fault.colno}")
+        raise InputFault.at(path, "JSON", "a valid document", fault_place) from None
+    except ValueError as fault:  # an integer of thousands of digits
+        raise InputFault.at(path, "JSON", "a valid document", Words(str(fault))) from None
+    finally:
+        if collecting:
+            gc.enable()

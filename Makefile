@@ -85,7 +85,8 @@ sbom: | $(UV) ## list all components of the full install (CycloneDX): out/sbom.j
 clean: ## remove what make made
 	rm -rf .venv .tools out .pytest_cache .mypy_cache .ruff_cache
 
-# Damaged input for every reader; MINUTES for all of them together.
+# MINUTES for all of them together. Atheris has wheels for Linux.
 MINUTES ?= 10
-fuzz: .venv/.dev
+fuzz: .venv/.dev ## damaged input for every reader, guided by coverage
+	$(UV) pip install --quiet --python $(BIN)/python --require-hashes --requirement .ci/fuzz.lock.txt
 	$(BIN)/python -m tests.fuzz $(MINUTES)

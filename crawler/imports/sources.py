@@ -10,6 +10,7 @@ import msgspec
 
 from crawler.imports.declaration import Table, expect_inside
 from crawler.items import Kind
+from metric_base.faults import InputFault
 from metric_base.folders import data_folder
 from metric_base.input_files import read_text
 from metric_base.schema import BadDeclaration, expect, toml_record
@@ -164,7 +165,10 @@ def _read_lists(source: Source, folder: Path) -> None:
     rules = (rule for table in source.tables for rule in (*table.only, *table.reject, *table.flag))
     for rule in rules:
         if rule.listed:
-            texts = read_text(folder / rule.listed, may_be_empty=True).split("\n")
+            try:
+                texts = read_text(folder / rule.listed, may_be_empty=True).split("\n")
+            except InputFault as fault:
+                raise BadDeclaration(str(fault)) from None
             msgspec.structs.force_setattr(rule, "texts", frozenset(filter(None, texts)))
 
 

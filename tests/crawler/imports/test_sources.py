@@ -72,6 +72,9 @@ def test_a_declaration_is_read(tmp_path: Path) -> None:
         ),
         ('category = ["lamp"]', 'category = ["lamp"]\nreject = [{{ column = "h", outcome = "no_size" }}]', "rule"),
         (SHA, "abc", "files[0].sha256"),
+        ('path = "lamps.csv"', 'path = "../../x"', "files[0].path: expected a path inside"),
+        ('path = "lamps.csv"', 'path = "/etc/passwd"', "files[0].path: expected a path inside"),
+        ('["lamps.csv"]', '["../*.csv"]', "tables[0].files: expected a path inside"),
         ('url = "https://example.org/lamps.csv"', "", "files[0].url"),
         ('url = "https://example.org/lamps.csv"', 'note = "drawn by hand"', "fetch"),
         (
@@ -97,7 +100,7 @@ def test_all_missing_fields_are_named_at_once(tmp_path: Path) -> None:
 def test_a_rule_may_name_a_file_of_texts(tmp_path: Path) -> None:
     listed = 'category = ["lamp"]\nreject = [{{ column = "no", listed = "gone.txt", outcome = "superseded" }}]'
     text = DECLARATION.replace('category = ["lamp"]', listed)
-    with pytest.raises(BadDeclaration, match=r"gone.txt: expected a list of texts"):
+    with pytest.raises(BadDeclaration, match=r"gone.txt: file: expected a readable file"):
         declared(tmp_path, text)
     (tmp_path / "gone.txt").write_text("1\n3\n", encoding="utf-8")
     assert declared(tmp_path, text).tables[0].reject[0].texts == {"1", "3"}

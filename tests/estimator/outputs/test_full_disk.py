@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.outputs.overlay import _write_picture
+from metric_base.pictures import write_picture
 from estimator.outputs.rescaled import write_scaled
 from estimator.reading import read_scene
 from metric_base.faults import InputFault
@@ -48,7 +48,7 @@ def test_pictures_of_an_overlay(small_disk: Path) -> None:
         pytest.raises(InputFault, match="--overlay: expected a place that can be written, found No space left"),
         whole_folder(small_disk / "overlay", "--overlay") as folder,
     ):
-        _write_picture(folder / "a" / "b.png", noise)
+        write_picture(folder / "a" / "b.png", noise)
     assert list(small_disk.iterdir()) == []
 
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from metric_base.pictures import write_picture
 from estimator.outputs.rescaled import write_scaled
 from estimator.reading import read_scene
 from metric_base.faults import InputFault
 from metric_base.files import whole_file, whole_folder
+from metric_base.pictures import write_picture
 from tests.made.small_scene import write_small_scene
 
 

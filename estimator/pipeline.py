@@ -171,7 +171,7 @@ def _estimate(
         observed = [row for source in sources for row in source.observe(scene, measurements)]
         options = replace(options, evidence=(*options.evidence, *observed))
         result = scale_of_objects(measurements.objects, tree, options, up, warnings, seconds)
-    return SceneEstimate(_reject(result, faults), scene, instances, measurements)
+    return SceneEstimate(_reject(result, (*faults, *measurements.faults)), scene, instances, measurements)
 
 
 def _self_contradictions(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from estimator.association.mask_agreement import mask_agreement, mask_contradictions
 from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.association.tracks import Track, incremental_tracks, shared_tracks
 from estimator.geometry.box_fit import boxed_object
@@ -72,7 +73,10 @@ PAPER = MeasurementOptions(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurements:
-    """The result of the geometry. `objects[i]` belongs to `tracks[i]`; `timings` in seconds by stage."""
+    """The result of the geometry. `objects[i]` belongs to `tracks[i]`; `timings` in seconds by stage.
+
+    `faults` rule the masks out: they are not of these views.
+    """
 
     objects: tuple[MeasuredObject, ...]
     up: Up
@@ -80,6 +84,7 @@ class Measurements:
     tracks: tuple[Track, ...]
     timings: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
 
 
 def measure_objects(
@@ -120,6 +125,7 @@ def _measure(
         clouds = [sparse_labels(scene, instances)]
         if options.dense and scene.dense is not None:
             clouds.append(dense_labels(scene, instances))
+        doubts, faults = mask_contradictions(mask_agreement(clouds[0], instances))
     with _stopwatch(timings, "association"):
         if options.association == "shared":
             tracks = shared_tracks(instances, clouds)
@@ -159,8 +165,8 @@ def _measure(
             objects = tuple(boxed_object(thing, scene, instances, basis) for thing in objects)
         if not options.fragments:
             objects = without_fragments(objects)
-    warnings = () if contradiction is None else (contradiction,)
-    return Measurements(objects, up, planes, tracks, warnings=warnings)
+    warnings = doubts if contradiction is None else (*doubts, contradiction)
+    return Measurements(objects, up, planes, tracks, warnings=warnings, faults=faults)
 
 
 def _in_world(
@@ -179,7 +185,7 @@ def _in_world(
     objects = tuple(replace(thing, id=str(number + 1)) for number, (_, thing) in enumerate(pairs))
     tracks = tuple(track for track, _ in pairs)
     warnings = (*inner.warnings, *_warnings(up, planes, options))
-    return Measurements(objects, up, planes, tracks, timings, warnings)
+    return Measurements(objects, up, planes, tracks, timings, warnings, inner.faults)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

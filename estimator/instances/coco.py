@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
@@ -124,6 +125,10 @@ def _warnings(
     )
     if empty:
         warnings.append(f"{file}: {empty} masks without a pixel are left out")
+    names = Counter(image.file_name for image in frame.images.values())
+    name, times = max(names.items(), key=lambda entry: entry[1], default=("", 0))
+    if times > 1:
+        warnings.append(f"{file}: {name!r} is the file_name of {times} images: their masks are taken for one picture's")
     turned = [image for image in frame.images.values() if _is_turned(image, scene)]
     if turned:
         found_size = f"{turned[0].file_name!r} is {turned[0].size}"

@@ -21,6 +21,9 @@ from metric_tree.tree import Tree
 
 __all__ = ["Answer", "Options", "named_values", "names_of", "result_of"]
 
+# One outlier of two is the usual case of a scene of two objects; the interval says so itself.
+MIN_OUTLIERS = 2
+
 
 @dataclass(frozen=True, slots=True)
 class Options:
@@ -79,7 +82,7 @@ def result_of(
         tree=(tree.name, tree.version),
         objects=tuple(_reports(objects, by_name, answer)),
         up=up,
-        warnings=(*warnings, *_warnings(estimate, objects, by_name)),
+        warnings=(*warnings, *_outlier_warnings(estimate), *_warnings(estimate, objects, by_name)),
         evidence=answer.evidence,
         seconds=seconds,
         curve=estimate.curve if estimate is not None else None,
@@ -135,6 +138,17 @@ def named_values(item: MeasuredObject, values: FloatArray) -> dict[str, float]:
     return {
         name: float(value) for name, value in zip(dimension_names(item), values, strict=True) if math.isfinite(value)
     }
+
+
+def _outlier_warnings(estimate: Estimate | None) -> list[str]:
+    """A line where half of the objects or more are outliers: what the rest says may be chance."""
+    if estimate is None or estimate.status == "unresolved":
+        return []
+    weights = [verdict(float(weight)) for weight in estimate.weight]
+    outliers = weights.count("outlier")
+    if 2 * outliers < len(weights) or outliers < MIN_OUTLIERS:
+        return []
+    return [f"{outliers} of {len(weights)} objects are outliers: check their labels and masks"]
 
 
 def _warnings(

@@ -66,3 +66,24 @@ def test_without_observations_nothing_is_said(good):
     measures = consistency(replace(good, views=tuple(replace(v, **nothing) for v in good.views)))
     assert np.isnan(measures.reprojection_px)
     assert contradictions(measures) == ((), ())
+
+
+def test_parts_that_do_not_fit_rule_the_model_out(good):
+    """A third of the points is moved aside: the median error stays small."""
+    moved = good.points + np.where(np.arange(len(good.points)) % 3 == 0, 0.5, 0.0)[:, None]
+    measures = consistency(replace(good, points=moved))
+    assert measures.reprojection_share < 0.004
+    assert measures.misses > 0.1
+    assert any("do not fit" in sentence for sentence in contradictions(measures)[1])
+
+
+def test_groups_of_views_without_a_common_point_are_doubted(good):
+    assert consistency(good).groups == 1
+    half = len(good.points) // 2
+    views = []
+    for number, view in enumerate(good.views):
+        own = (view.point_index < half) == (number < 2)
+        views.append(replace(view, keypoints=view.keypoints[own], point_index=view.point_index[own]))
+    parted = consistency(replace(good, views=tuple(views)))
+    assert parted.groups == 2
+    assert any("2 groups" in sentence for sentence in contradictions(parted)[0])

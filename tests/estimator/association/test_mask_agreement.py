@@ -1,0 +1,53 @@
+"""Masks that are of the model's views agree; masks of other frames rule themselves out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.association.mask_agreement import mask_agreement, mask_contradictions
+from estimator.association.point_labels import sparse_labels
+from tests.made.shapes import box, floor, made_scene, orbit
+
+
+@pytest.fixture(scope="module")
+def made():
+    things = [
+        floor(6),
+        box("cabinet", (0.6, 0.4, 0.8), (-0.9, 0, 0)),
+        box("chair", (0.5, 0.5, 0.9), (0.9, 0.2, 0)),
+        box("bottle", (0.3, 0.3, 0.5), (0, 0.9, 0)),
+        box("table", (0.7, 0.4, 0.3), (0, -1.0, 0)),
+    ]
+    return made_scene(things, orbit(8, 3.0, 1.6, size=(200, 150), focal=150.0), dense=1500, sparse=1500)
+
+
+def verdict(made, instances):
+    doubts, faults = mask_contradictions(mask_agreement(sparse_labels(made.scene, instances), instances))
+    return len(doubts), len(faults)
+
+
+def test_masks_of_the_views_agree(made):
+    agreement = mask_agreement(sparse_labels(made.scene, made.instances), made.instances)
+    assert agreement.cover > 0.9
+    assert agreement.names > 0.95
+    assert verdict(made, made.instances) == (0, 0)
+
+
+@pytest.mark.parametrize("other", [[3, 4, 5, 6, 7, 0, 1, 2], [5, 6, 7, 0, 1, 2, 3, 4]])
+def test_masks_of_other_frames_are_ruled_out(made, other):
+    assert verdict(made, [replace(mask, view=other[mask.view]) for mask in made.instances]) == (0, 1)
+
+
+def test_a_detector_that_misses_most_things_is_not_doubted(made):
+    random = np.random.default_rng(1)
+    seen = [mask for mask in made.instances if random.random() < 0.4]
+    assert verdict(made, seen) == (0, 0)
+
+
+def test_boxes_and_one_category_say_nothing(made):
+    boxes = [replace(mask, from_box=True) for mask in made.instances]
+    assert mask_agreement(sparse_labels(made.scene, boxes), boxes).pairs == 0
+    same = [replace(mask, category="chair", view=(mask.view + 3) % 8) for mask in made.instances]
+    assert np.isnan(mask_agreement(sparse_labels(made.scene, same), same).names)
+    assert verdict(made, same) == (0, 0)

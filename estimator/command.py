@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from estimator.command_options import PROGRAM, parse_options, parser
@@ -46,6 +47,7 @@ def _run(words: Sequence[str]) -> int:
     if (status := _capture_status(options)) is not None:
         return status
     result = _objects_result(options) if options.objects is not None else _scene_result(options)
+    result = replace(result, warnings=(*_cautions(options), *result.warnings))
     for line in () if options.quiet else result.warnings:
         warn(line, PROGRAM)
     if result.exit_code == 0:
@@ -81,6 +83,13 @@ def _capture_status(options: argparse.Namespace) -> int | None:
     if options.json:
         sys.stdout.write(failure_json(failure) + "\n")
     return 3
+
+
+def _cautions(options: argparse.Namespace) -> tuple[str, ...]:
+    """What the reconstruction of a video or of pictures has to say about every result that rests on it."""
+    from estimator.capture.cautions import read_cautions
+
+    return () if options.scene is None else read_cautions(options.scene)
 
 
 def _objects_result(options: argparse.Namespace) -> ScaleResult:

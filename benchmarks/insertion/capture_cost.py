@@ -52,7 +52,7 @@ def _run(file: Path, world: World, lens: Lens, wanted: int | None, folder: Path)
     """One reconstruction from nothing."""
     shutil.rmtree(folder, ignore_errors=True)
     work = WorkFolder(folder)
-    with work.locked():
+    with work.lock():
         reconstruct(file, work, CaptureOptions(frames=wanted))
     cpu = {stamp.stem: json.loads(stamp.read_text())["cpu_seconds"] for stamp in (folder / STAMPS).iterdir()}
     poses = read_frame_poses(folder)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.capture.cautions import capture_cautions, write_cautions
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from estimator.capture.localisation import localised_frames
@@ -53,8 +54,8 @@ class CaptureOptions:
             raise InputFault.at("--camera-model", "model", "one of COLMAP's, such as SIMPLE_RADIAL", self.camera_model)
 
 
-def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> tuple[str, ...]:
-    """Frames, `sparse/0` and `frame_poses.json` in the work folder, which the caller has locked; warnings.
+def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> None:
+    """Frames, `sparse/0`, `frame_poses.json` and `cautions.json` in the work folder, which the caller has locked.
 
     Stages whose outputs are there, made from the same inputs, are not made again.
 
@@ -106,7 +107,8 @@ def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> tuple[
         work.stage("dense", dense_inputs, DENSE, lambda part: _make_dense(part, work.path))
     else:
         work.discard_stale("dense", dense_inputs, DENSE)
-    return _warnings(path, frames, options)
+    report = read_json(work.path / REPORT)
+    write_cautions(capture_cautions(path, frames, report, options.focal_px is not None), work.path)
 
 
 def _make_folder(folder: Path) -> Path:
@@ -179,15 +181,3 @@ def _source_camera(camera: Camera, frames: Frames) -> Camera:
     names = CAMERA_MODELS[camera.model][1]
     params = np.array([value * factors.get(name, 1.0) for name, value in zip(names, camera.params, strict=True)])
     return Camera(camera.model, width, height, params)
-
-
-def _warnings(path: Path, frames: Frames, options: CaptureOptions) -> tuple[str, ...]:
-    warnings = []
-    if frames.hdr is not None:
-        warnings.append(
-            f"{path}: an HDR video ({frames.hdr}); its frames are tone-mapped to an ordinary screen's range"
-        )
-    if not frames.one_size:
-        words = "; --focal is not used" if options.focal_px is not None else ""
-        warnings.append(f"{path}: pictures of several sizes; each has a camera of its own{words}")
-    return tuple(warnings)

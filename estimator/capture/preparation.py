@@ -63,11 +63,9 @@ def _prepare(options: Namespace) -> Failure | None:
     work = WorkFolder(options.work)
     with work.lock():
         try:
-            warnings = reconstruct(options.scene, work, capture)
+            reconstruct(options.scene, work, capture)
         except CaptureFailure as refusal:
             return refusal.failure
-        for line in warnings:
-            sys.stderr.write(f"estimate-scale: warning: {line}\n")
         _prepare_instances(options, work)
     options.scene = work.path
     options.dense = _dense_of(options)

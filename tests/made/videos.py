@@ -26,7 +26,19 @@ from tests.made.rooms.similarity import Similarity
 from tests.made.rooms.truth import truth_of
 from tests.made.rooms.world import Pinhole, Pose, World, pose_towards
 
-__all__ = ["Lens", "MadeFrame", "filmed", "made_video", "orbit", "panning", "room", "still", "times_of", "write_video"]
+__all__ = [
+    "Lens",
+    "MadeFrame",
+    "filmed",
+    "made_video",
+    "orbit",
+    "panning",
+    "room",
+    "still",
+    "straight_ahead",
+    "times_of",
+    "write_video",
+]
 
 Picture = NDArray[np.uint8]
 #: Denominator of the presentation times that are written: a common time base of MP4 files.
@@ -79,6 +91,13 @@ def panning(frames: int, degrees: float = 120.0, height: float = 1.5) -> tuple[P
     eye = np.array([0.1, -1.6, height])
     angles = np.radians(90 + degrees * np.linspace(-0.5, 0.5, frames))
     return tuple(pose_towards(eye, eye + np.array([np.cos(a), np.sin(a), -0.25])) for a in angles)
+
+
+def straight_ahead(frames: int, metres: float) -> tuple[Pose, ...]:
+    """A camera that moves along its view, a little downwards, without turning."""
+    start, ahead = np.array([0.0, -2.0, 1.45]), np.array([0.0, 1.0, -0.35])
+    centres = start + np.linspace(0, metres, frames)[:, None] * np.array([0.0, 1.0, 0.0])
+    return tuple(pose_towards(centre, centre + ahead) for centre in centres)
 
 
 def still(frames: int) -> tuple[Pose, ...]:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.capture.mapping.focal_length import focal_deviation
 from estimator.capture.mapping.pair_choice import chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
 
@@ -100,7 +101,10 @@ def matches(request: Request) -> dict[str, Any]:
 
 
 def incremental(request: Request) -> dict[str, Any]:
-    """COLMAP's incremental mapper; the models are written to folders 0, 1, ... of the output, largest first."""
+    """COLMAP's incremental mapper; the models are written to folders 0, 1, ... of the output, largest first.
+
+    The result also states how well the largest determines its focal length.
+    """
     options = pycolmap.IncrementalPipelineOptions(
         num_threads=request["threads"],
         random_seed=request["seed"],
@@ -114,8 +118,6 @@ def incremental(request: Request) -> dict[str, Any]:
     # the steps of a video are small; COLMAP's 16 degrees suit photographs
     options.mapper.init_min_tri_angle = 6.0
     options.mapper.abs_pose_refine_focal_length = request["refine_focal"]
-    if request["forward"]:  # driving is all forward motion, which COLMAP would rather not start from
-        options.mapper.init_max_forward_motion, options.mapper.init_min_tri_angle = 1.0, 3.0
     total, placed = len(request["names"]), [2]
 
     def count_image() -> None:
@@ -125,7 +127,9 @@ def incremental(request: Request) -> dict[str, Any]:
     models = pycolmap.incremental_mapping(
         request["database"], request["pictures"], request["scratch"], options=options, next_image_callback=count_image
     )
-    return _write_models(models, request)
+    largest = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
+    deviation = None if largest is None else focal_deviation(largest)
+    return _write_models(models, request) | {"focal_deviation": deviation}
 
 
 def global_(request: Request) -> dict[str, Any]:

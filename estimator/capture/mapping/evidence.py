@@ -120,7 +120,8 @@ class ModelShape:
 
     names : registered frames; centres : (v, 3); rotations : (v, 3, 3); points : how many; angle_deg : median over the
     points of the widest angle between two views of it; error_px : median reprojection error; focal : over the longer
-    side; lens_bend : largest displacement by the lens within the picture, as a share of the longer side.
+    side; lens_bend : largest displacement by the lens within the picture, as a share of the longer side;
+    focal_deviation : of `focal_deviation`, None where it could not be computed.
     """
 
     names: tuple[str, ...]
@@ -131,6 +132,7 @@ class ModelShape:
     error_px: float
     focal: float
     lens_bend: float
+    focal_deviation: float | None = None
 
     def summary(self) -> dict[str, Any]:
         """Figures for the report."""
@@ -141,11 +143,12 @@ class ModelShape:
             "error_px": self.error_px,
             "focal": self.focal,
             "lens_bend": self.lens_bend,
+            "focal_deviation": self.focal_deviation,
         }
 
 
-def model_shape(folder: Path) -> ModelShape | None:
-    """The shape of a model on disk, None where there is none or it has no point."""
+def model_shape(folder: Path, focal_deviation: float | None = None) -> ModelShape | None:
+    """The shape of a model on disk, None where there is none or it has no point; focal_deviation : of that model."""
     if not (folder / "images.bin").is_file():
         return None
     scene = read_colmap(folder)
@@ -162,6 +165,7 @@ def model_shape(folder: Path) -> ModelShape | None:
         _median_error(scene),
         float(camera.params[0]) / side,
         _lens_bend(scene) / side,
+        focal_deviation,
     )
 
 

@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["CODES", "CaptureFailure", "Failure", "failure"]
+__all__ = ["CODES", "TYPICAL_FOCAL", "CaptureFailure", "Failure", "failure"]
+
+#: Focal length over the longer side before anything is known: a telephone's main camera while filming. Its 24 to 28 mm
+#: (of 35 mm film) are 0.69 to 0.81 of the longer side of a photograph, and a film is cropped by a tenth or so.
+TYPICAL_FOCAL = 0.85
 
 #: What to do, by code; the message of a failure says first what was seen.
 ADVICE = {
@@ -16,6 +20,8 @@ ADVICE = {
     "several_places": "film one place in one go, without cuts, and come back over what was seen before",
     "drift": "film a loop that comes back to its start, sideways rather than straight ahead, and more slowly",
     "implausible_focal_length": "give the focal length with --focal, do not zoom, and walk around the things",
+    "focal_length_undetermined": "walk around the things or turn the camera as you walk, or give the focal length in "
+    f"pixels with --focal (a telephone's main camera: about {TYPICAL_FOCAL} times the longer side of the picture)",
 }
 CODES = tuple(ADVICE)
 

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from estimator.capture.mapping.evidence import Evidence, ModelShape, model_disagreement, model_shape
-from estimator.capture.mapping.failures import Failure
-from estimator.capture.mapping.gates import early_failure, model_failure
+from estimator.capture.mapping.failures import TYPICAL_FOCAL, Failure
+from estimator.capture.mapping.gates import early_failure, focal_is_determined, focal_undetermined, model_failure
 from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
 from metric_base.progress import progress_bar
 
@@ -20,8 +20,6 @@ __all__ = ["Lens", "make_features", "make_matches", "make_model"]
 MAX_FEATURES = 2500
 #: Longer side at which features are looked for.
 MAX_SIDE = 1000
-#: Focal length over the longer side before anything is known: a telephone's main camera while filming.
-FOCAL_FACTOR = 0.85
 THREADS = 2
 
 #: Threads of each of the two mappers, which run at once. With one the same matches give the same model; with more the
@@ -29,6 +27,21 @@ THREADS = 2
 MAPPING_THREADS = 1
 #: Frames that the global mapper checks the incremental one on; it takes twice as long for as many.
 CHECKED = 50
+
+
+#: Failures that go away if the focal length is held: with an open one the mapper may not get beyond two frames.
+OF_THE_FOCAL = frozenset({"focal_length_undetermined", "too_few_frames"})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Mapped:
+    """What the two mappers made: a failure that it shows, its shape and folder, whether the focal length was held."""
+
+    failure: Failure | None = None
+    shape: ModelShape | None = None
+    disagreement: float | None = None
+    model: Path | None = None
+    focal_held: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +77,7 @@ def make_features(part: Path, pictures: Path, names: list[str], lens: Lens) -> N
         "names": names,
         "camera_model": lens.model,
         "camera_params": lens.params,
-        "focal_factor": FOCAL_FACTOR,
+        "focal_factor": TYPICAL_FOCAL,
         "one_camera": lens.one_camera,
         "max_features": MAX_FEATURES,
         "max_side": MAX_SIDE,
@@ -90,12 +103,36 @@ def make_model(part: Path, matches: Path, pictures: Path, evidence: Evidence, le
     """`sparse/0` and `reconstruction.json` in the part folder; of a failure only the latter.
 
     The incremental mapper makes the model; the global one, which turns pure rotation into a convincing false model,
-    only checks its shape.
+    only checks its shape. Where the frames leave the focal length open, one that is stated is held and the mappers run
+    again.
     """
     early = early_failure(evidence)
-    if early is not None:
-        _write_report(part, early, evidence, None, None)
-        return
+    mapped = _Mapped(failure=early) if early is not None else _map(part, matches, pictures, evidence, lens)
+    if early is None and mapped.failure is not None and not lens.fixed and mapped.failure.code in OF_THE_FOCAL:
+        mapped = _map_with_held_focal(part, matches, pictures, evidence, lens, mapped)
+    if mapped.failure is None and mapped.model is not None:
+        (part / "sparse").mkdir()
+        mapped.model.rename(part / "sparse" / "0")
+    _write_report(part, mapped, evidence)
+
+
+def _map_with_held_focal(
+    part: Path, matches: Path, pictures: Path, evidence: Evidence, lens: Lens, mapped: _Mapped
+) -> _Mapped:
+    """The mapping again with the stated or, to find out what was wrong, a typical focal length."""
+    assert mapped.failure is not None
+    if lens.focal_px is None and mapped.failure.code == "focal_length_undetermined":
+        return mapped
+    again = part / "held"
+    again.mkdir()
+    held = _map(again, matches, pictures, evidence, replace(lens, fixed=True))
+    if held.failure is not None or held.shape is None or focal_is_determined(held.shape):
+        return mapped
+    return held if lens.focal_px is not None else replace(mapped, failure=focal_undetermined())
+
+
+def _map(part: Path, matches: Path, pictures: Path, evidence: Evidence, lens: Lens) -> _Mapped:
+    """Both mappers at once, and whether what they made can be used."""
     requests = {
         step: _request(part, matches, pictures, evidence.names, step, lens, seed=0)
         for step in ("incremental", "global")
@@ -104,22 +141,21 @@ def make_model(part: Path, matches: Path, pictures: Path, evidence: Evidence, le
     with progress_bar("mapping", len(evidence.names)) as told:
         processes = {step: start_worker(step, request, part) for step, request in requests.items()}
         try:
-            wait_for_worker(processes["incremental"], "incremental", part / "incremental.log", told)
-            shape = model_shape(part / "incremental" / "0")
+            result = wait_for_worker(processes["incremental"], "incremental", part / "incremental.log", told)
+            model = part / "incremental" / "0"
+            shape = model_shape(model, result["focal_deviation"])
             wait_for_worker(processes["global"], "global", part / "global.log")
         finally:
             for process in processes.values():
                 if process.poll() is None:
                     process.kill()
-    failure = model_failure(evidence, shape, None, lens.fixed)
+    stated = None if lens.focal_px is None else lens.focal_px / max(lens.width, lens.height)
+    failure = model_failure(evidence, shape, None, lens.fixed, stated)
     disagreement = None
     if failure is None and shape is not None:
         disagreement = model_disagreement(shape, model_shape(part / "global" / "0"))
-        failure = model_failure(evidence, shape, disagreement, lens.fixed)
-    if failure is None:
-        (part / "sparse").mkdir()
-        (part / "incremental" / "0").rename(part / "sparse" / "0")
-    _write_report(part, failure, evidence, shape, disagreement)
+        failure = model_failure(evidence, shape, disagreement, lens.fixed, stated)
+    return _Mapped(failure, shape, disagreement, model, lens.fixed)
 
 
 def _request(
@@ -138,18 +174,16 @@ def _request(
         "threads": MAPPING_THREADS,
         "seed": seed,
         "refine_focal": not lens.fixed,
-        "forward": False,
         "colours": step == "incremental",
     }
 
 
-def _write_report(
-    part: Path, failure: Failure | None, evidence: Evidence, shape: ModelShape | None, disagreement: float | None
-) -> None:
+def _write_report(part: Path, mapped: _Mapped, evidence: Evidence) -> None:
     report = {
-        "failure": None if failure is None else failure.json(),
+        "failure": None if mapped.failure is None else mapped.failure.json(),
         "pairs": evidence.summary(),
-        "model": None if shape is None else shape.summary(),
-        "disagreement": disagreement,
+        "model": None if mapped.shape is None else mapped.shape.summary(),
+        "disagreement": mapped.disagreement,
+        "focal_held": mapped.focal_held,
     }
     (part / "reconstruction.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

@@ -1,0 +1,74 @@
+"""What the user of a capture's scale should know: kept in the work folder, stated with every result."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from estimator.capture.frames import Frames
+from estimator.capture.mapping.gates import UNDETERMINED, UNSURE
+from estimator.reconstructions.checked_files import json_array, read_json
+from metric_base.faults import InputFault, in_file
+from metric_base.files import whole_file
+
+__all__ = ["CAUTIONS_FILE", "capture_cautions", "read_cautions", "write_cautions"]
+
+CAUTIONS_FILE = "cautions.json"
+
+
+def capture_cautions(path: Path, frames: Frames, report: dict[str, Any], focal_given: bool) -> tuple[str, ...]:
+    """Sentences about a reconstruction that can be used.
+
+    path : the video or the folder of pictures; report : `reconstruction.json`; focal_given : by `--focal`.
+    """
+    cautions = []
+    if frames.hdr is not None:
+        cautions.append(
+            f"{path}: an HDR video ({frames.hdr}); its frames are tone-mapped to an ordinary screen's range"
+        )
+    if not frames.one_size:
+        words = "; --focal is not used" if focal_given else ""
+        cautions.append(f"{path}: pictures of several sizes; each has a camera of its own{words}")
+    focal = _of_the_focal_length(report, "--focal" if focal_given else "the file")
+    return (*cautions, *(f"{path}: {words}" for words in focal))
+
+
+def write_cautions(cautions: tuple[str, ...], folder: Path) -> None:
+    """Keep them in a work folder."""
+    with whole_file(folder / CAUTIONS_FILE, "--work") as file:
+        file.write_text(json.dumps(list(cautions)) + "\n", encoding="utf-8")
+
+
+def read_cautions(folder: Path) -> tuple[str, ...]:
+    """Those of a work folder, none where there are none.
+
+    Raises
+    ------
+    InputFault
+        The file is damaged.
+    """
+    file = folder / CAUTIONS_FILE
+    if not file.is_file():
+        return ()
+    with in_file(file):
+        rows = json_array(read_json(file))
+    if not all(isinstance(row, str) for row in rows):
+        raise InputFault.at(file, "cautions", "sentences", rows)
+    return tuple(rows)
+
+
+def _of_the_focal_length(report: dict[str, Any], stated_by: str) -> list[str]:
+    deviation, focal = report["model"]["focal_deviation"], report["model"]["focal"]
+    determined = deviation is not None and deviation < UNDETERMINED
+    if report["focal_held"] and not determined:
+        return [
+            f"the frames do not determine the focal length, and that of {stated_by} is held ({focal:.2f} times the "
+            "longer side): if it is wrong by 10 %, everything is 10 % too deep or too shallow for its width"
+        ]
+    if not report["focal_held"] and deviation > UNSURE:
+        return [
+            f"the frames determine the focal length only to about {100 * deviation:.0f} %, and so depths against "
+            "widths; walk around the things, turn the camera as you walk, or give --focal"
+        ]
+    return []

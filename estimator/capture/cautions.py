@@ -8,9 +8,10 @@ from typing import Any
 
 from estimator.capture.frames import Frames
 from estimator.capture.mapping.gates import UNDETERMINED, UNSURE
-from estimator.reconstructions.checked_files import json_array, read_json
+from estimator.reconstructions.checked_files import json_array
 from metric_base.faults import InputFault, in_file
 from metric_base.files import whole_file
+from metric_base.input_files import read_json
 
 __all__ = ["CAUTIONS_FILE", "capture_cautions", "read_cautions", "write_cautions"]
 

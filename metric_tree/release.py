@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from metric_base.faults import InputFault
 from metric_base.files import whole_folder
-from metric_tree.schema import SCHEMA, TABLES
+from metric_tree.schema import ADDED_COLUMNS, SCHEMA, TABLES
 
 __all__ = [
     "MANIFEST",
@@ -37,6 +37,11 @@ MANIFEST_FIELDS: Mapping[str, type] = {
     "schema": str, "name": str, "version": str, "created": str, "sources": list, "files": dict, "counts": dict,
 }  # fmt: skip
 _KINDS: Mapping[type, str] = {str: "text", list: "an array", dict: "an object"}
+
+#: Most rows of a table that is read: a hundred times what ships.
+MAX_ROWS = 10_000_000
+#: Columns without which a row is of nothing.
+NEVER_NULL = frozenset({"node_id", "name", "level", "item_id", "source", "image_id", "family", "dims"})
 
 #: Rows of one Parquet row group: small enough that the items of one node are read without the others.
 ROW_GROUP = 20_000
@@ -60,15 +65,27 @@ class Release:
         time or inode has changed. `pyarrow.parquet.read_table` would do, but loads pandas where that is installed: a
         second of a query's time.
         """
+        table = self.unchecked_table(name, node_ids)
+        _see_columns(table, self.directory / f"{name}.parquet")
+        return table
+
+    def unchecked_table(self, name: str, node_ids: Collection[str] | None = None) -> pa.Table:
+        """The same, whatever its columns are."""
         path = self.directory / f"{name}.parquet"
         _see_checksum(path, self.manifest["files"][path.name].get("sha256"))
         try:
             with pq.ParquetFile(path) as file:
-                if node_ids is not None:
-                    return _rows_of(file, node_ids)
+                if file.metadata.num_rows > MAX_ROWS:
+                    raise BadRelease(f"{path}: rows: expected at most {MAX_ROWS:,}; found {file.metadata.num_rows:,}")
                 # one group is read sooner than threads are started
-                return file.read(use_threads=file.num_row_groups > 1)
-        except (OSError, pa.ArrowInvalid) as error:
+                table = (
+                    _rows_of(file, node_ids) if node_ids is not None else file.read(use_threads=file.num_row_groups > 1)
+                )
+                table.validate(full=True)  # texts that are no UTF-8, lists that overlap
+                return table
+        except BadRelease:
+            raise
+        except (OSError, pa.ArrowException, ValueError, KeyError, TypeError) as error:
             raise BadRelease(f"{path}: expected a Parquet table; found {_first_line(error)}") from None
 
 
@@ -127,6 +144,20 @@ def sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def _see_columns(table: pa.Table, path: Path) -> None:
+    """BadRelease unless the table has the columns of its schema, with an id in every row."""
+    for field in TABLES[path.name]:
+        if field.name not in table.column_names:
+            if field.name in ADDED_COLUMNS:
+                continue
+            raise BadRelease(f"{path}: {field.name}: expected the column; found none")
+        column = table.column(field.name)
+        if not column.type.equals(field.type):
+            raise BadRelease(f"{path}: {field.name}: expected {field.type}; found {column.type}")
+        if field.name in NEVER_NULL and column.null_count:
+            raise BadRelease(f"{path}: {field.name}: expected a value in every row; found {column.null_count} without")
+
+
 def _see_checksum(path: Path, recorded: object) -> None:
     try:
         state = path.stat()
@@ -160,8 +191,8 @@ def _manifest(path: Path) -> dict[str, Any]:
             raise BadRelease(f"{path}: {field}: expected a value; found none")
         if not isinstance(manifest[field], kind):
             raise BadRelease(f"{path}: {field}: expected {_KINDS[kind]}; found {type(manifest[field]).__name__}")
-    if not all(isinstance(source, dict) for source in manifest["sources"]):
-        raise BadRelease(f"{path}: sources: expected objects; found others")
+    if not all(isinstance(one, dict) and isinstance(one.get("id"), str) for one in manifest["sources"]):
+        raise BadRelease(f"{path}: sources: expected objects with an id; found others")
     return dict(manifest)
 
 

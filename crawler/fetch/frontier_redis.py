@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from crawler.fetch.frontier import REFUSALS, Outcome, Task, task_key
 from crawler.fetch.frontier_sqlite import SqliteFrontier
-from metric_base.faults import InputFault
+from metric_base.faults import InputFault, StorageFault
 
 __all__ = ["LEASE_SECONDS", "NoRedis", "RedisFrontier"]
 
@@ -90,6 +90,7 @@ class RedisFrontier:
         self._lease = self._redis.register_script(_LEASE)
         self._reopen = self._redis.register_script(_REOPEN)
         self._lease_seconds = lease_seconds
+        self._url, self._is_begun = url, False
         self._items = SqliteFrontier(folder / "frontier.sqlite")
 
     def add(self, tasks: Iterable[Task]) -> int:
@@ -140,8 +141,21 @@ class RedisFrontier:
         pipe.hincrby(self._keys["done" if outcome.failure is None else "failed"], outcome.failure or "pages", 1)
 
     def is_exhausted(self) -> bool:
-        """Whether no task waits or is leased by anyone."""
-        return not (self._redis.zcard(self._keys["queue"]) or self._redis.zcard(self._keys["leases"]))
+        """Whether no task waits or is leased by anyone.
+
+        Raises
+        ------
+        StorageFault
+            The server no longer knows the crawl: it was started again without its data, and nothing left is not done.
+        """
+        if self._redis.zcard(self._keys["queue"]) or self._redis.zcard(self._keys["leases"]):
+            return False
+        if self._is_begun and not self._redis.exists(self._keys["origin"]):
+            raise StorageFault(
+                f"{self._url}: expected the crawl's tasks, found a server that has lost them;"
+                " --resume with what the crawl began with goes on"
+            )
+        return True
 
     def counts(self) -> dict[str, int]:
         """Tasks by state over all workers, and this worker's items and pictures."""
@@ -172,6 +186,7 @@ class RedisFrontier:
     def remember(self, origin: Mapping[str, Any]) -> None:
         """Keep what the crawl began with, for every worker."""
         self._redis.set(self._keys["origin"], json.dumps(dict(origin)))
+        self._is_begun = True
 
     def reopen(self, reason: str) -> int:
         """Let the tasks that were refused for a reason wait again; the number of them."""

@@ -26,8 +26,8 @@ MAX_TEXTURE_PIXELS = 1 << 26
 MAX_PIXELS = 1 << 27
 #: Most nodes of a file, and most levels of them.
 MAX_NODES, MAX_DEPTH = 100_000, 500
-#: Most values of an accessor: three corners of each triangle.
-MAX_COUNT = 3 * MAX_TRIANGLES
+#: Most values of an accessor: three corners of each triangle. Most corners of all meshes that are drawn.
+MAX_COUNT, MAX_CORNERS = 3 * MAX_TRIANGLES, 3_000_000
 #: What pictures a texture may be in (glTF 2.0 has PNG and JPEG; EXT_texture_webp adds WebP).
 _PICTURES = ("PNG", "JPEG", "WEBP")
 
@@ -95,8 +95,10 @@ def _check_nodes(header: dict[str, Any]) -> None:
         for child in _indices(node.get("children", []), f"nodes[{number}].children", len(nodes)):
             expect(child not in parents, f"nodes[{child}]", "one parent", Words(f"{parents.get(child)} and {number}"))
             parents[child] = number
-    triangles = sum(_triangles(header, node) for node in nodes)
+    drawn = [_drawn(header, node) for node in nodes]
+    triangles, corners = (sum(counts[part] for counts in drawn) for part in (0, 1))
     expect(triangles <= MAX_TRIANGLES, "meshes", f"at most {MAX_TRIANGLES} triangles", triangles)
+    expect(corners <= MAX_CORNERS, "meshes", f"at most {MAX_CORNERS} corners", corners)
     depths: dict[int, int] = {}
     for number in range(len(nodes)):
         way = [number]
@@ -118,20 +120,26 @@ def _indices(values: object, field: str, count: int) -> Iterator[int]:
         yield value
 
 
-def _triangles(header: dict[str, Any], node: dict[str, Any]) -> int:
-    """How many triangles a node draws, at most: a mesh may be drawn by many nodes."""
+def _drawn(header: dict[str, Any], node: dict[str, Any]) -> tuple[int, int]:
+    """How many triangles and corners a node draws, at most: a mesh may be drawn by many nodes."""
     meshes, accessors = header.get("meshes", []), header.get("accessors", [])
     if "mesh" not in node:
-        return 0
+        return 0, 0
     (mesh,) = _indices([node["mesh"]], "mesh", len(meshes))
-    count = 0
+    triangles = corners = 0
     for part in meshes[mesh].get("primitives", []):
-        expect(isinstance(part, dict), f"meshes[{mesh}].primitives", "objects", part)
-        place = part.get("indices", (part.get("attributes") or {}).get("POSITION"))
-        if isinstance(place, int) and 0 <= place < len(accessors):
-            each = 3 if part.get("mode", 4) == 4 else 1
-            count += accessors[place].get("count", 0) // each
-    return count
+        attributes = part.get("attributes", {}) if isinstance(part, dict) else None
+        expect(isinstance(attributes, dict), f"meshes[{mesh}].primitives", "objects with attributes", part)
+        assert isinstance(attributes, dict)
+        corner, index = (_count(accessors, place) for place in (attributes.get("POSITION"), part.get("indices")))
+        corners += corner
+        triangles += (index or corner) // (3 if part.get("mode", 4) == 4 else 1)
+    return triangles, corners
+
+
+def _count(accessors: list[dict[str, Any]], place: object) -> int:
+    """The count of an accessor; 0 where there is none of this number."""
+    return accessors[place].get("count", 0) if isinstance(place, int) and 0 <= place < len(accessors) else 0
 
 
 def check_images(header: dict[str, Any], binary: bytes, resolver: FolderResolver) -> None:

@@ -12,22 +12,51 @@ from pathlib import Path
 import pytest
 
 
+class RedisServer:
+    """A server on loopback that can be stopped, and started again with the data it had or without."""
+
+    def __init__(self, folder: Path) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self._port = int(probe.getsockname()[1])
+        self._folder = folder
+        self.url = f"redis://127.0.0.1:{self._port}/0"
+        self.start()
+
+    def start(self) -> None:
+        """Start it with what its last stop kept."""
+        words = ["redis-server", "--port", str(self._port), "--save", "", "--dir", str(self._folder)]
+        self._process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+        _wait(self._port)
+
+    def stop(self, keep: bool = False) -> None:
+        """Stop it, with its data on the disk or without."""
+        import redis
+
+        if keep:
+            redis.Redis(port=self._port).save()
+        self._process.kill()
+        self._process.wait()
+
+
 @pytest.fixture
-def redis_url(tmp_path: Path) -> Iterator[str]:
-    """The address of a server that keeps nothing."""
+def redis_server(tmp_path: Path) -> Iterator[RedisServer]:
+    """A server that keeps nothing unless it is told to."""
     if shutil.which("redis-server") is None:
         pytest.skip("redis-server is not installed")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = int(probe.getsockname()[1])
-    words = ["redis-server", "--port", str(port), "--save", "", "--dir", str(tmp_path)]
-    server = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+    folder = tmp_path / "redis"
+    folder.mkdir()
+    server = RedisServer(folder)
     try:
-        _wait(port)
-        yield f"redis://127.0.0.1:{port}/0"
+        yield server
     finally:
-        server.terminate()
-        server.wait()
+        server.stop()
+
+
+@pytest.fixture
+def redis_url(redis_server: RedisServer) -> str:
+    """The address of a server that keeps nothing."""
+    return redis_server.url
 
 
 def _wait(port: int) -> None:

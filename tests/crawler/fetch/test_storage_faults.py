@@ -18,12 +18,14 @@ from scrapy import Request
 from scrapy.http import Response
 
 from crawler.fetch.frontier import Outcome, Task
-from crawler.fetch.frontier_sqlite import SqliteFrontier
+from crawler.fetch.frontier_redis import RedisFrontier
+from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
 from crawler.fetch.scheduler import KEY, CommitMiddleware
 from crawler.fetch.watched import WatchedFrontier
 from crawler.items import RawItem
 from crawler.page.budget import SlowPage
 from metric_base.faults import StorageFault
+from tests.crawler.conftest import RedisServer
 from tests.crawler.fetch.test_crawl_faults import ROOT, items, words
 from tests.made.made_site import MadeSite, Shop
 
@@ -126,24 +128,51 @@ def test_a_file_that_may_not_grow_ends_the_crawl_with_one_line(tmp_path: Path) -
         assert "frontier.sqlite: expected a frontier that can be written and asked" in done.stderr
 
 
-def test_a_crawl_that_loses_its_server_ends_with_one_line(tmp_path: Path, redis_url: str) -> None:
+def test_a_crawl_whose_server_is_stopped_ends_with_one_line_and_goes_on_when_it_is_started(
+    tmp_path: Path, redis_server: RedisServer
+) -> None:
     import redis
 
     out = tmp_path / "out"
-    with MadeSite(Shop(products=400, faults=False, delay=0.05)) as site:
-        more = ["--private", "--start-url", f"{site.base}/list/0", "--redis", redis_url, "--worker", "one"]
-        process = subprocess.Popen(
-            words("generic", out, *more), cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        server = redis.Redis.from_url(redis_url)
+    with MadeSite(Shop(products=150, faults=False, delay=0.05)) as site:
+        more = ["--private", "--redis", redis_server.url, "--worker", "one"]
+        begin = words("generic", out, *more, "--start-url", f"{site.base}/list/0")
+        process = subprocess.Popen(begin, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        server = redis.Redis.from_url(redis_server.url)
         end = time.monotonic() + 120
-        while not server.hlen("metric-tree:out:done"):
+        while int(server.hget("metric-tree:out:done", "pages") or 0) < 20:
             assert time.monotonic() < end
             time.sleep(0.05)
-        server.shutdown(nosave=True)
+        redis_server.stop(keep=True)
         output, message = process.communicate(timeout=180)
-    assert (process.returncode, message.count("\n"), output) == (2, 1, ""), message
-    assert f"{redis_url}: expected a frontier that can be written and asked" in message
+        assert (process.returncode, message.count("\n"), output) == (2, 1, ""), message
+        assert f"{redis_server.url}: expected a frontier that can be written and asked" in message
+        assert 0 < stored_counts(out / "one" / "frontier.sqlite")["items"] < 150
+        redis_server.start()
+        again = words("generic", out, *more, "--resume", "--json")
+        held = server.zrange("metric-tree:out:leases", 0, -1)
+        if held:  # their time is up; nobody need wait for it here
+            server.zadd("metric-tree:out:leases", dict.fromkeys(held, 0))
+        done = subprocess.run(again, cwd=ROOT, capture_output=True, text=True, timeout=180, check=False)
+    lines = [line for path in out.rglob("items-*.jsonl") for line in path.read_text().splitlines()]
+    assert (done.returncode, len(lines), len(set(lines))) == (0, 150, 150), done.stderr
+
+
+def test_a_server_that_comes_back_without_its_data_does_not_end_a_crawl_as_done(
+    tmp_path: Path, redis_server: RedisServer
+) -> None:
+    frontier = RedisFrontier(redis_server.url, "crawl", tmp_path)
+    watched = WatchedFrontier(frontier, redis_server.url)
+    watched.remember({"start": ["http://a.example/1"]})
+    watched.add([Task(f"http://a.example/{number}") for number in range(3)])
+    task = watched.lease()
+    assert task is not None
+    redis_server.stop()
+    redis_server.start()
+    watched.commit(Outcome(task.key, [("shop:1", "{}")]))
+    assert (watched.lease(), watched.is_exhausted()) == (None, True)
+    assert "has lost them; --resume" in str(watched.fault)
+    assert [line for _, line in frontier.lines()] == ["{}"]  # what was read is kept
 
 
 @pytest.mark.parametrize("damage", [b"no database" * 100, b"SQLite format 3\x00" + b"\x00" * 200])

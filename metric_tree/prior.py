@@ -233,7 +233,23 @@ class Prior:
         InputFault
             The row is of another family, or its arrays do not fit together.
         """
-        _expect(row["node_id"], "family", row["family"] == FAMILY, FAMILY, row["family"])
+        node_id = row["node_id"]
+        _expect(node_id, "family", row["family"] == FAMILY, FAMILY, row["family"])
+        try:
+            prior = cls._of_row(row)
+        except (TypeError, ValueError, KeyError) as fault:
+            if isinstance(fault, InputFault):
+                raise
+            raise InputFault(f"{node_id}: prior: expected arrays of numbers; found {fault}") from None
+        for name in ("weights", "means", "covariances", "shared_covariance"):
+            values = getattr(prior, name)
+            _expect(node_id, name, bool(np.isfinite(values).all()), "finite numbers", values)
+        spreads = np.linalg.eigvalsh(prior._covariances)
+        _expect(node_id, "covariances", bool((spreads > 0).all()), "positive definite ones", prior.covariances)
+        return prior
+
+    @classmethod
+    def _of_row(cls, row: Mapping[str, Any]) -> Prior:
         return cls(
             node_id=row["node_id"],
             dims=tuple(row["dims"]),

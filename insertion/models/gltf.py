@@ -72,7 +72,9 @@ def _header(data: bytes) -> tuple[dict[str, Any], bytes]:
     expect(isinstance(asset, dict), "asset", "the record of a glTF file", asset)
     version = str(header["asset"].get("version"))
     expect(version.startswith("2."), "asset.version", "2.x", version)
-    unread = [name for name in header.get("extensionsRequired", []) if name in _UNREAD]
+    required = header.get("extensionsRequired", [])
+    expect(isinstance(required, list), "extensionsRequired", "an array", required)
+    unread = [name for name in required if name in _UNREAD]
     expect(not unread, "extensionsRequired", "an uncompressed file", Words(", ".join(unread)))
     return header, binary
 

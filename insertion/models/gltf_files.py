@@ -28,6 +28,11 @@ MAX_PIXELS = 1 << 27
 MAX_NODES, MAX_DEPTH = 100_000, 500
 #: Most values of an accessor: three corners of each triangle. Most corners of all meshes that are drawn.
 MAX_COUNT, MAX_CORNERS = 3 * MAX_TRIANGLES, 3_000_000
+#: Arrays of objects at the top of a file.
+_LISTS = (
+    "accessors", "animations", "bufferViews", "buffers", "images", "materials", "meshes", "nodes", "scenes", "skins",
+    "textures",
+)  # fmt: skip
 #: What pictures a texture may be in (glTF 2.0 has PNG and JPEG; EXT_texture_webp adds WebP).
 _PICTURES = ("PNG", "JPEG", "WEBP")
 
@@ -63,7 +68,7 @@ class FolderResolver:
 
 def check_header(header: dict[str, Any]) -> None:
     """FieldFault where a count, a stride or the tree of nodes is none that a model has."""
-    for field in ("accessors", "bufferViews", "buffers", "images", "meshes", "nodes", "materials", "textures"):
+    for field in _LISTS:
         rows = header.get(field, [])
         expect(isinstance(rows, list), field, "an array", Words(type(rows).__name__))
         for number, row in enumerate(rows):

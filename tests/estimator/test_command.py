@@ -337,6 +337,10 @@ def test_objects_from_standard_input(tmp_path: Path, tree: Path) -> None:
     [
         (["--instnces", "x"], "estimate-scale: arguments: no option is called --instnces; did you mean --instances?\n"),
         (["--zzzz"], "estimate-scale: arguments: no option is called --zzzz; --help lists them\n"),
+        (
+            ["SCENE", "--detector", "x.onnx", "--images", "/dev/null"],
+            "estimate-scale: --images: expected a folder of pictures; found no folder /dev/null\n",
+        ),
         (["--level"], "estimate-scale: arguments: argument --level: expected one argument (--help lists them)\n"),
     ],
 )

@@ -69,6 +69,7 @@ def test_an_animation_is_ignored_with_a_word(chair: Path, tmp_path: Path) -> Non
     [
         ({"asset": {"version": "1.0"}}, "asset.version"),
         ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco_mesh_compression"),
+        ({"animations": 7}, "animations: expected an array"),
         ({"meshes": []}, "chair|expected"),
         ({"accessors": []}, "expected a readable"),
         ({"bufferViews": [{"buffer": 0, "byteOffset": 10**12, "byteLength": 12}] * 12}, "byteOffset: expected"),

@@ -56,11 +56,12 @@ def test_an_interval_holds_its_share(count: int, data: st.DataObject) -> None:
 
 def test_the_page_needs_no_network() -> None:
     pictures = {step: np.full((8, 8, 3), 100 + step, np.uint8) for step in STEPS}
-    page = study_page(pictures, "</script> how large", "chair", 2)
+    page = study_page(pictures, "<!--<script></script> how large", "chair", 2)
     assert not re.search(r"(?:src|href)\s*=\s*[\"']?https?:", page)
     study = json.loads(page.split("const study = ")[1].split(";\n")[0].replace("<\\/", "</"))
     assert [picture["step"] for picture in study["pictures"]] == sorted(STEPS)
-    assert page.count("</script>") == 1
+    assert page.count("</script>") == page.count("<script") == 1
+    assert study["title"] == "<!--<script></script> how large"
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,8 @@ from hypothesis import strategies as st
 
 from metric_base.faults import InputFault
 from metric_tree.prior import Prior, UnknownDimension
+from metric_tree.tree import Tree
+from tests.made import minitree
 
 AXES = ("length", "width", "height")
 
@@ -125,3 +129,12 @@ def test_levels_outside_zero_and_one_are_refused(level):
         random_prior(1).interval(level)
     with pytest.raises(InputFault, match="between 0 and 1"):
         random_prior(1).quantile(level)
+
+
+def test_a_prior_of_no_numbers_is_refused(tmp_path: Path) -> None:
+    content = minitree.rows()
+    content["priors.parquet"][0]["means"] = [[float("nan")] * len(content["priors.parquet"][0]["dims"])]
+    row = content["priors.parquet"][0]
+    tree = Tree(minitree.release(tmp_path / "release", content))
+    with pytest.raises(InputFault, match="means"):
+        tree.prior(row["node_id"], tuple(row["dims"]))

@@ -86,3 +86,21 @@ def test_alignment_finds_the_scale(scale: float, seed: int, count: int) -> None:
 def test_points_at_one_place_align_with_nothing() -> None:
     assert align(np.zeros((5, 3)), np.ones((5, 3))) is None
     assert align(np.eye(3)[:2], np.eye(3)[:2]) is None
+
+
+@pytest.mark.filterwarnings("error")
+def test_damaged_exif_is_quiet(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    here = replace(walk, scene=replace(walk.scene, path=tmp_path))
+    write_exif(here)
+    for number, file in enumerate(sorted((tmp_path / "images").rglob("*.*"))):
+        data = bytearray(file.read_bytes())
+        start = data.index(b"Exif") if b"Exif" in data else data.index(b"eXIf")
+        data[start + 8 + number : start + 60] = b"\xff" * (52 - number)
+        file.write_bytes(data)
+    assert one(Gps("exif").observe(here.scene, nothing)).scale is None
+
+
+def test_no_position_is_outside_the_earth(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    file = position_table(tmp_path / "path.csv", walk.scene, walk.metres + 1e300, "x y z")
+    with pytest.raises(InputFault, match="finite numbers below 1e\\+09"):
+        Gps(file).observe(walk.scene, nothing)

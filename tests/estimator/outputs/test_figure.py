@@ -160,3 +160,11 @@ def test_captions_and_titles_are_inside_the_paper(estimate: SceneEstimate) -> No
     assert all(left <= box.x0 and box.x1 <= right for box in boxes)
     captions = sorted(boxes, key=lambda box: box.x0)
     assert all(one.x1 < two.x0 for one, two in pairwise(captions)), "none runs into the other"
+
+
+def test_control_characters_of_a_category_are_written_out(estimate: SceneEstimate) -> None:
+    reports = tuple(replace(report, category="a\x1b[2J\u202eb") for report in estimate.result.objects)
+    drawn = figure(replace(estimate, result=replace(estimate.result, objects=reports)))
+    texts = [text.get_text() for text in drawn.findobj(lambda artist: hasattr(artist, "get_text"))]
+    assert any("\\x1b" in text for text in texts)
+    assert not any("\x1b" in text or "\u202e" in text for text in texts)

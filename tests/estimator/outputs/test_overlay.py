@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -124,3 +125,12 @@ def test_a_scene_without_pictures_is_one_line(folder: Path, tmp_path: Path) -> N
     with pytest.raises(InputFault, match="no folder `images`"):
         write_overlays(drawn_estimate(tmp_path), tmp_path / "overlay")
     assert not (tmp_path / "overlay").exists()
+
+
+def test_an_unreadable_picture_is_one_line_and_leaves_nothing(folder: Path, tmp_path: Path) -> None:
+    scene = shutil.copytree(folder, tmp_path / "scene")
+    picture = max((scene / "images").rglob("*.*"))
+    picture.write_bytes(picture.read_bytes()[:20])
+    with pytest.raises(InputFault, match=f"{picture.name}: picture: expected one that OpenCV reads"):
+        write_overlays(drawn_estimate(scene), tmp_path / "overlay")
+    assert [path.name for path in tmp_path.iterdir()] == ["scene"]

@@ -9,8 +9,11 @@ are small pictures of the boxes (n, 1, 28, 28). Other detectors hand over COCO r
 from __future__ import annotations
 
 import os
+import resource
+import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -54,6 +57,10 @@ MAX_DETECTIONS = 1000
 MAX_LABELS, MAX_LABEL_BYTES = 100_000, 1 << 24
 #: Largest graph: a file of this form cannot be larger.
 MAX_GRAPH_BYTES = 1 << 31
+#: How far a score may be outside 0 to 1.
+SCORE_SLACK = 1e-3
+#: Bytes of address space that a run may add: the largest Mask R-CNN takes 4 GB for a large picture.
+RUN_BYTES = 12 << 30
 #: Longest side of a picture that a graph was traced for.
 MAX_SIDE = 10_000
 #: Seconds that a detector may take for one picture; a large Mask R-CNN takes ten.
@@ -147,6 +154,8 @@ class Detector:
 
     def _one_stage_detections(self, form: OneStageForm, picture: Picture) -> Detections:
         """The detections of a YOLO or an RT-DETR."""
+        import cv2
+
         feeds, factor, shift = one_stage_inputs(self._session.get_inputs(), form, picture)
         fed = next(value for value in feeds.values() if value.ndim == 4)
         answers = self._answers(None, feeds)
@@ -155,10 +164,11 @@ class Detector:
             boxes, labels, scores, masks = one_stage_detections(
                 form, answers, (width, height), (fed.shape[3], fed.shape[2]), factor, shift, MIN_SCORE
             )
-        except (IndexError, ValueError, StopIteration, MemoryError) as fault:
+        except (IndexError, ValueError, StopIteration, MemoryError, cv2.error) as fault:
             shapes = Words(f"{[answer.shape for answer in answers]}: {fault}")
             raise InputFault.at(self.path, "outputs", f"those of {form}", shapes) from None
         self._expect_few(len(scores))
+        self._expect_shares(scores)
         if masks is not None:
             return Detections(boxes, labels, scores, masks)
         with np.errstate(invalid="ignore"):
@@ -174,6 +184,12 @@ class Detector:
             expected = f"at most {MAX_DETECTIONS:,} of score {MIN_SCORE} or more in a picture"
             raise InputFault.at(self.path, "detections", expected, Words(f"{count:,}"))
 
+    def _expect_shares(self, scores: NDArray[Any]) -> None:
+        """InputFault unless scores (n,) are from 0 to 1, but for rounding."""
+        wrong = ~((scores > -SCORE_SLACK) & (scores < 1 + SCORE_SLACK))
+        if wrong.any():
+            raise InputFault.at(self.path, "scores", "numbers from 0 to 1", float(scores[wrong][0]))
+
     def _answers(self, outputs: list[str] | None, feeds: dict[str, Any]) -> list[NDArray[Any]]:
         """What the graph answers, arrays of any shape; its fault is the file's. feeds : arrays by input name."""
         import onnxruntime
@@ -184,7 +200,8 @@ class Detector:
         limit.daemon = True
         limit.start()
         try:
-            return [np.asarray(answer) for answer in self._session.run(outputs, feeds, options)]
+            with _bounded_memory():
+                return [np.asarray(answer) for answer in self._session.run(outputs, feeds, options)]
         except Exception as fault:  # noqa: BLE001 - onnxruntime's errors have no common base that it exports
             line = (str(fault).splitlines() or ["an error"])[0]
             shape = next(iter(feeds.values())).shape
@@ -200,6 +217,9 @@ class Detector:
         if boxes.shape != (n, 4) or labels.shape != (n,) or scores.shape != (n,) or masks.shape[:2] != (n, 1):
             expected = "boxes (n, 4), labels (n,), scores (n,), masks (n, 1, H, W)"
             raise InputFault.at(self.path, "outputs", expected, Words(str(shapes)))
+        if n and not all(0 < side <= MAX_SIDE for side in masks.shape[2:]):
+            raise InputFault.at(self.path, "masks", f"sides of 1 to {MAX_SIDE:,} pixels", masks.shape)
+        self._expect_shares(scores)
         return boxes, labels, scores, masks
 
     def _prepare(self, picture: Picture) -> tuple[FloatPicture, FloatArray]:
@@ -249,6 +269,22 @@ def load_detector(ref: str | Path, labels: Path | None = None) -> Detector:
         return Detector(path, _names(labels), _form(entry))
     names = () if entry is None else label_names(entry.labels)
     return Detector(path, names, _form(entry))
+
+
+@contextmanager
+def _bounded_memory() -> Iterator[None]:
+    """Within the block the process may grow by `RUN_BYTES`: a graph of a hundred bytes can ask for terabytes."""
+    if not sys.platform.startswith("linux"):  # the size of the process is read where Linux tells it
+        yield
+        return
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    limits = [limit for limit in (soft, hard) if limit != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_AS, (min([pages * resource.getpagesize() + RUN_BYTES, *limits]), hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
 def _names(file: Path) -> tuple[str, ...]:

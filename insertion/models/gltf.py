@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 import struct
 from pathlib import Path
 from typing import Any
@@ -65,7 +66,7 @@ def _header(data: bytes) -> tuple[dict[str, Any], bytes]:
     else:
         text, binary = data, b""
     try:
-        header = json.loads(text)
+        header = json.loads(text, parse_constant=_no_number)
     except (ValueError, RecursionError) as fault:
         raise FieldFault("content", "glTF 2.0 (.glb or .gltf)", Words(f"neither: {fault}")) from None
     asset = header.get("asset") if isinstance(header, dict) else None
@@ -77,6 +78,11 @@ def _header(data: bytes) -> tuple[dict[str, Any], bytes]:
     unread = [name for name in required if name in _UNREAD]
     expect(not unread, "extensionsRequired", "an uncompressed file", Words(", ".join(unread)))
     return header, binary
+
+
+def _no_number(word: str) -> float:
+    """JSON has no NaN and no Infinity, which Python would read."""
+    raise ValueError(f"the word {word}")
 
 
 def _check_parts(parts: tuple[Part, ...]) -> None:
@@ -130,6 +136,7 @@ def _number_materials(header: dict[str, Any]) -> dict[str, Any]:
 def _trimesh_scene(header: dict[str, Any], binary: bytes, resolver: FolderResolver) -> Any:
     import trimesh
 
+    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # it quotes the file as it is
     text = json.dumps(header).encode()
     if not binary:
         return trimesh.load_scene(io.BytesIO(text), file_type="gltf", resolver=resolver, process=False)

@@ -8,7 +8,7 @@ import numpy as np
 import onnx
 from onnx import TensorProto, helper, numpy_helper
 
-__all__ = ["COLOURS", "box_mask_graph", "paint_graph", "save"]
+__all__ = ["COLOURS", "box_mask_graph", "constant_graph", "paint_graph", "save"]
 
 #: RGB of label 1 and label 2; the score of a label is 0.9 where its colour is in the picture, else 0.
 COLOURS = np.array([[255, 0, 0], [0, 0, 255]], dtype=np.uint8)
@@ -61,6 +61,24 @@ def box_mask_graph(path: Path, box: tuple[float, float, float, float], mask: np.
         ]
     picture = helper.make_tensor_value_info("image", TensorProto.FLOAT, [3, "height", "width"])
     return save(path, nodes, constants, picture, _outputs(names, (1, 1, *mask.shape)))
+
+
+def constant_graph(
+    path: Path, count: int, score: float = 0.9, label: int = 1, mask: tuple[int, int] = (4, 4), box: float = 1.0
+) -> Path:
+    """torchvision's signature: the same answer `count` times, whatever the picture is."""
+    constants = {
+        "n": np.array([count], dtype=np.int64), "n4": np.array([count, 4], dtype=np.int64),
+        "n1hw": np.array([count, 1, *mask], dtype=np.int64),
+    }  # fmt: skip
+    answers = {"boxes": ("n4", TensorProto.FLOAT, box), "labels": ("n", TensorProto.INT64, label),
+               "scores": ("n", TensorProto.FLOAT, score), "masks": ("n1hw", TensorProto.FLOAT, 1.0)}  # fmt: skip
+    nodes = [
+        helper.make_node("ConstantOfShape", [shape], [name], value=helper.make_tensor("value", kind, [1], [value]))
+        for name, (shape, kind, value) in answers.items()
+    ]
+    picture = helper.make_tensor_value_info("picture", TensorProto.FLOAT, [3, "height", "width"])
+    return save(path, nodes, constants, picture, _outputs(tuple(answers), (None, 1, None, None)))
 
 
 def save(path: Path, nodes: list, constants: dict, picture: onnx.ValueInfoProto, outputs: list) -> Path:

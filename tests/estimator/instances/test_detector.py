@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
+import re
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -24,7 +27,7 @@ from estimator.instances.registry import RegisteredDetector, download, registry
 from estimator.reading import read_instances, read_scene
 from metric_base.faults import InputFault
 from metric_tree.tree import Tree
-from tests.made.detectors import COLOURS, box_mask_graph, paint_graph, save
+from tests.made.detectors import COLOURS, box_mask_graph, constant_graph, paint_graph, save
 from tests.made.small_scene import write_small_scene
 
 LABELS = ("", "swivel chair", "bar stool")
@@ -196,6 +199,39 @@ def test_faults_of_graphs_and_pictures_name_the_file(folder: Path, tmp_path: Pat
         detect_instances(scene, tmp_path / "empty", detector)
     with pytest.raises(InputFault, match="label"):
         detect_instances(scene, folder / "images", Detector(tmp_path / "paint.onnx", ("", "chair")))
+
+
+@pytest.mark.parametrize(
+    ("answer", "words"),
+    [
+        ({"count": 1_000_000}, "detections: expected at most 1,000 of score 0.5 or more in a picture, found 1,000,000"),
+        ({"count": 3, "score": math.nan}, "scores: expected numbers from 0 to 1, found nan"),
+        ({"count": 3, "score": math.inf}, "scores: expected numbers from 0 to 1, found inf"),
+        ({"count": 3, "mask": (0, 0)}, "masks: expected sides of 1 to 10,000 pixels"),
+        ({"count": 1, "mask": (60_000, 60_000)}, "run: expected an answer"),
+        ({"count": 1 << 40}, "run: expected an answer"),
+    ],
+)
+def test_what_no_detector_answers_is_one_line(tmp_path: Path, answer: dict[str, Any], words: str) -> None:
+    detector = load_detector(constant_graph(tmp_path / "hostile.onnx", **answer))
+    with pytest.raises(InputFault, match=re.escape(words)):
+        detector(np.zeros((48, 64, 3), dtype=np.uint8))
+
+
+@pytest.mark.parametrize("box", [math.nan, 1e30, -1e30])
+def test_a_box_of_no_numbers_holds_nothing(tmp_path: Path, box: float) -> None:
+    seen = load_detector(constant_graph(tmp_path / "hostile.onnx", 2, box=box))(np.zeros((48, 64, 3), dtype=np.uint8))
+    assert [int(mask.sum()) for mask in seen.masks] == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [(b"a\n" * 100_001, "labels: expected at most 100,000 lines"), (b"t\xe4ble", "encoding"), (b"", "some content")],
+)
+def test_a_file_of_labels_is_bounded(tmp_path: Path, text: bytes, words: str) -> None:
+    (tmp_path / "labels.txt").write_bytes(text)
+    with pytest.raises(InputFault, match=words):
+        load_detector(constant_graph(tmp_path / "few.onnx", 1), tmp_path / "labels.txt")
 
 
 def test_coco_ids_have_their_gaps() -> None:

@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from estimator.completion import SHELLS, completion_script
 from estimator.evidence.options import add_evidence_options, evidence_sources, up_direction
 from metric_base.faults import InputFault
+from metric_base.files import refuse_input
 
 __all__ = ["PROGRAM", "OneLineParser", "parse_options", "parser"]
 
@@ -165,14 +166,40 @@ def _check(options: argparse.Namespace) -> None:
     for name, value in geometric.items():
         if value is not None and options.objects is not None:
             raise InputFault(f"{name}: expected a SCENE; found --objects")
+    _check_outputs(options)
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """InputFault for an output that cannot be written, or that would take the place of an input."""
     for name in ("output", "figure"):
         path = getattr(options, name)
         if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
             raise InputFault(f"--{name}: expected a file in a folder that exists; found {path}")
+        if path is not None:
+            refuse_input(path, f"--{name}", _inputs(options))
+    if (
+        options.figure is not None
+        and options.output is not None
+        and options.output.resolve() == options.figure.resolve()
+    ):
+        raise InputFault(f"--figure: expected another file than that of --output; found {options.figure}")
     for name in ("overlay", "write_scaled"):
         path = getattr(options, name)
         if path is not None and path.exists():  # said before the work is done, not after
             raise InputFault(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
+
+
+def _inputs(options: argparse.Namespace) -> list[Path]:
+    """What is read, as far as the arguments name it: files and folders."""
+    lengths = [words[0] for words in options.known_length if len(words) == 1]
+    texts = [options.scene, options.dense, options.detector, options.gps, options.tree, *options.baseline, *lengths]
+    paths = [Path(text) for text in texts if isinstance(text, str | Path) and str(text)]
+    named = (options.objects, options.instances, options.categories, options.detector_labels, options.images)
+    paths += [path for path in (*named, options.metric_depth) if path is not None]
+    scene = None if options.scene is None else Path(options.scene)
+    # any file of a model stands for its folder; a video stands for itself
+    beside = [scene.parent] if scene is not None and scene.is_file() and options.work is None else []
+    return [*paths, *beside]
 
 
 def _check_known_lengths(options: argparse.Namespace) -> None:

@@ -88,7 +88,8 @@ def _run(options: argparse.Namespace) -> int:
     source, turned = (film.source, film.turned_deg) if film is not None else (None, 0)
     for option, path in (("--out", options.out), ("--preview", options.preview)):
         if path is not None:
-            refuse_input(path, option, [source, options.instances, *(item.model for item in requests)])
+            models = [item.model for item in requests]
+            refuse_input(path, option, [source, options.scene, options.images, options.instances, *models])
     objects = place_objects(stage, requests, tree_of(options))
     if options.preview is not None:
         _write_preview(stage, objects[0], options.preview)

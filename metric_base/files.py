@@ -28,6 +28,11 @@ WRITE_FAULTS = frozenset({
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$)(\..*)?", re.IGNORECASE)
 #: Characters that no Windows file name has, and controls that no terminal should be shown.
 _UNFIT = re.compile(r'[<>:"|?*\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]')
+#: What figures, pages and videos end in, and the folders where pictures are input all the same.
+_DRAWN = frozenset({".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp", ".html", ".mp4", ".mkv", ".mov"})
+_PICTURE_FOLDERS = frozenset({"images", "frames", "instances", "pictures", "masks"})
+#: What the first bytes of a result hold, and no input.
+_RESULT, _HEAD_BYTES = b'"metric-tree/scale/', 200
 #: Longest name of a file in bytes, less room for a temporary ending.
 MAX_NAME_BYTES = 200
 
@@ -149,10 +154,28 @@ def output_names(names: Iterable[str]) -> dict[str, Path]:
 
 
 def refuse_input(output: Path, option: str, inputs: Iterable[Path | None]) -> None:
-    """InputFault if an output is one of the files that are read: it would be overwritten."""
+    """InputFault if an output is one of the files that are read, or part of a folder that is: it would be overwritten.
+
+    In a folder that is read, what this project wrote there may be written again: results, pages and figures.
+    """
+    if not output.is_file():
+        return
     for path in inputs:
-        if path is not None and output.exists() and path.exists() and output.samefile(path):
+        if path is None or not path.exists():
+            continue
+        if output.samefile(path) or (path.is_dir() and _is_part(output.resolve(), path.resolve())):
             raise InputFault(f"{option}: expected another file than {path}, which is read; found {output}")
+
+
+def _is_part(file: Path, folder: Path) -> bool:
+    """Whether a file below an input folder may be read as part of it: no figure, page or result of an earlier run."""
+    if not file.is_relative_to(folder):
+        return False
+    if file.suffix.lower() in _DRAWN:
+        return file.parent.name in _PICTURE_FOLDERS
+    with file.open("rb") as content:
+        head = content.read(_HEAD_BYTES)
+    return bool(head) and _RESULT not in head
 
 
 def _safe_part(part: str) -> str:

@@ -92,7 +92,7 @@ class Marker:
         """One row for each marker that two views or more show; its corners are triangulated."""
         seen = self._corners(scene)
         if seen is None:
-            return silent(KIND, self.dictionary, "no picture of the scene was found")
+            return silent(KIND, self.dictionary, "no picture of the scene was found (--images DIR names their folder)")
         measured = [_row(name, self._shape(corners), corners, scene) for name, corners in sorted(seen.items())]
         rows = [row for row in measured if row is not None]
         return tuple(rows) or silent(KIND, self.dictionary, "no marker is in two pictures or more")

@@ -19,6 +19,8 @@ _LEVELS_UP = 3
 def image_folders(scene: Scene, named: Path | None = None) -> tuple[Path, ...]:
     """The folder that the user named, then `images` and `frames` beside or above the model, nearest first.
 
+    A folder may be a link; all are resolved, so that what lies in them is told from what a name leads out to.
+
     Raises
     ------
     InputFault
@@ -31,7 +33,7 @@ def image_folders(scene: Scene, named: Path | None = None) -> tuple[Path, ...]:
         place / name for start in starts for place in (start, *list(start.parents)[:_LEVELS_UP]) for name in IMAGES
     ]
     first = [] if named is None else [named.resolve()]
-    return tuple(dict.fromkeys([*first, *(place for place in places if place.is_dir())]))
+    return tuple(dict.fromkeys([*first, *(place.resolve() for place in places if place.is_dir())]))
 
 
 def image_file(folders: tuple[Path, ...], view: View) -> Path | None:

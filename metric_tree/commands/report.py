@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from metric_base.files import whole_file
+from metric_base.files import refuse_input, whole_file
 from metric_base.terminal import output_file, print_json
 from metric_tree.tree import open_tree
 
@@ -30,6 +30,8 @@ def run(arguments: argparse.Namespace) -> int:
     output_file(arguments.out)
     tree = open_tree(arguments.release)
     against = open_tree(arguments.against) if arguments.against else None
+    for read in (tree, against):
+        refuse_input(arguments.out, "--out", [None if read is None else read.release.directory])
     text = page(tree, against)
     with whole_file(arguments.out) as work:
         work.write_text(text, encoding="utf-8")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.faults import InputFault
-from metric_base.files import whole_file
+from metric_base.files import refuse_input, whole_file
 from metric_base.terminal import output_file, print_json, print_table
 from metric_tree.training.selection import (
     TRAINING_LISTS,
@@ -68,6 +68,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out:
         output_file(arguments.out)
     tree = open_tree(arguments.tree)
+    for option, path in (("--out", arguments.out), ("--figure", arguments.figure)):
+        if path is not None:
+            refuse_input(path, option, [tree.release.directory])
     ranked = candidates(tree)
     taken = choose(ranked, rules)
     chosen_summary = selection(tree, ranked, taken, rules)

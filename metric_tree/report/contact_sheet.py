@@ -18,7 +18,7 @@ from typing import Any
 
 from crawler.fetch.pictures import decode_picture
 from metric_base.faults import InputFault
-from metric_base.files import whole_file
+from metric_base.files import refuse_input, whole_file
 from metric_tree.pictures import image_path
 from metric_tree.tree import Node
 
@@ -92,6 +92,7 @@ def write_sheet(file: Path, node: Node, count: int) -> list[dict[str, Any]]:
     """
     if file.suffix.lower() != ".png":
         raise InputFault(f"--sheet: expected a name that ends in .png; found {file}")
+    refuse_input(file, "--sheet", [node.tree.release.directory])
     rows = picture_rows(node, count)
     things = tiles(node.tree.release.directory, rows)
     if not things:

@@ -381,3 +381,16 @@ def test_a_known_length_needs_no_masks(tmp_path: Path, tree: Path, capsys: pytes
     assert status == 0, err
     assert json.loads(out)["scale"] == pytest.approx(0.5, rel=0.01)
     assert "no instances" in err
+
+
+def test_an_input_is_never_an_output(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    objects = _file(tmp_path, {"category": "swivel chair", "dimensions": CHAIR})
+    before = objects.read_bytes()
+    status, out, err = _run(capsys, "--objects", objects, "--tree", tree, "--output", objects)
+    assert (status, out, err.count("\n")) == (2, "", 1)
+    assert "which is read" in err
+    status, _, err = _run(
+        capsys, "--objects", objects, "--tree", tree, "--output", tmp_path / "a.png", "--figure", tmp_path / "a.png"
+    )
+    assert (status, err.count("\n")) == (2, 1)
+    assert objects.read_bytes() == before

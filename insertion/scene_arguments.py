@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,10 @@ if TYPE_CHECKING:
     from insertion.staging.stage import Stage
 
 __all__ = ["add_scene_arguments", "requests_of", "stage_of", "tree_of"]
+
+
+#: Metres beyond which no plane of a scene reaches.
+FARTHEST_M = 1e6
 
 
 class _PerModel(argparse.Action):
@@ -107,5 +112,7 @@ def _xy(words: str) -> tuple[float, float]:
     try:
         x, y = (float(word) for word in words.split(","))
     except ValueError:
-        raise InputFault(f"--xy: expected X,Y in metres; found {words!r}") from None
+        x = y = math.nan
+    if not max(abs(x), abs(y)) < FARTHEST_M:
+        raise InputFault(f"--xy: expected X,Y in metres; found {words!r}")
     return x, y

@@ -17,7 +17,7 @@ from typing import Any
 
 from metric_base.faults import InputFault, Words
 
-__all__ = ["STDIN", "folder_entries", "is_file", "open_file", "read_bytes", "read_json", "read_text"]
+__all__ = ["MAX_JSON_BYTES", "STDIN", "folder_entries", "is_file", "open_file", "read_bytes", "read_json", "read_text"]
 
 #: JSON's escape of a surrogate; a half of a pair is no character that can be written or looked up.
 _HALF_CHARACTER = re.compile(r"\\u[dD][89a-fA-F]")

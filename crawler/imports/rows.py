@@ -23,6 +23,10 @@ Row = dict[str, str]
 csv.field_size_limit(min(sys.maxsize, 2**31 - 1))
 
 
+#: Largest file of a table that is read, and most values of one record.
+MAX_BYTES, MOST_LEAVES = 1 << 31, 100_000
+
+
 class BadTable(InputFault):
     """A file that does not hold the table it should: the message names file, what was expected and found."""
 
@@ -37,6 +41,7 @@ def rows(table: Table, path: Path) -> Iterator[Row]:
     MissingColumn
         It lacks a column that the declaration reads.
     """
+    _see_file(path)
     read = {"csv": _csv, "json": _json, "jsonl": _jsonl, "properties": _properties, "xls": _xls, "yaml": _yaml}[
         table.format
     ]
@@ -45,7 +50,7 @@ def rows(table: Table, path: Path) -> Iterator[Row]:
             yield from read(table, path)
     except MissingColumn:
         raise
-    except (csv.Error, ValueError, LookupError, TypeError) as error:
+    except (csv.Error, ValueError, LookupError, TypeError, RecursionError) as error:
         raise BadTable(f"{path}: expected {table.format} in {table.encoding}; found {_one_line(error)}") from None
 
 
@@ -62,9 +67,10 @@ def record_rows(table: Table, folder: Path) -> Iterator[Row]:
         expected = " or ".join([*table.files, *([table.records] if table.records else [])])
         raise BadTable(f"{folder}: expected {expected}; found no such file")
     for path in paths:
+        _see_file(path)
         try:
             yield flat(json.loads(path.read_text(encoding=table.encoding)))
-        except ValueError as error:
+        except (ValueError, LookupError, RecursionError) as error:
             raise BadTable(f"{path}: expected json in {table.encoding}; found {_one_line(error)}") from None
 
 
@@ -80,17 +86,41 @@ def yaml_document(path: Path, encoding: str = "utf-8") -> Any:
 
     try:
         return yaml.safe_load(path.read_text(encoding=encoding))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, ValueError, LookupError, RecursionError) as error:
         raise BadTable(f"{path}: expected yaml in {encoding}; found {_one_line(error)}") from None
 
 
-def flat(record: Any, prefix: str = "") -> Row:
-    """A nested record with one text per leaf, `{"a": {"b": 1}}` as `{"a.b": "1"}`; an absent value is empty."""
-    if isinstance(record, Mapping):
-        return {name: text for key, value in record.items() for name, text in flat(value, f"{prefix}{key}.").items()}
-    if isinstance(record, list):
-        return flat(dict(enumerate(record)), prefix)
-    return {prefix[:-1]: "" if record is None else str(record)}
+def flat(record: Any) -> Row:
+    """A nested record with one text per leaf, `{"a": {"b": 1}}` as `{"a.b": "1"}`; an absent value is empty.
+
+    Raises
+    ------
+    ValueError
+        It has more than `MOST_LEAVES`: an alias of YAML may stand for a list of itself a billion times.
+    """
+    row: Row = {}
+    for name, value in _leaves(record, ""):
+        row[name[:-1]] = "" if value is None else str(value)
+        if len(row) > MOST_LEAVES:
+            raise ValueError(f"a record of more than {MOST_LEAVES:,} values")
+    return row
+
+
+def _leaves(record: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    entries = record.items() if isinstance(record, Mapping) else enumerate(record) if isinstance(record, list) else None
+    if entries is None:
+        yield prefix, record
+        return
+    for key, value in entries:
+        yield from _leaves(value, f"{prefix}{key}.")
+
+
+def _see_file(path: Path) -> None:
+    """BadTable for what is no regular file of bounded size."""
+    if not path.is_file():
+        raise BadTable(f"{path}: expected a file; found {'a folder' if path.is_dir() else 'none'}")
+    if path.stat().st_size > MAX_BYTES:
+        raise BadTable(f"{path}: expected at most {MAX_BYTES:,} bytes; found {path.stat().st_size:,}")
 
 
 def _csv(table: Table, path: Path) -> Iterator[Row]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from estimator.capture.video import VideoFrame
 from metric_base.faults import InputFault, Words
+from metric_base.input_files import folder_entries
 from metric_base.pictures import read_picture
 
 __all__ = ["PICTURE_SUFFIXES", "PictureFolder", "picture_files"]
@@ -27,7 +28,7 @@ _EXIF_IFD, _FOCAL_35MM, _ORIENTATION = 0x8769, 0xA405, 0x0112
 
 def picture_files(folder: Path) -> list[Path]:
     """The pictures right in a folder, in the order of the numbers in their names."""
-    files = [file for file in folder.iterdir() if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file()]
+    files = [file for file in folder_entries(folder) if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file()]
     return sorted((file for file in files if not file.name.startswith(".")), key=_natural)
 
 

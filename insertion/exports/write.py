@@ -21,7 +21,7 @@ from insertion.scene.footage import Shot
 from insertion.staging.insert import Placed
 from insertion.staging.stage import Stage
 from metric_base.arrays import FloatArray
-from metric_base.files import output_names
+from metric_base.files import OutputNames, output_names
 from metric_base.pictures import write_picture
 
 __all__ = ["LayerWriter", "write_exports"]
@@ -78,7 +78,8 @@ class LayerWriter:
 
     def __init__(self, folder: Path, shots: Sequence[Shot], metres_per_unit: float) -> None:
         self._folder, self._millimetres = folder, 1000 * metres_per_unit
-        self._names = _picture_names(shots)
+        self._names, free = _picture_names(shots), OutputNames(Path())
+        self._layers = {shot.name: free.path(f"{Path(shot.name).with_suffix('')}.png") for shot in shots}
         for name in ("pictures", "depth", "mask"):
             (folder / name).mkdir()
 
@@ -88,7 +89,7 @@ class LayerWriter:
 
     def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
         """Write one object's visible coverage (h, w), 0 to 255, and its depth (h, w), 16 bits, 0 where it is not."""
-        name = self._names[shot.name]
+        name = self._layers[shot.name]
         file = name.with_name(f"{name.stem}_{number}.png")
         write_picture(self._folder / "mask" / file, np.rint(255 * alpha).astype(np.uint8))
         deep = np.nan_to_num(depth * self._millimetres, nan=0.0)

@@ -31,7 +31,7 @@ class VideoWriter:
     def __enter__(self) -> VideoWriter:
         import av
 
-        self._container = av.open(str(self._file), "w", format=_FORMATS.get(self._suffix, "mp4"))
+        self._container = av.open(f"file:{self._file}", "w", format=_FORMATS.get(self._suffix, "mp4"))
         return self
 
     def __exit__(
@@ -68,7 +68,7 @@ class VideoWriter:
         self._stream = stream
         self._sound: Any = None
         if self._source is not None:
-            with av.open(str(self._source)) as source:
+            with av.open(f"file:{self._source}", metadata_errors="replace") as source:
                 if source.streams.audio:
                     self._sound = self._container.add_stream_from_template(source.streams.audio[0])
 
@@ -77,7 +77,7 @@ class VideoWriter:
 
         if self._sound is None or self._source is None:
             return
-        with av.open(str(self._source)) as source:
+        with av.open(f"file:{self._source}", metadata_errors="replace") as source:
             for packet in source.demux(source.streams.audio[0]):
                 if packet.dts is not None:
                     packet.stream = self._sound

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metric_base.faults import InputFault
+from metric_base.input_files import read_text
 from metric_base.terminal import print_json, print_table
 from metric_tree.tree import Tree, open_tree
 
@@ -115,14 +116,11 @@ def _absence(tree: Tree, item_id: str, log: Path | None) -> dict[str, Any]:
 
 def _refusal(item_id: str, file: Path) -> dict[str, Any] | None:
     """The record of an item among those that a build refused."""
-    try:
-        lines = file.read_text(encoding="utf-8").splitlines()
-    except OSError as error:
-        raise InputFault(f"{file}: expected the refused items of a build; found {error.strerror}") from None
+    lines = read_text(file, may_be_empty=True).splitlines()
     try:
         records = [json.loads(line) for line in lines]
         return next((one for one in records if f"{one['source']}:{one['source_id']}" == item_id), None)
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         raise InputFault(f"{file}: expected refused items as a build writes them; found others") from None
 
 

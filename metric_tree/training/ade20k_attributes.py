@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.faults import FieldFault, at_field, in_file
+from metric_base.input_files import MAX_JSON_BYTES, read_bytes
 from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations, coded_picture, run_lengths
 
 __all__ = ["files", "picture"]
@@ -37,7 +38,9 @@ def picture(file: Path) -> AnnotatedPicture:
     """
     blue = coded_picture(_beside(file, "_seg.png"))[:, :, 2]
     values = np.unique(blue[blue > 0])
-    lines = file.read_bytes().decode("latin-1").splitlines()  # names were typed by hand, and some are no UTF-8
+    lines = (
+        read_bytes(file, limit=MAX_JSON_BYTES).decode("latin-1").splitlines()
+    )  # names were typed by hand, and some are no UTF-8
     objects = []
     for row, line in enumerate(lines, start=1):
         if line.strip():

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import BoolArray
+from metric_base.input_files import MAX_JSON_BYTES, read_bytes
 from metric_tree.training.records import (
     AnnotatedObject,
     AnnotatedPicture,
@@ -40,12 +41,12 @@ def picture(file: Path) -> AnnotatedPicture:
     """
     try:
         # the set's own reader takes Latin-1: names were typed by hand, and some are no UTF-8
-        annotation = json.loads(file.read_bytes().decode("latin-1"))["annotation"]
+        annotation = json.loads(read_bytes(file, limit=MAX_JSON_BYTES).decode("latin-1"))["annotation"]
         height, width = int(annotation["imsize"][0]), int(annotation["imsize"][1])
         seen = _classes(file, (height, width))
         whole = [one for one in annotation["object"] if int(one["parts"]["part_level"]) == 0]
         objects = [_object(one, (height, width), seen) for one in whole]
-    except (KeyError, TypeError, ValueError, IndexError) as fault:
+    except (KeyError, TypeError, ValueError, IndexError, RecursionError) as fault:
         if isinstance(fault, BadAnnotations):
             raise
         expected = "annotation with imsize and objects of name, name_ndx, parts and polygon"

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from metric_base.input_files import MAX_JSON_BYTES, read_text
 from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations
 
 __all__ = ["LISTS", "coco_pictures"]
@@ -56,7 +57,7 @@ def coco_pictures(file: Path, images: Path) -> Iterator[AnnotatedPicture]:
 
 def _document(file: Path) -> dict[str, Any]:
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
+        document = json.loads(read_text(file, MAX_JSON_BYTES))
     except (ValueError, RecursionError) as fault:
         raise BadAnnotations.at(file, "document", "JSON", fault) from None
     for part in _PARTS:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -12,8 +11,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from estimator import Instance, ScaleResult, Scene, View, estimate_scale, read_instances, read_scene
-from metric_base.arrays import FloatArray, IntArray
+from estimator import Instance, ScaleResult, Scene, estimate_scale, read_instances, read_scene
+from tests.made.same_scene import annotated_twice, moved_scene, points_twice, shuffled
 
 DEMO = Path(__file__).resolve().parents[2] / "data" / "scenes" / "demo_room"
 #: The answer moves less than this; a turn of the world moves a sparse scene more, by the grid of its floor's search.
@@ -44,17 +43,6 @@ def expect_same(result: ScaleResult, factor: float, most: float) -> None:
     assert sum(bool(one.used) for one in result.objects) == sum(bool(one.used) for one in whole.objects)
 
 
-def moved_scene(scene: Scene, factor: float, rotation: FloatArray, shift: FloatArray) -> Scene:
-    """The scene in a world with other units, axes (3, 3) and origin (3,)."""
-
-    def moved(view: View) -> View:
-        turned = view.rotation @ rotation.T
-        return replace(view, rotation=turned, translation=factor * view.translation - turned @ (factor * shift))
-
-    points = factor * (scene.points @ rotation.T + shift)
-    return replace(scene, views=tuple(map(moved, scene.views)), points=points)
-
-
 @settings(max_examples=4)
 @example(exponent=-9.0, seed=0)
 @example(exponent=9.0, seed=1)
@@ -76,21 +64,6 @@ def test_the_unit_alone_moves_the_answer_less(exponent: float) -> None:
     expect_same(estimate_scale(moved, instances), 10.0**exponent, MOVED)
 
 
-def shuffled(scene: Scene, instances: tuple[Instance, ...], seed: int) -> tuple[Scene, tuple[Instance, ...]]:
-    """Views, points, their observations and the annotations in other orders."""
-    generator = np.random.default_rng(seed)
-    views, points = (generator.permutation(len(rows)) for rows in (scene.views, scene.points))
-    view_row, point_row = np.argsort(views), np.append(np.argsort(points), -1)
-
-    def observed(view: View) -> View:
-        order = generator.permutation(len(view.keypoints))
-        return replace(view, keypoints=view.keypoints[order], point_index=point_row[view.point_index[order]])
-
-    other = replace(scene, views=tuple(observed(scene.views[row]) for row in views), points=scene.points[points])
-    order = generator.permutation(len(instances))
-    return other, tuple(replace(instances[row], view=int(view_row[instances[row].view])) for row in order)
-
-
 @settings(max_examples=3)
 @given(seed=SEEDS)
 def test_orders_say_nothing(seed: int) -> None:
@@ -100,19 +73,9 @@ def test_orders_say_nothing(seed: int) -> None:
 
 def test_points_that_are_there_twice_say_no_more() -> None:
     scene, instances, _ = demo()
-    count = len(scene.points)
-
-    def twice(view: View) -> View:
-        index: IntArray = view.point_index
-        second = np.where(index >= 0, index + count, -1)
-        both = np.concatenate([view.keypoints, view.keypoints])
-        return replace(view, keypoints=both, point_index=np.concatenate([index, second]))
-
-    doubled = replace(scene, views=tuple(map(twice, scene.views)), points=np.concatenate([scene.points, scene.points]))
-    expect_same(estimate_scale(doubled, instances), 1.0, MOVED)
+    expect_same(estimate_scale(points_twice(scene), instances), 1.0, MOVED)
 
 
 def test_annotations_that_are_there_twice_say_no_more() -> None:
     scene, instances, _ = demo()
-    copies = tuple(replace(one, id=f"{one.id} again") for one in instances)
-    expect_same(estimate_scale(scene, instances + copies), 1.0, MOVED)
+    expect_same(estimate_scale(scene, annotated_twice(instances)), 1.0, MOVED)

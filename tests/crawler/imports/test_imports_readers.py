@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,10 @@ import pytest
 from crawler.imports import Import, import_items, readings
 from crawler.imports.rows import BadTable
 from crawler.imports.sources import source
-from tests.crawler.imports.made_up import reasons, sizes
+from tests.crawler.imports.made_up import made_up, reasons, sizes
+
+#: Lists of lists of the same list: a few lines that stand for a billion values.
+_ALIASES = "".join(f"{two}: &{two} [{', '.join([f'*{one}'] * 10)}]\n" for one, two in pairwise("abcdefghi"))
 
 
 def walters(folder: Path, *objects: dict[str, Any]) -> Import:
@@ -100,3 +105,32 @@ def test_a_damaged_table_of_standard_parts_is_one_clear_line(tmp_path: Path, dam
     (tmp_path / "made.blt").write_text(damage, encoding="utf-8")
     with pytest.raises(BadTable, match=r"made\.blt: .*expected .*; found "):
         list(readings(source("bolts"), tmp_path))
+
+
+TABLE = """[[tables]]
+files = ["things.{format}"]
+format = "{format}"
+unit = "cm"
+category = ["thing"]
+axes = {{ height = "h" }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("form", "text", "words"),
+    [
+        ("yaml", "a: &a [1,1,1,1,1,1,1,1,1,1]\n" + _ALIASES, "more than 100,000 values"),
+        ("json", "[" * 5000 + "]" * 5000, "expected json"),
+        ("json", "9" * 5000, "expected json"),
+    ],
+    ids=["a billion aliases", "deep", "digits"],
+)
+def test_a_table_that_grows_when_it_is_read_is_one_line(tmp_path: Path, form: str, text: str, words: str) -> None:
+    with pytest.raises(BadTable, match=words):
+        made_up(tmp_path, TABLE.format(format=form), **{f"things_{form}": text})
+
+
+def test_a_table_is_a_regular_file(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "things.csv")
+    with pytest.raises(BadTable, match="expected a file; found none"):
+        made_up(tmp_path, TABLE.format(format="csv"))

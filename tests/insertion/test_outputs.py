@@ -1,0 +1,69 @@
+"""Pictures are written inside their folder, each under a name of its own, and never over what is read."""
+
+from __future__ import annotations
+
+import errno
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from insertion.exports.write import LayerWriter
+from insertion.outputs import picture_writer, preview_place
+from insertion.scene.footage import Shot
+from metric_base.faults import InputFault
+from metric_base.files import refuse_input
+
+PICTURE = np.full((8, 9, 3), 90, dtype=np.uint8)
+NAMES = ("../images/a.jpg", "/etc/a.png", "a.jpg", "a.png", "b/../../c.jpg", "A.PNG", "no ending")
+SHOTS = [Shot(index, name, None, None, index) for index, name in enumerate(NAMES)]
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    """A picture of the user's, where a name from the model leads to."""
+    file = tmp_path / "images" / "a.png"
+    file.parent.mkdir()
+    file.write_bytes(b"the user's own")
+    return file
+
+
+def test_no_name_leads_out_of_the_output_or_onto_another(tmp_path: Path, source: Path) -> None:
+    with picture_writer(tmp_path / "out") as write:
+        for shot in SHOTS:
+            write(shot, PICTURE)
+    assert len([path for path in (tmp_path / "out").rglob("*") if path.is_file()]) == len(NAMES)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["images", "out"]
+    assert source.read_bytes() == b"the user's own"
+
+
+def test_no_name_leads_out_of_an_export(tmp_path: Path, source: Path) -> None:
+    (tmp_path / "export").mkdir()
+    layers = LayerWriter(tmp_path / "export", SHOTS, 0.5)
+    for shot in SHOTS:
+        layers.picture(shot, PICTURE)
+        layers.layers(shot, 0, np.ones((8, 9), np.float32), np.ones((8, 9), np.float32))
+    for part in ("pictures", "mask", "depth"):
+        assert len([path for path in (tmp_path / "export" / part).rglob("*") if path.is_file()]) == len(NAMES)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["export", "images"]
+    assert source.read_bytes() == b"the user's own"
+
+
+def test_a_disk_that_is_full_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(InputFault, match="No space left on device"), picture_writer(tmp_path / "out") as write:
+        write(SHOTS[2], PICTURE)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_output_is_no_input(tmp_path: Path, source: Path) -> None:
+    refuse_input(tmp_path / "out.mp4", "--out", [source, None])
+    link = tmp_path / "link.mp4"
+    link.symlink_to(source)
+    with pytest.raises(InputFault, match="--out: expected another file than"):
+        refuse_input(link, "--out", [source])
+    with pytest.raises(InputFault, match="--preview: expected a picture"):
+        preview_place(tmp_path / "preview.xyz")

@@ -51,9 +51,9 @@ def _run(words: Sequence[str]) -> int:
     for line in () if options.quiet else result.warnings:
         warn(line, PROGRAM)
     if result.exit_code == 0:
-        for file in (options.output, options.work and options.work / "result.json"):
+        for option, file in (("--output", options.output), ("--work", options.work and options.work / "result.json")):
             if file is not None:
-                result.save(file)
+                result.save(file, option)
     else:
         _withhold_files(options)
     _print(result, options)

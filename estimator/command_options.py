@@ -13,7 +13,6 @@ from typing import Any, NoReturn
 from estimator.completion import SHELLS, completion_script
 from estimator.evidence.options import add_evidence_options, evidence_sources, up_direction
 from metric_base.faults import InputFault
-from metric_base.files import refuse_input
 
 __all__ = ["PROGRAM", "OneLineParser", "parse_options", "parser"]
 
@@ -171,6 +170,8 @@ def _check(options: argparse.Namespace) -> None:
 
 def _check_outputs(options: argparse.Namespace) -> None:
     """InputFault for an output that cannot be written, or that would take the place of an input."""
+    from metric_base.files import refuse_input
+
     for name in ("output", "figure"):
         path = getattr(options, name)
         if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):

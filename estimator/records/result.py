@@ -136,9 +136,12 @@ class ScaleResult:
         """The record as text, one field a line."""
         return json.dumps(self.record(), indent=1, ensure_ascii=False, allow_nan=False)
 
-    def save(self, path: Path) -> None:
-        """Write the JSON beside `path` and rename it: never half a file."""
-        with whole_file(path) as work:
+    def save(self, path: Path, option: str | None = None) -> None:
+        """Write the JSON beside `path` and rename it: never half a file.
+
+        InputFault where the system cannot write there and `option` says who named the place.
+        """
+        with whole_file(path, option) as work:
             work.write_text(self.json() + "\n", encoding="utf-8")
 
     def _object(self, item: ObjectReport) -> dict[str, Any]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from taxonomy.naming import evidence
 from taxonomy.naming.candidates import Names
 from taxonomy.naming.modifiers import after_counts, container_and_content, leading_phrase, without_numbers
 from taxonomy.naming.resolver import Answer, Resolver
@@ -180,3 +182,12 @@ def test_counts_and_what_follows_are_cut() -> None:
     assert leading_phrase("chair") is None
     assert without_numbers("chair_03") == "chair"
     assert without_numbers("3d printer") == "3d printer"
+
+
+def test_a_word_means_the_same_however_often_the_table_was_asked(monkeypatch: pytest.MonkeyPatch) -> None:
+    words = ["chair", "table", "thing99", "", "a\tb", "armchair"]
+    monkeypatch.setattr(evidence, "_ASKED", Counter())
+    scanned = [evidence.senses(word) for word in words]
+    monkeypatch.setattr(evidence, "_ASKED", Counter({"senses.tsv": evidence.SCANS}))
+    assert [evidence.senses(word) for word in words] == scanned
+    assert any(scanned)

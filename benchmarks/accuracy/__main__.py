@@ -27,7 +27,14 @@ from benchmarks.accuracy.figures import write_figures
 from benchmarks.accuracy.methods import METHODS, object_outcomes, scene_outcomes
 from benchmarks.accuracy.outcomes import Outcome, read_outcomes, write_outcomes
 from benchmarks.accuracy.page import Facts, page
-from benchmarks.accuracy.simulations import COUNTS, NOISES, fault_outcomes, fewer_dimensions, structured_outcomes
+from benchmarks.accuracy.simulations import (
+    COUNTS,
+    NOISES,
+    fault_outcomes,
+    fewer_dimensions,
+    sameness_outcomes,
+    structured_outcomes,
+)
 from benchmarks.accuracy.unseen import FAMILY, unseen_outcomes, unseen_tree
 from benchmarks.estimator.simulation import World, world
 from estimator.geometry.measurement import measure_objects
@@ -37,7 +44,7 @@ from tests.made.rooms.sizes import Sizes, typical_sizes
 
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATE = Path(__file__).with_name("page.md")
-PARTS = ("structured", "faults", "unseen", "scenes", "methods", "dimensions", "tilted")
+PARTS = ("sameness", "structured", "faults", "unseen", "scenes", "methods", "dimensions", "tilted")
 #: Dimensions that are left of those of a room.
 FEWER = (3, 6, 12, 24)
 #: How much of everything --quick does.
@@ -89,7 +96,12 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--rooms", type=int, nargs="+", default=[0, 1, 2, 3], help="seeds of each kind of room")
     parser.add_argument("--streets", type=int, nargs="+", default=list(range(8)), help="seeds of streets")
-    parser.add_argument("--scenes-a-cell", type=int, default=60, help="simulated scenes of each setting")
+    parser.add_argument(
+        "--scenes-a-cell",
+        type=int,
+        default=300,
+        help="simulated scenes of each setting",
+    )
     parser.add_argument("--unseen-rooms", type=int, default=120, help="real rooms of a source never seen")
     parser.add_argument("--seed", type=int, default=1, help="of the simulations")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
@@ -111,6 +123,9 @@ def _outcomes(
     makers: dict[str, Callable[[], Iterator[Outcome]]] = {
         "methods": lambda: _by_method(arguments, rooms_tree, sizes),
         "scenes": lambda: _on_disk(arguments, release),
+        "sameness": lambda: sameness_outcomes(
+            _classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed
+        ),
         "structured": lambda: _simulated(arguments, release),
         "faults": lambda: fault_outcomes(_classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed),
         "tilted": lambda: _tilted(arguments, rooms_tree, sizes),

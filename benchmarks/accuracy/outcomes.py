@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.estimator.proper_scores import crps_of
 from estimator.records.result import ScaleResult
 from metric_base.arrays import FloatArray
 
@@ -35,8 +36,9 @@ class Outcome:
     """One method on one scene.
 
     part, group : which experiment and setting; error : ln(scale / true) of the highest mode, also where the answer is
-    refused, NaN without any; low, high : the interval's ends as ln(end / true), NaN where refused; heights : mean
-    relative error of the objects' heights (the paper's measure), NaN where unknown; dimensions : that were used.
+    refused, NaN without any; low, high : the interval's ends as ln(end / true), NaN where none is stated; heights :
+    mean relative error of the objects' heights (the paper's measure), NaN where unknown; dimensions : that were used;
+    crps : of the posterior, NaN where there is none.
     """
 
     part: str
@@ -49,13 +51,14 @@ class Outcome:
     high: float = float("nan")
     heights: float = float("nan")
     dimensions: int = 0
+    crps: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True)
 class Summary:
     """Over n scenes; errors are |scale / true - 1| of those not refused, `bias` the median of ln(scale / true).
 
-    score : mean interval score in log scale (Gneiting and Raftery 2007); ratio : median high over low.
+    score, crps : mean interval score and CRPS in log scale (Gneiting and Raftery 2007); ratio : median high over low.
     """
 
     n: int
@@ -69,6 +72,7 @@ class Summary:
     coverage: float
     ratio: float
     score: float
+    crps: float
 
 
 def outcome_of(
@@ -81,7 +85,8 @@ def outcome_of(
     if result.interval is not None and not refused:
         ends = (float(np.log(result.interval.low / true)), float(np.log(result.interval.high / true)))
     used = sum(len(thing.used) for thing in result.objects)
-    return Outcome(part, group, scene, method, error, refused, *ends, heights=heights, dimensions=used)
+    crps = float("nan") if result.curve is None else crps_of(result.curve, float(np.log(true)))
+    return Outcome(part, group, scene, method, error, refused, *ends, heights=heights, dimensions=used, crps=crps)
 
 
 def select(outcomes: Iterable[Outcome], **wanted: str) -> list[Outcome]:
@@ -97,6 +102,7 @@ def summary(outcomes: Sequence[Outcome]) -> Summary:
     low, high = np.array([one.low for one in answered]), np.array([one.high for one in answered])
     heights = np.array([one.heights for one in answered])
     heights = heights[np.isfinite(heights)]
+    crps = np.array([one.crps for one in answered])
     outside = np.maximum(np.maximum(low, -high), 0.0)
 
     def of(values: FloatArray, statistic: Callable[[FloatArray], object]) -> float:
@@ -114,6 +120,7 @@ def summary(outcomes: Sequence[Outcome]) -> Summary:
         coverage=of(((low <= 0) & (high >= 0)).astype(float), np.mean),
         ratio=of(np.exp(high - low), np.median),
         score=of(high - low + 2 / (1 - LEVEL) * outside, np.mean),
+        crps=of(crps[np.isfinite(crps)], np.mean),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from string import Template
 
 import numpy as np
@@ -16,7 +16,7 @@ __all__ = ["Facts", "page"]
 
 _HEAD = (
     "| setting | method | scenes | refused | error, median | mean | 90th pct | bias | heights, mean (sd) "
-    "| coverage of 90 % | high/low | interval score |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+    "| coverage of 90 % | high/low | interval score | CRPS |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|"
 )
 
 
@@ -45,6 +45,7 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         minutes=f"{facts.minutes:.0f}",
         methods=_methods_table(scenes),
         differences=_differences_table(scenes),
+        sameness=_sameness_table(select(outcomes, part="sameness")),
         structured=_structured_table(select(outcomes, part="structured")),
         faults=_faults_table(select(outcomes, part="faults")),
         tilted=_groups_table(select(outcomes, part="tilted")),
@@ -73,6 +74,7 @@ def _line(group: str, method: str, outcomes: Sequence[Outcome]) -> str:
         _share(s.bias, "+"),
         f"{_share(s.heights)} ({_share(s.heights_sd)})" if np.isfinite(s.heights) else "",
         _number(s.coverage), _number(s.ratio), _number(s.score, 3),
+        _number(s.crps, 3),
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"
 
@@ -126,11 +128,25 @@ def _structured_table(outcomes: Sequence[Outcome]) -> str:
     return "\n".join(lines)
 
 
+def _sameness_table(outcomes: Sequence[Outcome]) -> str:
+    if not outcomes:
+        return "Not run."
+    cells = [group.split("/") for group in _groups(outcomes)]
+    shares = list(dict.fromkeys(cell[2] for cell in cells))
+    by_cell: dict[str, list[Outcome]] = {}
+    for one in outcomes:
+        by_cell.setdefault(one.group, []).append(replace(one, refused=False))
+    lines = [f"| objects | classes | {' | '.join(shares)} |", f"|---|---|{'---|' * len(shares)}"]
+    for objects, classes in dict.fromkeys((cell[0], cell[1]) for cell in cells):
+        of_share = [summary(by_cell[f"{objects}/{classes}/{share}"]) for share in shares]
+        shown = [f"{_number(s.coverage)} ({_number(s.score, 3)})" for s in of_share]
+        lines.append(f"| {objects} | {classes} | {' | '.join(shown)} |")
+    return "\n".join(lines)
+
+
 def _all_answered(outcomes: Sequence[Outcome]) -> list[Outcome]:
     """The outcomes with refused ones counted by their highest mode, as the paper does, which never refuses."""
-    return [
-        Outcome(one.part, one.group, one.scene, one.method, one.error, False, one.low, one.high) for one in outcomes
-    ]
+    return [replace(one, refused=False) for one in outcomes]
 
 
 def _faults_table(outcomes: Sequence[Outcome]) -> str:

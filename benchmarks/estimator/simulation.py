@@ -27,9 +27,10 @@ from pathlib import Path
 import numpy as np
 
 import metric_tree
+from benchmarks.estimator.class_draws import Draw, modelled_class, sharing_class
+from benchmarks.estimator.proper_scores import crps_of
 from estimator.baselines.candidates import candidate_scales, estimate_on
 from estimator.baselines.paper import Mixture, fit_mixture
-from estimator.posterior.class_error import shared_error
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import Estimate, posterior
 from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
@@ -38,16 +39,28 @@ from metric_tree.axes import AXES
 from metric_tree.prior import Prior
 from metric_tree.tree import Node, Tree
 
-__all__ = ["Knobs", "World", "estimates", "main", "scores", "simulated", "world"]
+__all__ = [
+    "SAMENESS_NOISE",
+    "SAMENESS_SCENES",
+    "SAMENESS_SHARES",
+    "Knobs",
+    "World",
+    "estimates",
+    "main",
+    "scores",
+    "simulated",
+    "world",
+]
 
 #: The paper's axes (section 5, simulation).
 COUNTS = (1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 20, 50)
 NOISES = (0.0, 0.03, 0.06, 0.09, 0.12, 0.15)
 SHARES = (0.0, 0.1, 0.2, 0.4)
 
-#: Objects and classes of the scenes whose objects share a part of their spread, and the parts.
-SAMENESS_SCENES = ((1, 1), (3, 1), (3, 3), (5, 2), (10, 1), (10, 5), (20, 5), (50, 1), (50, 7))
-SAMENESS_SHARES = (0.0, 0.3, 0.6, 0.9)
+#: Objects and classes of the scenes whose objects share a part of their spread, and the parts; None: as modelled.
+SAMENESS_SCENES = tuple((n, c) for n in (1, 3, 5, 10, 20, 50) for c in (1, 2, 3, 5, 10) if c <= n)
+SAMENESS_SHARES = (None, 0.0, 0.3, 0.6, 0.9)
+SAMENESS_NOISE = 0.05
 
 #: A class enters the pool with this many items of the fit and at most this spread of log height: what a detector's
 #: list of useful classes looks like.
@@ -75,7 +88,8 @@ class Knobs:
     """One setting of the simulation; noise, cut, wrong and off are shares from 0 to 1.
 
     shared : the share of the spread within a source that the objects of a class in a scene have in common, and the
-    probability that they are of one component; classes : that a scene draws from, each at least once if it can.
+    probability that they are of one component; None: drawn as the posterior assumes, its outliers and gross errors
+    included. classes : that a scene draws from, each at least once if it can; None: up to `CLASSES`, at random.
     """
 
     objects: int = 8
@@ -84,8 +98,8 @@ class Knobs:
     wrong: float = 0.05
     off: float = 0.05
     copies: bool = False
-    shared: float = 0.0
-    classes: int = CLASSES
+    shared: float | None = 0.0
+    classes: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,16 +140,14 @@ def simulated(
 ) -> tuple[float, list[tuple[int, MeasuredObject]]]:
     """A scene: its true scale (metres per unit), and its objects with the class that each is said to be."""
     scale = float(np.exp(generator.uniform(-3, 3)))
-    pool = generator.choice(len(world.nodes), size=min(knobs.classes, len(world.nodes)), replace=False)
-    shift = {int(c): generator.multivariate_normal(np.zeros(3), shared_error(world.priors[c]).covariance) for c in pool}
-    kinds = {int(c): _kind(world.priors[c], generator) for c in pool}
+    pool = generator.choice(len(world.nodes), size=min(knobs.classes or CLASSES, len(world.nodes)), replace=False)
+    least = [] if knobs.classes is None else pool[: knobs.objects].tolist()
+    true = [*least, *generator.choice(pool, knobs.objects - len(least)).tolist()]
+    draws = {number: _class_draw(world, number, knobs.shared, true.count(number) > 1, generator) for number in pool}
     model: dict[int, FloatArray] = {}
     objects = []
-    for number in range(knobs.objects):
-        true_class = (
-            int(pool[number]) if knobs.classes < CLASSES and number < len(pool) else int(generator.choice(pool))
-        )
-        size = _size(world, true_class, shift[true_class], kinds[true_class], knobs.shared, generator)
+    for number, true_class in enumerate(true):
+        size = draws[true_class]()
         if knobs.copies:
             size = model.setdefault(true_class, size)
         said = true_class
@@ -205,7 +217,7 @@ def _settings(part: str) -> list[Knobs]:
         + [replace(base, cut=0.0, wrong=w) for w in SHARES]
         + [replace(base, off=o) for o in SHARES],
         "sameness": [
-            replace(base, objects=n, classes=c, shared=share, noise=0.05, cut=0.0, wrong=0.0, off=0.0)
+            replace(base, objects=n, classes=c, shared=share, noise=SAMENESS_NOISE, cut=0.0, wrong=0.0, off=0.0)
             for n, c in SAMENESS_SCENES
             for share in SAMENESS_SHARES
         ],
@@ -227,30 +239,13 @@ def _rows(items: Tree, node_id: str, fold: int) -> FloatArray:
     return np.asarray(sizes[np.array(keep, dtype=bool) & np.isfinite(sizes).all(axis=1)])
 
 
-def _kind(prior: Prior, generator: np.random.Generator) -> tuple[int, FloatArray]:
-    """What the objects of a class share in a scene: the component, and the place within it (3,) in deviations."""
-    return _component(prior, generator), generator.standard_normal(3)
-
-
-def _component(prior: Prior, generator: np.random.Generator) -> int:
-    return int(generator.choice(len(prior.weights), p=prior.weights / prior.weights.sum()))
-
-
-def _size(
-    world: World,
-    number: int,
-    shift: FloatArray,
-    kind: tuple[int, FloatArray],
-    shared: float,
-    generator: np.random.Generator,
-) -> FloatArray:
-    """(3,) mm: an item of the fold, or a draw within a source moved by the class's shared error of this scene."""
+def _class_draw(world: World, number: int, shared: float | None, several: bool, generator: np.random.Generator) -> Draw:
+    """How the objects of a class of this scene come by their sizes: items of the fold, or draws from the priors."""
     if world.sizes is not None:
-        return np.asarray(world.sizes[number][generator.integers(len(world.sizes[number]))])
+        sizes = world.sizes[number]
+        return lambda: np.asarray(sizes[generator.integers(len(sizes))])
     prior = world.priors[number]
-    component = kind[0] if generator.random() < shared else _component(prior, generator)
-    own = np.sqrt(shared) * kind[1] + np.sqrt(1 - shared) * generator.standard_normal(3)
-    return np.asarray(np.exp(prior.means[component] + np.linalg.cholesky(prior.covariances[component]) @ own + shift))
+    return modelled_class(prior, several, generator) if shared is None else sharing_class(prior, shared, generator)
 
 
 def _measured(
@@ -298,7 +293,7 @@ def _row(knobs: Knobs, name: str, values: FloatArray) -> dict[str, object]:
         "off": knobs.off,
         "copies": knobs.copies,
         "shared": knobs.shared,
-        "classes": knobs.classes,
+        "classes": knobs.classes or CLASSES,
         "method": name,
         "median": float(np.median(error)),
         "mean": float(error.mean()),
@@ -312,23 +307,22 @@ def _row(knobs: Knobs, name: str, values: FloatArray) -> dict[str, object]:
 
 
 def _proper_scores(estimate: Estimate, truth: float) -> tuple[float, float, float]:
-    """Width of the interval, its score, and the CRPS, all in log scale (Gneiting and Raftery 2007).
+    """Width of the interval, its score (Gneiting and Raftery 2007), and the CRPS, all in log scale.
 
-    The score of a central interval of level L is its width plus 2 / (1 - L) times how far the truth lies outside; the
-    CRPS is the integral of (F(u) - 1[u >= truth])^2 over the grid and out to the truth.
+    The score of a central interval of level L is its width plus 2 / (1 - L) times how far the truth lies outside.
     """
     low, high = np.log(estimate.interval)
     outside = max(low - truth, truth - high, 0.0)
-    curve = estimate.curve
-    u, step = curve.log_scale, curve.log_scale[1] - curve.log_scale[0]
-    below = curve.below + np.cumsum(curve.density) * step
-    crps = float(((below - (u >= truth)) ** 2).sum() * step) + max(u[0] - truth, truth - u[-1], 0.0)
-    return float(high - low), float(high - low + 2 / (1 - LEVEL) * outside), crps
+    return float(high - low), float(high - low + 2 / (1 - LEVEL) * outside), crps_of(estimate.curve, truth)
+
+
+def _shared_text(shared: object) -> str:
+    return "model" if shared is None else f"{shared:.0%}"
 
 
 def _line(row: dict[str, object]) -> str:
     return (
-        f"{row['objects']:>7} {row['classes']:>7} {row['shared']:>6.0%} "
+        f"{row['objects']:>7} {row['classes']:>7} {_shared_text(row['shared']):>6} "
         f"{row['noise']:>6.0%} {row['cut']:>5.0%} {row['wrong']:>6.0%} {row['off']:>5.0%} "
         f"{row['copies']!s:>6}  {row['method']:<8} {row['median']:>7.1%} {row['mean']:>7.1%} {row['p90']:>7.1%} "
         f"{row['coverage']:>6.0%} {row['refused']:>7.0%} {row['width']:>6.3f} {row['interval_score']:>6.3f} "

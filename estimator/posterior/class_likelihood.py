@@ -32,7 +32,7 @@ READING_OBJECTS = 3
 
 #: Points of a class's own grid over u' = u less the part of its error along 1. The product of many objects is narrow:
 #: the class's own grid spans where it matters and no more.
-OWN_POINTS, MOST_OWN_POINTS = 48, 512
+OWN_POINTS, MOST_OWN_POINTS = 32, 512
 
 #: Step of the own grid in standard deviations of the kernel at most: the sum is then exact to 1e-4.
 KERNEL_STEPS = 1.5

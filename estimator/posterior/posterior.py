@@ -160,7 +160,7 @@ def object_curves(evidence: Sequence[ObjectEvidence], log_scale: FloatArray) -> 
 class _Classes:
     """The classes of a scene on one grid: log_likelihood (c, g), grid (g,); terms : objects' places and their terms.
 
-    base : the objects one by one; quiet : places of the objects of a large class that only the others speak for.
+    base : the objects one by one.
     """
 
     names: tuple[str, ...]
@@ -168,7 +168,6 @@ class _Classes:
     log_likelihood: FloatArray
     terms: tuple[tuple[IntArray, LoneTerms | JointTerms], ...]
     base: Rows
-    quiet: IntArray
 
 
 def _classes(evidence: Sequence[ObjectEvidence], lines: FloatArray) -> _Classes:
@@ -193,7 +192,9 @@ def _classes(evidence: Sequence[ObjectEvidence], lines: FloatArray) -> _Classes:
         terms.append((joint, solved))
         log_likelihood[classes] = solved.log_likelihood
     quiet = np.setdiff1d(np.arange(len(evidence)), speaking)
-    return _Classes(tuple(names), u, log_likelihood, tuple(terms), base, quiet)
+    if len(quiet):  # of a large class only the others speak; these are judged one by one
+        terms.append((quiet, lone_classes(base.of(quiet), u)))
+    return _Classes(tuple(names), u, log_likelihood, tuple(terms), base)
 
 
 def _grid(base: Rows, lines: FloatArray) -> FloatArray:
@@ -248,7 +249,7 @@ def _no_classes(lines: FloatArray) -> _Classes:
     """The grid of other evidence alone, `lines` (k, 3)."""
     nothing, none = np.zeros(0), np.zeros(0, dtype=np.int64)
     u = _grid(Rows.of_objects(np.zeros((16, 0)), none, nothing), lines)
-    return _Classes((), u, np.zeros((0, len(u))), (), Rows.of_objects(np.zeros((16, 0)), none, nothing), none)
+    return _Classes((), u, np.zeros((0, len(u))), (), Rows.of_objects(np.zeros((16, 0)), none, nothing))
 
 
 def _weights(classes: _Classes, mass: FloatArray, count: int) -> FloatArray:
@@ -256,8 +257,6 @@ def _weights(classes: _Classes, mass: FloatArray, count: int) -> FloatArray:
     weights = np.zeros(count)
     for part, terms in classes.terms:
         weights[part] = terms.weights(mass)
-    if len(classes.quiet):
-        weights[classes.quiet] = lone_classes(classes.base.of(classes.quiet), classes.grid).weights(mass)
     return weights
 
 

@@ -7,11 +7,11 @@ have in common, a scene's class is one of
     assorted   x_i ~ sum_k w_k N(m_k + e, S_k),            e ~ N(0, B)
     related    x_i ~ sum_k w_k N(m_k + e, (1 - rho) S_k),  e ~ N(0, B + rho sum_k w_k S_k),   rho = RELATED
     one kind   x_i ~ N(m_k + e, (1 - rho) S_k),            e ~ N(0, B + rho S_k),             rho = ALIKE, k ~ w
-    foreign    as assorted, or alike (one component, the prior's moments), with e ~ N(0, B + FOREIGN_SD^2 I): the label
-               means another thing in this scene
+    foreign    x_i ~ N(m + e, (1 - rho) S),                e ~ N(0, B + FOREIGN_SD^2 I),  rho = 0 or ALIKE, and m, S the
+               moments of the mixture: the label means another thing in this scene
 
 Each is a class with a shared error, so that `class_error` integrates all alike; their evidence decides. For one object
-they say nearly the same, and `assorted` alone is used.
+the first three say nearly the same, and `assorted` stands for them.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from metric_tree.fit.em import Mixture
 from metric_tree.fit.inner_priors import reduce_mixture
 from metric_tree.prior import Prior
 
-__all__ = ["FOREIGN", "READINGS", "Hypothesis", "hypotheses"]
+__all__ = ["READINGS", "Hypothesis", "hypotheses"]
 
 #: Probabilities of assorted, related, one kind: in ScanNet's rooms (`python -m benchmarks.estimator.sameness`) the
 #: shares of the log extents within classes are near 0, 0.5 and 0.9 in so many parts.
@@ -38,9 +38,11 @@ KIND_WEIGHTS = (0.3, 0.4, 0.3)
 #: Shares of the spread within a source that a scene's objects have in common.
 RELATED, ALIKE = 0.5, 0.9
 
-#: Probability that a label with several objects means another thing in this scene, and by how far sizes are then off,
-#: one standard deviation of the natural log: a factor of two.
-FOREIGN, FOREIGN_SD = 0.03, 0.7
+#: Probability that a label with several objects means another thing in this scene, or that its prior is not of what
+#: rooms hold, and by how far sizes are then off, one standard deviation of the natural log: a factor of two. Chosen on
+#: rooms of a source that the priors had not seen (docs/evidence/results.md). A class of one dimension has no
+#: proportions that could show it, and with as large a share a scene of persons alone would have no answer.
+FOREIGN, FOREIGN_HEIGHT, FOREIGN_SD = 0.2, 0.03, 0.7
 
 #: A scene's one kind is one of so many: components of a prior are merged to at most this number.
 MOST_KINDS = 3
@@ -83,24 +85,36 @@ def _assorted_hypotheses(prior: Prior) -> list[Hypothesis]:
     between = prior.disagreement()
     within = np.einsum("k,kij->ij", prior.weights, prior.covariances)
     assorted, related, _ = _kind_weights(prior)
+    foreign = _foreign_share(prior)
     own = replace(prior, covariances=(1 - RELATED) * prior.covariances)
     return [
-        Hypothesis(prior, shared_error(prior), math.log(assorted * (1 - FOREIGN))),
-        Hypothesis(own, _error(prior, between + RELATED * within), math.log(related * (1 - FOREIGN))),
+        Hypothesis(prior, shared_error(prior), math.log(assorted * (1 - foreign))),
+        Hypothesis(own, _error(prior, between + RELATED * within), math.log(related * (1 - foreign))),
     ]
 
 
 def _foreign(prior: Prior) -> list[Hypothesis]:
-    between = prior.disagreement()
-    error = _error(prior, between + FOREIGN_SD**2 * np.eye(len(between)))
+    """The label means another thing in this scene: things as unlike as the class's, or all alike."""
     whole = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), 1)
-    alike = replace(prior, weights=np.ones(1), means=whole.means, covariances=(1 - ALIKE) * whole.covariances)
-    half = math.log(FOREIGN / 2)
-    return [Hypothesis(own, error, half, foreign=True) for own in (prior, alike)]
+    error = _error(prior, prior.disagreement() + FOREIGN_SD**2 * np.eye(len(prior.dims)))
+    return [
+        Hypothesis(
+            replace(prior, weights=np.ones(1), means=whole.means, covariances=own * whole.covariances),
+            error,
+            math.log(_foreign_share(prior) / 2),
+            foreign=True,
+        )
+        for own in (1.0, 1 - ALIKE)
+    ]
+
+
+def _foreign_share(prior: Prior) -> float:
+    """The probability of the foreign hypotheses."""
+    return FOREIGN if len(prior.dims) > 1 else FOREIGN_HEIGHT
 
 
 def _one_kind(prior: Prior) -> list[Hypothesis]:
-    between, weight = prior.disagreement(), _kind_weights(prior)[2] * (1 - FOREIGN)
+    between, weight = prior.disagreement(), _kind_weights(prior)[2] * (1 - _foreign_share(prior))
     kinds = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), MOST_KINDS)
     return [
         Hypothesis(

@@ -50,7 +50,14 @@ def test_no_dimension_is_counted_twice() -> None:
 
 
 def test_the_page_has_every_table(tmp_path: Path) -> None:
-    parts = {"methods": "rooms", "structured": "3/6%", "faults": "truncated: 0%", "tilted": "t", "dimensions": "6"}
+    parts = {
+        "methods": "rooms",
+        "structured": "3/6%",
+        "sameness": "3/1/60%",
+        "faults": "truncated: 0%",
+        "tilted": "t",
+        "dimensions": "6",
+    }
     outcomes = [
         replace(ONE, part=part, group=group, scene=str(number), method=method)
         for part, group in parts.items()

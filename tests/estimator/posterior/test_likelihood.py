@@ -104,15 +104,15 @@ def test_missing_dimension_is_marginalised() -> None:
     assert found == pytest.approx((1 - OUTLIER) * total * LOG_BOX + OUTLIER, rel=2e-3)
 
 
-def test_cut_side_can_only_be_short() -> None:
-    """A cut height speaks against scales that make the thing too tall, not against those that make it too short."""
+def test_cut_side_is_rather_short_than_long() -> None:
+    """A cut height of twice a chair's speaks more against the chair than one of half of it."""
     u = np.linspace(-2, 2, 401)
     whole = object_curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03)], u)[0]
     cut = object_curves([evidence(CHAIR, (0.56, 0.54, 0.5), sigma=0.03, cut=(False, False, True))], u)[0]
     assert u[cut.argmax()] == pytest.approx(0.05, abs=0.08)  # length and width are right at scale one
     assert cut.max() > 2 * whole.max()
     tall = object_curves([evidence(CHAIR, (0.56, 0.54, 2.0), sigma=0.03, cut=(False, False, True))], u)[0]
-    assert tall.max() < cut.max() / 10
+    assert tall.max() < cut.max() / 2
 
 
 @given(

@@ -87,9 +87,11 @@ def _capture_status(options: argparse.Namespace) -> int | None:
 
 def _cautions(options: argparse.Namespace) -> tuple[str, ...]:
     """What the reconstruction of a video or of pictures has to say about every result that rests on it."""
+    if options.scene is None:
+        return ()
     from estimator.capture.cautions import read_cautions
 
-    return () if options.scene is None else read_cautions(options.scene)
+    return read_cautions(options.scene)
 
 
 def _objects_result(options: argparse.Namespace) -> ScaleResult:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from estimator.capture.mapping.focal_spread import focal_spread
 from estimator.reconstructions.cameras import project
 from estimator.reconstructions.colmap import read_colmap
 from estimator.records.scene import Scene
@@ -121,7 +122,7 @@ class ModelShape:
     names : registered frames; centres : (v, 3); rotations : (v, 3, 3); points : how many; angle_deg : median over the
     points of the widest angle between two views of it; error_px : median reprojection error; focal : over the longer
     side; lens_bend : largest displacement by the lens within the picture, as a share of the longer side;
-    focal_deviation : of `focal_deviation`, None where it could not be computed.
+    focal_deviation : of `focal_deviation`, None where it could not be computed; focal_spread : of `focal_spread`.
     """
 
     names: tuple[str, ...]
@@ -133,6 +134,7 @@ class ModelShape:
     focal: float
     lens_bend: float
     focal_deviation: float | None = None
+    focal_spread: float | None = None
 
     def summary(self) -> dict[str, Any]:
         """Figures for the report."""
@@ -144,6 +146,7 @@ class ModelShape:
             "focal": self.focal,
             "lens_bend": self.lens_bend,
             "focal_deviation": self.focal_deviation,
+            "focal_spread": self.focal_spread,
         }
 
 
@@ -166,6 +169,7 @@ def model_shape(folder: Path, focal_deviation: float | None = None) -> ModelShap
         float(camera.params[0]) / side,
         _lens_bend(scene) / side,
         focal_deviation,
+        focal_spread(scene),
     )
 
 

@@ -20,6 +20,7 @@ ADVICE = {
     "several_places": "film one place in one go, without cuts, and come back over what was seen before",
     "drift": "film a loop that comes back to its start, sideways rather than straight ahead, and more slowly",
     "implausible_focal_length": "give the focal length with --focal, do not zoom, and walk around the things",
+    "focal_length_changes": "do not zoom or let the telephone change lenses, and keep what moves out of the picture",
     "focal_length_undetermined": "walk around the things or turn the camera as you walk, or give the focal length in "
     f"pixels with --focal (a telephone's main camera: about {TYPICAL_FOCAL} times the longer side of the picture)",
 }

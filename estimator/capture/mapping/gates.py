@@ -34,6 +34,9 @@ STATED_MARGIN = 1.25
 #: things 0.008 to 0.009, straight ahead or sideways with a hand that sways by 2 degrees 0.02, by 0.3 degrees 0.07,
 #: with none 0.5 and more. The errors are as large: 0.003, 0.01, 0.07, and 0.4 to 0.8.
 UNDETERMINED = 0.1
+#: `focal_spread` from which a film was zoomed. Films without a zoom have 0.0006 at most, real hand-held ones 0.001, a
+#: room whose things move 0.004; a zoom of 15 % has 0.0096, and its shared focal length is wrong by 16 %.
+ZOOMED = 0.006
 #: `focal_deviation` from which the result says so.
 UNSURE = 0.05
 #: A lens that moves the corners by more than this share of the side was invented to explain a wrong focal length.
@@ -99,6 +102,9 @@ def _lens_failure(shape: ModelShape, focal_held: bool, stated: float | None) -> 
         range_words = f"not {low:.2g} to {high:.2g}"
         seen = f"the focal length came out as {shape.focal:.2f} times the picture's longer side, {range_words}"
         return failure("implausible_focal_length", seen)
+    if shape.focal_spread is not None and shape.focal_spread > ZOOMED:
+        seen = f"the frames disagree about the focal length, by {100 * shape.focal_spread:.1f} % from one to the next"
+        return failure("focal_length_changes", seen)
     if shape.lens_bend > MOST_BEND:
         seen = f"the lens came out so bent that it moves the corners by {100 * shape.lens_bend:.0f} % of the picture"
         return failure("implausible_focal_length", seen)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +20,7 @@ from estimator.capture.frame_poses import read_frame_poses
 from estimator.command import main
 from estimator.reading import read_scene
 from metric_base.arrays import FloatArray
+from tests.made.detectors import hue_graph
 from tests.made.rooms.masks import coco_dataset
 from tests.made.rooms.render import NoOpenGL
 from tests.made.rooms.similarity import similarity_between
@@ -155,6 +158,27 @@ def test_the_scale_is_true(film: Film, work: Path) -> None:
     assert result["scale"] == pytest.approx(metres_per_unit, rel=0.25)
 
 
+def test_a_detector_finds_the_things(film: Film, work: Path, tmp_path: Path) -> None:
+    """A real network of one convolution, which knows the room's couch by its blue and its plant by its green."""
+    shutil.copytree(work, tmp_path / "w")
+    (tmp_path / "labels.txt").write_text("couch\npotted plant\n")
+    graph = hue_graph(tmp_path / "hue.onnx")
+    words = [film.file, "--work", tmp_path / "w", "--frames", CHOSEN, "--json", "--detector", graph]
+    assert main([str(word) for word in (*words, "--detector-labels", tmp_path / "labels.txt")]) == 0
+    result = json.loads((tmp_path / "w" / "result.json").read_text())
+    assert {item["category"] for item in result["objects"]} == {"couch", "potted plant"}
+    # the masks of every frame were given to the run before: the couch is as long by both
+    given = json.loads((work / "result.json").read_text())
+    lengths = [_of(record, "couch")["dimensions"]["length"] for record in (result, given)]
+    assert lengths[0] == pytest.approx(lengths[1], rel=0.1)
+
+
+def _of(record: dict[str, Any], category: str) -> dict[str, Any]:
+    """The only object of a category in a result."""
+    (item,) = [item for item in record["objects"] if item["category"] == category]
+    return dict(item)
+
+
 def test_colmap_reads_the_model(work: Path) -> None:
     code = (
         "import zlib, pycolmap, sys; model = pycolmap.Reconstruction(sys.argv[1]);"
@@ -167,8 +191,6 @@ def test_colmap_reads_the_model(work: Path) -> None:
 
 
 def test_another_number_of_frames_is_another_reconstruction(film: Film, work: Path, tmp_path: Path) -> None:
-    import shutil
-
     shutil.copytree(work, tmp_path / "w")
     words = [str(word) for word in (film.file, "--work", tmp_path / "w", "--frames", 5, "--json")]
     assert main(words) == 3  # five frames are refused, whatever stood in the folder before
@@ -179,8 +201,6 @@ def test_a_folder_of_its_frames_is_a_folder_of_pictures(
     work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Without instances the command says in one line what is missing; everything before is kept."""
-    import shutil
-
     (tmp_path / "pictures").mkdir()
     some = sorted((work / "frames").iterdir())[:7]
     for file in some:
@@ -233,8 +253,6 @@ def test_a_work_folder_is_measured_from_its_sparse_points(
     work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its dense cloud is for what is drawn, unless it is named."""
-    import shutil
-
     shutil.copytree(work, tmp_path / "w")
     (tmp_path / "w" / "dense.ply").write_bytes(b"no cloud")
     assert main([str(tmp_path / "w"), "--json"]) == 0

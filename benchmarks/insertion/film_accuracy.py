@@ -1,7 +1,7 @@
 """How true the scale of a film is, from the file to the answer, and whether dense points change it.
 
-`python -m benchmarks.insertion.film_accuracy kitchen:1010 --out DIR` films made rooms, runs `estimate-scale` on each, and
-prints one row of docs/evidence/films.md for each; with `--dense` the scale from the dense points, too.
+`python -m benchmarks.insertion.film_accuracy kitchen:1010 --out DIR` films made rooms, runs `estimate-scale` on each,
+and prints one row of docs/evidence/films.md for each; with `--dense` the scale from the dense points, too.
 """
 
 from __future__ import annotations

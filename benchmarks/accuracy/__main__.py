@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 import metric_tree
+from benchmarks.accuracy.budget import budget_outcomes
 from benchmarks.accuracy.cases import made_rooms, made_streets, scenes_on_disk, tilted_rooms
 from benchmarks.accuracy.figures import write_figures
 from benchmarks.accuracy.methods import METHODS, object_outcomes, scene_outcomes
@@ -44,7 +45,7 @@ from tests.made.rooms.sizes import Sizes, typical_sizes
 
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATE = Path(__file__).with_name("page.md")
-PARTS = ("sameness", "structured", "faults", "unseen", "scenes", "methods", "dimensions", "tilted")
+PARTS = ("sameness", "structured", "faults", "unseen", "scenes", "methods", "budget", "dimensions", "tilted")
 #: Dimensions that are left of those of a room.
 FEWER = (3, 6, 12, 24)
 #: How much of everything --quick does.
@@ -102,7 +103,7 @@ def _arguments(argv: Sequence[str] | None) -> argparse.Namespace:
         default=300,
         help="simulated scenes of each setting",
     )
-    parser.add_argument("--unseen-rooms", type=int, default=120, help="real rooms of a source never seen")
+    parser.add_argument("--unseen-rooms", type=int, default=300, help="real rooms of a source never seen")
     parser.add_argument("--seed", type=int, default=1, help="of the simulations")
     parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
     parser.add_argument("--rows", type=Path, help="keep every outcome here; parts that are not run are taken from it")
@@ -128,6 +129,7 @@ def _outcomes(
         ),
         "structured": lambda: _simulated(arguments, release),
         "faults": lambda: fault_outcomes(_classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed),
+        "budget": lambda: _by_stage(arguments, rooms_tree, sizes),
         "tilted": lambda: _tilted(arguments, rooms_tree, sizes),
         "dimensions": lambda: _by_dimensions(arguments, rooms_tree, sizes),
         "unseen": lambda: _unseen(arguments, rooms_tree),
@@ -140,6 +142,12 @@ def _by_method(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Itera
     for made in (made_rooms(arguments.rooms, sizes), made_streets(arguments.streets, sizes)):
         for case in made:
             yield from scene_outcomes("methods", case, tree)
+
+
+def _by_stage(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Iterator[Outcome]:
+    """Where the error of made rooms comes from."""
+    for case in made_rooms(arguments.rooms, sizes):
+        yield from budget_outcomes(case, tree)
 
 
 def _on_disk(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome]:

@@ -79,4 +79,6 @@ def _case(group: str, name: str, made: MadeScene) -> Case:
     """A made scene; tilted and moving things have no height of their own."""
     things = made.truth.objects.items()
     upright = {track: float(thing.size[2]) for track, thing in things if not (thing.tilt_deg or np.any(thing.velocity))}
-    return Case(group, name, made.scene, made.instances, made.truth.metres_per_unit, upright)
+    sizes = {track: np.append(np.sort(thing.size[:2])[::-1], thing.size[2]) for track, thing in things}
+    categories = {track: thing.category for track, thing in things}
+    return Case(group, name, made.scene, made.instances, made.truth.metres_per_unit, upright, sizes, categories)

@@ -17,9 +17,10 @@ from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import Options
+from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
 
-__all__ = ["METHODS", "Case", "object_outcomes", "scene_outcomes"]
+__all__ = ["METHODS", "Case", "object_outcomes", "scene_outcomes", "track_of"]
 
 #: In the order of the tables. "all dimensions" takes every side as measured: the paper's arm without its confidence,
 #: ours without truncation flags.
@@ -28,7 +29,11 @@ METHODS = ("default", "height", "paper", "sucar", "default, all dimensions", "pa
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
-    """A scene with its masks; `scale` in metres per unit and `heights` in metres by track are true."""
+    """A scene with its masks, and what is true of it.
+
+    scale : metres per unit; heights : metres, by track; sizes, categories : by track, of made scenes alone, the sizes
+    (3,) in metres, the longer horizontal side first.
+    """
 
     group: str
     name: str
@@ -36,6 +41,8 @@ class Case:
     instances: tuple[Instance, ...]
     scale: float
     heights: Mapping[str, float] = field(default_factory=dict)
+    sizes: Mapping[str, FloatArray] = field(default_factory=dict)
+    categories: Mapping[str, str] = field(default_factory=dict)
 
 
 def scene_outcomes(part: str, case: Case, tree: Tree, methods: Sequence[str] = METHODS) -> Iterator[Outcome]:
@@ -51,7 +58,7 @@ def scene_outcomes(part: str, case: Case, tree: Tree, methods: Sequence[str] = M
             objects = theirs if method.startswith("paper") else ours
             result = _result(method, objects, tree)
             tall = np.array([thing.extents[2] for thing in objects])
-            tracks = [_track(thing, case.instances) for thing in objects]
+            tracks = [track_of(thing, case.instances) for thing in objects]
         error = _height_error(result, tall.tolist(), tracks, case.heights)
         yield outcome_of(part, case.group, case.name, method, result, case.scale, error)
 
@@ -83,7 +90,7 @@ def _result(method: str, objects: Sequence[MeasuredObject], tree: Tree) -> Scale
     return paper_result(objects, tree, options) if name == "paper" else scale_of_objects(objects, tree, options)
 
 
-def _track(thing: MeasuredObject, instances: Sequence[Instance]) -> str | None:
+def track_of(thing: MeasuredObject, instances: Sequence[Instance]) -> str | None:
     """The true object that most masks of a measured one show."""
     return Counter(instances[row].track for row in thing.members).most_common(1)[0][0]
 

@@ -49,7 +49,9 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         structured=_structured_table(select(outcomes, part="structured")),
         faults=_faults_table(select(outcomes, part="faults")),
         tilted=_groups_table(select(outcomes, part="tilted")),
+        budget=_groups_table(select(outcomes, part="budget")),
         dimensions=_groups_table(select(outcomes, part="dimensions")),
+        pulls=_pulls_table(select(outcomes, part="pulls")),
         unseen=_groups_table(select(outcomes, part="unseen")),
         refusals=_refusals_table(outcomes),
     )
@@ -144,6 +146,22 @@ def _sameness_table(outcomes: Sequence[Outcome]) -> str:
     return "\n".join(lines)
 
 
+def _pulls_table(outcomes: Sequence[Outcome]) -> str:
+    """What single objects say against the truth, the most frequent classes first."""
+    if not outcomes:
+        return "Not run."
+    lines = ["| label | objects | median of ln(scale by it alone / true) | median distance from that |"]
+    lines.append("|---|---|---|---|")
+    by_class: dict[str, list[float]] = {}
+    for one in outcomes:
+        by_class.setdefault(one.group, []).append(one.error)
+    for name, errors in sorted(by_class.items(), key=lambda pair: -len(pair[1])):
+        middle = float(np.median(errors))
+        apart = float(np.median(np.abs(np.array(errors) - middle)))
+        lines.append(f"| {name} | {len(errors)} | {middle:+.2f} | {apart:.2f} |")
+    return "\n".join(lines)
+
+
 def _all_answered(outcomes: Sequence[Outcome]) -> list[Outcome]:
     """The outcomes with refused ones counted by their highest mode, as the paper does, which never refuses."""
     return [replace(one, refused=False) for one in outcomes]
@@ -165,6 +183,8 @@ def _refusals_table(outcomes: Sequence[Outcome]) -> str:
     lines.append("|---|---|---|---|---|---|---|")
     for part in dict.fromkeys(one.part for one in outcomes):
         ours = [one for one in select(outcomes, part=part, method="default") if np.isfinite(one.error)]
+        if not ours:
+            continue
         cells = []
         for refused in (False, True):
             errors = np.abs(np.expm1([one.error for one in ours if one.refused is refused]))

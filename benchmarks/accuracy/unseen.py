@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import csv
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -12,7 +13,11 @@ import numpy as np
 
 from benchmarks.accuracy.methods import object_outcomes
 from benchmarks.accuracy.outcomes import Outcome
+from estimator.posterior.axes import is_sorted, prior_axes
 from estimator.records.measured_object import MeasuredObject
+from estimator.results.categories import meanings
+from estimator.results.estimate import scale_of_objects
+from metric_base.arrays import FloatArray
 from metric_tree.build.steps import Options, build_release, shipped_taxonomy
 from metric_tree.tree import Tree, open_tree
 from tests.made.rooms.held_out import held_out_pool, pool_at
@@ -50,17 +55,48 @@ def unseen_tree(raw: Path, cache: Path) -> tuple[Tree, Sizes]:
 
 
 def unseen_outcomes(file: Path, tree: Tree, rooms: int, seed: int) -> Iterator[Outcome]:
-    """Rooms of a table of boxes, drawn at random, each under a random scale."""
+    """Every second room of a table of boxes, or so many of these at random, each under a random scale."""
     generator = np.random.default_rng([seed, 41])
     by_room = _rooms(file)
     names = sorted(by_room)
-    for name in sorted(generator.choice(names, min(rooms, len(names)), replace=False).tolist()):
+    offsets = _offsets([thing for name in names[::2] for thing in by_room[name]], tree)
+    reported = names[1::2]
+    for name in sorted(generator.choice(reported, min(rooms, len(reported)), replace=False).tolist()):
         scale = float(np.exp(generator.uniform(-3, 3)))
         objects = [
             MeasuredObject(str(row), category, _extents(sizes) / 1000 / scale, np.array(SIGMA))
             for row, (category, sizes) in enumerate(by_room[name])
         ]
         yield from object_outcomes("unseen", file.stem, name, objects, scale, tree, ("default", "height"))
+        moved = [
+            replace(thing, extents=thing.extents * np.exp(-offsets.get(thing.category, np.zeros(3))))
+            for thing in objects
+        ]
+        for one in object_outcomes("unseen", file.stem, name, moved, scale, tree, ("default",)):
+            yield replace(one, method="default, centred priors")
+        yield from _pulls(name, objects, scale, tree)
+
+
+def _pulls(name: str, objects: Sequence[MeasuredObject], scale: float, tree: Tree) -> Iterator[Outcome]:
+    """What each object of a room says of the scale by itself, as the groups of the part `pulls`."""
+    for thing in scale_of_objects(objects, tree).objects:
+        if thing.scale is not None:
+            error = float(np.log(thing.scale / scale))
+            yield Outcome("pulls", thing.category, f"{name}/{thing.id}", "alone", error, refused=False)
+
+
+def _offsets(things: Sequence[tuple[str, list[float]]], tree: Tree) -> dict[str, FloatArray]:
+    """(3,) median of the log size less the prior's mean, by label, 0 on axes that the prior does not know."""
+    by_label: dict[str, list[FloatArray]] = defaultdict(list)
+    for label, sizes in things:
+        by_label[label].append(np.log(_extents(sizes)))
+    offsets = {}
+    for label, meaning in meanings(tree, set(by_label)).items():
+        if meaning.prior is not None and not is_sorted(meaning.prior):
+            axes, prior = prior_axes(meaning.prior), meaning.prior
+            offsets[label] = np.zeros(3)
+            offsets[label][axes] = np.median(by_label[label], axis=0)[axes] - prior.weights @ prior.means
+    return offsets
 
 
 def _rooms(file: Path) -> dict[str, list[tuple[str, list[float]]]]:

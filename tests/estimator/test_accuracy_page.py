@@ -56,6 +56,7 @@ def test_the_page_has_every_table(tmp_path: Path) -> None:
         "sameness": "3/1/60%",
         "faults": "truncated: 0%",
         "tilted": "t",
+        "budget": "rooms, masks",
         "dimensions": "6",
     }
     outcomes = [
@@ -74,5 +75,5 @@ def test_the_page_has_every_table(tmp_path: Path) -> None:
     )
     text = page(read_outcomes(tmp_path / "rows.jsonl"), facts, TEMPLATE.read_text(encoding="utf-8"))
     assert "$" not in text
-    assert text.count("Not run.") == 1  # no room of an unseen source
+    assert text.count("Not run.") == 2  # no room of an unseen source
     assert re.search(r"\| rooms \| default \| 3 \| 0% \| 10\.0 %", text)

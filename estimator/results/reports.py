@@ -23,6 +23,8 @@ __all__ = ["Answer", "Options", "named_values", "names_of", "result_of"]
 
 # One outlier of two is the usual case of a scene of two objects; the interval says so itself.
 MIN_OUTLIERS = 2
+# Characters of a category that a warning shows: more than any name has.
+LONGEST_NAME = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,4 +180,5 @@ def _reason_with_name(name: str, reason: str | None) -> str:
     reason = reason or ""
     if reason.startswith(f"{name!r}: "):
         return f"category {reason}"
-    return reason if repr(name) in reason else f"category {name!r}: {reason}"
+    short = name if len(name) <= LONGEST_NAME else f"{name[:LONGEST_NAME]}..."
+    return reason if repr(name) in reason else f"category {short!r}: {reason}"

@@ -19,6 +19,7 @@ from typing import Any
 from crawler.fetch.pictures import decode_picture
 from metric_base.faults import InputFault
 from metric_base.files import refuse_input, whole_file
+from metric_base.terminal import output_file
 from metric_tree.pictures import image_path
 from metric_tree.tree import Node
 
@@ -92,14 +93,14 @@ def write_sheet(file: Path, node: Node, count: int) -> list[dict[str, Any]]:
     """
     if file.suffix.lower() != ".png":
         raise InputFault(f"--sheet: expected a name that ends in .png; found {file}")
+    output_file(file, "--sheet")
     refuse_input(file, "--sheet", [node.tree.release.directory])
     rows = picture_rows(node, count)
     things = tiles(node.tree.release.directory, rows)
     if not things:
         raise InputFault(f"{node.node_id}: expected pictures of items with a size; found none")
     image = _sheet(things, f"{node.name}: {len(things)} of {node.images().num_rows} pictures, to one scale")
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(file) as work:
+    with whole_file(file, "--sheet") as work:
         image.save(work, "PNG")
     return rows
 

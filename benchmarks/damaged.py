@@ -140,6 +140,8 @@ def _answer(run: DamagedRun) -> str:
     """The line that says most: the fault, or the scale, or the first fact of a page."""
     lines = [line.strip() for line in run.output.splitlines() if line.strip()]
     told = next((line for line in lines if re.match(r"(scale|unresolved|extents_mm|dimensions_text)", line)), "")
+    if run.name.endswith(".html") and run.status == 0 and not told:
+        told = "an item without a size"
     said = told or next(iter(run.errors.strip().splitlines()), "") or next(iter(lines), "")
     return re.sub(r"/\S*/", "", said)[:160].replace("|", "\\|")
 

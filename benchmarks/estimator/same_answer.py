@@ -7,7 +7,7 @@ points alone, and with a detector's boxes where it has any; `--rooms` adds made 
 forms. Each is estimated as it is and in a unit of 1e-9 and 1e9, in a world that is turned and shifted, with views,
 points, observations and annotations in other orders, with all points twice, and with all annotations twice. A cell is
 the largest movement of the scale over the tries, in per cent, with the widest movement of an end of the interval in
-brackets; `!` marks another status or another number of used objects.
+brackets; `!` marks another status or another number of used objects. The table is in Markdown.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from benchmarks.accuracy.cases import made_rooms, scenes_on_disk
 from benchmarks.accuracy.methods import Case
 from estimator import Instance, ScaleResult, Scene, estimate_scale
 from metric_base.progress import progress
-from metric_base.terminal import print_table
 from tests.made.rooms.sizes import typical_sizes
 from tests.made.same_scene import annotated_twice, moved_scene, points_twice, shuffled
 
@@ -96,8 +95,9 @@ def main() -> None:
     names = given.scenes or ["demo_room", "tum_office"]
     cases = [case for folder in SCENES if folder.is_dir() for case in scenes_on_disk(folder) if case.name in names]
     cases += islice(made_rooms([7], typical_sizes), FORMS * given.rooms)
-    rows = [movements(case) for case in progress(cases, "estimating")]
-    print_table(("case", "name", "status", *WAYS), rows)
+    print(f"| {' | '.join(('case', 'name', 'status', *WAYS))} |\n|{'---|' * (3 + len(WAYS))}")
+    for case in progress(cases, "estimating"):
+        print(f"| {' | '.join(movements(case))} |", flush=True)
 
 
 if __name__ == "__main__":

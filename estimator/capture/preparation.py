@@ -42,6 +42,8 @@ def prepare_capture(options: Namespace) -> Failure | None:
                 words = Words(str(options.scene or options.objects))
                 raise InputFault.at("arguments", name, "a video or a folder of pictures as SCENE", words)
         return None
+    if options.draw is not None and not 0 <= options.draw < 1 << 16:
+        raise InputFault.at("--draw", "port", "a number from 0 to 65535", options.draw)
     if options.work is None:
         raise InputFault.at(options.scene, "--work", "a folder for frames, reconstruction and result", Words("none"))
     return _prepare(options)

@@ -1,0 +1,95 @@
+"""Processor time and memory of `estimate-scale` on large scenes.
+
+    python -m benchmarks.estimator.large_scene [--views 125] [--points 500000] [--times 1 2 4]
+
+A made room is filmed by `--views` cameras and has about `--points` dense points; each of `--times` repeats its views,
+its masks and its points (a millimetre apart) so often: time is linear if it grows as often. Each runs in a process of
+its own, from files.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from estimator.records.scene import DenseCloud, View
+from tests.made.rooms.furnish import furnished_room
+from tests.made.rooms.knobs import Knobs
+from tests.made.rooms.quick import MadeScene, quick_scene
+from tests.made.rooms.scene_files import write_scene
+
+COMMAND = "import sys; from estimator.command import main; sys.exit(main(sys.argv[1:]))"
+
+
+def repeated(made: MadeScene, times: int) -> MadeScene:
+    """The scene with its views, masks and points so many times."""
+    scene, generator = made.scene, np.random.default_rng(0)
+    assert scene.dense is not None
+    unit = 0.001 / made.truth.metres_per_unit
+    views: list[View] = []
+    for copy in range(times):
+        views += [
+            replace(view, name=f"{copy}-{view.name}", point_index=view.point_index + copy * len(scene.points))
+            for view in scene.views
+        ]
+    dense = _repeated_cloud(scene.dense, times, len(scene.views), unit, generator)
+    points = np.tile(scene.points, (times, 1)) + generator.normal(0, unit, (times * len(scene.points), 3))
+    return replace(made, scene=replace(scene, views=tuple(views), points=points, dense=dense), ids=[*made.ids] * times)
+
+
+def _repeated_cloud(
+    dense: DenseCloud, times: int, views: int, unit: float, generator: np.random.Generator
+) -> DenseCloud:
+    """The cloud so many times, each copy seen by the views of its own, and `unit` apart."""
+    assert dense.visible_offsets is not None
+    assert dense.visible_views is not None
+    seen = np.concatenate([dense.visible_views + copy * views for copy in range(times)])
+    ends = np.concatenate([dense.visible_offsets[1:] + copy * dense.visible_offsets[-1] for copy in range(times)])
+    points = np.tile(dense.points, (times, 1)) + generator.normal(0, unit, (times * len(dense.points), 3))
+    return DenseCloud(points, np.concatenate([[0], ends]), seen)
+
+
+def main() -> None:
+    """Print the table, a row as soon as it is known."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--views", type=int, default=125)
+    parser.add_argument("--points", type=int, default=500_000)
+    parser.add_argument("--times", type=int, nargs="+", default=[1, 2, 4])
+    given = parser.parse_args()
+    world = furnished_room("sitting room", 7, Knobs(views=given.views))
+    made = quick_scene(world, Knobs(views=given.views), 7, dense_a_frame=given.points // given.views)
+    print("| views | dense points | masks | processor s | peak MiB | exit | scale over true |")
+    print("|---|---|---|---|---|---|---|")
+    for times in given.times:
+        with tempfile.TemporaryDirectory() as folder:
+            large = repeated(made, times)
+            write_scene(large, world, Path(folder))
+            print(f"| {_row(large, Path(folder), made.truth.metres_per_unit)} |", flush=True)
+
+
+def _row(large: MadeScene, folder: Path, true: float) -> str:
+    dense = large.scene.dense
+    assert dense is not None
+    words = [sys.executable, "-c", COMMAND, str(folder), "--quiet", "--json"]
+    with (folder / "out").open("wb") as out, subprocess.Popen(words, stdout=out) as process:
+        _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+    scale = json.loads((folder / "out").read_bytes())["scale"]
+    masks = len(json.loads((folder / "instances.json").read_bytes())["annotations"])
+    cells = (
+        len(large.scene.views), f"{len(dense.points):,}", f"{masks:,}", f"{usage.ru_utime + usage.ru_stime:.0f}",
+        f"{usage.ru_maxrss / 1024:.0f}", process.returncode, "" if scale is None else f"{scale / true:.3f}",
+    )  # fmt: skip
+    return " | ".join(map(str, cells))
+
+
+if __name__ == "__main__":
+    main()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import re
 import sys
 from collections.abc import Sequence
@@ -13,8 +12,9 @@ from typing import Any, NoReturn
 from estimator.completion import SHELLS, completion_script
 from estimator.evidence.options import add_evidence_options, evidence_sources, up_direction
 from metric_base.faults import InputFault
+from metric_base.terminal import OneLineParser
 
-__all__ = ["PROGRAM", "OneLineParser", "parse_options", "parser"]
+__all__ = ["PROGRAM", "parse_options", "parser"]
 
 PROGRAM = "estimate-scale"
 
@@ -30,20 +30,6 @@ or the reconstruction contradicts itself; 1 a fault of the program.
 
 #: A coordinate list that begins with a minus sign; argparse would take it for an option.
 NEGATIVE = re.compile(r"^-[\d.]")
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """A parser whose faults are one line, with the option that was probably meant."""
-
-    def error(self, message: str) -> NoReturn:
-        """Raise what is wrong as a fault of the input."""
-        unknown = re.match(r"unrecognized arguments: (.*)", message)
-        if unknown is None:
-            raise InputFault(f"arguments: {message} (--help lists them)")
-        word = next((word for word in unknown[1].split() if word.startswith("-")), unknown[1].strip())
-        near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, n=1)
-        advice = f"did you mean {near[0]}?" if near else "--help lists them"
-        raise InputFault(f"arguments: no option is called {word}; {advice}")
 
 
 class _PrintCompletion(argparse.Action):

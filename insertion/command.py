@@ -42,9 +42,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The argument parser."""
-    from metric_base.terminal import version
+    from metric_base.terminal import OneLineParser, version
 
-    root = argparse.ArgumentParser(
+    root = OneLineParser(
         prog=PROGRAM,
         description="Insert glTF models into the pictures of a reconstruction, or into its video, at their true size.",
         epilog=EPILOG,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.faults import InputFault
+from metric_base.terminal import OneLineParser
 
 __all__ = ["run_study"]
 
@@ -28,7 +29,7 @@ def run_study(words: Sequence[str]) -> int:
 def _page_parser() -> argparse.ArgumentParser:
     from insertion.scene_arguments import add_scene_arguments
 
-    root = argparse.ArgumentParser(
+    root = OneLineParser(
         prog="insert-object study",
         description="The same insertion at the paper's eleven sizes as one page that works offline.",
         allow_abbrev=False,
@@ -43,9 +44,7 @@ def _page_parser() -> argparse.ArgumentParser:
 
 
 def _report_parser() -> argparse.ArgumentParser:
-    root = argparse.ArgumentParser(
-        prog="insert-object study report", description="The curve of the answers.", allow_abbrev=False
-    )
+    root = OneLineParser(prog="insert-object study report", description="The curve of the answers.", allow_abbrev=False)
     root.add_argument("answers", metavar="ANSWERS", type=Path, help="a file that the page saved, or a folder of them")
     root.add_argument("--figure", metavar="FILE", type=Path, help="draw the curve (.png, .svg, .pdf)")
     root.add_argument("--json", action="store_true", help="print the curve as JSON")

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import argparse
+import difflib
 import io
 import json
 import os
+import re
 import shutil
 import sys
 import traceback
@@ -12,7 +15,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from importlib import metadata
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from metric_base.escaping import visible, visible_json
 from metric_base.extras import missing_extra
@@ -24,6 +27,7 @@ from metric_base.streams import flush_or_silence, make_streams_forgiving
 __all__ = [
     "DEBUG_VARIABLE",
     "Cell",
+    "OneLineParser",
     "exit_status",
     "output_file",
     "output_width",
@@ -56,6 +60,20 @@ _PATH_FAULTS: dict[type[OSError], str] = {
 _STYLES = {"bold": 1, "dim": 2, "red": 31, "green": 32}
 
 DONE, PROGRAM_FAULT, INPUT_FAULT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A parser whose faults are one line, with the option that was probably meant."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise what is wrong as a fault of the input."""
+        unknown = re.match(r"unrecognized arguments: (.*)", message)
+        if unknown is None:
+            raise InputFault(f"arguments: {message} (--help lists them)")
+        word = next((word for word in unknown[1].split() if word.startswith("-")), unknown[1].strip())
+        near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, n=1)
+        advice = f"did you mean {near[0]}?" if near else "--help lists them"
+        raise InputFault(f"arguments: no option is called {word}; {advice}")
 
 
 def exit_status(program: str, run: Callable[[], int]) -> int:

@@ -17,6 +17,8 @@ __all__ = ["ANSWERS", "Answer", "read_answers"]
 
 Judgement = Literal["too small", "right", "too large"]
 ANSWERS: tuple[str, ...] = get_args(Judgement)
+#: Most steps times participants: the page has 11 steps.
+MAX_CELLS = 1_000_000
 #: Largest file of answers; the page's own has some 10 kB.
 MAX_BYTES = 1 << 24
 
@@ -62,6 +64,9 @@ def read_answers(path: Path) -> list[Answer]:
     answers = [answer for file in files for answer in _answers_of(file)]
     if not answers:
         raise InputFault(f"{path}: answers: expected at least one; found none")
+    steps, people = (len({getattr(answer, field) for answer in answers}) for field in ("step", "participant"))
+    if steps * people > MAX_CELLS:
+        raise InputFault.at(path, "answers", f"at most {MAX_CELLS:,} steps times participants", steps * people)
     return answers
 
 

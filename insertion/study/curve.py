@@ -113,9 +113,10 @@ def fit_observer(answers: Sequence[Answer]) -> tuple[Observer, float]:
 def _table(answers: Sequence[Answer]) -> tuple[FloatArray, FloatArray]:
     """(n,) steps and (n, 3) counts of the three answers."""
     steps = sorted({answer.step for answer in answers})
+    rows = {step: row for row, step in enumerate(steps)}
     counts = np.zeros((len(steps), 3))
     for answer in answers:
-        counts[steps.index(answer.step), ANSWERS.index(answer.answer)] += 1
+        counts[rows[answer.step], ANSWERS.index(answer.answer)] += 1
     return np.array(steps), counts
 
 
@@ -139,11 +140,11 @@ def _fit(steps: FloatArray, counts: FloatArray, sigma: float) -> tuple[Observer,
 
 def _points(answers: Sequence[Answer]) -> tuple[Point, ...]:
     points = []
-    for step in sorted({answer.step for answer in answers}):
-        here = [answer.answer for answer in answers if answer.step == step]
-        shares = [here.count(words) / len(here) for words in ANSWERS]
-        low, high = wilson(here.count("right"), len(here))
-        points.append(Point(step, len(here), shares[0], shares[1], shares[2], low, high))
+    steps, counts = _table(answers)
+    for step, (small, right, large) in zip(steps.tolist(), counts, strict=True):
+        total = small + right + large
+        low, high = wilson(int(right), int(total))
+        points.append(Point(step, int(total), small / total, right / total, large / total, low, high))
     return tuple(points)
 
 
@@ -153,8 +154,9 @@ def _bootstrap(
     """95 % intervals over participants: the answers of one person are not independent."""
     steps = sorted({answer.step for answer in answers})
     tables = np.zeros((len(people), len(steps), 3))
+    rows, own = ({value: row for row, value in enumerate(values)} for values in (steps, people))
     for answer in answers:
-        tables[people.index(answer.participant), steps.index(answer.step), ANSWERS.index(answer.answer)] += 1
+        tables[own[answer.participant], rows[answer.step], ANSWERS.index(answer.answer)] += 1
     generator = np.random.default_rng(0)
     draws = [generator.choice(len(people), len(people)) for _ in range(DRAWS)]
     fits = [_fit(np.array(steps), tables[drawn].sum(axis=0), start)[0] for drawn in draws]

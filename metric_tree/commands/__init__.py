@@ -10,7 +10,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
-from metric_base.terminal import exit_status, version
+from metric_base.terminal import OneLineParser, exit_status, version
 
 __all__ = ["VERBS", "main", "parser_of"]
 
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def parser_of(verb: str) -> argparse.ArgumentParser:
     """The argument parser of a verb."""
     module = import_module(f"metric_tree.commands.{_MODULES.get(verb, verb)}")
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         prog=f"metric-tree {verb}", description=module.HELP, conflict_handler="resolve", allow_abbrev=False
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")

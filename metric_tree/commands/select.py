@@ -63,6 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.least_sources,
         arguments.least_lists,
     )
+    if not rules.most_divergence > 0:
+        raise InputFault(f"--most-divergence: expected a number above 0; found {rules.most_divergence}")
     if rules.count < 1:
         raise InputFault(f"--count: expected 1 or more; found {rules.count}")
     if arguments.out:

@@ -1,6 +1,6 @@
 """Processor time and memory of `estimate-scale` on large scenes.
 
-    python -m benchmarks.estimator.large_scene [--views 125] [--points 500000] [--times 1 2 4]
+    python -m benchmarks.estimator.large_scene [--views 125] [--points 500000] [--seen 12] [--times 1 2 4]
 
 A made room is filmed by `--views` cameras and has about `--points` dense points; each of `--times` repeats its views,
 its masks and its points (a millimetre apart) so often: time is linear if it grows as often. Each runs in a process of
@@ -57,15 +57,29 @@ def _repeated_cloud(
     return DenseCloud(points, np.concatenate([[0], ends]), seen)
 
 
+def _thinned(dense: DenseCloud, most: int) -> DenseCloud:
+    """The cloud with at most so many views of each point, as a fusion of neighbouring views gives."""
+    assert dense.visible_offsets is not None
+    assert dense.visible_views is not None
+    counts = np.diff(dense.visible_offsets)
+    position = np.arange(len(dense.visible_views)) - np.repeat(dense.visible_offsets[:-1], counts)
+    kept = position < most
+    offsets = np.concatenate([[0], np.cumsum(np.minimum(counts, most))])
+    return replace(dense, visible_offsets=offsets, visible_views=dense.visible_views[kept])
+
+
 def main() -> None:
     """Print the table, a row as soon as it is known."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--views", type=int, default=125)
     parser.add_argument("--points", type=int, default=500_000)
+    parser.add_argument("--seen", type=int, default=12, help="most views of a dense point (default: %(default)s)")
     parser.add_argument("--times", type=int, nargs="+", default=[1, 2, 4])
     given = parser.parse_args()
     world = furnished_room("sitting room", 7, Knobs(views=given.views))
     made = quick_scene(world, Knobs(views=given.views), 7, dense_a_frame=given.points // given.views)
+    assert made.scene.dense is not None
+    made = replace(made, scene=replace(made.scene, dense=_thinned(made.scene.dense, given.seen)))
     print("| views | dense points | masks | processor s | peak MiB | exit | scale over true |")
     print("|---|---|---|---|---|---|---|")
     for times in given.times:

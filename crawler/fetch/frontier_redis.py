@@ -80,10 +80,10 @@ class RedisFrontier:
     def __init__(self, url: str, name: str, folder: Path, lease_seconds: float = LEASE_SECONDS) -> None:
         import redis
 
-        self._redis: Any = redis.Redis.from_url(url, decode_responses=True, socket_timeout=30)
         try:
+            self._redis: Any = redis.Redis.from_url(url, decode_responses=True, socket_timeout=30)
             self._redis.ping()
-        except redis.RedisError as error:
+        except (redis.RedisError, ValueError) as error:  # an address of another kind is a ValueError
             raise NoRedis(f"{url}: expected a Redis server; found {error}") from None
         self._keys = {part: f"metric-tree:{name}:{part}" for part in _PARTS}
         self._add = self._redis.register_script(_ADD)

@@ -30,6 +30,10 @@ def source_folder(source: Source, given: Path | None) -> Path:
         return below
     if not given.exists():
         raise NoInput(f"{given}: expected the files of {source.id}; found no such file or folder")
+    patterns = [pattern for table in source.tables for pattern in table.files]
+    if not given.is_dir() and not (given.is_file() and (not patterns or any(map(given.match, patterns)))):
+        expected = f"a folder, or a file such as {', '.join(patterns[:3]) or 'those of the set'}"
+        raise NoInput(f"{given}: expected {expected}; found {'another file' if given.is_file() else 'a device'}")
     return given
 
 

@@ -95,6 +95,8 @@ def _check(arguments: argparse.Namespace) -> None:
     if not contact or not _CONTACT.fullmatch(contact) or not contact.isprintable():
         given = repr(contact) if contact else "none"
         raise InputFault(f"--contact: expected a mail address or a page's URL, or {CONTACT_VARIABLE}; found {given}")
+    if arguments.worker and not re.fullmatch(r"[\w.-]*\w[\w.-]*", arguments.worker):
+        raise InputFault(f"--worker: expected a name of letters, digits, - and _; found {arguments.worker!r}")
     if limit is not None and limit < 1:
         raise InputFault(f"--limit: expected 1 or more items; found {limit}")
     if not (math.isfinite(delay) and delay >= 0):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, Outcome, Task, task_key
-from crawler.fetch.frontier_redis import RedisFrontier
+from crawler.fetch.frontier_redis import NoRedis, RedisFrontier
 from crawler.fetch.frontier_sqlite import SqliteFrontier
 from crawler.fetch.segments import SEGMENT_ITEMS, last_written, write_segments
 
@@ -147,3 +147,8 @@ def test_a_refused_task_is_offered_again_and_a_failed_one_is_not(
     assert frontier.is_exhausted()
     assert frontier.add([Task("http://a.example/0")]) == 1
     frontier.close()
+
+
+def test_an_address_of_another_kind_is_no_server(tmp_path: Path) -> None:
+    with pytest.raises(NoRedis, match=r"http://x\.example: expected a Redis server"):
+        RedisFrontier("http://x.example", "crawl", tmp_path)

@@ -11,7 +11,9 @@ from typing import Any
 import pytest
 
 from crawler.imports import Import, import_items, readings
+from crawler.imports.downloads import NoInput
 from crawler.imports.rows import BadTable
+from crawler.imports.source_files import source_folder
 from crawler.imports.sources import source
 from tests.crawler.imports.made_up import made_up, reasons, sizes
 
@@ -134,3 +136,11 @@ def test_a_table_is_a_regular_file(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "things.csv")
     with pytest.raises(BadTable, match="expected a file; found none"):
         made_up(tmp_path, TABLE.format(format="csv"))
+
+
+@pytest.mark.parametrize("name", ["other.csv", "pipe"])
+def test_a_file_that_no_table_reads_is_no_input(tmp_path: Path, name: str) -> None:
+    file = tmp_path / name
+    os.mkfifo(file) if name == "pipe" else file.write_text("h\n3\n")
+    with pytest.raises(NoInput, match=r"expected a folder, or a file such as abalone\.csv"):
+        source_folder(source("abalone"), file)

@@ -51,18 +51,22 @@ def environment_at(
     """The environment around the middle of an object of this height (scene units) at the place."""
     middle = place.position + 0.5 * height * place.basis[2]
     samples = _samples(middle, place.basis, cloud, stills)
-    total, count = _splat(samples)
-    seen = np.clip(count / 2.0, 0.0, 1.0)
-    shown = total / np.maximum(count, 1e-6)[..., None]
+    shown, seen = _shown(samples)
     if shading is None:
         shown = shown * (1 + (CLIPPED_TIMES - 1) * (shown.max(axis=-1, keepdims=True) > CLIPPED))
         toward = _lamp_direction(middle, place.basis, cloud)
         lit = _raise_top(_fill(shown, seen), seen, _white_level(samples), toward)
     else:
-        lit = _raise_ambient(_fill(shown, seen), seen, shading.ambient)
+        lit = _with_unseen(_fill(shown, seen), seen, shading.unseen)
         for lamp in shading.lamps:
             lit = lit + _lamp_light(lamp, middle, place.basis, lit)
     return Environment(lit.astype(np.float32), place.basis, seen.astype(np.float32))
+
+
+def _shown(samples: _Samples) -> tuple[FloatArray, FloatArray]:
+    """(h, w, 3) mean radiance by direction and (h, w) how far it is known, 0 to 1."""
+    total, count = _splat(samples)
+    return total / np.maximum(count, 1e-6)[..., None], np.clip(count / 2.0, 0.0, 1.0)
 
 
 def _samples(middle: FloatArray, basis: FloatArray, cloud: Cloud, stills: Stills) -> _Samples:
@@ -164,19 +168,17 @@ def _raise_top(filled: FloatArray, seen: FloatArray, white: float, lamp: FloatAr
     return np.asarray(filled * rest[..., None] + (LAMP_SHARE * wanted / total) * lobe[..., None] * colour)
 
 
-def _raise_ambient(filled: FloatArray, seen: FloatArray, ambient: float) -> FloatArray:
-    """The unseen upper part scaled so that the irradiance on a level surface is the ambient one.
+def _with_unseen(filled: FloatArray, seen: FloatArray, radiance: float) -> FloatArray:
+    """The unseen upper part scaled so that its mean luminance, by what reaches a level surface, is `radiance`.
 
     filled and the result : (h, w, 3) radiance; seen : (h, w) 0 to 1.
     """
-    weight = np.maximum(map_directions()[..., 2], 0.0) * solid_angles()[:, None]
-    bright = luminance(filled)
-    hidden = (1 - seen) * (weight > 0)
-    shown = float((weight * (1 - hidden) * bright).sum())
-    unseen = float((weight * hidden * bright).sum())
+    hidden = (1 - seen) * (map_directions()[..., 2] > 0)
+    weight = hidden * np.maximum(map_directions()[..., 2], 0.0) * solid_angles()[:, None]
+    unseen = float((weight * luminance(filled)).sum())
     if unseen <= 1e-9:
         return filled
-    times = float(np.clip((ambient - shown) / unseen, *UNSEEN))
+    times = float(np.clip(radiance * weight.sum() / unseen, *UNSEEN))
     return np.asarray(filled * (1 + (times - 1) * hidden)[..., None])
 
 

@@ -13,6 +13,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from insertion.light.candidates import (
+    NEARBY,
+    UPRIGHT,
+    USUAL,
+    Candidates,
+    candidates_in,
+    candidates_near,
+    lamp_irradiance,
+    open_share,
+)
+from insertion.scene.occupancy import Occupancy
 from insertion.scene.patches import Patches
 from metric_base.arrays import BoolArray, FloatArray
 
@@ -20,33 +31,36 @@ __all__ = ["Lamp", "Shading", "fit_shading"]
 
 #: Cells and planes that a fit rests on.
 LEAST_CELLS, LEAST_PLANES = 60, 2
-#: Candidates along the horizontal axes and up; lamps are in the upper part of the room.
-GRID, LEVELS, LOWEST = 11, 6, 0.45
-#: Most lamps hang in this upper part of the room, or are windows in a wall: the log odds of one that stands about.
-OVERHEAD, STANDING = 0.8, -4.0
-#: Walls that no picture shows are further out than what they show, by this share of it.
-BEYOND = 0.12
-#: A room whose ceiling is not seen is taken to be this high, in longer sides.
-HEIGHT_SHARE = 0.55
-#: A plane is upright if its normal's cosine with up is below this.
-UPRIGHT = 0.3
-#: Irradiance of a lamp of strength 1 at an ordinary place, in 1 / diagonal^2: a third of a diagonal away.
-USUAL = 10.0
-#: Direct over ambient irradiance at the middle distance: what is tried, and what is likely (log normal).
-RATIOS = np.geomspace(0.15, 12.0, 9)
-RATIO_MIDDLE, RATIO_SIGMA = 1.5, 1.2
-#: One sigma of a cell's log luminance (texture, shadows, uneven ambient light), where errors count linearly beyond.
-CELL_SIGMA, OUTLIER = 0.15, 1.5
+#: Direct over ambient irradiance at an ordinary place: what is tried, and what is likely (log normal). In a closed room
+#: whose surfaces reflect 0.45 on average, the lamps' light is 1 / 0.45 - 1 = 1.2 times the rest over all surfaces: with
+#: one lamp that shines downwards in a room of ordinary proportions this ratio is then about 8, with two it is 4.
+RATIOS = np.geomspace(0.3, 25.0, 10)
+RATIO_MIDDLE, RATIO_SIGMA = 4.0, 1.0
+#: Widths of the errors of cells' log luminance (texture, uneven ambient light): what is tried. Shadows whose edge is
+#: wrong make few large errors.
+CELL_WIDTHS = np.geomspace(0.03, 0.4, 6)
 #: Neighbouring cells err alike: all cells together count as so many.
 INDEPENDENT_CELLS = 60
+#: Radiance of what no picture shows over the mean of the rest: what is tried, and one sigma of its logarithm.
+UNSEEN, UNSEEN_SIGMA = np.geomspace(0.5, 5.0, 9), 0.4
 #: One sigma of log albedo between walls (often painted alike) and between other planes.
 WALL_SIGMA, OTHER_SIGMA = 0.35, 0.8
+#: Lamps that a pair is built on.
+SEEDS = 8
 #: A further lamp must raise the log posterior by this.
 WORTH, MOST_LAMPS = 8.0, 3
+#: How often each lamp is moved, how much less far every time, and the ratios that are tried, over the last one.
+TURNS, SHRINK = 7, 0.7
+#: A lamp's place is known to this share of the candidates' spacing, and a cell is sure to be lit, or in shadow, if no
+#: more than this share of its spots and such places says otherwise.
+SURE_SPREAD, SURE = 0.3, 0.1
+LOCAL_RATIOS = np.array([0.6, 0.78, 1.0, 1.28, 1.65])
 #: Candidates less likely than this share of the best are dropped.
 LEAST_WEIGHT = 0.02
 #: The lightest planes (painted walls, ceilings, paper) reflect this: the median of the lightest tenth of the cells.
 WHITE_ALBEDO, LIGHTEST = 0.65, 0.05
+#: How far that is believed against the contrast of shadows (a power), and the widest change that it makes.
+WHITE_TRUST, LAMPS_TIMES = 0.8, (0.4, 3.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,150 +81,223 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shading:
-    """ambient : irradiance in units of the pictures' radiance that reaches every surface; lamps : the direct light."""
+    """The light without the lamps, as irradiance in units of the pictures' radiance, and the lamps.
+
+    ambient : on the planes, their mean; unseen : radiance of what no picture shows, the ceiling above all.
+    """
 
     ambient: float
+    unseen: float
     lamps: tuple[Lamp, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Candidates:
-    """Places and directions (c, 3), irradiance of each on the cells at a strength of 1 (c, n), (c,), and spacing."""
-
-    places: FloatArray
-    facing: FloatArray
-    irradiance: FloatArray
-    log_prior: FloatArray
-    spacing: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class _Fitted:
-    """A lamp with the log posterior of all of them, and its best candidate's irradiance on the cells (n,)."""
+    """A lamp with the log posterior of all of them, and its best candidate.
+
+    irradiance : (n,) on the cells; place, facing : (3,); ratio : of direct over ambient irradiance.
+    """
 
     score: float
     irradiance: FloatArray
     lamp: Lamp
+    place: FloatArray
+    facing: FloatArray
+    ratio: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Planes:
+    """What is explained: the cells, and what casts shadows on them.
+
+    walls : (k,) whether each plane is upright; shown : (n,) irradiance of the cells by what the pictures show, over its
+    mean; missing : (n,) that of what they do not show if it were as bright as the rest; times : how bright it is.
+    """
+
+    patches: Patches
+    occupancy: Occupancy | None
+    walls: BoolArray
+    shown: FloatArray
+    missing: FloatArray
+    unit: float
+    times: float = 1.0
+
+    def ambient(self, times: float) -> FloatArray:
+        """(n,) ambient irradiance on the cells."""
+        return np.asarray(self.shown + times * self.missing)
+
+
+def _planes(patches: Patches, up: FloatArray, occupancy: Occupancy | None) -> _Planes:
+    """The cells with which planes are walls; up : (3,) unit vector."""
+    first = [int(np.argmax(patches.plane == k)) for k in range(int(patches.plane.max()) + 1)]
+    walls = np.asarray(np.abs(patches.normals[first] @ up) < UPRIGHT)
+    if occupancy is None:
+        return _Planes(patches, None, walls, np.zeros(len(patches.plane)), np.ones(len(patches.plane)), np.nan)
+    shown, missing = occupancy.gathered_light(patches.places, patches.normals)
+    bright = shown.sum() / max(float((1 - missing).sum()), 1e-9)  # pi times the mean radiance of what is shown
+    unit = float((shown + bright * missing).mean())
+    return _Planes(patches, occupancy, walls, shown / unit, bright * missing / unit, unit)
 
 
 def fit_shading(
-    patches: Patches, up: FloatArray, impossible: Callable[[FloatArray], BoolArray] | None = None
+    patches: Patches,
+    up: FloatArray,
+    impossible: Callable[[FloatArray], BoolArray] | None = None,
+    occupancy: Occupancy | None = None,
 ) -> Shading | None:
     """The light that explains the patches; None where they are too few.
 
-    up : (3,) unit vector; impossible : which of (n, 3) places no lamp is at.
+    up : (3,) unit vector; impossible : which of (n, 3) places no lamp is at; occupancy : what casts shadows, and how
+    bright it is; without it the albedo of the lightest planes says how much light there is.
     """
     if len(patches.plane) < LEAST_CELLS or len(np.unique(patches.plane)) < LEAST_PLANES:
         return None
-    candidates = _candidates(patches, up, impossible)
+    candidates = candidates_in(patches, up, impossible, occupancy)
     if not len(candidates.places):
         return None
-    walls = _walls(patches, up)
-    score = float(_scores(patches, walls, np.ones((1, len(patches.plane))))[0])
+    planes = _planes(patches, up, occupancy)
+    lamps, planes = _lamps(planes, candidates)
+    if occupancy is not None:
+        lamps, planes = _polish_sure(lamps, planes, up, candidates)
+    white = _by_albedo(planes, lamps)
+    ambient, times = (white, 1.0) if occupancy is None else (planes.unit, _lamps_times(planes, lamps, white))
+    unit = times * ambient * patches.diagonal**2
+    scaled = [replace(fitted.lamp, strengths=fitted.lamp.strengths * unit) for fitted in lamps]
+    bright = float((planes.missing.sum() + planes.shown.sum()) / len(planes.shown)) / np.pi * ambient
+    return Shading(ambient, bright * planes.times, tuple(scaled))
+
+
+def _lamps(planes: _Planes, candidates: Candidates) -> tuple[list[_Fitted], _Planes]:
+    """One lamp, and further ones while each explains enough."""
+    score = float(_scores(planes, planes.ambient(planes.times)[None])[0])
     lamps: list[_Fitted] = []
     while len(lamps) < MOST_LAMPS:
-        more = _refit([*lamps, _best_lamp(patches, walls, candidates, lamps)], patches, walls, candidates)
+        more = _best_pair(planes, candidates) if len(lamps) == 1 else lamps
+        more = [*more, _best_lamp(planes, candidates, more, RATIOS)] if len(lamps) != 1 else more
+        more, changed = _polish(more, planes, candidates)
         if more[-1].score < score + WORTH * bool(lamps):
             break
-        lamps, score = more, more[-1].score
-    field = _field(lamps, patches)
-    ambient = _ambient(patches, field)
-    unit = ambient * patches.diagonal**2
-    scaled = [replace(fitted.lamp, strengths=fitted.lamp.strengths * unit) for fitted in lamps]
-    return Shading(ambient, tuple(scaled))
+        lamps, planes, score = more, changed, more[-1].score
+    return lamps, planes
 
 
-def _refit(lamps: list[_Fitted], patches: Patches, walls: BoolArray, candidates: _Candidates) -> list[_Fitted]:
-    """The lamps, each fitted again beside the others, for the first of two stood for both.
+def _best_pair(planes: _Planes, candidates: Candidates) -> list[_Fitted]:
+    """Two lamps that explain the cells together; what explains most alone may stand between them.
 
-    walls : (k,) whether each plane is upright.
+    The first of the two is one of the best alone that are not near to each other.
     """
-    for number in range(len(lamps) if len(lamps) > 1 else 0):
-        others = lamps[:number] + lamps[number + 1 :]
-        lamps = [*others[:number], _best_lamp(patches, walls, candidates, others), *others[number:]]
-    return lamps
+    scores = _all_scores(planes, candidates, [], RATIOS)
+    order = np.argsort(-scores[:, RATIOS >= RATIO_MIDDLE].max(axis=1))
+    seeds: list[int] = []
+    for row in order:
+        away = candidates.places[seeds] - candidates.places[row]
+        if len(seeds) < SEEDS and (not seeds or np.linalg.norm(away, axis=1).min() > 1.5 * candidates.spacing):
+            seeds.append(int(row))
+    pairs = []
+    for row in seeds:
+        ratio = float(RATIOS[RATIOS >= RATIO_MIDDLE][scores[row, RATIOS >= RATIO_MIDDLE].argmax()])
+        one = _fitted(candidates, row, ratio, scores, RATIOS)
+        pairs.append([one, _best_lamp(planes, candidates, [one], RATIOS)])
+    return max(pairs, key=lambda pair: pair[1].score)
 
 
-def _best_lamp(patches: Patches, walls: BoolArray, candidates: _Candidates, others: list[_Fitted]) -> _Fitted:
-    """One lamp beside others; walls : (k,) whether each plane is upright."""
-    field = _field(others, patches)
-    scores = np.array([_scores(patches, walls, field + q * candidates.irradiance) for q in RATIOS]).T  # (c, q)
-    scores = scores - 0.5 * ((np.log(RATIOS / RATIO_MIDDLE) / RATIO_SIGMA) ** 2) + candidates.log_prior[:, None]
-    row, ratio = np.unravel_index(int(scores.argmax()), scores.shape)
-    irradiance = float(RATIOS[ratio]) * candidates.irradiance[row]
-    return _Fitted(float(scores.max()), irradiance, _lamp(candidates, scores))
+def _polish_sure(
+    lamps: list[_Fitted], planes: _Planes, up: FloatArray, candidates: Candidates
+) -> tuple[list[_Fitted], _Planes]:
+    """The lamps polished on the cells of which it is sure whether they are in shadow; up : (3,) unit vector.
 
-
-def _field(lamps: list[_Fitted], patches: Patches) -> FloatArray:
-    """(n,) irradiance of the lamps and the ambient light over the ambient one."""
-    return np.asarray(1.0 + sum((fitted.irradiance for fitted in lamps), np.zeros(len(patches.plane))))
-
-
-def _candidates(patches: Patches, up: FloatArray, impossible: Callable[[FloatArray], BoolArray] | None) -> _Candidates:
-    """Where a lamp may be; up : (3,) unit vector; impossible : which of (n, 3) places no lamp is at, (n,)."""
-    basis = _basis(patches, up)
-    local = patches.places @ basis.T
-    low, high = local.min(axis=0), local.max(axis=0)
-    high[2] = max(high[2], low[2] + HEIGHT_SHARE * float((high - low)[:2].max()))
-    beyond = BEYOND * (high - low)
-    steps = [np.linspace(low[k] - beyond[k], high[k] + beyond[k], GRID) for k in range(2)]
-    levels = np.linspace(low[2] + LOWEST * (high[2] - low[2]), high[2], LEVELS)
-    grid = np.stack(np.meshgrid(*steps, levels, indexing="ij"), axis=-1).reshape(-1, 3)
-    kept = np.ones(len(grid), dtype=bool) if impossible is None else ~impossible(grid @ basis)
-    grid, facing = _with_facing(grid[kept], steps, levels)
-    places, facing = grid @ basis, facing @ basis
-    away = places[:, None] - patches.places  # (c, n, 3)
-    distance = np.maximum(np.linalg.norm(away, axis=-1), 0.04 * patches.diagonal)
-    cosine = np.maximum(np.einsum("cnk,nk->cn", away, patches.normals) / distance, 0.0)
-    shone = np.maximum(-np.einsum("cnk,ck->cn", away, facing) / distance, 0.0)
-    shone[~facing.any(axis=1)] = 1.0
-    irradiance = cosine * shone * (patches.diagonal / distance) ** 2 / USUAL
-    standing = ~facing.any(axis=1) & (grid[:, 2] < low[2] + OVERHEAD * (high[2] - low[2]))
-    return _Candidates(places, facing, irradiance, np.where(standing, STANDING, 0.0), float(steps[0][1] - steps[0][0]))
-
-
-def _with_facing(grid: FloatArray, steps: list[FloatArray], levels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Places with how a lamp there may shine: to all sides, from high up downwards, from a wall inwards.
-
-    grid : (m, 3) along two horizontal axes and up; steps : (g,) on each horizontal axis; levels : (l,) heights; places
-    and directions are (c, 3).
+    A cell taken for lit that is in shadow, or the other way round, makes every lamp look weaker than it is.
     """
-    ways = [(grid, np.zeros(3)), (grid[grid[:, 2] >= levels[LEVELS // 2]], np.array([0.0, 0.0, -1.0]))]
-    for axis in range(2):
-        for end, inward in ((0, 1.0), (-1, -1.0)):
-            direction = np.zeros(3)
-            direction[axis] = inward
-            ways.append((grid[grid[:, axis] == steps[axis][end]], direction))
-    return np.concatenate([some for some, _ in ways]), np.concatenate([np.tile(way, (len(s), 1)) for s, way in ways])
+    assert planes.occupancy is not None
+    generator = np.random.default_rng(1)
+    sure = np.ones(len(planes.shown), dtype=bool)
+    for fitted in lamps:
+        places = fitted.place + generator.normal(0.0, SURE_SPREAD * candidates.spacing, (NEARBY, 3))
+        share = open_share(planes.patches, planes.occupancy, places).mean(axis=0)
+        sure &= (share < SURE) | (share > 1 - SURE) | (fitted.irradiance < SURE)
+    some = planes.patches.cells(sure)
+    if len(some.plane) < LEAST_CELLS or len(np.unique(some.plane)) < LEAST_PLANES:
+        return lamps, planes
+    fewer = replace(_planes(some, up, planes.occupancy), times=planes.times)
+    lamps, fewer = _polish([_on_cells(fitted, fewer) for fitted in lamps], fewer, candidates)
+    return [_on_cells(fitted, planes) for fitted in lamps], replace(planes, times=fewer.times)
 
 
-def _basis(patches: Patches, up: FloatArray) -> FloatArray:
-    """(3, 3) rows two horizontal axes, along the walls where there are any, and up."""
-    upright = patches.normals[np.abs(patches.normals @ up) < UPRIGHT]
-    across = upright[0] if len(upright) else np.array([1.0, 0, 0] if abs(up[0]) < 0.8 else [0, 1.0, 0])
-    across = across - (across @ up) * up
-    across /= np.linalg.norm(across)
-    return np.array([across, np.cross(up, across), up])
+def _on_cells(fitted: _Fitted, planes: _Planes) -> _Fitted:
+    """The same lamp over other cells."""
+    light = lamp_irradiance(planes.patches, fitted.place[None], fitted.facing[None], planes.occupancy)[0]
+    return replace(fitted, irradiance=fitted.ratio * light)
 
 
-def _walls(patches: Patches, up: FloatArray) -> BoolArray:
-    """(k,) whether each plane is upright."""
-    first = [int(np.argmax(patches.plane == k)) for k in range(int(patches.plane.max()) + 1)]
-    return np.asarray(np.abs(patches.normals[first] @ up) < UPRIGHT)
+def _polish(lamps: list[_Fitted], planes: _Planes, candidates: Candidates) -> tuple[list[_Fitted], _Planes]:
+    """The lamps moved about, one after another, ever less far: shadows say where they are to a hand's breadth."""
+    generator = np.random.default_rng(0)
+    for turn in range(TURNS * len(lamps)):
+        number = turn % len(lamps)
+        if number == 0:
+            planes = _with_unseen(lamps, planes)
+        old, others = lamps[number], lamps[:number] + lamps[number + 1 :]
+        spread = candidates.spacing * SHRINK ** (turn // len(lamps))
+        near = candidates_near(candidates, old.place, old.facing, spread, planes.patches, planes.occupancy, generator)
+        new = _best_lamp(planes, near, others, old.ratio * LOCAL_RATIOS)
+        lamps = [*others[:number], new, *others[number:]]
+    last = lamps[(TURNS * len(lamps) - 1) % len(lamps)].score
+    return [replace(fitted, score=last) for fitted in lamps], planes
 
 
-def _scores(patches: Patches, walls: BoolArray, fields: FloatArray) -> FloatArray:
+def _with_unseen(lamps: list[_Fitted], planes: _Planes) -> _Planes:
+    """The planes with the brightness of what is not shown that explains them best beside the lamps."""
+    direct = sum((fitted.irradiance for fitted in lamps), np.zeros(len(planes.shown)))
+    scores = _scores(planes, np.array([planes.ambient(times) for times in UNSEEN]) + direct)
+    return replace(planes, times=float(UNSEEN[int((scores + _unseen_prior(UNSEEN)).argmax())]))
+
+
+def _unseen_prior(times: FloatArray | float) -> FloatArray:
+    return np.asarray(-0.5 * (np.log(times) / UNSEEN_SIGMA) ** 2)
+
+
+def _best_lamp(planes: _Planes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> _Fitted:
+    """One lamp beside others; ratios : (q,) of direct over ambient irradiance that are tried."""
+    scores = _all_scores(planes, candidates, others, ratios)
+    row, best = (int(k) for k in np.unravel_index(int(scores.argmax()), scores.shape))
+    return _fitted(candidates, row, float(ratios[best]), scores, ratios)
+
+
+def _all_scores(planes: _Planes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> FloatArray:
+    """(c, q) log posterior of each candidate beside others, by its ratio (q,)."""
+    field = _field(others, planes)
+    scores = np.array([_scores(planes, field + q * candidates.irradiance) for q in ratios]).T
+    scores = scores + _ratio_prior(ratios) + candidates.log_prior[:, None]
+    prior = sum(float(_ratio_prior(other.ratio)) for other in others) + float(_unseen_prior(planes.times))
+    return np.asarray(scores + prior)
+
+
+def _fitted(candidates: Candidates, row: int, ratio: float, scores: FloatArray, ratios: FloatArray) -> _Fitted:
+    """The candidate of a row; scores : (c, q) by candidate and ratio (q,)."""
+    lamp = _lamp(candidates, scores, ratios)
+    place, facing = candidates.places[row], candidates.facing[row]
+    return _Fitted(float(scores.max()), ratio * candidates.irradiance[row], lamp, place, facing, ratio)
+
+
+def _ratio_prior(ratios: FloatArray | float) -> FloatArray:
+    return np.asarray(-0.5 * (np.log(ratios / RATIO_MIDDLE) / RATIO_SIGMA) ** 2)
+
+
+def _field(lamps: list[_Fitted], planes: _Planes) -> FloatArray:
+    """(n,) irradiance of the lamps and the ambient light over the ambient one on upright surfaces."""
+    return np.asarray(planes.ambient(planes.times) + sum(fitted.irradiance for fitted in lamps))
+
+
+def _scores(planes: _Planes, fields: FloatArray) -> FloatArray:
     """(c,) log posterior of fields (c, n) of irradiance over the ambient one."""
-    rest = patches.log_luminance - np.log(fields)  # (c, n)
-    temper = min(1.0, INDEPENDENT_CELLS / len(patches.plane))
-    total = np.zeros(len(fields))
+    plane, walls = planes.patches.plane, planes.walls
+    rest = planes.patches.log_luminance - np.log(fields)  # (c, n)
     albedos = []
-    for plane in range(len(walls)):
-        own = rest[:, patches.plane == plane]
-        middle = np.median(own, axis=1)
+    for number in range(len(walls)):
+        middle = np.median(rest[:, plane == number], axis=1)
+        rest[:, plane == number] -= middle[:, None]
         albedos.append(middle)
-        off = np.abs(own - middle[:, None]) / CELL_SIGMA
-        total -= temper * np.where(off < OUTLIER, 0.5 * off**2, OUTLIER * (off - 0.5 * OUTLIER)).sum(axis=1)
+    total = min(INDEPENDENT_CELLS, len(plane)) * _log_likelihood(rest)
     albedo = np.array(albedos)  # (k, c)
     for kind, sigma in ((walls, WALL_SIGMA), (np.ones(len(walls), dtype=bool), OTHER_SIGMA)):
         if kind.sum() > 1:
@@ -218,20 +305,38 @@ def _scores(patches: Patches, walls: BoolArray, fields: FloatArray) -> FloatArra
     return total
 
 
-def _lamp(candidates: _Candidates, scores: FloatArray) -> Lamp:
-    """The likely candidates with their mean ratios; scores : (c, q) log posterior by candidate and ratio."""
+def _log_likelihood(errors: FloatArray) -> FloatArray:
+    """(c,) mean log likelihood of errors (c, n) under the Cauchy distribution of the width that explains them best."""
+    squares = np.square(errors, dtype=np.float32)
+    each = [np.log1p(squares / np.float32(width**2)).mean(axis=1) + np.log(width) for width in CELL_WIDTHS]
+    return np.asarray(-np.min(each, axis=0), dtype=np.float64)
+
+
+def _lamp(candidates: Candidates, scores: FloatArray, ratios: FloatArray) -> Lamp:
+    """The likely candidates with their mean ratios (q,); scores : (c, q) log posterior by candidate and ratio."""
     weight = np.exp(scores - scores.max())  # (c, q)
     kept = np.flatnonzero(weight.sum(axis=1) > LEAST_WEIGHT * weight.sum(axis=1).max())
     weight = weight[kept]
-    ratio = (weight * RATIOS).sum(axis=1) / weight.sum(axis=1)
+    ratio = (weight * ratios).sum(axis=1) / weight.sum(axis=1)
     share = weight.sum(axis=1) / weight.sum()
     return Lamp(candidates.places[kept], candidates.facing[kept], share, ratio / USUAL, candidates.spacing)
 
 
-def _ambient(patches: Patches, field: FloatArray) -> float:
-    """Ambient irradiance: the lightest planes have the albedo of white, radiance = albedo / pi * ambient * field.
-
-    field : (n,) irradiance of the cells over the ambient one.
-    """
-    lightest = float(np.quantile(patches.log_luminance - np.log(field), 1 - LIGHTEST))
+def _by_albedo(planes: _Planes, lamps: list[_Fitted]) -> float:
+    """Ambient irradiance if the lightest planes have the albedo of white: radiance = albedo / pi * ambient * field."""
+    lightest = float(np.quantile(planes.patches.log_luminance - np.log(_field(lamps, planes)), 1 - LIGHTEST))
     return float(np.pi * np.exp(lightest) / WHITE_ALBEDO)
+
+
+def _lamps_times(planes: _Planes, lamps: list[_Fitted], white: float) -> float:
+    """How much stronger the lamps are than the contrast of their shadows says, by the albedo of the lightest planes.
+
+    The pictures show the ambient light itself; what is missing for the lightest cells to be white is the lamps'.
+    white : the ambient irradiance that makes them white.
+    """
+    field = _field(lamps, planes)
+    rest = planes.patches.log_luminance - np.log(field)
+    lightest = rest >= np.quantile(rest, 1 - 4 * LIGHTEST)
+    total, ambient = float(field[lightest].mean()), float(planes.ambient(planes.times)[lightest].mean())
+    wanted = total * (white / planes.unit) ** WHITE_TRUST
+    return float(np.clip((wanted - ambient) / max(total - ambient, 0.1 * ambient), *LAMPS_TIMES))

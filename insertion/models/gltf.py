@@ -159,6 +159,8 @@ def _parts(scene: Any, header: dict[str, Any]) -> list[Part]:
 
 def _part(mesh: Any, transform: FloatArray, header: dict[str, Any]) -> Part:
     """The part of a mesh in the model's frame, its transform (4, 4)."""
+    if "vertex_normals" not in mesh._cache.cache:
+        mesh = _faceted(mesh)
     linear = transform[:3, :3]
     vertices = np.asarray(mesh.vertices, dtype=np.float64) @ linear.T + transform[:3, 3]
     # normals turn with the inverse transpose
@@ -171,6 +173,28 @@ def _part(mesh: Any, transform: FloatArray, header: dict[str, Any]) -> Part:
     # trimesh counts v upwards, glTF downwards
     coordinates = np.zeros((len(vertices), 2)) if uv is None else np.asarray(uv, dtype=np.float64) * [1, -1] + [0, 1]
     return Part(vertices, normals, coordinates, faces, _material(mesh, header), _vertex_color(mesh))
+
+
+def _faceted(mesh: Any) -> Any:
+    """The mesh with a vertex of its own for each corner of each face: without normals in the file, faces are flat.
+
+    glTF 2.0, 3.7.2.1: "When normals are not specified, client implementations MUST calculate flat normals".
+    """
+    import trimesh
+
+    corners = np.asarray(mesh.faces).reshape(-1)
+    visual = mesh.visual
+    uv = getattr(visual, "uv", None)
+    if getattr(visual, "kind", None) == "texture":
+        coordinates = None if uv is None else np.asarray(uv)[corners]
+        visual = trimesh.visual.TextureVisuals(uv=coordinates, material=visual.material)
+    elif getattr(visual, "kind", None) == "vertex":
+        visual = trimesh.visual.ColorVisuals(vertex_colors=np.asarray(visual.vertex_colors)[corners])
+    flat = trimesh.Trimesh(
+        np.asarray(mesh.vertices)[corners], np.arange(len(corners)).reshape(-1, 3), process=False, visual=visual
+    )
+    flat.vertex_normals = np.repeat(mesh.face_normals, 3, axis=0)
+    return flat
 
 
 def _vertex_color(mesh: Any) -> FloatArray | None:

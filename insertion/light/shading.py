@@ -1,9 +1,10 @@
 """Lamps from the shading of planes: where the light of a scene comes from, and how much of it comes from nowhere.
 
-A matt plane of one colour with albedo a has the radiance a / pi (A + sum_l P_l c_l / r_l^2): the ambient irradiance A
-and, from each lamp l at the distance r_l, its strength times the cosine c_l. The colour is unknown, but on one plane it
-is the same: how the brightness changes over the plane says where the lamps are. Candidates for lamps fill the room;
-each gets a probability, so that a lamp that the planes do not pin down becomes a large soft one.
+A matt plane of one colour with albedo a has the radiance a / pi (A + sum_l P_l v_l c_l / r_l^2): the ambient
+irradiance A, which is what the rest of the room sends and the pictures show, and, from each lamp l at the distance r_l
+that it sees (v_l), its strength times the cosine c_l. The colour is unknown, but on one plane it is the same: how the
+brightness changes over the plane, above all in shadows, says where the lamps are and how strong. Candidates for lamps
+fill the room; the best are moved about until they fit. The albedo of the lightest planes has a say in their strength.
 """
 
 from __future__ import annotations

@@ -28,10 +28,10 @@ class Supports:
     surfaces: tuple[Surface, ...]
 
 
-def supports_of(scene: Scene, cloud: Cloud) -> Supports:
-    """The support surfaces of the scene's densest cloud."""
+def supports_of(scene: Scene, cloud: Cloud, up: Up | None = None) -> Supports:
+    """The support surfaces of the scene's densest cloud; `up` as it is known, else by the cameras and the planes."""
     points = scene.points if scene.dense is None else scene.dense.points
-    up = refine_up(camera_up(scene.views), points)
+    up = up or refine_up(camera_up(scene.views), points)
     planes = support_planes(up.vector, points)
     return Supports(up, tuple(surface_of(k, plane, cloud, scene.views) for k, plane in enumerate(planes)))
 

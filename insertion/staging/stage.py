@@ -9,6 +9,7 @@ from functools import cache, partial
 
 import numpy as np
 
+from estimator.geometry.up import Up
 from estimator.records.scene import Instance, Scene
 from insertion.light.open_air import shown_empty
 from insertion.light.shading import Shading, fit_shading
@@ -46,15 +47,20 @@ class Stage:
 
 
 def make_stage(
-    scene: Scene, stills: Stills, footage: Footage, instances: Sequence[Instance], scale: ScaleUsed
+    scene: Scene,
+    stills: Stills,
+    footage: Footage,
+    instances: Sequence[Instance],
+    scale: ScaleUsed,
+    up: Up | None = None,
 ) -> Stage:
-    """The stage of a scene; reads the stills once for the cloud's colours."""
+    """The stage of a scene; reads the stills once for the cloud's colours. up : if it is known."""
     by_view: dict[int, list[Instance]] = defaultdict(list)
     for item in instances:
         if not item.from_box:  # a box has no edge to hide behind
             by_view[item.view].append(item)
     cloud = coloured_cloud(scene, stills)
-    supports = supports_of(scene, cloud)
+    supports = supports_of(scene, cloud, up)
     return Stage(
         scene,
         stills,

@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insertion.command import parser
 from insertion.places.place import NoPlace
+from insertion.scene_arguments import stage_of as stage_of_arguments
 from insertion.staging.insert import Placed, place_objects
 from insertion.staging.options import ObjectRequest
 from insertion.staging.stage import Stage
+from metric_base.faults import InputFault
 from tests.made.insertions import FilmedRoom, film_room, stage_of, write_glb
 from tests.made.minitree import release
 from tests.made.rooms.kinds import KINDS
@@ -33,6 +36,13 @@ def stage(room: FilmedRoom) -> Stage:
 @pytest.fixture(scope="module")
 def cup(room: FilmedRoom) -> Path:
     return write_glb(solid("cup", np.array([0.08, 0.08, 0.1])), room.folder / "cup.glb")
+
+
+@pytest.mark.parametrize("words", ["1,2", "0,0,0", "a,b,c", "1,2,nan"])
+def test_up_that_is_no_direction_is_one_line(words: str) -> None:
+    options = parser().parse_args(["scene", "--scale", "1", "--up", words, "--model", "a.glb", "--out", "out"])
+    with pytest.raises(InputFault, match="--up: direction: expected X,Y,Z"):
+        stage_of_arguments(options)
 
 
 def _foot(room: FilmedRoom, placed: Placed) -> np.ndarray:

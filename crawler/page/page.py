@@ -42,7 +42,8 @@ MAXIMUM_BYTES = 32_000_000
 _TRACKING = re.compile(r"utm_\w+|gclid|fbclid")
 
 _INVISIBLE = re.compile("[\u00ad\u034f\u061c\u200b-\u200f\u202a-\u202e\u2060-\u2064\u2066-\u2069\ufeff\ufe0e\ufe0f]")
-
+#: What steers a terminal and says nothing: C0 and C1 controls without white space.
+_CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f]")
 
 #: What no person sees; taken out once, so that nothing that reads the tree has to ask for it.
 _UNSEEN = ("script", "style", "template", "noscript", "select")
@@ -185,10 +186,9 @@ def source_id(url: str) -> str:
 
 
 def squeeze(text: str) -> str:
-    """The text without invisible signs, with single spaces."""
-    if text.isascii():
-        return " ".join(text.split())
-    return " ".join(_INVISIBLE.sub("", text).split())
+    """The text without invisible signs and controls, with single spaces."""
+    text = " ".join(text.split() if text.isascii() else _INVISIBLE.sub("", text).split())
+    return text if text.isprintable() else _CONTROLS.sub("", text)
 
 
 def _decode(body: bytes, content_type: str | None) -> tuple[str, bytes]:

@@ -241,14 +241,14 @@ def _name(value: Any, key: str = "name") -> str | None:
         value = value[0] if value else None
     if isinstance(value, dict):
         value = value.get(key) or value.get("properties", {}).get(key)
-    return html.unescape(squeeze(value)) if isinstance(value, str) and value.strip() else None
+    return squeeze(html.unescape(value)) if isinstance(value, str) and value.strip() else None
 
 
 def _first(*values: Any) -> str | None:
     for value in values:
         text = str(value[0] if isinstance(value, list) and value else value or "")
         if squeeze(text):
-            return html.unescape(squeeze(text))
+            return squeeze(html.unescape(text))
     return None
 
 

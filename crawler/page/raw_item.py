@@ -30,6 +30,9 @@ from crawler.text.vocabulary import (
 
 __all__ = ["Statement", "best_statement", "raw_item", "statements"]
 
+#: Most letters of a title or a statement, and of an id, a brand or a category, that an item keeps: a page may have
+#: megabytes of them, shops have a hundred.
+LONGEST_TEXT, LONGEST_WORD = 1000, 200
 #: How a statement is to be trusted: a labelled size of the whole, a labelled size, single axes in a table of
 #: sizes, single axes elsewhere, what scripts carry, prose.
 WHOLE, SIZE, AXES, LOOSE, SCRIPT, PROSE = 5, 4, 3, 2, 1, 0
@@ -60,12 +63,12 @@ def raw_item(page: Page, source: str, own: Product | None = None, now: datetime 
     flags = _flags(best)
     return RawItem(
         source=source,
-        source_id=known.id or hashed_url(page.url),
+        source_id=known.id if known.id and len(known.id) <= LONGEST_WORD else hashed_url(page.url),
         url=page.url,
-        title=known.title,
-        category_path=known.category_path,
-        brand=known.brand,
-        dimensions_text=best.text if best else None,
+        title=known.title[:LONGEST_TEXT],
+        category_path=tuple(step[:LONGEST_WORD] for step in known.category_path),
+        brand=known.brand and known.brand[:LONGEST_WORD],
+        dimensions_text=best.text[:LONGEST_TEXT] if best else None,
         dimensions_mm=_words(best.size) if best else {},
         extents_mm=best.size.extents_mm() if best else None,
         images=known.images,

@@ -29,8 +29,8 @@ __all__ = ["LABELS", "MASK_SUFFIXES", "read_mask_files"]
 
 LABELS = "labels.json"
 MASK_SUFFIXES = (".npz", ".npy", ".json")
-#: Most masks of a picture, and bytes of them all: 500 of a picture of 4 megapixels.
-MAX_MASKS, MAX_MASK_BYTES = 10_000, 1 << 31
+#: Most masks of a picture, and bytes of them all: 125 of a picture of 4 megapixels, for all are in memory at once.
+MAX_MASKS, MAX_MASK_BYTES = 10_000, 1 << 29
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +69,7 @@ def read_mask_files(
             names = _names(masks, labels, scene.views[row].name, file.stem)
             for number, (mask, name) in enumerate(zip(masks.masks, names, strict=True)):
                 unnamed += name is None
-                crop = None if name is None else mask_crop(mask, scene.views[row].camera)
+                crop = None if name is None else mask_crop(np.asarray(mask > 0), scene.views[row].camera)
                 if name is not None and crop is not None:
                     score = masks.scores[number] if masks.scores else 1.0
                     instances.append(Instance(f"{row}:{number}", row, name, *crop, score=score))
@@ -106,7 +106,7 @@ def _read(file: Path) -> _Masks:
     )
     if numbers and len(numbers) != len(masks):
         raise FieldFault("scores", f"{len(masks)}, as many as masks", len(numbers))
-    return _Masks([np.asarray(mask > 0) for mask in masks], labels.ravel().tolist(), numbers)
+    return _Masks(list(masks), labels.ravel().tolist(), numbers)
 
 
 def _arrays(data: bytes, suffix: str) -> Iterator[tuple[str, np.ndarray[Any, Any]]]:

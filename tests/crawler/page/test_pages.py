@@ -225,3 +225,14 @@ def test_what_a_page_says_cannot_steer_a_terminal(tmp_path: Path, capsys: pytest
         shown = capsys.readouterr().out
         assert not {"\x1b", "\x9b", "\u202e"} & set(shown)
     assert json.loads(shown)["extents_mm"] == [3000, 2000, 1000]
+
+
+def test_a_title_of_megabytes_or_with_controls_is_cut_and_cleaned() -> None:
+    long = item(f"<h1>{'x' * 1_000_000}</h1>")
+    assert len(long.title) == 1000
+    data = {"@type": "Product", "name": "\x1b[31mOak&#27; stool\u202e", "sku": "9" * 1_000_000, "brand": "b" * 5000}
+    hostile = item("", head=f'<script type="application/ld+json">{json.dumps(data)}</script>')
+    assert hostile.title == "[31mOak stool"
+    assert len(hostile.source_id) < 100
+    assert hostile.brand is not None
+    assert len(hostile.brand) == 200

@@ -115,6 +115,14 @@ def test_a_dataset_with_masks_boxes_scores_and_tracks(tmp_path: Path) -> None:
     assert third.from_box
 
 
+def test_a_picture_that_is_listed_twice_is_said(tmp_path: Path) -> None:
+    boxes = [{"bbox": [1, 1, 5, 5], "image_id": number} for number in (10, 20)]
+    written(tmp_path, dataset(boxes, "a.png", "a.png"))
+    instances, warnings = read_instances_and_warnings(scene_of(tmp_path, "a.png", "b.png"))
+    assert [instance.view for instance in instances] == [0, 0]
+    assert any("'a.png' is the file_name of 2 images" in line for line in warnings)
+
+
 def test_joined_by_name_then_base_name_never_by_id(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "left/a.png", "right/a.png", "left/b.png", "c.png")
     boxes = [{"bbox": [1, 1, 5, 5], "image_id": number} for number in (10, 20, 30, 40, 50)]

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import cast
+
 import numpy as np
 import pytest
 
 import metric_tree
+from estimator.posterior.posterior import Estimate
 from estimator.records.measured_object import MeasuredObject
 from estimator.results.categories import meanings
 from estimator.results.estimate import scale_of_objects
+from estimator.results.reports import _outlier_warnings
 from metric_tree.tree import Tree
 
 
@@ -32,3 +37,17 @@ def test_a_broader_kind_is_said_and_weighs_less(shipped: Tree) -> None:
     assert plain.node == broader.node
     assert broader.notes == ("read as the broader kind table",)
     assert broader.weight < plain.weight
+
+
+def test_a_warning_shows_the_beginning_of_a_long_name(shipped: Tree) -> None:
+    thing = MeasuredObject("long", "x" * 100_000, np.array([0.5, 0.5, 0.9]), np.full(3, 0.03))
+    assert max(map(len, scale_of_objects([thing], shipped).warnings)) < 1000
+
+
+@pytest.mark.parametrize(
+    ("weights", "status", "lines"),
+    [([0.9, 0.9, 0.1], "resolved", 0), ([0.9, 0.1, 0.9, 0.1], "resolved", 1), ([0.9, 0.1], "resolved", 0)],
+)
+def test_half_of_the_objects_as_outliers_is_said(weights: list[float], status: str, lines: int) -> None:
+    estimate = cast(Estimate, SimpleNamespace(status=status, weight=np.array(weights)))
+    assert len(_outlier_warnings(estimate)) == lines

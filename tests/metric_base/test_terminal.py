@@ -8,12 +8,14 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from metric_base import signals
 from metric_base.escaping import visible, visible_json
 from metric_base.terminal import exit_status, print_table, warn
 
@@ -123,3 +125,19 @@ def test_the_statuses(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_status("x", fault) == 1
     assert capsys.readouterr().err == "x: fault of the program: RuntimeError: \\x1b[2J\n"
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_an_interruption_while_a_command_is_imported_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "interrupted_import.py").write_text("raise KeyboardInterrupt\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert signals._start("interrupted_import", "a-command") == 130
+    assert capsys.readouterr().err == "a-command: interrupted\n"
+
+
+def test_the_console_scripts_are_there() -> None:
+    declared = tomllib.loads((Path(__file__).resolve().parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
+    for script in declared["project"]["scripts"].values():
+        module, _, name = script.partition(":")
+        assert (module, callable(getattr(signals, name))) == ("metric_base.signals", True)

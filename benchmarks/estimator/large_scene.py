@@ -26,7 +26,7 @@ from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.quick import MadeScene, quick_scene
 from tests.made.rooms.scene_files import write_scene
 
-#: The command, which writes its own peak memory to a file: the system's count of a child begins with that of its parent.
+#: The command, which writes its own peak memory to a file: the system's count of a child begins with its parent's.
 COMMAND = """
 import sys
 from pathlib import Path
@@ -108,7 +108,8 @@ def _row(large: MadeScene, folder: Path, true: float) -> str:
     masks = len(json.loads((folder / "instances.json").read_bytes())["annotations"])
     cells = (
         len(large.scene.views), f"{len(dense.points):,}", f"{masks:,}", f"{usage.ru_utime + usage.ru_stime:.0f}",
-        f"{int((folder / 'peak').read_text()) / 1024:.0f}", process.returncode, "" if scale is None else f"{scale / true:.3f}",
+        f"{int((folder / 'peak').read_text()) / 1024:.0f}", process.returncode,
+        "" if scale is None else f"{scale / true:.3f}",
     )  # fmt: skip
     return " | ".join(map(str, cells))
 

@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import metric_tree
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
@@ -159,7 +161,9 @@ def _estimate(
     from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 
     choices = PAPER if options.method == "paper" else MeasurementOptions()
-    measurements = measure_objects(scene, instances, replace(choices, up=options.up))
+    # of a scene that is ruled out nothing is used: its zeros and infinities are no news
+    with np.errstate(all="ignore" if faults else "warn"):
+        measurements = measure_objects(scene, instances, replace(choices, up=options.up))
     seconds |= measurements.timings
     warnings = (*warnings, *measurements.warnings)
     up = _up_report(measurements.up)

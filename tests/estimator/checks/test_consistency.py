@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator import estimate_scale
 from estimator.checks.consistency import consistency, contradictions
 from tests.made.shapes import box, floor, made_scene, orbit
 
@@ -13,6 +14,13 @@ from tests.made.shapes import box, floor, made_scene, orbit
 def good():
     things = [floor(4), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))]
     return made_scene(things, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=100, sparse=400).scene
+
+
+@pytest.fixture(scope="module")
+def good_scene():
+    things = [floor(4), box("chair", (0.6, 0.4, 0.8), (0, 0, 0))]
+    made = made_scene(things, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=400, sparse=400)
+    return made.scene, made.instances
 
 
 def shaken(scene, pixels):
@@ -75,6 +83,16 @@ def test_parts_that_do_not_fit_rule_the_model_out(good):
     assert measures.reprojection_share < 0.004
     assert measures.misses > 0.1
     assert any("do not fit" in sentence for sentence in contradictions(measures)[1])
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_scene_that_is_ruled_out_prints_no_warnings_of_numpy(good_scene, mini):
+    """A scene in units of 1e300: its points are at one place as far as numbers go."""
+    scene, instances = good_scene
+    views = tuple(replace(v, translation=v.translation * 1e-300) for v in scene.views)
+    tiny = replace(scene, points=scene.points * 1e-300, views=views, dense=None)
+    result = estimate_scale(tiny, instances, mini)
+    assert result.status == "unresolved"
 
 
 def test_groups_of_views_without_a_common_point_are_doubted(good):

@@ -91,7 +91,8 @@ OF_THE_LIVING = _words("adult baby wild young elderly")
 CONTAINERS = _words("bag basket bottle bowl box bucket can carton case crate cup glass jar jug mug packet pot tin tray")
 
 _NUMBER = re.compile(r"(?<![\w/])[#(]?\d+(?:[.,x×]\d+)*(?:-|\s)?(?:inch|inches|in|cm|mm|m|ft|l|ml|oz)?\)?(?![\w/])")
-_SUFFIX = re.compile(r"(?:[._ #-]*\d+|\s*[#(]\d+\)?)+$")
+# nothing is given back once it is taken: digits can be parted in more ways than there is time to try
+_SUFFIX = re.compile(r"(?:\s*+[#(]\d++\)?+|[._ #-]*+\d++)++$")
 _ARTICLES = re.compile(r"^(?:an?|the|one|two|three|four|five|six|several|many|some|few|multiple)\s+", re.IGNORECASE)
 
 #: What counts or holds the thing that is named after `of`.

@@ -77,9 +77,9 @@ def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> None:
     databases = work.path / DATABASES
     features_digest = work.stage(
         "features",
-        {"frames": frames_digest, "lens": [lens.model, lens.focal_px, lens.one_camera]},
+        {"frames": frames_digest, "lens": [lens.model, lens.focal_px]},
         [f"{DATABASES}/features.db", f"{DATABASES}/features.json"],
-        lambda part: make_features(_make_folder(part / DATABASES), pictures, frames.names, lens),
+        lambda part: make_features(_make_folder(part / DATABASES), pictures, _cameras(frames, lens)),
     )
     matches_digest = work.stage(
         "matches",
@@ -123,18 +123,29 @@ def _folder_digest(source: Source) -> list[str]:
 
 def _lens(frames: Frames, options: CaptureOptions) -> Lens:
     """The focal length is given in pixels of the source; the frames may be smaller."""
-    given = options.focal_px if options.focal_px is not None else frames.focal_px
-    focal = None if given is None else given * frames.size[0] / frames.source_size[0]
     width, height = frames.size
-    if not frames.one_size:  # the parameters of one size fit no other
-        return Lens(options.camera_model, None, False, False, width, height)
-    return Lens(options.camera_model, focal, options.focal_px is not None, True, width, height)
+    if not frames.one_camera:  # the parameters of one fit no other
+        return Lens(options.camera_model, None, False, width, height)
+    if options.focal_px is None:
+        return Lens(options.camera_model, frames.focals_px[0], False, width, height)
+    return Lens(options.camera_model, options.focal_px * width / frames.source_size[0], True, width, height)
+
+
+def _cameras(frames: Frames, lens: Lens) -> list[tuple[Lens, list[str]]]:
+    """The lens of each camera, as it is stated, and its frames."""
+    if frames.one_camera:
+        return [(lens, frames.names)]
+    return [
+        (Lens(lens.model, focal, False, width, height), names)
+        for (width, height, focal), names in frames.cameras().items()
+    ]
 
 
 def _evidence(databases: Path, frames: Frames) -> Evidence:
     keypoints = read_json(databases / "features.json")["keypoints"]
     pairs = tuple(_pair(row) for row in read_json(databases / "matches.json")["pairs"])
-    return Evidence(frames.names, np.array(keypoints, dtype=np.int64), pairs, frames.size, frames.edges)
+    counts = np.array([keypoints.get(name, 0) for name in frames.names], dtype=np.int64)
+    return Evidence(frames.names, counts, pairs, frames.size, frames.edges)
 
 
 def _pair(row: list[Any]) -> Pair:
@@ -154,7 +165,7 @@ def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene) -> Non
     else:
         views = {view.name: view for view in scene.views}
         poses = [_picture_pose(index, name, views.get(name)) for index, name in names.items()]
-    camera = _source_camera(scene.views[0].camera, frames) if frames.one_size else None
+    camera = _source_camera(scene.views[0].camera, frames) if frames.one_camera else None
     write_frame_poses(FramePoses(source.path.resolve(), camera, frames.turned_deg, tuple(poses)), part / FILE_NAME)
 
 

@@ -23,14 +23,16 @@ def capture_cautions(path: Path, frames: Frames, report: dict[str, Any], focal_g
 
     path : the video or the folder of pictures; report : `reconstruction.json`; focal_given : by `--focal`.
     """
-    cautions = []
+    cautions = [f"{path}: {remark}" for remark in frames.remarks]
     if frames.hdr is not None:
         cautions.append(
             f"{path}: an HDR video ({frames.hdr}); its frames are tone-mapped to an ordinary screen's range"
         )
-    if not frames.one_size:
+    if not frames.one_camera:
         words = "; --focal is not used" if focal_given else ""
-        cautions.append(f"{path}: pictures of several sizes; each has a camera of its own{words}")
+        cautions.append(
+            f"{path}: pictures of {len(frames.cameras())} cameras, by their sizes and EXIF's focal lengths{words}"
+        )
     focal = _of_the_focal_length(report, "--focal" if focal_given else "the file")
     return (*cautions, *(f"{path}: {words}" for words in focal))
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.frame_choice import Motion, chosen_frames, motion_of
-from estimator.capture.pictures import PICTURE_SUFFIXES, PictureFolder, picture_files
+from estimator.capture.pictures import PICTURE_SUFFIXES, PictureFolder, foreign_files, picture_files
 from estimator.capture.smear import edge_sharpness
 from estimator.capture.video import VIDEO_SUFFIXES, Video, VideoFrame
 from metric_base.arrays import FloatArray
@@ -28,6 +28,8 @@ SCHEMA = "metric-tree/frames/1"
 #: Longer side of the frames that are kept; features are looked for at half of it.
 MAX_SIDE = 1920
 JPEG_QUALITY = 95
+#: Share of a video's frames that is read of a whole file; many state their number by duration and rate alone.
+READ_SHARE = 0.9
 #: Fewest pictures that make a folder one of pictures.
 LEAST_PICTURES = 2
 
@@ -39,20 +41,38 @@ class Frames:
     """What the stage wrote.
 
     names, indices : file in `frames/` and number in the source of each chosen frame; times_s : of all frames of the
-    source, None for pictures; edges : (n, 2) `edge_sharpness` of the chosen frames; size : (width, height) of the first
-    frame in `frames/`; one_size : whether all are so; source_size : of the source, upright.
+    source, None for pictures; edges : (n, 2) `edge_sharpness` of the chosen frames; sizes : (width, height) of each in
+    `frames/`; focals_px : what EXIF states of each, in pixels of `frames/`; source_size : of the source, upright;
+    remarks : what of the source is not used.
     """
 
     names: list[str]
     indices: list[int]
     times_s: list[float] | None
     edges: FloatArray
-    size: tuple[int, int]
-    one_size: bool
+    sizes: list[tuple[int, int]]
+    focals_px: list[float | None]
     source_size: tuple[int, int]
     turned_deg: int
-    focal_px: float | None
     hdr: str | None
+    remarks: list[str]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the first chosen frame."""
+        return self.sizes[0]
+
+    def cameras(self) -> dict[tuple[int, int, float | None], list[str]]:
+        """The chosen frames by camera: those of one size and one stated focal length share it."""
+        groups: dict[tuple[int, int, float | None], list[str]] = {}
+        for name, (width, height), focal in zip(self.names, self.sizes, self.focals_px, strict=True):
+            groups.setdefault((width, height, focal), []).append(name)
+        return groups
+
+    @property
+    def one_camera(self) -> bool:
+        """Whether all chosen frames share a camera."""
+        return len(self.cameras()) == 1
 
 
 def is_capture(path: Path) -> bool:
@@ -67,7 +87,8 @@ def is_capture(path: Path) -> bool:
         return False
     from estimator.other_programs.programs import export_file
 
-    return export_file(path) is None and len(picture_files(path)) >= LEAST_PICTURES
+    pictures = len(picture_files(path)) + len(foreign_files(path))
+    return export_file(path) is None and pictures >= LEAST_PICTURES
 
 
 def source_of(path: Path) -> Source:
@@ -99,7 +120,7 @@ def make_frames(part: Path, source: Source, wanted: int | None) -> None:
         "size": [source.width, source.height],
         "turned_deg": source.turned_deg,
         "hdr": source.hdr,
-        "focal_px": source.focal_px if isinstance(source, PictureFolder) else None,
+        "remarks": _remarks(source, n),
         "times_s": None if motion is None else motion.times_s.tolist(),
         "chosen": rows,
     }
@@ -110,18 +131,17 @@ def read_frames(folder: Path) -> Frames:
     """What `make_frames` wrote."""
     document: dict[str, Any] = read_json(folder / FRAMES_FILE)
     rows = document["chosen"]
-    sizes = {(row["width"], row["height"]) for row in rows}
     return Frames(
         [row["name"] for row in rows],
         [row["index"] for row in rows],
         document["times_s"],
         np.array([row["edges"] for row in rows], dtype=np.float64),
-        (rows[0]["width"], rows[0]["height"]),
-        len(sizes) == 1,
+        [(row["width"], row["height"]) for row in rows],
+        [row["focal_px"] for row in rows],
         (document["size"][0], document["size"][1]),
         document["turned_deg"],
-        document["focal_px"],
         document["hdr"],
+        document["remarks"],
     )
 
 
@@ -136,6 +156,17 @@ def _motion(video: Video) -> Motion:
     if not len(motion.step):
         raise InputFault.at(video.path, "video", "at least one frame that can be decoded", Words("none"))
     return motion
+
+
+def _remarks(source: Source, n: int) -> list[str]:
+    """What of the source is not used, where n frames of it could be read."""
+    if isinstance(source, Video):
+        if n >= READ_SHARE * source.n_frames:
+            return []
+        return [f"the file states {source.n_frames} frames, and {n} could be read: the others are damaged or missing"]
+    left_out = foreign_files(source.path)
+    names = ", ".join([*left_out[:3], *(["..."] if len(left_out) > 3 else [])])
+    return [f"not used: {names}; convert to JPEG"] if left_out else []
 
 
 def _even(n: int, wanted: int | None) -> NDArray[np.int64]:
@@ -157,11 +188,13 @@ def _write_frame(folder: Path, frame: VideoFrame, source: Source) -> dict[str, A
     assert file.suffix.lower() in PICTURE_SUFFIXES
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
     write_picture(file, colour[:, :, ::-1], quality)
+    stated = source.focals_px[frame.index] if isinstance(source, PictureFolder) else None
     return {
         "index": frame.index,
         "name": name,
         "time_s": None if isinstance(source, PictureFolder) else frame.time_s,
         "width": colour.shape[1],
         "height": colour.shape[0],
+        "focal_px": None if stated is None else stated * min(factor, 1.0),
         "edges": [None if np.isnan(value) else value for value in edge_sharpness(colour)],
     }

@@ -15,7 +15,7 @@ from metric_base.faults import InputFault, Words
 from metric_base.input_files import folder_entries
 from metric_base.pictures import read_picture
 
-__all__ = ["PICTURE_SUFFIXES", "PictureFolder", "picture_files"]
+__all__ = ["PICTURE_SUFFIXES", "PictureFolder", "foreign_files", "picture_files"]
 
 #: Pictures that OpenCV and COLMAP both read.
 PICTURE_SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"})
@@ -32,11 +32,16 @@ def picture_files(folder: Path) -> list[Path]:
     return sorted((file for file in files if not file.name.startswith(".")), key=_natural)
 
 
+def foreign_files(folder: Path) -> list[str]:
+    """Names of the pictures in a folder that cannot be read."""
+    return sorted(file.name for file in folder.iterdir() if file.suffix.lower() in FOREIGN_SUFFIXES)
+
+
 class PictureFolder:
     """The pictures of a folder.
 
-    width, height : of the first picture, upright; sizes : every (width, height) that occurs; focal_px : the focal
-    length that EXIF states for the first picture, None where it states none.
+    width, height : of the first picture, upright; focals_px : the focal length that EXIF states of each picture, in its
+    own pixels, None where it states none.
 
     Raises
     ------
@@ -52,13 +57,13 @@ class PictureFolder:
         self.path = path
         self.files = picture_files(path)
         if not self.files:
-            foreign = sorted(file.name for file in path.iterdir() if file.suffix.lower() in FOREIGN_SUFFIXES)
+            foreign = foreign_files(path)
             words = f"{foreign[0]}; convert it to JPEG" if foreign else "none"
             raise InputFault.at(path, "pictures", ", ".join(sorted(PICTURE_SUFFIXES)), Words(words))
         self.n_frames = len(self.files)
         described = [_size_and_focal(file) for file in self.files]
-        self.sizes = {(width, height) for width, height, _ in described}
-        self.width, self.height, self.focal_px = described[0]
+        self.width, self.height, _ = described[0]
+        self.focals_px = [focal for _, _, focal in described]
 
     def frames(self) -> Iterator[VideoFrame]:
         """The pictures, upright; their times are their positions, for they have none."""

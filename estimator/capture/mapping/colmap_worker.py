@@ -42,34 +42,41 @@ def main(words: Sequence[str]) -> None:
 
 
 def features(request: Request) -> dict[str, Any]:
-    """SIFT features of the named pictures into a new database; how many each has, and the cameras."""
+    """SIFT features of the named pictures into a new database; how many each has, by name."""
+    done, n = 0, sum(len(camera["names"]) for camera in request["cameras"])
+    for camera in request["cameras"]:
+        camera_id = -1
+        for start in range(0, len(camera["names"]), PICTURES_AT_ONCE):
+            some = camera["names"][start : start + PICTURES_AT_ONCE]
+            _extract(request, some, camera["params"], camera_id)
+            done += len(some)
+            _say({"done": done, "of": n})
+            with pycolmap.Database.open(request["database"]) as database:
+                camera_id = max(known.camera_id for known in database.read_all_cameras())
+    with pycolmap.Database.open(request["database"]) as database:
+        counts = {image.name: database.num_keypoints_for_image(image.image_id) for image in database.read_all_images()}
+    return {"keypoints": {name: int(count) for name, count in counts.items()}}
+
+
+def _extract(request: Request, names: list[str], params: str, camera_id: int) -> None:
+    """Features of pictures that share a camera: the one of this id, or a new one for -1."""
     extraction = pycolmap.FeatureExtractionOptions(num_threads=request["threads"], max_image_size=request["max_side"])
     extraction.sift.max_num_features = request["max_features"]
     extraction.sift.first_octave = 0
-    names: list[str] = request["names"]
-    camera_id = -1
-    for start in range(0, len(names), PICTURES_AT_ONCE):
-        reader = pycolmap.ImageReaderOptions(
-            camera_model=request["camera_model"],
-            default_focal_length_factor=request["focal_factor"],
-            camera_params=request["camera_params"],
-            existing_camera_id=camera_id,
-        )
-        pycolmap.extract_features(
-            request["database"],
-            request["pictures"],
-            image_names=names[start : start + PICTURES_AT_ONCE],
-            camera_mode=pycolmap.CameraMode.SINGLE if request["one_camera"] else pycolmap.CameraMode.PER_IMAGE,
-            reader_options=reader,
-            extraction_options=extraction,
-        )
-        _say({"done": min(start + PICTURES_AT_ONCE, len(names)), "of": len(names)})
-        if request["one_camera"] and camera_id < 0:
-            with pycolmap.Database.open(request["database"]) as database:
-                camera_id = database.read_all_cameras()[0].camera_id
-    with pycolmap.Database.open(request["database"]) as database:
-        images = sorted(database.read_all_images(), key=lambda image: names.index(image.name))
-        return {"keypoints": [int(database.num_keypoints_for_image(image.image_id)) for image in images]}
+    reader = pycolmap.ImageReaderOptions(
+        camera_model=request["camera_model"],
+        default_focal_length_factor=request["focal_factor"],
+        camera_params=params,
+        existing_camera_id=camera_id,
+    )
+    pycolmap.extract_features(
+        request["database"],
+        request["pictures"],
+        image_names=names,
+        camera_mode=pycolmap.CameraMode.SINGLE,
+        reader_options=reader,
+        extraction_options=extraction,
+    )
 
 
 def matches(request: Request) -> dict[str, Any]:

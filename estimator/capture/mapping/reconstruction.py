@@ -48,13 +48,12 @@ class _Mapped:
 class Lens:
     """What is known of the camera: COLMAP's model, and the focal length in pixels of the frames or None.
 
-    fixed : the focal length is given by the user and not refined; one_camera : all frames are of one size.
+    fixed : the focal length is given by the user and not refined; width, height : of the frames.
     """
 
     model: str
     focal_px: float | None
     fixed: bool
-    one_camera: bool
     width: int
     height: int
 
@@ -69,21 +68,20 @@ class Lens:
         return ",".join(repr(float(known.get(name, 0.0))) for name in CAMERA_MODELS[self.model][1])
 
 
-def make_features(part: Path, pictures: Path, names: list[str], lens: Lens) -> None:
-    """`features.db` and `features.json` in the part folder."""
+def make_features(part: Path, pictures: Path, cameras: list[tuple[Lens, list[str]]]) -> None:
+    """`features.db` and `features.json` in the part folder; cameras : the lens of each, and the names of its frames."""
+    n = sum(len(names) for _, names in cameras)
     request = {
         "database": str(part / "features.db"),
         "pictures": str(pictures),
-        "names": names,
-        "camera_model": lens.model,
-        "camera_params": lens.params,
+        "camera_model": cameras[0][0].model,
+        "cameras": [{"params": lens.params, "names": names} for lens, names in cameras],
         "focal_factor": TYPICAL_FOCAL,
-        "one_camera": lens.one_camera,
         "max_features": MAX_FEATURES,
         "max_side": MAX_SIDE,
         "threads": THREADS,
     }
-    with progress_bar("features", len(names)) as told:
+    with progress_bar("features", n) as told:
         process = start_worker("features", request, part)
         result = wait_for_worker(process, "features", part / "features.log", told)
     (part / "features.json").write_text(json.dumps(result), encoding="utf-8")

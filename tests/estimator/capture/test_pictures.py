@@ -49,9 +49,24 @@ def test_pictures_are_turned_upright(tmp_path: Path, orientation: int, corner: t
 def test_the_focal_length_is_exifs(tmp_path: Path) -> None:
     _picture(tmp_path / "a.jpg", focal_35mm=26)
     _picture(tmp_path / "b.jpg", focal_35mm=26)
-    assert PictureFolder(tmp_path).focal_px == pytest.approx(26 / 43.2666 * 100)  # the diagonal of 80 x 60 is 100
+    focal = pytest.approx(26 / 43.2666 * 100)  # the diagonal of 80 x 60 is 100
+    assert PictureFolder(tmp_path).focals_px == [focal, focal]
     _picture(tmp_path / "a.jpg")
-    assert PictureFolder(tmp_path).focal_px is None
+    assert PictureFolder(tmp_path).focals_px == [None, focal]
+
+
+def test_pictures_of_one_size_and_focal_length_share_a_camera(tmp_path: Path) -> None:
+    """Two telephones, one of them also held upright."""
+    for name, how in {"a": (1, 26), "b": (6, 26), "c": (1, 24), "d": (1, 26), "e": (6, 26), "f": (1, None)}.items():
+        _picture(tmp_path / f"{name}.jpg", orientation=how[0], focal_35mm=how[1])
+    part = tmp_path / "part"
+    part.mkdir()
+    make_frames(part, source_of(tmp_path), wanted=None)
+    frames = read_frames(part)
+    assert not frames.one_camera
+    assert list(frames.cameras().values()) == [["a.jpg", "d.jpg"], ["b.jpg", "e.jpg"], ["c.jpg"], ["f.jpg"]]
+    widths = [(width, None if focal is None else round(focal)) for width, _, focal in frames.cameras()]
+    assert widths == [(80, 60), (60, 60), (80, 55), (80, None)]
 
 
 def test_frames_are_kept_by_their_names(tmp_path: Path) -> None:
@@ -62,7 +77,7 @@ def test_frames_are_kept_by_their_names(tmp_path: Path) -> None:
     make_frames(part, source_of(tmp_path), wanted=3)
     frames = read_frames(part)
     assert (frames.names, frames.indices, frames.times_s) == (["p0.jpg", "p2.jpg", "p5.jpg"], [0, 2, 5], None)
-    assert (frames.size, frames.one_size) == ((60, 80), True)
+    assert (frames.size, frames.one_camera) == ((60, 80), True)
     assert Image.open(part / "frames" / "p0.jpg").getexif().get(0x0112) is None  # upright, once and for all
 
 

@@ -99,7 +99,8 @@ def summary(outcomes: Sequence[Outcome]) -> Summary:
     answered = [one for one in outcomes if not one.refused and np.isfinite(one.error)]
     signed = np.array([one.error for one in answered])
     errors = np.abs(np.exp(signed) - 1)
-    low, high = np.array([one.low for one in answered]), np.array([one.high for one in answered])
+    stated = [one for one in answered if np.isfinite(one.low)]
+    low, high = np.array([one.low for one in stated]), np.array([one.high for one in stated])
     heights = np.array([one.heights for one in answered])
     heights = heights[np.isfinite(heights)]
     crps = np.array([one.crps for one in answered])

@@ -53,14 +53,21 @@ def hypothesis_likelihood(
     for i in range(n):
         density = np.full(len(v), np.exp(parts.log_floor[i]))
         for row in np.flatnonzero(parts.object == i):
-            off = v - residual[row]
-            density += np.exp(parts.log_weight[row] - 0.5 * ((off @ precision[row]) * off).sum(axis=1))
+            density += np.exp(parts.log_weight[row] - 0.5 * _quadratic(v - residual[row], precision[row]))
         log_product += min(1.0, EFFECTIVE_OBJECTS / n) * np.log(density)
     cell = np.prod([side[1] - side[0] for side in sides])
     normal = cell / np.sqrt(np.linalg.det(2 * np.pi * covariance))
     inverse = np.linalg.inv(covariance)
-    values = [np.exp(log_product - 0.5 * (((at - v[:, axes]) @ inverse) * (at - v[:, axes])).sum(axis=1)) for at in u]
-    return np.asarray(normal * np.array([value.sum() for value in values]))
+    # (u 1 - v)' B^-1 (u 1 - v) as a polynomial in u: a third of the time
+    v = v[:, axes]
+    constant, slope = log_product - 0.5 * _quadratic(v, inverse), v @ inverse.sum(axis=0)
+    values = [np.exp(constant + at * (slope - 0.5 * at * inverse.sum())).sum() for at in u]
+    return np.asarray(normal * np.array(values))
+
+
+def _quadratic(x: FloatArray, matrix: FloatArray) -> FloatArray:
+    """(n,) x' M x of vectors (n, d) and a matrix (d, d)."""
+    return np.asarray(np.einsum("ij,ij->i", x @ matrix, x))
 
 
 def _full(six: FloatArray) -> FloatArray:

@@ -57,7 +57,7 @@ def hypothesis_likelihood(
         log_product += min(1.0, EFFECTIVE_OBJECTS / n) * np.log(density)
     cell = np.prod([side[1] - side[0] for side in sides])
     normal = cell / np.sqrt(np.linalg.det(2 * np.pi * covariance))
-    inverse = np.linalg.inv(covariance)
+    inverse = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
     # (u 1 - v)' B^-1 (u 1 - v) as a polynomial in u: a third of the time
     v = v[:, axes]
     constant, slope = log_product - 0.5 * _quadratic(v, inverse), v @ inverse.sum(axis=0)

@@ -210,15 +210,11 @@ def _page(cases: list[Case], traced: Sequence[Path]) -> str:
 
 
 def _light_row(folder: Path) -> str:
-    records, prior = (
-        [json.loads(line) for line in (folder / name).read_text(encoding="utf-8").splitlines()]
-        for name in ("records.jsonl", "prior.jsonl")
-    )
-    cells = [folder.name.replace("_", " ")]
-    cells += [f"{np.mean([row['mean_abs_srgb'] for row in rows]):.1f}" for rows in (prior, records)]
-    cells += [" ".join(f"{row['luminance_ratio']:.2f}" for row in rows) for rows in (prior, records)]
-    cells.append(" ".join(f"{row['shadow_true']:.2f}" for row in records))
-    cells += [" ".join(f"{row['shadow_ours']:.2f}" for row in rows) for rows in (prior, records)]
+    records = [json.loads(line) for line in (folder / "records.jsonl").read_text(encoding="utf-8").splitlines()]
+    cells = [folder.name.replace("_", " "), f"{np.mean([row['mean_abs_srgb'] for row in records]):.1f}"]
+    cells += [
+        " ".join(f"{row[name]:.2f}" for row in records) for name in ("luminance_ratio", "shadow_true", "shadow_ours")
+    ]
     return f"| {' | '.join(cells)} |"
 
 

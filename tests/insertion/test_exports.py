@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import struct
+import subprocess
 import sys
 from pathlib import Path
 
@@ -151,6 +153,37 @@ def test_blender_is_asked_for_the_scene_in_metres(scene: tuple[Stage, Placed], b
     for stated, key in zip(asked["job"]["keys"], keys, strict=True):
         np.testing.assert_allclose(stated["matrix"], key.matrix)
     np.testing.assert_allclose(asked["job"]["objects"][0]["matrix"], object_matrix(placed, frame))
+
+
+#: Run by the Python that has bpy: what a saved scene holds.
+OPENED = """
+import json, sys, bpy, numpy as np
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+meshes = [thing for thing in bpy.data.objects if thing.type == "MESH" and not thing.is_shadow_catcher]
+corners = np.array([thing.matrix_world @ vertex.co for thing in meshes for vertex in thing.data.vertices])
+scene = bpy.context.scene
+print("SAW" + json.dumps({
+    "height": float(np.ptp(corners[:, 2])), "lowest": float(corners[:, 2].min()),
+    "packed": [image.packed_file is not None for image in bpy.data.images if image.source == "FILE"],
+    "catchers": sum(thing.is_shadow_catcher for thing in bpy.data.objects if thing.type == "MESH"),
+    "moves": scene.camera.animation_data is not None and scene.frame_end > scene.frame_start,
+}))
+"""
+
+
+def test_the_real_blender_saves_the_object_in_metres(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+    program = os.environ.get("METRIC_TREE_BLENDER", "")
+    if "python" not in Path(program).name:
+        pytest.skip("METRIC_TREE_BLENDER names no Python with bpy (pip install bpy)")
+    stage, placed = scene
+    assert export_blend(tmp_path, stage, [placed]) == []
+    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    words = [program, "-c", OPENED, str(tmp_path / "scene.blend")]
+    said = subprocess.run(words, capture_output=True, text=True, env=clean, check=True).stdout
+    saw = json.loads(said.partition("SAW")[2].splitlines()[0])
+    assert saw["height"] == pytest.approx(placed.size_m["height"], rel=1e-4)
+    assert saw["lowest"] == pytest.approx(0.0, abs=1e-5)
+    assert (saw["packed"], saw["catchers"], saw["moves"]) == ([True], 1, True)
 
 
 def test_what_blender_draws_is_in_the_picture(scene: tuple[Stage, Placed], blender: Path) -> None:

@@ -196,10 +196,20 @@ _BRACKETED = re.compile(r"[(\[]\s*(?:in\s+)?([^\W\d_]{2,12})\.?\s*[)\]]")
 
 
 def _header_in(run: Sequence[Token], group: Sequence[Quantity]) -> tuple[str, ...]:
-    """An order of axes right before or right behind a group: `W x H x D 3 x 4 x 5 cm`, `3 x 4 x 5 cm (WxHxD)`."""
-    around = [(abs(group[0].start - token.end), token) for token in run if token.kind == "header"]
-    near = [token for _, token in sorted(around, key=lambda pair: pair[0])]
-    return near[0].axes if near else ()
+    """An order of axes right before or right behind a group: `W x H x D 3 x 4 x 5 cm`, `3 x 4 x 5 cm (WxHxD)`.
+
+    Of several the text's own order tells which is meant: the last one before the group where the first number has one
+    before it, else the first one behind the group.
+    """
+    headers = [token for token in run if token.kind == "header"]
+    if not headers:
+        return ()
+    first = next((token.start for token in run if token.kind == "number"), 0)
+    before = [token for token in headers if token.end <= group[0].start]
+    behind = [token for token in headers if token.start >= group[-1].end]
+    leads = headers[0].start < first
+    meant = before[-1:] if leads else behind[:1]
+    return (meant or before[-1:] or behind[:1] or headers)[0].axes
 
 
 def _groups(numbers: Sequence[Quantity]) -> Iterator[list[Quantity]]:

@@ -65,7 +65,7 @@ def tokens(text: str, language: Language | None = None) -> list[Token]:
     """The tokens of a text; invisible signs must be gone already, letters may have any case."""
     run: list[Token] = []
     for match in _TOKEN.finditer(text):
-        run.append(_token(match, language, run[-1] if run else None))
+        run.append(_token(match, language, run))
     return _with_word_headers(_as_romance(_as_thousands(run)))
 
 
@@ -118,27 +118,30 @@ def _is(run: list[Token], place: int, kind: Kind) -> bool:
     return place < len(run) and run[place].kind == kind
 
 
-def _token(match: re.Match[str], language: Language | None, before: Token | None) -> Token:
+def _token(match: re.Match[str], language: Language | None, run: list[Token]) -> Token:
     kind, text = match.lastgroup or "other", match[0]
     start, end = match.span()
     if kind == "number":
         return Token("number", text, start, end, number=_value(text, language))
     if kind == "header":
         return _header(text, start, end, language)
-    if kind == "unit" and (key := UNIT_WORDS.get(text.lower().rstrip("."))) and _may_carry(before, text):
+    if kind == "unit" and (key := UNIT_WORDS.get(text.lower().rstrip("."))) and _may_carry(run, text):
         return Token("unit", text, start, end, key=key)
     if kind in {"unit", "axis"}:
-        return _word(text, start, end, language, before)
+        return _word(text, start, end, language, run[-1] if run else None)
     if kind == "times":
         return Token("times", text, start, end)
     return Token(kind, text, start, end)  # type: ignore[arg-type]  # the group names are the kinds
 
 
-def _may_carry(before: Token | None, text: str) -> bool:
-    """Whether a unit may follow a token: a number, or the letters of its axis (`63H cm`, `88Al cm`)."""
-    if before is None:
+def _may_carry(run: list[Token], text: str) -> bool:
+    """Whether a unit may follow: behind a number, or the letters of its axis (`63H cm`, `88Al cm`, `75 (H) cm`)."""
+    if not run:
         return False
-    return before.kind == "number" or (before.kind == "axis" and len(before.text) <= 2 and len(text) > 1)
+    before = run[-2] if len(run) > 1 and run[-1].kind == "close" else run[-1]
+    if before.kind == "number":
+        return before is run[-1]
+    return before.kind == "axis" and len(text) > 1 and (len(before.text) <= 2 or before is not run[-1])
 
 
 def _word(text: str, start: int, end: int, language: Language | None, before: Token | None) -> Token:

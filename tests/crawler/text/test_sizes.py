@@ -57,6 +57,27 @@ def test_sizes_as_pages_write_them(text: str, label: str, language: Language, ex
 
 
 @pytest.mark.parametrize(
+    "text", ["180 (L) x 90 (W) x 75 (H) cm", "180(L) x 90(W) x 75(H) cm", "180 (length) x 90 (width) x 75 (height) cm"]
+)
+def test_axes_in_brackets_before_one_unit(text: str) -> None:
+    (size,) = sizes(text)
+    assert size.dimensions_mm() == {"length": 1800, "width": 900, "height": 750}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Table (L x W x H): 180 x 90 x 75 cm, bench (W x D x H): 45 x 50 x 90 cm",
+        "180 x 90 x 75 cm (LxWxH), 45 x 50 x 90 cm (WxDxH)",
+    ],
+)
+def test_each_of_two_sizes_has_its_own_order_of_axes(text: str) -> None:
+    table, bench = sizes(text)
+    assert table.dimensions_mm() == {"length": 1800, "width": 900, "height": 750}
+    assert bench.dimensions_mm() == {"width": 450, "depth": 500, "height": 900}
+
+
+@pytest.mark.parametrize(
     ("text", "label"),
     [
         ("14.2 pounds", "Item Weight"),

@@ -32,6 +32,11 @@ NODES = [
     ("bottle.n.01", "bottle", (), 50, "entity.n.01"),
     ("door.n.01", "door", (), 50, "entity.n.01"),
     ("mouse.n.01", "mouse", (), 5, "animal.n.01"),
+    ("titmouse.n.01", "titmouse", (), 3, "animal.n.01"),
+    ("organ.n.01", "organ", ("tit",), 9, "entity.n.01"),
+    ("food.n.01", "food", (), 50, "entity.n.01"),
+    ("garlic.n.01", "garlic", (), 9, "food.n.01"),
+    ("light_bulb.n.01", "light bulb", ("bulb",), 50, "entity.n.01"),
     ("mouse.n.04", "mouse", ("computer mouse",), 5, "entity.n.01"),
 ]
 
@@ -141,6 +146,16 @@ def test_a_word_that_is_hardly_a_person_is_unknown() -> None:
 def test_a_colour_is_a_modifier_before_it_is_part_of_a_rare_name() -> None:
     """WordNet calls the fisher, a marten, a black cat; nobody else does."""
     assert answer("black cat").node_id == "cat.n.01"
+
+
+def test_a_bird_is_not_what_its_name_without_the_colour_means() -> None:
+    assert answer("tit").node_id == "organ.n.01"
+    assert answer("blue tit").node_id == "titmouse.n.01"
+
+
+def test_a_part_of_something_that_grows_is_no_other_thing_of_that_name() -> None:
+    assert answer("small bulb").node_id == "light_bulb.n.01"
+    assert RESOLVER.answer("garlic bulb") is None
 
 
 def test_a_kind_too_far_up_is_taken_by_its_own_name_alone() -> None:

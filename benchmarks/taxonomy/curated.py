@@ -1,9 +1,9 @@
 """How far curated ranges can be trusted: `python -m benchmarks.taxonomy.curated RAW... [--table blind_wide]`.
 
-The ranges of `data/curated/blind.csv`, and of `blind_wide.csv` by a second writer, were written, and committed, before
-the sizes of these classes were opened. For each class: the share of its items, dimension by dimension, that lie within
-low and high (wanted: 0.85 to 0.95), and the median over the typical value. The fit does not take a range at its word
-but widens its log by `CURATED_WIDENING`, a constant that is older than this test; the last line says what the ranges
+The ranges of `data/curated/blind.csv`, and of `blind_wide.csv` by a second writer, were written, and committed,
+before the sizes of these classes were opened. For each class: the share of its items, dimension by dimension, that
+lie within low and high (wanted: 0.85 to 0.95), and the median over the typical value. The fit does not take a range
+at its word but makes narrow ones wider and wide ones narrower (`believed_spread`); the last line says what the ranges
 then cover. Axes are named as a build names them; items that do not say which axis is which are left out. A source
 counts by no more than `MOST` items of a class, taken in their order, so that no shop is the class.
 """
@@ -18,7 +18,7 @@ from pathlib import Path
 
 from crawler.items import RawItem, raw_items
 from metric_tree.axes import AXES, sizes_from_words
-from metric_tree.build.ingest import CURATED_WIDENING
+from metric_tree.build.ingest import believed_spread, stated_spread
 from taxonomy.catalogue import default_catalogue
 from taxonomy.categories import Category
 from taxonomy.curated import BLIND_TABLES, CuratedRange, blind_ranges
@@ -77,8 +77,8 @@ def main() -> None:
         medians = ", ".join(_median(row, axis, found[row.node_id][axis]) for axis in range(len(AXES)))
         print(f"| {row.node_id} | {items} | {' | '.join(cells)} | {medians} |")
     print(f"\n{len(tested)} classes")
-    for title, factor in (("as written", 1.0), (f"widened {CURATED_WIDENING} times, as fitted", CURATED_WIDENING)):
-        pairs = [counts for row in tested for counts in [_counts(row, found[row.node_id], factor)] if counts[1]]
+    for title, fitted in (("as written", False), ("as the fit believes them", True)):
+        pairs = [counts for row in tested for counts in [_counts(row, found[row.node_id], fitted)] if counts[1]]
         inside, known = (sum(column) for column in zip(*pairs, strict=True))
         shares = [part / whole for part, whole in pairs]
         print(
@@ -87,19 +87,20 @@ def main() -> None:
         )
 
 
-def _bounds(row: CuratedRange, axis: int, factor: float = 1.0) -> tuple[float, float, float] | None:
-    """Low, typical and high of an axis, the range widened in its log about the typical value."""
+def _bounds(row: CuratedRange, axis: int, fitted: bool = False) -> tuple[float, float, float] | None:
+    """Low, typical and high of an axis, as written or as the fit believes them, about the typical value."""
     low, typical, high = row.low[axis], row.typical[axis], row.high[axis]
     if low is None or typical is None or high is None:
         return None
+    factor = believed_spread(low, high) / stated_spread(low, high) if fitted and high > low else 1.0
     return typical * (low / typical) ** factor, typical, typical * (high / typical) ** factor
 
 
-def _counts(row: CuratedRange, values: Sequence[Sequence[float]], factor: float) -> tuple[int, int]:
-    """Sizes within the widened range, and sizes."""
+def _counts(row: CuratedRange, values: Sequence[Sequence[float]], fitted: bool) -> tuple[int, int]:
+    """Sizes within the range, as written or as the fit believes it, and sizes."""
     inside = known = 0
     for axis, column in enumerate(values):
-        bounds = _bounds(row, axis, factor)
+        bounds = _bounds(row, axis, fitted)
         if bounds and len(column) >= FEWEST:
             inside += sum(bounds[0] <= value <= bounds[2] for value in column)
             known += len(column)

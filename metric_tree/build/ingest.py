@@ -33,6 +33,7 @@ __all__ = [
     "SHARDS",
     "Block",
     "Ingested",
+    "believed_spread",
     "block_of",
     "blocks",
     "ingest_block",
@@ -40,6 +41,7 @@ __all__ = [
     "item_hash",
     "items_of",
     "raw_files",
+    "stated_spread",
 ]
 
 #: Shards of a build. A million rows are then 16,000 a shard, a few megabytes; ten million still fit in a worker.
@@ -54,10 +56,12 @@ REMEMBERED = 200_000
 #: Half-width of a curated range in standard deviations: low and high hold nine of ten (`RawItem.ranges_mm`).
 RANGE_SD = 1.645
 
-#: A person's range is stated from memory. Of 181 axes with a curated range and fifteen items or more of products,
-#: measurements and norms, the ranges hold 81 % of the sizes where they claim 90 %: a factor 1.645 / 1.33. A norm's
-#: tolerance is what it says.
-CURATED_WIDENING = 1.25
+#: A person's range is stated from memory: narrow ones are too narrow and wide ones too wide. With s the stated standard
+#: deviation of ln size, that of the things about the typical size is WIDENING s^WIDENING_POWER: least squares over the
+#: 118 axes that have a curated range and fifteen items or more of products, measurements and norms, of two sources or
+#: more (`benchmarks/taxonomy/widening.py`). No range is taken for more than `MOST_WIDENING` times as wide as was said.
+#: A norm's tolerance is what it says.
+WIDENING, WIDENING_POWER, MOST_WIDENING = 0.76, 0.71, 1.7
 
 #: Flags of raw items that no build takes: sizes found in prose or typed into a form, and toys of the thing.
 UNUSED_FLAGS = ("low_trust", "placeholder", "toy_replica")
@@ -297,11 +301,28 @@ def _range_sd(item: RawItem, stated: Sizes) -> list[float] | None:
         return [item.relative_sd] * len(stated.extents)
     if not item.ranges_mm:
         return None
-    half = RANGE_SD / (1.0 if "norm" in item.flags else CURATED_WIDENING)
-    spreads = {
-        item.dimensions_mm.get(word): math.log(high / low) / (2 * half) for word, (low, high) in item.ranges_mm.items()
-    }
+    spread = stated_spread if "norm" in item.flags else believed_spread
+    spreads = {item.dimensions_mm.get(word): spread(low, high) for word, (low, high) in item.ranges_mm.items()}
     return [spreads.get(extent, math.nan) for extent in stated.extents]
+
+
+def stated_spread(low: float, high: float) -> float:
+    """Standard deviation of ln size of a range that holds nine of ten.
+
+    >>> round(stated_spread(500, 1000), 3)
+    0.211
+    """
+    return math.log(high / low) / (2 * RANGE_SD)
+
+
+def believed_spread(low: float, high: float) -> float:
+    """Standard deviation of ln size of the things of which a person states a range.
+
+    >>> round(believed_spread(500, 1000), 3), round(believed_spread(100, 2000), 3), round(believed_spread(99, 101), 3)
+    (0.252, 0.711, 0.01)
+    """
+    stated = stated_spread(low, high)
+    return min(MOST_WIDENING * stated, WIDENING * stated**WIDENING_POWER)
 
 
 def _arrow(shards: Sequence[Sequence[dict[str, Any]]]) -> bytes:

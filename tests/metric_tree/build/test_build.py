@@ -9,13 +9,12 @@ from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from crawler.items import RawItem
 from metric_base.faults import InputFault
 from metric_tree.build import steps as build_module
-from metric_tree.build.ingest import CURATED_WIDENING, is_held_out
+from metric_tree.build.ingest import believed_spread, is_held_out
 from metric_tree.build.steps import Options, build_release
 from metric_tree.build.work_folder import sole_writer
 from metric_tree.checks.release_files import findings
@@ -157,8 +156,8 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
     assert prior.share_by_kind == {"curated": 1.0}
     assert prior.quantile(0.5) == pytest.approx([400, 350, 450])
     spread = prior.log_sd()
-    assert spread[0] == pytest.approx(CURATED_WIDENING * np.log(450 / 350) / 3.29, rel=0.01)
-    assert spread[2] == pytest.approx(CURATED_WIDENING * np.log(700 / 400) / 3.29, rel=0.01)
+    assert spread[0] == pytest.approx(believed_spread(350, 450), rel=0.01)
+    assert spread[2] == pytest.approx(believed_spread(400, 700), rel=0.01)
     sofa = tree.find("sofa").prior()  # a range far off counts as one source of five
     assert 0 < sofa.share_by_kind["curated"] < 0.5
     assert 1300 < sofa.quantile(0.5)[0] < 2000

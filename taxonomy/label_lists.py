@@ -55,6 +55,7 @@ class Label:
         return self.reason != STUFF and not self.reason.startswith(VOID)
 
 
+@cache
 def vocabularies(directory: Path | None = None) -> tuple[str, ...]:
     """Names of the available lists, such as `coco_80`."""
     folder = (directory or taxonomy_directory()) / _FOLDER

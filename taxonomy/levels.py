@@ -150,12 +150,17 @@ def table_rows(file: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[s
     """
     try:
         with file.open(encoding="utf-8", newline="") as lines:
-            reader = csv.DictReader(lines)
-            missing = sorted(set(columns) - set(reader.fieldnames or ()))
+            reader = csv.reader(lines)
+            header = next(reader, [])
+            missing = sorted(set(columns) - set(header))
             with in_file(file, BadLevels):
                 expect(not missing, "header", f"columns {', '.join(columns)}", Words(f"no {', '.join(missing)}"))
-            for row in reader:
-                yield f"{file}:{reader.line_num}", {name: row[name] or "" for name in columns}
+            cells = [(name, header.index(name)) for name in columns]
+            name_of_file = str(file)
+            for row in filter(None, reader):
+                short = len(row) < len(header)
+                filled = [*row, *[""] * (len(header) - len(row))] if short else row
+                yield f"{name_of_file}:{reader.line_num}", {name: filled[place] for name, place in cells}
     except OSError as error:
         raise BadLevels(f"{file}: expected a table; found {error.strerror}") from None
 

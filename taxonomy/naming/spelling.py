@@ -18,6 +18,8 @@ _SPELLINGS = {
     "sceptre": "scepter", "theatre": "theater", "tyre": "tire", "woollen": "woolen", "yoghurt": "yogurt",
 }  # fmt: skip
 
+_SPELLINGS |= {f"{british}s": f"{american}s" for british, american in _SPELLINGS.items()}
+
 #: Plurals that no rule forms.
 _IRREGULAR = {
     "children": "child", "feet": "foot", "geese": "goose", "halves": "half", "knives": "knife", "leaves": "leaf",
@@ -54,7 +56,7 @@ def plain_fold(text: str) -> str:
     'iphone'
     """
     if text.isascii():
-        return " ".join(_SPELLINGS.get(word) or spelling_of(word) for word in text.translate(_ASCII).split())
+        return " ".join([_SPELLINGS.get(word, word) for word in text.translate(_ASCII).split()])
     plain = unicodedata.normalize("NFKD", text.replace("ß", "ss").replace("ø", "o").replace("Ø", "O")).casefold()
     letters = "".join(c for c in plain if not unicodedata.combining(c) and c not in "'’‘`´")
     words = _SEPARATORS.sub(" ", letters.replace("&", " and ")).split()
@@ -63,11 +65,7 @@ def plain_fold(text: str) -> str:
 
 def spelling_of(word: str) -> str:
     """The American spelling of a folded word."""
-    if word in _SPELLINGS:
-        return _SPELLINGS[word]
-    if word.endswith("s") and word[:-1] in _SPELLINGS:
-        return _SPELLINGS[word[:-1]] + "s"
-    return word
+    return _SPELLINGS.get(word, word)
 
 
 def singulars(word: str) -> Iterator[str]:

@@ -322,7 +322,7 @@ def believed_spread(low: float, high: float) -> float:
     (0.252, 0.711, 0.01)
     """
     stated = stated_spread(low, high)
-    return min(MOST_WIDENING * stated, WIDENING * stated**WIDENING_POWER)
+    return min(MOST_WIDENING * stated, WIDENING * math.pow(stated, WIDENING_POWER))
 
 
 def _arrow(shards: Sequence[Sequence[dict[str, Any]]]) -> bytes:

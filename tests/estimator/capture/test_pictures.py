@@ -100,3 +100,18 @@ def test_pictures_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(b"not a picture")
     with pytest.raises(InputFault, match=r"a\.jpg: picture"):
         PictureFolder(tmp_path)
+
+
+def test_pictures_that_are_left_out_are_named(tmp_path: Path) -> None:
+    for name in ("a.jpg", "b.jpg"):
+        _picture(tmp_path / name)
+    (tmp_path / "IMG_3.HEIC").write_bytes(b"")
+    part = tmp_path / "part"
+    part.mkdir()
+    make_frames(part, source_of(tmp_path), wanted=None)
+    assert read_frames(part).remarks == ["not used: IMG_3.HEIC; convert to JPEG"]
+    for name in ("a.jpg", "b.jpg"):
+        (tmp_path / name).rename(tmp_path / f"{name}.HEIC")
+    assert is_capture(tmp_path)
+    with pytest.raises(InputFault, match=r"found IMG_3\.HEIC; convert it to JPEG"):
+        source_of(tmp_path)

@@ -132,4 +132,6 @@ def _storage_fault(error: Exception, place: str) -> StorageFault:
     if isinstance(error, StorageFault):
         return error
     said = " ".join(str(error).split())
-    return StorageFault(f"{place}: expected a frontier that can be written and asked, found: {said}; --resume goes on")
+    # a damaged file is not healed by another try
+    advice = "" if "not a database" in said or "malformed" in said else "; --resume goes on"
+    return StorageFault(f"{place}: expected a frontier that can be written and asked, found: {said}{advice}")

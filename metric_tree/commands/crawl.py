@@ -91,6 +91,8 @@ def _check(arguments: argparse.Namespace) -> None:
     """The options that need no crawl to be found at fault."""
     from metric_base.faults import InputFault
 
+    if arguments.out.exists() and not arguments.out.is_dir():
+        raise InputFault(f"--out: expected a folder; found the file {arguments.out}")
     contact, limit, delay = arguments.contact, arguments.limit, arguments.delay
     if not contact or not _CONTACT.fullmatch(contact) or not contact.isprintable():
         given = repr(contact) if contact else "none"

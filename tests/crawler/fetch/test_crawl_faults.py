@@ -189,3 +189,12 @@ def test_requests_in_flight_at_a_ban_are_the_same_ban(monkeypatch: pytest.Monkey
         again = guard.process_response(Request("https://shop.example/p", meta=meta), refused)
         assert isinstance(again, Request)
     assert in_a_row == [1, 2]
+
+
+def test_a_file_in_place_of_the_folder_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "out").write_text("mine")
+    assert main(["crawl", "ikea", "--query", "x", "--out", str(tmp_path / "out"), *CONTACT]) == 2
+    message = capsys.readouterr().err
+    assert "--out: expected a folder; found the file" in message
+    assert message.count("\n") == 1
+    assert (tmp_path / "out").read_text() == "mine"

@@ -84,8 +84,15 @@ def test_a_truncated_video_gives_its_readable_frames(tmp_path: Path) -> None:
     assert 5 < len(list(Video(cut).frames())) < 30
 
 
-@pytest.mark.parametrize("content", [b"", b"not a video at all" * 50])
+PLAYLISTS = (
+    b"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nother.mp4\n#EXT-X-ENDLIST\n",
+    b"ffconcat version 1.0\nfile 'other.mp4'\n",
+)
+
+
+@pytest.mark.parametrize("content", [b"", b"not a video at all" * 50, *PLAYLISTS])
 def test_what_is_no_video_is_named(tmp_path: Path, content: bytes) -> None:
+    write_video(tmp_path / "other.mp4", [np.zeros((48, 64, 3), dtype=np.uint8)] * 3, times_of(3))
     file = tmp_path / "video.mp4"
     file.write_bytes(content)
     with pytest.raises(InputFault, match=r"video\.mp4: video: expected a video that FFmpeg reads"):

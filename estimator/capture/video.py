@@ -109,6 +109,8 @@ def _stream(path: Path, container: Any) -> Any:
 
     for stream in container.streams.video:
         if not stream.disposition & av.stream.Disposition.attached_pic:
+            if stream.codec_context is None:
+                raise InputFault.at(path, "video", "a codec that FFmpeg decodes", Words("another"))
             if stream.width * stream.height > MAX_PIXELS:
                 size = Words(f"{stream.width} x {stream.height}")
                 raise InputFault.at(path, "video", f"frames of at most {MAX_PIXELS:,} pixels", size)

@@ -28,6 +28,10 @@ class Size:
     warnings: tuple[str, ...] = ()
 
 
+#: Metres of the largest thing that is inserted: larger than anything that was built.
+LARGEST_M = 10_000.0
+
+
 def model_size(model: Model, request: str, tree: Tree | None = None, category: str | None = None) -> Size:
     """The size that `--size` asks for.
 
@@ -47,8 +51,8 @@ def model_size(model: Model, request: str, tree: Tree | None = None, category: s
         metres = float(stated[2])
     except ValueError:
         metres = float("nan")
-    if not 0 < metres < float("inf"):
-        raise InputFault(f"--size {stated[1]}: expected metres above 0; found {stated[2]!r}")
+    if not 0 < metres <= LARGEST_M:
+        raise InputFault(f"--size {stated[1]}: expected metres above 0, {LARGEST_M:g} at most; found {stated[2]!r}")
     return Size(metres / _extent(model, stated[1]), request)
 
 

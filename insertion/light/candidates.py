@@ -107,14 +107,14 @@ def candidates_near(
     nearly /= np.maximum(np.linalg.norm(nearly, axis=1, keepdims=True), 1e-9)
     ways = [np.tile(facing, (NEARBY, 1)), nearly, np.tile(-all_over.basis[2], (NEARBY, 1)), np.zeros((NEARBY, 3))]
     places = place + offsets
-    odds = np.tile(np.where(_barred(all_over, places), -np.inf, 0.0), len(ways))
+    odds = np.tile(np.where(_where_barred(all_over, places), -np.inf, 0.0), len(ways))
     odds[0] = 0.0
     places, directions = np.tile(places, (len(ways), 1)), np.concatenate(ways)
     light = lamp_irradiance(patches, places, directions, occupancy)
     return Candidates(places, directions, light, odds, all_over.spacing, all_over.basis, all_over.barred)
 
 
-def _barred(candidates: Candidates, places: FloatArray) -> BoolArray:
+def _where_barred(candidates: Candidates, places: FloatArray) -> BoolArray:
     """(n,) whether a place (n, 3) is nearer to one at which no lamp is than to any at which one may be."""
     if not len(candidates.barred):
         return np.zeros(len(places), dtype=bool)

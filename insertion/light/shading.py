@@ -197,7 +197,7 @@ def _best_pair(planes: _Planes, candidates: Candidates) -> list[_Fitted]:
     pairs = []
     for row in seeds:
         ratio = float(RATIOS[RATIOS >= RATIO_MIDDLE][scores[row, RATIOS >= RATIO_MIDDLE].argmax()])
-        one = _fitted(candidates, row, ratio, scores, RATIOS)
+        one = _lamp_of_row(candidates, row, ratio, scores, RATIOS)
         pairs.append([one, _best_lamp(planes, candidates, [one], RATIOS)])
     return max(pairs, key=lambda pair: pair[1].score)
 
@@ -254,6 +254,7 @@ def _with_unseen(lamps: list[_Fitted], planes: _Planes) -> _Planes:
 
 
 def _unseen_prior(times: FloatArray | float) -> FloatArray:
+    """Log prior, of any shape, of how bright what is not shown is."""
     return np.asarray(-0.5 * (np.log(times) / UNSEEN_SIGMA) ** 2)
 
 
@@ -261,7 +262,7 @@ def _best_lamp(planes: _Planes, candidates: Candidates, others: list[_Fitted], r
     """One lamp beside others; ratios : (q,) of direct over ambient irradiance that are tried."""
     scores = _all_scores(planes, candidates, others, ratios)
     row, best = (int(k) for k in np.unravel_index(int(scores.argmax()), scores.shape))
-    return _fitted(candidates, row, float(ratios[best]), scores, ratios)
+    return _lamp_of_row(candidates, row, float(ratios[best]), scores, ratios)
 
 
 def _all_scores(planes: _Planes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> FloatArray:
@@ -273,7 +274,7 @@ def _all_scores(planes: _Planes, candidates: Candidates, others: list[_Fitted], 
     return np.asarray(scores + prior)
 
 
-def _fitted(candidates: Candidates, row: int, ratio: float, scores: FloatArray, ratios: FloatArray) -> _Fitted:
+def _lamp_of_row(candidates: Candidates, row: int, ratio: float, scores: FloatArray, ratios: FloatArray) -> _Fitted:
     """The candidate of a row; scores : (c, q) by candidate and ratio (q,)."""
     lamp = _lamp(candidates, scores, ratios)
     place, facing = candidates.places[row], candidates.facing[row]
@@ -281,6 +282,7 @@ def _fitted(candidates: Candidates, row: int, ratio: float, scores: FloatArray, 
 
 
 def _ratio_prior(ratios: FloatArray | float) -> FloatArray:
+    """Log prior, of any shape, of the ratios of direct over ambient irradiance."""
     return np.asarray(-0.5 * (np.log(ratios / RATIO_MIDDLE) / RATIO_SIGMA) ** 2)
 
 

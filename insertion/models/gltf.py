@@ -160,7 +160,7 @@ def _parts(scene: Any, header: dict[str, Any]) -> list[Part]:
 def _part(mesh: Any, transform: FloatArray, header: dict[str, Any]) -> Part:
     """The part of a mesh in the model's frame, its transform (4, 4)."""
     if "vertex_normals" not in mesh._cache.cache:
-        mesh = _faceted(mesh)
+        mesh = _with_flat_faces(mesh)
     linear = transform[:3, :3]
     vertices = np.asarray(mesh.vertices, dtype=np.float64) @ linear.T + transform[:3, 3]
     # normals turn with the inverse transpose
@@ -175,7 +175,7 @@ def _part(mesh: Any, transform: FloatArray, header: dict[str, Any]) -> Part:
     return Part(vertices, normals, coordinates, faces, _material(mesh, header), _vertex_color(mesh))
 
 
-def _faceted(mesh: Any) -> Any:
+def _with_flat_faces(mesh: Any) -> Any:
     """The mesh with a vertex of its own for each corner of each face: without normals in the file, faces are flat.
 
     glTF 2.0, 3.7.2.1: "When normals are not specified, client implementations MUST calculate flat normals".

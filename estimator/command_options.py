@@ -25,7 +25,7 @@ WITHOUT_LENGTHS = ("paper", "sucar")
 EPILOG = """\
 Exit status: 0 done; 2 the input is at fault (one line says where); 3 unresolved: no usable object, or the interval's
 high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more, or a known length contradicts the objects,
-or the reconstruction contradicts itself; 1 a fault of the program.
+or the reconstruction or the masks contradict themselves; 1 a fault of the program.
 """
 
 #: A coordinate list that begins with a minus sign; argparse would take it for an option.

@@ -216,7 +216,7 @@ def _model_order(scene: Scene, cloud_file: Path) -> IntArray | None:
         return None
     rows = {view.name: row for row, view in enumerate(scene.views)}
     names = [view.name for view in read_colmap(folder).views]
-    return np.array([rows[name] for name in names]) if set(names) <= set(rows) else None
+    return np.array([rows[name] for name in names], dtype=np.int32) if set(names) <= set(rows) else None
 
 
 def _visibility_fits(scene: Scene, cloud: DenseCloud) -> bool:

@@ -1,6 +1,7 @@
 """Processor time and memory of `estimate-scale` on large scenes.
 
-    python -m benchmarks.estimator.large_scene [--views 125] [--points 500000] [--seen 12] [--times 1 2 4]
+    python -m benchmarks.estimator.large_scene [--views 125] [--points 500000] [--seen 12] [--observations 3000]
+                                                  [--times 1 2 4]
 
 A made room is filmed by `--views` cameras and has about `--points` dense points; each of `--times` repeats its views,
 its masks and its points (all a millimetre apart) so often: time is linear if it grows as often. Each runs in a process
@@ -56,7 +57,7 @@ def repeated(made: MadeScene, times: int) -> MadeScene:
         ]
     dense = _repeated_cloud(scene.dense, times, len(scene.views), unit, generator)
     points = np.tile(scene.points, (times, 1)) + generator.normal(0, unit, (times * len(scene.points), 3))
-    return replace(made, scene=replace(scene, views=tuple(views), points=points, dense=dense), ids=[*made.ids] * times)
+    return replace(made, scene=replace(scene, views=tuple(views), points=points, dense=dense), ids=(*made.ids,) * times)
 
 
 def _repeated_cloud(
@@ -69,6 +70,12 @@ def _repeated_cloud(
     ends = np.concatenate([dense.visible_offsets[1:] + copy * dense.visible_offsets[-1] for copy in range(times)])
     points = np.tile(dense.points, (times, 1)) + generator.normal(0, unit, (times * len(dense.points), 3))
     return DenseCloud(points, np.concatenate([[0], ends]), seen)
+
+
+def _with_fewer(view: View, most: int) -> View:
+    """The view with at most so many observations, evenly taken: SIFT on a video frame gives as many."""
+    step = -(-len(view.point_index) // most)
+    return replace(view, keypoints=view.keypoints[::step], point_index=view.point_index[::step])
 
 
 def _thinned(dense: DenseCloud, most: int) -> DenseCloud:
@@ -88,12 +95,19 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=125)
     parser.add_argument("--points", type=int, default=500_000)
     parser.add_argument("--seen", type=int, default=12, help="most views of a dense point (default: %(default)s)")
+    parser.add_argument(
+        "--observations",
+        type=int,
+        default=3000,
+        help="most observations of sparse points in a view (default: %(default)s)",
+    )
     parser.add_argument("--times", type=int, nargs="+", default=[1, 2, 4])
     given = parser.parse_args()
     world = furnished_room("sitting room", 7, Knobs(views=given.views))
     made = quick_scene(world, Knobs(views=given.views), 7, dense_a_frame=given.points // given.views)
     assert made.scene.dense is not None
-    made = replace(made, scene=replace(made.scene, dense=_thinned(made.scene.dense, given.seen)))
+    sparse = tuple(_with_fewer(view, given.observations) for view in made.scene.views)
+    made = replace(made, scene=replace(made.scene, views=sparse, dense=_thinned(made.scene.dense, given.seen)))
     print("| views | dense points | masks | processor s | peak MiB | exit | scale over true |")
     print("|---|---|---|---|---|---|---|")
     for times in given.times:

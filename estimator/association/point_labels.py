@@ -48,11 +48,6 @@ BOX_SHARE = 0.85
 SUPPORT_SHARE = 0.15
 
 
-# Most pairs of a view and a dense point that are looked at. A cloud that has more is thinned evenly, so that memory and
-# time are bounded: 500 views look at 120,000 of two million points, and a thing of a thousandth of the cloud keeps 120.
-MAX_PAIRS = 60_000_000
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PointLabels:
     """Labels of one cloud of n points seen by v views with m instances.
@@ -87,24 +82,22 @@ def sparse_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
 def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     """Labels of the dense points by projection into the views that see them.
 
-    A cloud of more than `MAX_PAIRS` pairs of a view and a point is thinned evenly. ValueError if the scene has no dense
-    cloud.
+    ValueError if the scene has no dense cloud.
     """
     if scene.dense is None:
         raise ValueError("the scene has no dense cloud")
-    views, count = scene.views, len(scene.dense.points)
-    kept = np.arange(0, count, max(1, -(-len(views) * count // MAX_PAIRS)))
-    own = np.ascontiguousarray(scene.dense.points[kept])
+    views, own = scene.views, scene.dense.points
+    rows = np.arange(len(own))
     # coordinate by coordinate in memory: projection runs along one at a time
     points = np.asfortranarray(own)
     looks = (_Sight(*_visible_rows(view, points)) for view in views)
     looked, masked = _matrices(looks, views, instances, len(points))
-    listed = _rows_by_view(scene.dense, kept, len(views))
+    listed = _rows_by_view(scene.dense, len(views))
     if listed is None:
-        return PointLabels(own, kept, masked, looked, looked, masked)
-    sights = (_sight_of_rows(view, points, rows) for view, rows in zip(views, listed, strict=True))
+        return PointLabels(own, rows, masked, looked, looked, masked)
+    sights = (_sight_of_rows(view, points, some) for view, some in zip(views, listed, strict=True))
     visibility, membership = _matrices(sights, views, instances, len(points))
-    return PointLabels(own, kept, membership, visibility, looked, masked)
+    return PointLabels(own, rows, membership, visibility, looked, masked)
 
 
 def point_votes(
@@ -222,18 +215,15 @@ def _perhaps_inside(camera: Camera, local: FloatArray) -> IntArray:
     return np.flatnonzero((np.abs(local[0]) <= wide * local[2]) & (np.abs(local[1]) <= high * local[2]))
 
 
-def _rows_by_view(cloud: DenseCloud, kept: IntArray, views: int) -> list[IntArray] | None:
-    """Positions (k,) in `kept` (m,) that each view sees, by the cloud's visibility file; None without one."""
+def _rows_by_view(cloud: DenseCloud, views: int) -> list[IntArray] | None:
+    """Rows (k,) of the cloud that each of the views sees, by its visibility file; None without one."""
     if cloud.visible_offsets is None or cloud.visible_views is None:
         return None
-    lengths = np.diff(cloud.visible_offsets)[kept]
-    positions = np.repeat(np.arange(len(kept)), lengths)
-    # where each of the kept points' entries are in the file
-    entries = np.arange(len(positions)) + np.repeat(cloud.visible_offsets[kept] - np.cumsum(lengths) + lengths, lengths)
-    seen_by = cloud.visible_views[entries]
-    order = np.argsort(seen_by, kind="stable")
-    ends = np.searchsorted(seen_by[order], np.arange(views + 1))
-    return [positions[order[start:end]] for start, end in pairwise(ends)]
+    every: IntArray = np.arange(len(cloud.points), dtype=np.int32)
+    rows = np.repeat(every, np.diff(cloud.visible_offsets))
+    order = np.argsort(cloud.visible_views, kind="stable")
+    ends = np.searchsorted(cloud.visible_views[order], np.arange(views + 1))
+    return [rows[order[start:end]] for start, end in pairwise(ends)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -259,7 +249,7 @@ def _matrices(
     for number, instance in enumerate(instances):
         by_view[instance.view].append(number)
     seen: list[IntArray] = []
-    members: list[IntArray] = [np.empty(0, dtype=np.int64)] * len(instances)
+    members: list[IntArray] = [np.empty(0, dtype=np.int32)] * len(instances)
     for index, sight in enumerate(sights):
         rows: IntArray = sight.rows.astype(np.int32)  # half the memory
         seen.append(rows)
@@ -294,7 +284,7 @@ def _indicator(rows: Sequence[IntArray], count: int) -> csr_array:
     """(r, c) sparse matrix of r = len(rows) rows and c = `count` columns, 1 at the listed columns (k,) of each row."""
     lengths = np.fromiter((len(part) for part in rows), dtype=np.int64, count=len(rows))
     indptr = np.concatenate([[0], np.cumsum(lengths)])
-    indices = np.concatenate([*rows, np.empty(0, dtype=np.int32)]).astype(np.int32)
+    indices = np.concatenate([*rows, np.empty(0, dtype=np.int32)]).astype(np.int32, copy=False)
     if indptr[-1] < 2**31:
         indptr = indptr.astype(np.int32)
     return csr_array((np.ones(indices.size, dtype=np.float32), indices, indptr), shape=(len(rows), count))

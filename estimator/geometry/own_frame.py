@@ -22,6 +22,10 @@ from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["OwnFrame", "SortedScene", "own_frame", "sorted_scene"]
 
+# Most pairs of a view and a dense point that are looked at. A cloud that has more is thinned evenly, so that memory and
+# time are bounded: 500 views look at 80,000 of two million points, and a thing of a thousandth of the cloud keeps 80.
+MAX_PAIRS = 40_000_000
+
 # A mean gaze shorter than this, of unit gazes, has no direction worth the name: the cameras look all around.
 MIN_GAZE = 1e-3
 
@@ -98,7 +102,7 @@ def own_frame(views: Sequence[View]) -> OwnFrame:
 def sorted_scene(scene: Scene, instances: Sequence[Instance], *, keep_views: bool = False) -> SortedScene:
     """The scene and its masks in their own frame and order; the views as they are with `keep_views`.
 
-    ValueError for a scene without views.
+    A dense cloud of more than `MAX_PAIRS` pairs of a view and a point is thinned. ValueError for a scene without views.
     """
     frame = own_frame(scene.views)
     kept, view_rank = (np.arange(len(scene.views)),) * 2 if keep_views else _distinct_views(scene.views, frame)
@@ -109,6 +113,7 @@ def sorted_scene(scene: Scene, instances: Sequence[Instance], *, keep_views: boo
     if scene.dense is not None:
         cloud = frame.points(scene.dense.points)
         dense_order = _distinct_points(cloud)[0]
+        dense_order = dense_order[:: max(1, -(-len(views) * len(dense_order) // MAX_PAIRS))]
         dense = _permute(scene.dense, cloud, dense_order, view_rank)
     rows = _instance_order(instances, view_rank)
     masks = [replace(instances[row], view=int(view_rank[instances[row].view])) for row in rows.tolist()]

@@ -99,10 +99,10 @@ def _visibility(reader: ByteReader, n_points: int, n_views: int) -> tuple[IntArr
     places = _list_places(words, n)
     listed = np.ones(len(words), dtype=bool)
     listed[places] = False
-    views = words[listed].astype(np.int64)
+    views = words[listed]
     if len(views) and views.max() >= n_views:
         raise FieldFault("image", f"positions below {n_views}, the number of images", int(views.max()))
-    return np.concatenate([[0], np.cumsum(words[places], dtype=np.int64)]), views
+    return np.concatenate([[0], np.cumsum(words[places], dtype=np.int64)]), views.astype(np.int32)
 
 
 def visibility_bytes(offsets: IntArray, views: IntArray) -> bytes:

@@ -23,8 +23,8 @@ from metric_base.arrays import FloatArray, IntArray
 __all__ = ["OwnFrame", "SortedScene", "own_frame", "sorted_scene"]
 
 # Most pairs of a view and a dense point that are looked at. A cloud that has more is thinned evenly, so that memory and
-# time are bounded: 500 views look at 80,000 of two million points, and a thing of a thousandth of the cloud keeps 80.
-MAX_PAIRS = 40_000_000
+# time are bounded: 500 views look at 60,000 of two million points, and a thing of a thousandth of the cloud keeps 60.
+MAX_PAIRS = 30_000_000
 
 # A mean gaze shorter than this, of unit gazes, has no direction worth the name: the cameras look all around.
 MIN_GAZE = 1e-3

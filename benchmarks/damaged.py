@@ -56,7 +56,7 @@ def damaged_runs(folder: Path = FOLDER) -> Iterator[DamagedRun]:
 
 
 def _command(entry: Path, work: Path) -> list[str] | None:
-    """The command that tries the input, or None where it is none."""
+    """The command that tries the input; None if no command reads it."""
     if entry.suffix == ".html":
         return ["metric-tree", "extract", str(entry), "--url", PAGE_URL]
     words = _estimate_words(entry, work)

@@ -38,7 +38,7 @@ class Outcome:
     part, group : which experiment and setting; error : ln(scale / true) of the highest mode, also where the answer is
     refused, NaN without any; low, high : the interval's ends as ln(end / true), NaN where none is stated; heights :
     mean relative error of the objects' heights (the paper's measure), NaN where unknown; dimensions : that were used;
-    crps : of the posterior, NaN where there is none.
+    crps : of the posterior, NaN if the method gives no posterior.
     """
 
     part: str

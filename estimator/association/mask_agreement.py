@@ -1,6 +1,6 @@
 """Agreement of the masks between views: masks of another video, mirrored or of other pictures, do not fit the model.
 
-A point of a thing lies in a mask of its category wherever it is seen. Masks that belong to other pictures put it in a
+A point on a chair lies in a chair's mask in every view that sees it. Masks that belong to other pictures put it in a
 mask of the category here, and on the background or on another category there, hardly better than by chance.
 """
 

@@ -32,27 +32,37 @@ def full_window(camera: Camera) -> Window:
 def insertion_job(
     objects: Sequence[Placed],
     keys: Sequence[CameraKey],
-    camera: Camera,
     frame: MetricFrame,
     environment: Environment,
     folder: Path,
 ) -> dict[str, Any]:
     """Objects on a shadow catcher under the environment; nothing is written yet (`out`, `blend`)."""
-    window = full_window(camera)
     largest = max(placed.body.unit for placed in objects) * frame.scale
     return {
         "objects": [_object(item, frame) for item in objects],
         "catcher": {"half": CATCHER_SIZES * largest, "albedo": support_albedo(environment)},
         "environment": str(write_environment(environment, folder / "environment.hdr")),
-        "window": {
-            "width": window.width, "height": window.height, "fx": window.fx, "fy": window.fy,
-            "cx": window.cx - window.x0, "cy": window.cy - window.y0,
-        },
+        "window": _window(keys[0].camera),
         "keys": [
-            {"stem": f"{number:06d}", "time_s": key.time_s, "matrix": key.matrix.tolist()}
+            {
+                "stem": f"{number:06d}",
+                "time_s": key.time_s,
+                "matrix": key.matrix.tolist(),
+                "window": _window(key.camera),
+            }
             for number, key in enumerate(keys)
         ],
+        "start_s": 0.0,
         "samples": SAMPLES,
+    }
+
+
+def _window(camera: Camera) -> dict[str, float]:
+    """The ideal camera behind a whole picture, in pixels counted from its corner."""
+    window = full_window(camera)
+    return {
+        "width": window.width, "height": window.height, "fx": window.fx, "fy": window.fy,
+        "cx": window.cx - window.x0, "cy": window.cy - window.y0,
     }  # fmt: skip
 
 

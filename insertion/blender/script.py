@@ -95,32 +95,48 @@ def set_world(scene: Any, file: str | None) -> None:
 
 def add_camera(scene: Any, job: dict[str, Any]) -> Any:
     """The ideal camera of the job's window with a key for each picture."""
-    window = job["window"]
     data = bpy.data.cameras.new("recovered camera")
     data.sensor_fit = "HORIZONTAL"
     data.sensor_width = 36.0
-    data.lens = 36.0 * window["fx"] / window["width"]
-    data.shift_x = (window["width"] / 2 - window["cx"]) / window["width"]
-    data.shift_y = (window["cy"] - window["height"] / 2) / window["width"]
     data.clip_start, data.clip_end = 0.01, 1000.0
     camera = bpy.data.objects.new("recovered camera", data)
     camera.rotation_mode = "QUATERNION"
     scene.collection.objects.link(camera)
     scene.camera = camera
+    rate = job.get("rate", 6.0)
+    scene.render.fps = max(round(rate), 1)
+    scene.render.fps_base = scene.render.fps / rate
+    start = job.get("start_s", job["keys"][0]["time_s"])
+    several = len({json.dumps(key.get("window")) for key in job["keys"]}) > 1
+    set_lens(scene, data, job["window"])
+    turn = None
+    for key in job["keys"]:
+        camera.matrix_world = Matrix((TURN @ np.array(key["matrix"])).tolist())
+        if turn is not None:  # the same turn has two signs, and the way between keys is the short one
+            camera.rotation_quaternion.make_compatible(turn)
+        turn = camera.rotation_quaternion.copy()
+        frame = 1 + (key["time_s"] - start) * rate
+        camera.keyframe_insert("location", frame=frame)
+        camera.keyframe_insert("rotation_quaternion", frame=frame)
+        if several:  # the size of the picture itself cannot move in Blender
+            set_lens(scene, data, key["window"])
+            for path in ("lens", "shift_x", "shift_y"):
+                data.keyframe_insert(path, frame=frame)
+    set_lens(scene, data, job["window"])
+    scene.frame_start, scene.frame_end = 1, max(1, round(1 + (job["keys"][-1]["time_s"] - start) * rate))
+    return camera
+
+
+def set_lens(scene: Any, data: Any, window: dict[str, float]) -> None:
+    """The ideal camera of a window, and the size of the picture."""
+    data.lens = 36.0 * window["fx"] / window["width"]
+    data.shift_x = (window["width"] / 2 - window["cx"]) / window["width"]
+    # Blender counts both shifts in widths of the picture, and heights in square pixels
+    data.shift_y = (window["cy"] - window["height"] / 2) / window["width"] * window["fx"] / window["fy"]
     render = scene.render
     render.resolution_x, render.resolution_y, render.resolution_percentage = window["width"], window["height"], 100
     render.pixel_aspect_y = window["fx"] / window["fy"] if window["fx"] > window["fy"] else 1.0
     render.pixel_aspect_x = window["fy"] / window["fx"] if window["fy"] > window["fx"] else 1.0
-    rate = job.get("rate", 6.0)
-    render.fps, render.fps_base = max(round(rate * 100), 1), 100.0
-    start = job["keys"][0]["time_s"]
-    for key in job["keys"]:
-        camera.matrix_world = Matrix((TURN @ np.array(key["matrix"])).tolist())
-        frame = 1 + (key["time_s"] - start) * rate
-        camera.keyframe_insert("location", frame=frame)
-        camera.keyframe_insert("rotation_quaternion", frame=frame)
-    scene.frame_start, scene.frame_end = 1, max(1, round(1 + (job["keys"][-1]["time_s"] - start) * rate))
-    return camera
 
 
 def render(scene: Any, camera: Any, job: dict[str, Any]) -> None:
@@ -135,10 +151,12 @@ def render(scene: Any, camera: Any, job: dict[str, Any]) -> None:
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode, settings.color_depth = "OPEN_EXR", "RGBA", "32"
     camera.animation_data_clear()
+    camera.data.animation_data_clear()
     for key in job["keys"]:
         if key.get("skip"):
             continue
         camera.matrix_world = Matrix((TURN @ np.array(key["matrix"])).tolist())
+        set_lens(scene, camera.data, key.get("window", job["window"]))
         file = f"{job['out']}/{key['stem']}.exr"
         scene.render.filepath = file
         bpy.ops.render.render(write_still=True)

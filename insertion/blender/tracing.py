@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from estimator.records.scene import Camera
 from insertion.blender.job import full_window, insertion_job
 from insertion.blender.process import VARIABLE, blender_program, run_blender
-from insertion.exports.metric_frame import camera_keys, metric_frame
+from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.light.environment import Environment
 from insertion.light.estimate import environment_at
 from insertion.scene.footage import Shot
@@ -34,15 +34,18 @@ def traced_layers(
     """A function from a shot to its (h, w, 4) layer through the lens; all are rendered first, in one run."""
     frame = metric_frame(objects, stage.scale.metres_per_unit)
     shots = [shot for shot in stage.footage.shots if shot.view is not None]
-    camera = _camera(shots)
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
-        job = insertion_job(objects, camera_keys(shots, frame), camera, frame, environment, folder)
+        job = insertion_job(objects, camera_keys(shots, frame), frame, environment, folder)
         run_blender(job | {"out": str(folder)}, folder)
         stems = {shot.index: f"{number:06d}" for number, shot in enumerate(shots)}
-        yield lambda shot: _bent(
-            np.load(folder / f"{stems[shot.index]}.npy", allow_pickle=False).astype(np.float32), camera
-        )
+
+        def layer(shot: Shot) -> Layer:
+            assert shot.view is not None  # only shots with a pose are drawn on
+            ideal = np.load(folder / f"{stems[shot.index]}.npy", allow_pickle=False).astype(np.float32)
+            return _bent(ideal, shot.view.camera)
+
+        yield layer
 
 
 def export_blend(folder: Path, stage: Stage, objects: Sequence[Placed]) -> list[str]:
@@ -61,15 +64,11 @@ def export_blend(folder: Path, stage: Stage, objects: Sequence[Placed]) -> list[
 def write_blend(file: Path, stage: Stage, objects: Sequence[Placed], environment: Environment) -> None:
     """The scene with its animated camera as a `.blend` file, which packs what it needs."""
     frame = metric_frame(objects, stage.scale.metres_per_unit)
-    shots = [shot for shot in stage.footage.shots if shot.view is not None]
+    shots = stage.footage.shots
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
-        job = insertion_job(objects, camera_keys(shots, frame), _camera(shots), frame, environment, folder)
-        run_blender(job | {"blend": str(file.resolve())}, folder)
-
-
-def _camera(shots: Sequence[Shot]) -> Camera:
-    return next(shot.view.camera for shot in shots if shot.view is not None)
+        job = insertion_job(objects, camera_keys(shots, frame), frame, environment, folder)
+        run_blender(job | {"blend": str(file.resolve()), "rate": frame_rate(shots)}, folder)
 
 
 def _bent(ideal: Layer, camera: Camera) -> Layer:

@@ -1,9 +1,11 @@
-"""The inserted objects and the animated camera as one GLB file, 1 unit = 1 m, +y up."""
+"""The inserted objects and the animated camera as one GLB file, 1 unit = 1 m, +y up.
+
+The objects are written as they are drawn, not copied from their files: a reader that rounds colours, or knows fewer
+kinds of accessors than ours, cannot change them.
+"""
 
 from __future__ import annotations
 
-import json
-import struct
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,100 +13,116 @@ from typing import Any
 import numpy as np
 
 from estimator.records.scene import Camera
-from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
+from insertion.exports.glb import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Glb
+from insertion.exports.metric_frame import CameraKey, MetricFrame, keys_by_camera, object_matrix
+from insertion.models.model import Material, Part
 from insertion.render.pinhole import focal_lengths
 from insertion.staging.insert import Placed
 from metric_base.arrays import FloatArray
 
 __all__ = ["write_gltf_scene"]
 
-_FLOAT = 5126
+#: Metres between which a camera sees anything.
+NEAR_M, FAR_M = 0.01, 1000.0
 
 
-def write_gltf_scene(
-    file: Path, objects: Sequence[Placed], keys: Sequence[CameraKey], camera: Camera, frame: MetricFrame
-) -> None:
-    """Write the file. glTF knows no lens distortion: the camera is the ideal one with the same focal length."""
-    import trimesh
+def write_gltf_scene(file: Path, objects: Sequence[Placed], keys: Sequence[CameraKey], frame: MetricFrame) -> None:
+    """Write the file, with an animated camera for each of the cameras that took the pictures.
 
-    scene = trimesh.Scene()
-    for number, placed in enumerate(objects):
-        model = trimesh.load_scene(placed.request.model, process=False)
-        for node in model.graph.nodes_geometry:
-            transform, name = model.graph[node]
-            matrix = object_matrix(placed, frame) @ transform
-            scene.add_geometry(model.geometry[name], node_name=f"object{number} {node}", transform=matrix)
-    header, binary = _parts(scene.export(file_type="glb"))
-    _add_camera(header, binary, keys, camera)
-    file.write_bytes(_glb(header, binary))
+    glTF knows no lens distortion and no principal point: each is the ideal camera with the same focal lengths, its
+    axis through the middle of the picture. The whole camera is in its `extras`.
+    """
+    document = Glb("insert-object")
+    nodes = [_object(document, number, placed, frame) for number, placed in enumerate(objects)]
+    for number, (camera, own) in enumerate(keys_by_camera(keys)):
+        nodes.append(_animated_camera(document, f"camera{number or ''}", camera, own))
+    file.write_bytes(document.data(nodes))
 
 
-def _parts(data: bytes) -> tuple[dict[str, Any], bytearray]:
-    length = struct.unpack_from("<I", data, 12)[0]
-    header = json.loads(data[20 : 20 + length])
-    start = 20 + length
-    size = struct.unpack_from("<I", data, start)[0]
-    return header, bytearray(data[start + 8 : start + 8 + size])
+def _object(document: Glb, number: int, placed: Placed, frame: MetricFrame) -> int:
+    """The node of an object, whose mesh has the metres of its own file."""
+    primitives = [_primitive(document, part) for part in placed.model.parts]
+    mesh = document.add("meshes", {"name": placed.request.model.stem, "primitives": primitives})
+    matrix = object_matrix(placed, frame)
+    return document.add(
+        "nodes", {"name": f"object{number}", "mesh": mesh, "matrix": matrix.T.ravel().tolist()}
+    )  # by columns
 
 
-def _glb(header: dict[str, Any], binary: bytearray) -> bytes:
-    binary += b"\0" * (-len(binary) % 4)
-    header["buffers"] = [{"byteLength": len(binary)}]
-    text = json.dumps(header).encode()
-    text += b" " * (-len(text) % 4)
-    total = 12 + 8 + len(text) + 8 + len(binary)
-    return b"".join([
-        struct.pack("<III", 0x46546C67, 2, total),
-        struct.pack("<II", len(text), 0x4E4F534A), text,
-        struct.pack("<II", len(binary), 0x004E4942), bytes(binary),
-    ])  # fmt: skip
+def _primitive(document: Glb, part: Part) -> dict[str, Any]:
+    attributes = {
+        "POSITION": document.add_values(part.vertices, ARRAY_BUFFER, limits=True),
+        "NORMAL": document.add_values(_unit_normals(part.normals), ARRAY_BUFFER),
+        "TEXCOORD_0": document.add_values(part.uv, ARRAY_BUFFER),
+    }
+    if part.color is not None:
+        attributes["COLOR_0"] = document.add_values(np.clip(part.color, 0, 1), ARRAY_BUFFER)
+    indices = document.add_values(part.faces.ravel().astype(np.uint32), ELEMENT_ARRAY_BUFFER)
+    return {"attributes": attributes, "indices": indices, "material": _material(document, part.material)}
 
 
-def _add_camera(header: dict[str, Any], binary: bytearray, keys: Sequence[CameraKey], camera: Camera) -> None:
-    focal_y = focal_lengths(camera)[1]
-    header["cameras"] = [{
-        "type": "perspective", "name": "recovered camera",
+def _unit_normals(normals: FloatArray) -> FloatArray:
+    """(n, 3) unit normals; one of length 0, which a face without an area has, points up."""
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(lengths > 0.5, normals / np.maximum(lengths, 1e-12), [0.0, 1.0, 0.0])
+
+
+def _material(document: Glb, material: Material) -> int:
+    surface: dict[str, Any] = {
+        "baseColorFactor": np.clip(material.base_color, 0, 1).tolist(),
+        "metallicFactor": min(material.metallic, 1.0),
+        "roughnessFactor": min(material.roughness, 1.0),
+    }
+    record: dict[str, Any] = {
+        "pbrMetallicRoughness": surface,
+        "emissiveFactor": np.clip(material.emissive, 0, 1).tolist(),
+        "doubleSided": True,  # as it is drawn
+    }
+    for target, field, pixels in (
+        (surface, "baseColorTexture", material.base_texture),
+        (surface, "metallicRoughnessTexture", material.surface_texture),
+        (record, "normalTexture", material.normal_texture),
+        (record, "emissiveTexture", material.emissive_texture),
+    ):
+        if pixels is not None:
+            target[field] = {"index": document.add_texture(pixels)}
+    if material.alpha_cutoff is not None:
+        record |= {"alphaMode": "MASK", "alphaCutoff": material.alpha_cutoff}
+    elif material.blend:
+        record["alphaMode"] = "BLEND"
+    return document.add("materials", record)
+
+
+def _animated_camera(document: Glb, name: str, camera: Camera, keys: Sequence[CameraKey]) -> int:
+    """The node of a camera with its animation, whose times count from the first picture."""
+    fx, fy = focal_lengths(camera)[:2]
+    lens = document.add("cameras", {
+        "type": "perspective", "name": name,
         "perspective": {
-            "yfov": 2 * float(np.arctan(camera.height / (2 * focal_y))), "aspectRatio": camera.width / camera.height,
-            "znear": 0.01, "zfar": 1000.0,
+            "yfov": 2 * float(np.arctan(camera.height / (2 * fy))),
+            "aspectRatio": (camera.width / fx) / (camera.height / fy),
+            "znear": NEAR_M, "zfar": FAR_M,
         },
-    }]  # fmt: skip
-    node = len(header.setdefault("nodes", []))
+        "extras": {
+            "model": camera.model, "width": camera.width, "height": camera.height,
+            "params": [float(value) for value in camera.params],
+        },
+    })  # fmt: skip
     places = np.array([key.matrix[:3, 3] for key in keys])
     turns = _quaternions(keys)
-    header["nodes"].append({
-        "name": "camera", "camera": 0, "translation": places[0].tolist(), "rotation": turns[0].tolist(),
+    node = document.add("nodes", {
+        "name": name, "camera": lens, "translation": places[0].tolist(), "rotation": turns[0].tolist(),
     })  # fmt: skip
-    header["scenes"][header.get("scene", 0)]["nodes"].append(node)
-    times = np.array([[key.time_s] for key in keys]) - keys[0].time_s
-    rows = [_accessor(header, binary, values) for values in (times, places, turns)]
-    header["animations"] = [{
-        "name": "recovered camera",
-        "samplers": [{"input": rows[0], "output": rows[1]}, {"input": rows[0], "output": rows[2]}],
+    times = document.add_values(np.array([key.time_s for key in keys]), limits=True)
+    moves = [("translation", document.add_values(places)), ("rotation", document.add_values(turns))]
+    document.add("animations", {
+        "name": name,
+        "samplers": [{"input": times, "output": values} for _, values in moves],
         "channels": [
-            {"sampler": 0, "target": {"node": node, "path": "translation"}},
-            {"sampler": 1, "target": {"node": node, "path": "rotation"}},
+            {"sampler": row, "target": {"node": node, "path": path}} for row, (path, _) in enumerate(moves)
         ],
-    }]  # fmt: skip
-    header.setdefault("asset", {"version": "2.0"})["extras"] = {
-        "metres_per_unit": 1.0,
-        "camera": {"model": camera.model, "params": [float(v) for v in camera.params]},
-    }
-
-
-def _accessor(header: dict[str, Any], binary: bytearray, values: FloatArray) -> int:
-    """Append an array of floats of any shape; its number."""
-    binary += b"\0" * (-len(binary) % 4)
-    data = np.ascontiguousarray(values, dtype="<f4")
-    views = header.setdefault("bufferViews", [])
-    views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": data.nbytes})
-    binary += data.tobytes()
-    kinds = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
-    header.setdefault("accessors", []).append({
-        "bufferView": len(views) - 1, "componentType": _FLOAT, "count": len(data), "type": kinds[data.shape[1]],
-        "min": data.min(axis=0).tolist(), "max": data.max(axis=0).tolist(),
     })  # fmt: skip
-    return len(header["accessors"]) - 1
+    return node
 
 
 def _quaternions(keys: Sequence[CameraKey]) -> FloatArray:

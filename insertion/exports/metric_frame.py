@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.records.scene import View
+from estimator.records.scene import Camera, View
 from insertion.scene.footage import Shot
 from insertion.staging.insert import Placed
 from metric_base.arrays import FloatArray
 
-__all__ = ["CameraKey", "MetricFrame", "camera_keys", "metric_frame", "object_matrix"]
+__all__ = ["CameraKey", "MetricFrame", "camera_keys", "frame_rate", "keys_by_camera", "metric_frame", "object_matrix"]
 
 #: Frames per second of pictures without times.
 STILLS_RATE = 6.0
@@ -35,12 +35,13 @@ class MetricFrame:
 class CameraKey:
     """The camera of one picture.
 
-    matrix : (4, 4) camera to metric frame with OpenGL's axes (x right, y up, looking along -z), as glTF, USD, Blender
-    and nerfstudio have them.
+    time_s : seconds since the first picture; camera : its lens; matrix : (4, 4) camera to metric frame with OpenGL's
+    axes (x right, y up, looking along -z), as glTF, USD, Blender and nerfstudio have them.
     """
 
     name: str
     time_s: float
+    camera: Camera
     matrix: FloatArray
 
 
@@ -53,7 +54,32 @@ def metric_frame(objects: Sequence[Placed], metres_per_unit: float) -> MetricFra
 
 def camera_keys(shots: Sequence[Shot], frame: MetricFrame) -> list[CameraKey]:
     """The cameras of all pictures with a known pose."""
-    return [_key(shot, shot.view, frame) for shot in shots if shot.view is not None]
+    times = _times(shots)
+    return [
+        _key(shot, shot.view, time_s, frame) for shot, time_s in zip(shots, times, strict=True) if shot.view is not None
+    ]
+
+
+def frame_rate(shots: Sequence[Shot]) -> float:
+    """Pictures a second: the usual one of a film whose rate varies."""
+    steps = np.diff(_times(shots))
+    return float(1 / np.median(steps)) if len(steps) and np.median(steps) > 0 else STILLS_RATE
+
+
+def _times(shots: Sequence[Shot]) -> list[float]:
+    """Seconds of each picture since the first."""
+    times = [shot.index / STILLS_RATE if shot.time_s is None else shot.time_s for shot in shots]
+    return [time_s - times[0] for time_s in times]
+
+
+def keys_by_camera(keys: Sequence[CameraKey]) -> list[tuple[Camera, list[CameraKey]]]:
+    """The keys of each lens, in the order in which the lenses come; lenses of the same numbers are one."""
+    lenses: dict[tuple[str, int, int, bytes], tuple[Camera, list[CameraKey]]] = {}
+    for key in keys:
+        lens = key.camera
+        same = (lens.model, lens.width, lens.height, lens.params.tobytes())
+        lenses.setdefault(same, (lens, []))[1].append(key)
+    return list(lenses.values())
 
 
 def object_matrix(placed: Placed, frame: MetricFrame) -> FloatArray:
@@ -66,10 +92,9 @@ def object_matrix(placed: Placed, frame: MetricFrame) -> FloatArray:
     return matrix
 
 
-def _key(shot: Shot, view: View, frame: MetricFrame) -> CameraKey:
+def _key(shot: Shot, view: View, time_s: float, frame: MetricFrame) -> CameraKey:
     matrix = np.eye(4)
     # COLMAP's camera looks along +z with y down
     matrix[:3, :3] = frame.rotation @ view.rotation.T @ np.diag([1.0, -1.0, -1.0])
     matrix[:3, 3] = frame(view.centre[None])[0]
-    time_s = shot.index / STILLS_RATE if shot.time_s is None else shot.time_s
-    return CameraKey(shot.name, time_s, matrix)
+    return CameraKey(shot.name, time_s, view.camera, matrix)

@@ -1,4 +1,4 @@
-"""nerfstudio's `transforms.json`: the cameras at metric scale, +z up."""
+"""nerfstudio's `transforms.json`: the cameras at metric scale, +z up, with the scene's points beside it."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import numpy as np
 
 from estimator.reconstructions.cameras import CAMERA_MODELS
 from estimator.records.scene import Camera
-from insertion.exports.metric_frame import CameraKey
+from insertion.exports.metric_frame import CameraKey, keys_by_camera
 from metric_base.arrays import FloatArray
 from metric_base.faults import InputFault
 
-__all__ = ["write_transforms"]
+__all__ = ["POINTS_FILE", "write_transforms"]
 
 #: COLMAP's models that nerfstudio reads, by its own name for them.
 _MODELS = {
@@ -23,35 +23,37 @@ _MODELS = {
     "SIMPLE_RADIAL": "OPENCV", "RADIAL": "OPENCV", "OPENCV": "OPENCV",
     "OPENCV_FISHEYE": "OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE": "OPENCV_FISHEYE", "RADIAL_FISHEYE": "OPENCV_FISHEYE",
 }  # fmt: skip
+#: From +y up to +z up.
+_TURN = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
+POINTS_FILE = "sparse_pc.ply"
 
 
-def write_transforms(file: Path, keys: Sequence[CameraKey], camera: Camera, pictures: str) -> None:
-    """Write the file. pictures : folder of the pictures, relative to it.
+def write_transforms(file: Path, keys: Sequence[CameraKey], pictures: str, points: FloatArray) -> None:
+    """Write the file, and the points (n, 3) of the metric frame as `sparse_pc.ply` beside it.
 
-    nerfstudio counts pixels as COLMAP's `cx`, `cy` do not: the centre of its first pixel is (0, 0), so half a pixel is
-    taken off. Raises InputFault for a camera that it does not know.
+    pictures : folder of the pictures, relative to it. nerfstudio counts pixels as COLMAP does: the centre of the first
+    is (0.5, 0.5) (its issue 3048). Raises InputFault for a camera that it does not know.
     """
-    if camera.model not in _MODELS:
-        raise InputFault(f"--export: transforms.json: expected one of {', '.join(_MODELS)}; found {camera.model}")
-    # from +y up to +z up
-    turn = np.array([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
-    document = _intrinsics(camera) | {
-        "metres_per_unit": 1.0,
+    lenses = keys_by_camera(keys)
+    for camera, _ in lenses:
+        if camera.model not in _MODELS:
+            raise InputFault(f"--export: transforms.json: expected one of {', '.join(_MODELS)}; found {camera.model}")
+    alone = len(lenses) == 1
+    document: dict[str, Any] = {
+        **(_intrinsics(lenses[0][0]) if alone else {"camera_model": _MODELS[lenses[0][0].model]}),
+        "ply_file_path": POINTS_FILE,
         "frames": [
             {
                 "file_path": f"{pictures}/{key.name}",
-                "transform_matrix": (turn @ key.matrix).tolist(),
+                "transform_matrix": (_TURN @ key.matrix).tolist(),
                 "time_s": key.time_s,
+                **({} if alone else _intrinsics(key.camera)),
             }
             for key in keys
         ],
     }
     file.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
-
-
-def _frame(key: CameraKey, matrix: FloatArray, pictures: str) -> dict[str, Any]:
-    """One frame with its pose, camera to world (4, 4)."""
-    return {"file_path": f"{pictures}/{key.name}", "transform_matrix": matrix.tolist(), "time_s": key.time_s}
+    _write_points(file.with_name(POINTS_FILE), points @ _TURN[:3, :3].T)
 
 
 def _intrinsics(camera: Camera) -> dict[str, Any]:
@@ -64,6 +66,13 @@ def _intrinsics(camera: Camera) -> dict[str, Any]:
         "camera_model": _MODELS[camera.model],
         "w": camera.width, "h": camera.height,
         "fl_x": values.get("fx", focal), "fl_y": values.get("fy", focal),
-        "cx": values["cx"] - 0.5, "cy": values["cy"] - 0.5,
+        "cx": values["cx"], "cy": values["cy"],
         **lens,
     }  # fmt: skip
+
+
+def _write_points(file: Path, points: FloatArray) -> None:
+    """A binary PLY of (n, 3) points."""
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz")
+    file.write_bytes(header.encode() + b"end_header\n" + np.ascontiguousarray(points, "<f4").tobytes())

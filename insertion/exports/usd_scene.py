@@ -9,64 +9,67 @@ from typing import Any
 import numpy as np
 
 from estimator.records.scene import Camera
-from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
-from insertion.models.model import Material, Part
+from insertion.exports.metric_frame import CameraKey, MetricFrame, keys_by_camera, object_matrix
+from insertion.exports.usd_materials import bind_material
+from insertion.models.model import Part
 from insertion.render.pinhole import focal_lengths
 from insertion.staging.insert import Placed
-from metric_base.pictures import write_picture
 
 __all__ = ["write_usd_scene"]
 
-#: Time codes a second: fine enough for every presentation time of a video.
-TIME_CODES = 1000.0
-#: A usual width of film in millimetres; USD states focal lengths against it.
-APERTURE_MM = 36.0
+#: A usual width of film, 36 mm. USD states lenses in tenths of a scene unit (UsdGeomCamera), here of a metre.
+APERTURE = 0.36
+#: Metres between which a camera sees anything.
+NEAR_M, FAR_M = 0.01, 1000.0
 
 
 def write_usd_scene(
-    file: Path, objects: Sequence[Placed], keys: Sequence[CameraKey], camera: Camera, frame: MetricFrame
+    file: Path, objects: Sequence[Placed], keys: Sequence[CameraKey], frame: MetricFrame, rate: float
 ) -> None:
-    """Write a `.usda` file, with textures in a folder beside it."""
-    from pxr import Sdf, Usd, UsdGeom
+    """Write a `.usda` file, with textures in a folder beside it and a camera for each that took the pictures.
+
+    rate : pictures a second. Time code k is picture k; where times vary, samples are between time codes, at their own
+    time. USD has no lens distortion; each camera is the ideal one with the same focal lengths and principal point.
+    """
+    from pxr import Usd, UsdGeom
 
     stage = Usd.Stage.CreateNew(str(file))
     UsdGeom.SetStageMetersPerUnit(stage, 1.0)
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
-    stage.SetTimeCodesPerSecond(TIME_CODES)
-    stage.SetStartTimeCode(keys[0].time_s * TIME_CODES)
-    stage.SetEndTimeCode(keys[-1].time_s * TIME_CODES)
-    root = UsdGeom.Xform.Define(stage, "/World")
-    stage.SetDefaultPrim(root.GetPrim())
-    _camera(stage, keys, camera)
+    stage.SetTimeCodesPerSecond(rate)
+    stage.SetFramesPerSecond(rate)
+    stage.SetStartTimeCode(0.0)
+    stage.SetEndTimeCode(max(key.time_s for key in keys) * rate)
+    stage.SetDefaultPrim(UsdGeom.Xform.Define(stage, "/World").GetPrim())
+    for number, (camera, own) in enumerate(keys_by_camera(keys)):
+        _camera(stage, f"/World/camera{number or ''}", camera, own, rate)
     for number, placed in enumerate(objects):
         path = f"/World/object{number}"
-        _matrix(UsdGeom.Xform.Define(stage, path), object_matrix(placed, frame))
+        _set_matrix(UsdGeom.Xform.Define(stage, path), object_matrix(placed, frame))
         for row, part in enumerate(placed.model.parts):
-            name = f"{path}/part{row}"
-            mesh = _mesh(stage, name, part)
-            _material(stage, f"{name}_material", part.material, file, f"{placed.request.model.stem}_{row}", mesh)
-    stage.GetRootLayer().customLayerData = {"metres_per_unit": 1.0}
+            mesh = _mesh(stage, f"{path}/part{row}", part)
+            bind_material(stage, mesh, part.material, file.parent, f"object{number}_part{row}")
     stage.GetRootLayer().Save()
-    assert Sdf.Layer.FindOrOpen(str(file)) is not None  # it can be read again
 
 
-def _camera(stage: Any, keys: Sequence[CameraKey], camera: Camera) -> None:
+def _camera(stage: Any, path: str, camera: Camera, keys: Sequence[CameraKey], rate: float) -> None:
+    """A camera moved by its keys; rate : time codes a second."""
     from pxr import Gf, UsdGeom
 
     fx, fy, cx, cy = focal_lengths(camera)
-    lens = UsdGeom.Camera.Define(stage, "/World/camera")
-    lens.CreateHorizontalApertureAttr(APERTURE_MM)
-    lens.CreateVerticalApertureAttr(APERTURE_MM * camera.height / camera.width * fx / fy)
-    lens.CreateFocalLengthAttr(APERTURE_MM * fx / camera.width)
-    lens.CreateHorizontalApertureOffsetAttr(APERTURE_MM * (camera.width / 2 - cx) / camera.width)
-    lens.CreateVerticalApertureOffsetAttr(APERTURE_MM * (cy - camera.height / 2) / camera.width * fx / fy)
-    lens.CreateClippingRangeAttr(Gf.Vec2f(0.01, 1000.0))
+    lens = UsdGeom.Camera.Define(stage, path)
+    lens.CreateHorizontalApertureAttr(APERTURE)
+    lens.CreateVerticalApertureAttr(APERTURE * camera.height / camera.width * fx / fy)
+    lens.CreateFocalLengthAttr(APERTURE * fx / camera.width)
+    lens.CreateHorizontalApertureOffsetAttr(APERTURE * (camera.width / 2 - cx) / camera.width)
+    lens.CreateVerticalApertureOffsetAttr(APERTURE * (cy - camera.height / 2) / camera.width * fx / fy)
+    lens.CreateClippingRangeAttr(Gf.Vec2f(NEAR_M, FAR_M))
     operation = lens.AddTransformOp()
     for key in keys:
-        operation.Set(Gf.Matrix4d(key.matrix.T.tolist()), key.time_s * TIME_CODES)  # USD multiplies rows
+        operation.Set(Gf.Matrix4d(key.matrix.T.tolist()), key.time_s * rate)  # USD multiplies rows
 
 
-def _matrix(form: Any, matrix: np.ndarray) -> None:
+def _set_matrix(form: Any, matrix: np.ndarray) -> None:
     """Add a transform (4, 4), which USD stores by columns."""
     from pxr import Gf
 
@@ -77,54 +80,20 @@ def _mesh(stage: Any, path: str, part: Part) -> Any:
     from pxr import Sdf, UsdGeom, Vt
 
     mesh = UsdGeom.Mesh.Define(stage, path)
-    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(part.vertices.astype("f4")))
+    points = part.vertices.astype("f4")
+    mesh.CreatePointsAttr(Vt.Vec3fArray.FromNumpy(points))
+    mesh.CreateExtentAttr(Vt.Vec3fArray.FromNumpy(np.stack([points.min(axis=0), points.max(axis=0)])))
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray.FromNumpy(np.full(len(part.faces), 3, "i4")))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(part.faces.astype("i4").ravel()))
     mesh.CreateNormalsAttr(Vt.Vec3fArray.FromNumpy(part.normals.astype("f4")))
     mesh.SetNormalsInterpolation(UsdGeom.Tokens.vertex)
     mesh.CreateSubdivisionSchemeAttr(UsdGeom.Tokens.none)
     mesh.CreateDoubleSidedAttr(True)
+    if part.color is not None:
+        tint = (part.color[:, :3] * part.material.base_color[:3]).astype("f4")
+        mesh.CreateDisplayColorPrimvar(UsdGeom.Tokens.vertex).Set(Vt.Vec3fArray.FromNumpy(tint))
     # USD counts v upwards, glTF downwards
     uv = (part.uv * [1, -1] + [0, 1]).astype("f4")
     primvar = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
     primvar.Set(Vt.Vec2fArray.FromNumpy(uv))
     return mesh
-
-
-def _material(stage: Any, path: str, material: Material, file: Path, name: str, mesh: Any) -> None:
-    from pxr import Gf, Sdf, UsdShade
-
-    bound = UsdShade.Material.Define(stage, path)
-    surface = UsdShade.Shader.Define(stage, f"{path}/surface")
-    surface.CreateIdAttr("UsdPreviewSurface")
-    surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(material.roughness)
-    surface.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(material.metallic)
-    colour = surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
-    if material.base_texture is None:
-        colour.Set(Gf.Vec3f(*(float(v) for v in material.base_color[:3])))
-    else:
-        colour.ConnectToSource(_texture(stage, path, material, file, name), "rgb")
-    bound.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
-    UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim()).Bind(bound)
-
-
-def _texture(stage: Any, path: str, material: Material, file: Path, name: str) -> Any:
-    from pxr import Gf, Sdf, UsdShade
-
-    folder = file.parent / "textures"
-    folder.mkdir(exist_ok=True)
-    assert material.base_texture is not None  # asked for
-    write_picture(folder / f"{name}.png", material.base_texture[..., [2, 1, 0, 3]])
-    reader = UsdShade.Shader.Define(stage, f"{path}/st")
-    reader.CreateIdAttr("UsdPrimvarReader_float2")
-    reader.CreateInput("varname", Sdf.ValueTypeNames.String).Set("st")
-    image = UsdShade.Shader.Define(stage, f"{path}/image")
-    image.CreateIdAttr("UsdUVTexture")
-    image.CreateInput("file", Sdf.ValueTypeNames.Asset).Set(f"textures/{name}.png")
-    image.CreateInput("wrapS", Sdf.ValueTypeNames.Token).Set("repeat")
-    image.CreateInput("wrapT", Sdf.ValueTypeNames.Token).Set("repeat")
-    image.CreateInput("sourceColorSpace", Sdf.ValueTypeNames.Token).Set("sRGB")
-    image.CreateInput("scale", Sdf.ValueTypeNames.Float4).Set(Gf.Vec4f(*(float(v) for v in material.base_color)))
-    image.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
-    image.CreateOutput("rgb", Sdf.ValueTypeNames.Float3)
-    return image.ConnectableAPI()

@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,17 +13,19 @@ from numpy.typing import NDArray
 from estimator.capture.pictures import PICTURE_SUFFIXES
 from estimator.outputs.rescaled import write_scaled
 from insertion.exports.gltf_scene import write_gltf_scene
-from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
+from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.exports.nerfstudio import write_transforms
 from insertion.records.result import InsertionResult
 from insertion.scene.footage import Shot
 from insertion.staging.insert import Placed
 from insertion.staging.stage import Stage
-from metric_base.arrays import FloatArray
 from metric_base.files import OutputNames, output_names
 from metric_base.pictures import write_picture
 
 __all__ = ["LayerWriter", "write_exports"]
+
+#: The largest depth that 16 bits hold in millimetres.
+FARTHEST_MM = 65_535
 
 
 def write_exports(
@@ -32,37 +33,24 @@ def write_exports(
 ) -> list[str]:
     """Write into an existing folder; what could not be written, one line each.
 
-    `scene.glb`, `scene.usda` with `textures/`, `transforms.json`, `colmap/`, `insertion.json` and `scene.json`, which
-    `insertion/exports/blender_scene.py` reads.
+    `scene.glb`, `scene.usda` with `textures/`, `transforms.json` with `sparse_pc.ply`, `colmap/`, and `insertion.json`,
+    which has what `--json` prints.
     """
     frame = metric_frame(objects, stage.scale.metres_per_unit)
     names = _picture_names(stage.footage.shots)
     keys = [replace(key, name=names[key.name].as_posix()) for key in camera_keys(stage.footage.shots, frame)]
-    camera = next(shot.view.camera for shot in stage.footage.shots if shot.view is not None)
-    write_gltf_scene(folder / "scene.glb", objects, keys, camera, frame)
-    write_transforms(folder / "transforms.json", keys, camera, "pictures")
+    write_gltf_scene(folder / "scene.glb", objects, keys, frame)
+    write_transforms(folder / "transforms.json", keys, "pictures", frame(stage.scene.points))
     write_scaled(stage.scene, stage.scale.metres_per_unit, folder / "colmap")
     records = [result.to_json() for result in results]
     (folder / "insertion.json").write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
-    lens = {"model": camera.model, "width": camera.width, "height": camera.height, "params": camera.params.tolist()}
-    document: dict[str, Any] = {
-        "objects": [_object(item, object_matrix(item, frame)) for item in objects],
-        "camera": lens,
-        "keys": [{"name": key.name, "time_s": key.time_s, "matrix": key.matrix.tolist()} for key in keys],
-    }
-    (folder / "scene.json").write_text(json.dumps(document) + "\n", encoding="utf-8")
     try:
         from insertion.exports.usd_scene import write_usd_scene
 
-        write_usd_scene(folder / "scene.usda", objects, keys, camera, frame)
+        write_usd_scene(folder / "scene.usda", objects, keys, frame, frame_rate(stage.footage.shots))
     except ModuleNotFoundError:
         return ["scene.usda is not written: pip install 'metric-tree[usd]'"]
     return []
-
-
-def _object(item: Placed, matrix: FloatArray) -> dict[str, Any]:
-    """A model and its pose, (4, 4) model to scene."""
-    return {"file": str(item.request.model.resolve()), "matrix": matrix.tolist()}
 
 
 def _picture_names(shots: Sequence[Shot]) -> dict[str, Path]:
@@ -88,9 +76,12 @@ class LayerWriter:
         write_picture(self._folder / "pictures" / self._names[shot.name], picture[..., ::-1])
 
     def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
-        """Write one object's visible coverage (h, w), 0 to 255, and its depth (h, w), 16 bits, 0 where it is not."""
+        """Write one object's visible coverage (h, w), 0 to 255, and its depth (h, w), 16 bits.
+
+        The depth is 0 where the object is not, and where it is beyond what 16 bits hold.
+        """
         name = self._layers[shot.name]
         file = name.with_name(f"{name.stem}_{number}.png")
         write_picture(self._folder / "mask" / file, np.rint(255 * alpha).astype(np.uint8))
-        deep = np.nan_to_num(depth * self._millimetres, nan=0.0)
-        write_picture(self._folder / "depth" / file, np.clip(np.rint(deep), 0, 65535).astype(np.uint16))
+        deep = np.rint(np.nan_to_num(depth * self._millimetres, nan=0.0))
+        write_picture(self._folder / "depth" / file, np.where(deep <= FARTHEST_MM, deep, 0).astype(np.uint16))

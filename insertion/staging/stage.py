@@ -42,7 +42,8 @@ class Stage:
         """The masks of a shot, carried over from the nearest annotated view where it has none of its own."""
         if shot.view is None:
             return ()
-        own = shot.view.camera.width == self.scene.views[0].camera.width
+        # the frames of a video may be larger than those that were reconstructed
+        own = shot.row is not None and self.scene.views[shot.row].camera.width == shot.view.camera.width
         return self.carrier.masks(shot.row if own else None, shot.view)
 
 

@@ -7,11 +7,15 @@ import os
 import struct
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from estimator.other_programs.nerfstudio import read_nerfstudio
+from estimator.reconstructions.cameras import pixels_in_view
 from insertion.blender.tracing import export_blend, traced_layers
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
@@ -63,15 +67,21 @@ def test_the_model_has_its_metres(scene: tuple[Stage, Placed]) -> None:
     assert corners[:, 1].max() == pytest.approx(HEIGHT, abs=1e-5)
 
 
+def _header(file: Path) -> dict[str, Any]:
+    """The JSON of a GLB file."""
+    data = file.read_bytes()
+    header: dict[str, Any] = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
+    return header
+
+
 def test_glb_has_an_animated_camera(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
     import trimesh
 
     stage, placed = scene
     frame = metric_frame([placed], stage.scale.metres_per_unit)
     keys = camera_keys(stage.footage.shots, frame)
-    write_gltf_scene(tmp_path / "scene.glb", [placed], keys, stage.scene.views[0].camera, frame)
-    data = (tmp_path / "scene.glb").read_bytes()
-    header = json.loads(data[20 : 20 + struct.unpack_from("<I", data, 12)[0]])
+    write_gltf_scene(tmp_path / "scene.glb", [placed], keys, frame)
+    header = _header(tmp_path / "scene.glb")
     assert header["cameras"][0]["perspective"]["yfov"] == pytest.approx(2 * np.arctan(240 / 500))
     assert header["accessors"][header["animations"][0]["samplers"][0]["input"]]["count"] == len(keys)
     extents = trimesh.load_scene(tmp_path / "scene.glb").extents
@@ -86,29 +96,54 @@ def test_usd_has_the_same_camera(scene: tuple[Stage, Placed], tmp_path: Path) ->
     stage, placed = scene
     frame = metric_frame([placed], stage.scale.metres_per_unit)
     keys = camera_keys(stage.footage.shots, frame)
-    write_usd_scene(tmp_path / "scene.usda", [placed], keys, stage.scene.views[0].camera, frame)
+    write_usd_scene(tmp_path / "scene.usda", [placed], keys, frame, 25.0)
     usd = Usd.Stage.Open(str(tmp_path / "scene.usda"))
     assert UsdGeom.GetStageMetersPerUnit(usd) == 1.0
     camera = UsdGeom.Xformable(usd.GetPrimAtPath("/World/camera"))
     for key in keys:
-        matrix = np.array(camera.ComputeLocalToWorldTransform(key.time_s * 1000)).T
+        matrix = np.array(camera.ComputeLocalToWorldTransform(key.time_s * 25)).T
         assert matrix == pytest.approx(key.matrix, abs=1e-9)
+    lens = UsdGeom.Camera(usd.GetPrimAtPath("/World/camera")).GetCamera(0)
+    # USD states lenses in tenths of a scene unit: 36 mm are 0.36 where a unit is a metre
+    assert lens.horizontalAperture == pytest.approx(0.36)
+    assert lens.focalLength / lens.horizontalAperture == pytest.approx(500 / 640)
     bounds = UsdGeom.BBoxCache(Usd.TimeCode.Default(), ["default"]).ComputeWorldBound(
         usd.GetPrimAtPath("/World/object0")
     )
     assert bounds.ComputeAlignedRange().GetSize()[1] == pytest.approx(HEIGHT, rel=1e-4)
 
 
-def test_nerfstudio_counts_pixels_from_the_first_centre(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+def test_nerfstudio_has_the_pixels_and_the_points_of_the_scene(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+    """Read again as nerfstudio's files are read: pixels count from the corner, as in COLMAP."""
     stage, placed = scene
-    keys = camera_keys(stage.footage.shots, metric_frame([placed], stage.scale.metres_per_unit))
-    write_transforms(tmp_path / "transforms.json", keys, stage.scene.views[0].camera, "pictures")
-    document = json.loads((tmp_path / "transforms.json").read_text())
-    assert (document["cx"], document["cy"], document["fl_x"]) == (319.5, 239.5, 500.0)
-    for frame, key in zip(document["frames"], keys, strict=True):
-        matrix = np.array(frame["transform_matrix"])
-        assert matrix[2, 3] == pytest.approx(key.matrix[1, 3])  # height along +z
-        assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
+    frame = metric_frame([placed], stage.scale.metres_per_unit)
+    keys = camera_keys(stage.footage.shots, frame)
+    write_transforms(tmp_path / "transforms.json", keys, "pictures", frame(stage.scene.points))
+    again = read_nerfstudio(tmp_path / "transforms.json")
+    metres = stage.scale.metres_per_unit
+    assert np.ptp(again.points[:, 2]) == pytest.approx(np.ptp(stage.scene.points @ placed.place.basis[2]) * metres)
+    for view, shot in zip(again.views, stage.footage.shots, strict=True):
+        assert shot.view is not None
+        pixels = pixels_in_view(view, again.points[:50])[0]
+        np.testing.assert_allclose(pixels, pixels_in_view(shot.view, stage.scene.points[:50])[0], atol=1e-2)
+
+
+def test_pictures_of_two_cameras_keep_both(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+    stage, placed = scene
+    frame = metric_frame([placed], stage.scale.metres_per_unit)
+    keys = camera_keys(stage.footage.shots, frame)
+    other = replace(keys[1].camera, model="PINHOLE", height=640, width=480, params=np.array([400.0, 410, 240, 320]))
+    keys[1] = replace(keys[1], camera=other)
+    write_gltf_scene(tmp_path / "scene.glb", [placed], keys, frame)
+    header = _header(tmp_path / "scene.glb")
+    lenses = [lens["perspective"] for lens in header["cameras"]]
+    assert [lens["yfov"] for lens in lenses] == pytest.approx([2 * np.arctan(240 / 500), 2 * np.arctan(320 / 410)])
+    assert lenses[1]["aspectRatio"] == pytest.approx((240 / 400) / (320 / 410))
+    counts = [header["accessors"][row["samplers"][0]["input"]]["count"] for row in header["animations"]]
+    assert counts == [len(keys) - 1, 1]
+    write_transforms(tmp_path / "transforms.json", keys, "pictures", frame(stage.scene.points))
+    sizes = [(view.camera.width, view.camera.height) for view in read_nerfstudio(tmp_path / "transforms.json").views]
+    assert sizes == [(key.camera.width, key.camera.height) for key in keys]
 
 
 #: Stands in for Blender: keeps its arguments, compiles the script, and writes what the job asks for.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +12,11 @@ from estimator.records.scene import Camera
 from insertion.composite.boxes import Box, window_behind
 from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
 from insertion.light.environment import Environment
-from insertion.render.pinhole import Window
+from insertion.render.pinhole import Window, focal_lengths
 from insertion.staging.insert import Placed
 from metric_base.pictures import write_picture
 
-__all__ = ["SAMPLES", "full_window", "insertion_job", "support_albedo", "write_environment"]
+__all__ = ["SAMPLES", "full_window", "ideal_window", "insertion_job", "support_albedo", "write_environment"]
 
 #: Paths a pixel; the denoiser does the rest.
 SAMPLES = 32
@@ -29,26 +29,35 @@ def full_window(camera: Camera) -> Window:
     return window_behind(camera, Box(0, 0, camera.width, camera.height))
 
 
+def ideal_window(camera: Camera) -> Window:
+    """The picture without its lens: the same size, focal lengths and principal point."""
+    return Window(*focal_lengths(camera), 0, 0, camera.width, camera.height)
+
+
 def insertion_job(
     objects: Sequence[Placed],
     keys: Sequence[CameraKey],
     frame: MetricFrame,
     environment: Environment,
     folder: Path,
+    window_of: Callable[[Camera], Window] = full_window,
 ) -> dict[str, Any]:
-    """Objects on a shadow catcher under the environment; nothing is written yet (`out`, `blend`)."""
+    """Objects on a shadow catcher under the environment; nothing is written yet (`out`, `blend`).
+
+    window_of : what is seen by a camera: a picture with a margin that a lens is then bent over, or `ideal_window`.
+    """
     largest = max(placed.body.unit for placed in objects) * frame.scale
     return {
         "objects": [_object(item, frame) for item in objects],
         "catcher": {"half": CATCHER_SIZES * largest, "albedo": support_albedo(environment)},
         "environment": str(write_environment(environment, folder / "environment.hdr")),
-        "window": _window(keys[0].camera),
+        "window": _window(window_of(keys[0].camera)),
         "keys": [
             {
                 "stem": f"{number:06d}",
                 "time_s": key.time_s,
                 "matrix": key.matrix.tolist(),
-                "window": _window(key.camera),
+                "window": _window(window_of(key.camera)),
             }
             for number, key in enumerate(keys)
         ],
@@ -57,9 +66,8 @@ def insertion_job(
     }
 
 
-def _window(camera: Camera) -> dict[str, float]:
-    """The ideal camera behind a whole picture, in pixels counted from its corner."""
-    window = full_window(camera)
+def _window(window: Window) -> dict[str, float]:
+    """An ideal camera in pixels counted from the corner of its window."""
     return {
         "width": window.width, "height": window.height, "fx": window.fx, "fy": window.fy,
         "cx": window.cx - window.x0, "cy": window.cy - window.y0,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import Camera
-from insertion.blender.job import full_window, insertion_job
+from insertion.blender.job import full_window, ideal_window, insertion_job
 from insertion.blender.process import VARIABLE, blender_program, run_blender
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.light.environment import Environment
@@ -67,7 +67,7 @@ def write_blend(file: Path, stage: Stage, objects: Sequence[Placed], environment
     shots = stage.footage.shots
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
-        job = insertion_job(objects, camera_keys(shots, frame), frame, environment, folder)
+        job = insertion_job(objects, camera_keys(shots, frame), frame, environment, folder, ideal_window)
         run_blender(job | {"blend": str(file.resolve()), "rate": frame_rate(shots)}, folder)
 
 

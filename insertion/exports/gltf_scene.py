@@ -53,8 +53,9 @@ def _primitive(document: Glb, part: Part) -> dict[str, Any]:
     attributes = {
         "POSITION": document.add_values(part.vertices, ARRAY_BUFFER, limits=True),
         "NORMAL": document.add_values(_unit_normals(part.normals), ARRAY_BUFFER),
-        "TEXCOORD_0": document.add_values(part.uv, ARRAY_BUFFER),
     }
+    if part.material.textures:
+        attributes["TEXCOORD_0"] = document.add_values(part.uv, ARRAY_BUFFER)
     if part.color is not None:
         attributes["COLOR_0"] = document.add_values(np.clip(part.color, 0, 1), ARRAY_BUFFER)
     indices = document.add_values(part.faces.ravel().astype(np.uint32), ELEMENT_ARRAY_BUFFER)

@@ -38,6 +38,12 @@ class Material:
         object.__setattr__(self, "base_color", np.asarray(self.base_color, dtype=np.float64))
         object.__setattr__(self, "emissive", np.asarray(self.emissive, dtype=np.float64))
 
+    @property
+    def textures(self) -> tuple[Pixels, ...]:
+        """Those that there are, each (h, w, 4)."""
+        stated = (self.base_texture, self.surface_texture, self.normal_texture, self.emissive_texture)
+        return tuple(pixels for pixels in stated if pixels is not None)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Part:

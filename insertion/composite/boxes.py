@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -57,10 +58,9 @@ def object_box(view: View, body: Body) -> Box | None:
 
 def shadow_box(view: View, body: Body, plane: PlaneMap) -> Box | None:
     """Pixels that the shadow on the support plane may cover; None where it is out of the picture."""
-    dimmed = np.argwhere((1 - plane.share).max(axis=-1) > SHADOW_SHARE)  # rows, columns
-    if not len(dimmed) or (view.centre - body.position) @ body.basis[2] <= 0:
+    flat = _dimmed(plane)
+    if not len(flat) or (view.centre - body.position) @ body.basis[2] <= 0:
         return None
-    flat = ((dimmed[:: max(1, len(dimmed) // 4000), ::-1] + 0.5) / len(plane.share) * 2 - 1) * plane.radius
     return _box_of(view, body.position + body.unit * flat @ body.basis[:2])
 
 
@@ -74,6 +74,14 @@ def window_behind(camera: Camera, box: Box) -> Window:
     x0, y0 = int(np.floor(fx * low[0] + cx - 1.5)), int(np.floor(fy * low[1] + cy - 1.5))
     x1, y1 = int(np.ceil(fx * high[0] + cx + 1.5)), int(np.ceil(fy * high[1] + cy + 1.5))
     return Window(fx, fy, cx, cy, x0, y0, x1 - x0, y1 - y0)
+
+
+@lru_cache(maxsize=8)
+def _dimmed(plane: PlaneMap) -> FloatArray:
+    """(n, 2) some of the places of a map that lie in shadow, along the plane's axes in the local frame."""
+    cells = np.argwhere((1 - plane.share).max(axis=-1) > SHADOW_SHARE)  # rows, columns
+    cells = cells[:: max(1, len(cells) // 4000), ::-1]
+    return np.asarray(((cells + 0.5) / len(plane.share) * 2 - 1) * plane.radius)
 
 
 def _box_of(view: View, points: FloatArray) -> Box | None:

@@ -253,11 +253,12 @@ def _visible_points(space: Space, view: View, points: FloatArray) -> BoolArray:
     """(k,) whether little of the cloud lies clearly in front of each point in a view."""
     step = max(1, len(space.cloud.points) // 6000)
     pixels, depths = pixels_in_view(view, space.cloud.points[::step])
+    inside = np.isfinite(pixels[:, 0])
+    x, y, depths = pixels[inside, 0], pixels[inside, 1], depths[inside]
     at, depth = pixels_in_view(view, points)
     reach = 0.03 * view.camera.width
-    shown = np.ones(len(points), dtype=bool)
-    for row in np.flatnonzero(np.isfinite(at[:, 0])):
-        near = np.abs(pixels - at[row]).max(axis=1) < reach
-        if np.count_nonzero(near) >= NEAR_POINTS:
-            shown[row] = np.mean(depths[near] < 0.85 * depth[row]) < 0.5
-    return shown
+    with np.errstate(invalid="ignore"):
+        near = (np.abs(x - at[:, :1]) < reach) & (np.abs(y - at[:, 1:]) < reach)  # (k, n), none for a point out of view
+        nearer = near & (depths < 0.85 * depth[:, None])
+    counts = near.sum(axis=1)
+    return np.asarray((counts < NEAR_POINTS) | (nearer.sum(axis=1) < 0.5 * counts))

@@ -20,9 +20,10 @@ _LAYOUT = "3f 3f 2f 4f"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedPart:
-    """One part: its vertex arrays for the picture and for shadows, its textures by name, its material."""
+    """One part: its vertex arrays for the picture, its facts and its shadows, its textures by name, its material."""
 
     drawn: Any
+    gathered: Any
     cast: Any
     textures: dict[str, Any]
     material: Material
@@ -44,13 +45,16 @@ class LoadedPart:
         _set(program, "roughness", self.material.roughness)
 
 
-def load_part(context: Any, picture_program: Any, shadow_program: Any, part: BodyPart) -> LoadedPart:
-    """Upload one part."""
+def load_part(
+    context: Any, picture_program: Any, shadow_program: Any, part: BodyPart, facts_program: Any = None
+) -> LoadedPart:
+    """Upload one part; without a program for its facts, `gathered` is None."""
     rows = np.hstack([part.vertices, part.normals, part.uv, part.tint]).astype("f4")
     vertices = context.buffer(rows.tobytes())
     index = context.buffer(np.ascontiguousarray(part.faces, dtype="i4").tobytes())
     names = ("place", "normal", "uv", "tint")
     drawn = context.vertex_array(picture_program, [(vertices, _LAYOUT, *names)], index)
+    gathered = facts_program and context.vertex_array(facts_program, [(vertices, _LAYOUT, *names)], index)
     cast = context.vertex_array(shadow_program, [(vertices, "3f 12x 2f 16x", "place", "uv")], index)
     material = part.material
     stored = {
@@ -60,7 +64,7 @@ def load_part(context: Any, picture_program: Any, shadow_program: Any, part: Bod
         "emissive_texture": material.emissive_texture,
     }
     textures = {name: _texture(context, pixels) for name, pixels in stored.items() if pixels is not None}
-    return LoadedPart(drawn, cast, textures, material, part.vertices.mean(axis=0))
+    return LoadedPart(drawn, gathered, cast, textures, material, part.vertices.mean(axis=0))
 
 
 def _texture(context: Any, pixels: NDArray[np.uint8]) -> Any:

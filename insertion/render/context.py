@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +33,8 @@ def gl_context() -> Any:
 
 
 def shader(name: str, **constants: int) -> str:
-    """The text of a shader file; `constants` become `#define`s after its version line, `//!lights` the lights' code."""
+    """The text of a shader file; `constants` become `#define`s after its version line, `//!part` the file part.glsl."""
     version, _, body = (_SHADERS / name).read_text(encoding="utf-8").partition("\n")
-    body = body.replace("//!lights", (_SHADERS / "lights.glsl").read_text(encoding="utf-8"))
+    body = re.sub(r"^//!(\w+)$", lambda part: (_SHADERS / f"{part[1]}.glsl").read_text("utf-8"), body, flags=re.M)
     defines = "".join(f"#define {key} {value}\n" for key, value in constants.items())
     return f"{version}\n{defines}{body}"

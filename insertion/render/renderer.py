@@ -17,6 +17,7 @@ from insertion.light.reflections import LEVELS, reflection_levels
 from insertion.render.body import Body
 from insertion.render.buffers import load_part
 from insertion.render.context import shader
+from insertion.render.deferred import DeferredTargets
 from insertion.render.pinhole import Window
 from insertion.render.shadows import Caster, PlaneMap, light_axes, plane_map, shadow_atlas
 from metric_base.arrays import FloatArray
@@ -57,22 +58,34 @@ class ObjectRenderer:
         self._receive = self._context.program(
             vertex_shader=shader("full.vert"), fragment_shader=self._lit_shader("receive.frag", len(lights.power))
         )
+        self._gather = self._context.program(
+            vertex_shader=shader("surface.vert"), fragment_shader=shader("gather.frag")
+        )
+        self._light = self._context.program(
+            vertex_shader=shader("full.vert"),
+            fragment_shader=self._lit_shader("light_samples.frag", len(lights.power), SAMPLES=SAMPLES),
+        )
         caster_program = self._context.program(
             vertex_shader=shader("depth_only.vert"), fragment_shader=shader("depth_only.frag")
         )
-        self._parts = [load_part(self._context, self._program, caster_program, part) for part in body.parts]
+        self._parts = [
+            load_part(self._context, self._program, caster_program, part, self._gather) for part in body.parts
+        ]
+        self._solid = not any(part.material.blend for part in self._parts)
         corners = body.corners
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
         caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
         self._atlas = shadow_atlas(self._context, caster_program, self._parts, lights, caster)
         above = directional_lights(environment, PLANE_CUTS).above(body.basis[2])
         self.plane: PlaneMap = plane_map(self._context, caster_program, self._parts, above, body.basis, corners)
-        for program in (self._program, self._receive):
+        for program in (self._program, self._light, self._receive):
             _set_lights(program, lights, caster)
         self._set_surroundings(environment)
+        self._deferred = DeferredTargets(self._context, SAMPLES)
         self._targets: dict[tuple[int, int], tuple[Any, Any]] = {}
         quad = self._context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
         self._cover = self._context.vertex_array(self._receive, [(quad, "2f", "corner")])
+        self._light_cover = self._context.vertex_array(self._light, [(quad, "2f", "corner")])
 
     def outline(
         self, window: Window, rotation: FloatArray, translation: FloatArray, times: float
@@ -80,31 +93,46 @@ class ObjectRenderer:
         """(h, w) coverage of the object grown `times` about its foot, without light."""
         self._program["flat_only"].value = True
         grown = replace(self.body, unit=self.body.unit * times)
-        image = self._image(grown, window, rotation, translation)
+        offset = self._set_camera(grown, window, rotation, translation)
+        colour, _ = self._forward(window, -rotation.T @ offset)
         self._program["flat_only"].value = False
-        return image.alpha
+        return np.clip(colour[..., 3], 0, 1)
 
     def image(self, window: Window, rotation: FloatArray, translation: FloatArray) -> ObjectImage:
         """The object through the window of a camera; rotation (3, 3) and translation (3,) are world to camera."""
-        return self._image(self.body, window, rotation, translation)
+        offset = self._set_camera(self.body, window, rotation, translation)
+        if self._solid:
+            self._use_light()
+            colour, seen = self._deferred.draw(self._parts, self._gather, self._light_cover, window)
+        else:
+            colour, seen = self._forward(window, -rotation.T @ offset)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = np.where(seen[..., 1] > 0.01, seen[..., 0] / seen[..., 1], np.nan) * self.body.unit
+        return ObjectImage(colour[..., :3].copy(), np.clip(colour[..., 3], 0, 1), depth.astype(np.float32))
 
-    def _image(self, body: Body, window: Window, rotation: FloatArray, translation: FloatArray) -> ObjectImage:
-        """The object through a window, from a camera of rotation (3, 3) and translation (3,)."""
+    def _set_camera(self, body: Body, window: Window, rotation: FloatArray, translation: FloatArray) -> FloatArray:
+        """Hand the camera, rotation (3, 3) and translation (3,), to the shaders; (3,) its translation locally."""
         rotation, offset = body.camera(rotation, translation)
         depths = self.body.corners @ rotation[2] + offset[2]
         near = max(float(depths.min()) * 0.8, 1e-3)
         clip = window.clip(rotation, offset, near, max(float(depths.max()) * 1.2, near * 2))
-        self._program["clip"].write(clip.T.astype("f4").tobytes())
-        self._program["depth_row"].value = (*(float(v) for v in rotation[2]), float(offset[2]))
-        self._program["eye"].value = tuple(float(v) for v in -rotation.T @ offset)
+        eye = tuple(float(v) for v in -rotation.T @ offset)
+        for program in (self._program, self._gather):
+            program["clip"].write(clip.T.astype("f4").tobytes())
+            program["depth_row"].value = (*(float(v) for v in rotation[2]), float(offset[2]))
+            program["eye"].value = eye
+        self._light["eye"].value = eye
+        return offset
+
+    def _forward(self, window: Window, eye: FloatArray) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(h, w, 4) colour and coverage, (h, w, 2) depth times coverage and coverage; each triangle is lit on its own.
+
+        eye : (3,) the camera's centre in the local frame.
+        """
         smooth, plain = self._target(window.width, window.height)
-        self._draw(smooth, window, -rotation.T @ offset)
+        self._draw(smooth, window, eye)
         self._context.copy_framebuffer(plain, smooth)
-        colour = _read(plain, window, 0, 4)
-        seen = _read(plain, window, 1, 2)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            depth = np.where(seen[..., 1] > 0.01, seen[..., 0] / seen[..., 1], np.nan) * body.unit
-        return ObjectImage(colour[..., :3].copy(), np.clip(colour[..., 3], 0, 1), depth.astype(np.float32))
+        return _read(plain, window, 0, 4), _read(plain, window, 1, 2)
 
     def received_light(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
         """(h, w, 3) share of the light that still reaches other things.
@@ -132,13 +160,13 @@ class ObjectRenderer:
         return share
 
     @staticmethod
-    def _lit_shader(name: str, n_lights: int) -> str:
-        return shader(name, N_LIGHTS=n_lights, TILES=int(np.ceil(np.sqrt(n_lights))))
+    def _lit_shader(name: str, n_lights: int, **constants: int) -> str:
+        return shader(name, N_LIGHTS=n_lights, TILES=int(np.ceil(np.sqrt(n_lights))), **constants)
 
     def _set_surroundings(self, environment: Environment) -> None:
         import moderngl
 
-        program, basis = self._program, self.body.basis
+        basis = self.body.basis
         share = self.plane.share
         self._plane_texture = self._context.texture(share.shape[1::-1], 3, share.tobytes(), dtype="f4")
         levels = reflection_levels(environment)
@@ -148,11 +176,18 @@ class ObjectRenderer:
             self._environment.write(np.ascontiguousarray(picture).tobytes(), level=level)
         self._environment.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
         self._environment.repeat_y = False
-        for name, row in (("plane_one", 0), ("plane_two", 1), ("plane_up", 2)):
-            program[name].value = tuple(float(v) for v in basis[row])
-        program["map_radius"].value = self.plane.radius
-        program["plane_map"].value, program["environment"].value = _PLANE, _ENVIRONMENT
-        program["sharpest_level"].value, program["blurriest_level"].value = 0.0, float(LEVELS)
+        for program in (self._program, self._light):
+            for name, row in (("plane_one", 0), ("plane_two", 1), ("plane_up", 2)):
+                program[name].value = tuple(float(v) for v in basis[row])
+            program["map_radius"].value = self.plane.radius
+            program["plane_map"].value, program["environment"].value = _PLANE, _ENVIRONMENT
+            program["sharpest_level"].value, program["blurriest_level"].value = 0.0, float(LEVELS)
+
+    def _use_light(self) -> None:
+        """Bind what the light needs; texture units are shared by all renderers of a context."""
+        self._atlas.use(_ATLAS)
+        self._plane_texture.use(_PLANE)
+        self._environment.use(_ENVIRONMENT)
 
     def _target(self, width: int, height: int) -> tuple[Any, Any]:
         """Framebuffers of at least this size, with samples and without; only the last pair is kept."""
@@ -179,9 +214,7 @@ class ObjectRenderer:
         context.enable(context.DEPTH_TEST)
         context.disable(context.BLEND)
         target.clear()
-        self._atlas.use(_ATLAS)
-        self._plane_texture.use(_PLANE)
-        self._environment.use(_ENVIRONMENT)
+        self._use_light()
         solid = [part for part in self._parts if not part.material.blend]
         clear = sorted((p for p in self._parts if p.material.blend), key=lambda p: -np.linalg.norm(p.middle - eye))
         for part in solid:

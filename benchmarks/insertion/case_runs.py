@@ -1,0 +1,213 @@
+"""One case from the film to the picture, through the commands themselves, with CPU seconds and errors."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.insertion.case_list import SHARED, Case, film_of, world_of
+from estimator.reading import read_scene
+from insertion.command import parser
+from insertion.models.model import Model
+from insertion.scene_arguments import requests_of, stage_of
+from insertion.staging.insert import Placed, place_objects
+from metric_base.arrays import BoolArray
+from tests.made.insertions import FilmedRoom, added
+from tests.made.rooms.render import Renderer
+from tests.made.rooms.similarity import Similarity, similarity_between
+from tests.made.rooms.solids import Mesh
+from tests.made.rooms.world import World
+
+__all__ = ["Outcome", "command", "drawn_heights", "mesh_of", "ratio_of", "run_case", "true_heights", "work_similarity"]
+
+#: The room a command has before it is stopped, seconds.
+LIMIT = 900
+#: An outline of fewer rows says little: a row is then more than 5 %.
+LEAST_ROWS = 20
+#: True outlines are rendered for so many frames.
+LOOKED_AT = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """A row of the table. Errors are shares; `inside` says whether the interval contains the true scale.
+
+    seconds : CPU of the stages by name; frames : of the film and those reconstructed; heights : frames that the size
+    error rests on; refusal : the message of a case that was refused.
+    """
+
+    frames: tuple[int, int]
+    seconds: dict[str, float]
+    scale: float | None = None
+    interval: tuple[float, float] | None = None
+    size: float | None = None
+    heights: int = 0
+    refusal: str | None = None
+
+    @property
+    def inside(self) -> bool:
+        """Whether the interval contains the truth."""
+        return self.interval is not None and self.interval[0] <= 0 <= self.interval[1]
+
+
+def run_case(case: Case, folder: Path, frames: int) -> Outcome:
+    """Estimate the scale, insert the object, compare. The output is `out.mp4`, or `out/` of a real scene."""
+    if case.real:
+        return _run_real(case, folder)
+    film, work = film_of(case, folder), folder / "work"
+    words = [film / "video.mp4", "--work", work, "--instances", film / "instances.json", "--frames", frames]
+    code, record, estimate = command("estimator.command", [*words, "--json"])
+    length = len(json.loads((film / "truth.json").read_text(encoding="utf-8"))["frames"])
+    seconds = _stages(work, estimate)
+    if code:
+        return Outcome((length, 0), seconds, refusal=_refusal(record))
+    to_scene = work_similarity(film, work)
+    true = 1 / to_scene.scale
+    scale, interval = _scale_errors(record, true)
+    chosen = len(read_scene(work).views)
+    words = [work, "--model", case.model_file, "--out", _fresh(folder / "out.mp4"), *case.words]
+    code, inserted, seconds["insertion"] = command("insertion.command", [*words, "--json"])
+    if code:
+        return Outcome((length, chosen), seconds, scale, interval, refusal=_refusal(inserted))
+    _keep(folder, inserted)
+    placed = _placed(words)
+    world = world_of(case)
+    masks = true_heights(world, work, to_scene, placed, drawn_heights(inserted))
+    size, heights = ratio_of(drawn_heights(inserted), masks)
+    return Outcome((length, chosen), seconds, scale, interval, size, heights)
+
+
+def _run_real(case: Case, folder: Path) -> Outcome:
+    """A scene with its reconstruction given; its drawn height is compared with that at the true scale."""
+    scene = SHARED / "scenes" / case.film
+    true = json.loads((scene / "truth.json").read_text(encoding="utf-8"))["metres_per_unit"]
+    folder.mkdir(parents=True, exist_ok=True)
+    code, record, seconds = command("estimator.command", [scene, "--json", "--output", folder / "result.json"])
+    views = len(read_scene(scene).views)
+    if code:
+        return Outcome((views, views), {"scale": seconds}, refusal=_refusal(record))
+    scale, interval = _scale_errors(record, true)
+    records, spent = [], {"scale": seconds}
+    for name, used in (("out", record["scale"]), ("out_true", true)):
+        words = [scene, "--scale", used, "--model", case.model_file, "--out", _fresh(folder / name), *case.words]
+        code, inserted, seconds = command("insertion.command", [*words, "--json"])
+        if code:
+            return Outcome((views, views), spent, scale, interval, refusal=_refusal(inserted))
+        spent.setdefault("insertion", seconds)
+        records.append(inserted)
+    _keep(folder, records[0])
+    size, heights = ratio_of(*(drawn_heights(inserted) for inserted in records))
+    return Outcome((views, views), spent, scale, interval, size, heights)
+
+
+def command(module: str, words: list[Any]) -> tuple[int, dict[str, Any], float]:
+    """Exit status, the printed record (or what was said), and CPU seconds of a command with all its processes."""
+    code = f"import sys; from {module} import main; sys.exit(main(sys.argv[1:]))"
+    before = _child_seconds()
+    done = subprocess.run(
+        [sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True, timeout=LIMIT, check=False
+    )
+    record: dict[str, Any] = json.loads(done.stdout) if done.stdout.strip() else {"said": done.stderr.strip()}
+    return done.returncode, record, _child_seconds() - before
+
+
+def work_similarity(film: Path, work: Path) -> Similarity:
+    """From true metres to the reconstruction of a work folder, by its camera centres."""
+    truth = json.loads((film / "truth.json").read_text(encoding="utf-8"))["frames"]
+    views = read_scene(work).views
+    rows = [truth[int(Path(view.name).stem)] for view in views]
+    true = np.array([-np.array(row["rotation"]).T @ row["translation"] for row in rows])
+    return similarity_between(true, np.array([view.centre for view in views]))
+
+
+def mesh_of(model: Model, factor: float = 1.0) -> Mesh:
+    """A model (y up, front +z) as a made solid (z up, front -y) in metres, standing on the origin."""
+    parts = [(part.vertices, part.faces) for part in model.parts]
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
+    vertices = np.concatenate([vertices for vertices, _ in parts])
+    faces = np.concatenate([faces + first for (_, faces), first in zip(parts, starts, strict=False)])
+    low, high = model.bounds
+    foot = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
+    local = (vertices - foot)[:, [0, 2, 1]] * [1, -1, 1] * factor
+    return Mesh(local, faces, ("wood",) * len(faces))
+
+
+def drawn_heights(inserted: dict[str, Any]) -> dict[int, int]:
+    """Rows of the object's own outline in each frame that shows all of it, by the frame's number."""
+    heights = {}
+    for number, frame in enumerate(inserted["frames"]):
+        if (box := frame["silhouette"]) is not None and box["height"] >= LEAST_ROWS and box["x"] > 1 and box["y"] > 1:
+            heights[number] = int(box["height"])
+    return heights
+
+
+def true_heights(
+    world: World, work: Path, to_scene: Similarity, placed: Placed, wanted: dict[int, int]
+) -> dict[int, int]:
+    """Rows of the same mesh at its true size at the same place, through the true cameras, where all of it is shown."""
+    room = FilmedRoom(world, read_scene(work), (), work, to_scene)
+    mesh = mesh_of(placed.model, placed.size.factor)
+    alone = added(room, mesh, placed.place.position, placed.front, alone=True)
+    rows = sorted(wanted)[:: max(1, len(wanted) // LOOKED_AT)]
+    with Renderer(alone) as renderer:
+        masks = {row: renderer.frame(row, colour=False).ids == 1 for row in rows}
+    return {row: height for row, mask in masks.items() if (height := _whole_height(mask)) is not None}
+
+
+def ratio_of(drawn: dict[int, int], true: dict[int, int]) -> tuple[float | None, int]:
+    """Median of drawn over true heights, less 1, and the number of frames that both have."""
+    both = sorted(set(drawn) & set(true))
+    return (float(np.median([drawn[k] / true[k] for k in both])) - 1 if both else None), len(both)
+
+
+def _whole_height(mask: BoolArray) -> int | None:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows) or rows[0] < 2 or columns[0] < 2:
+        return None
+    if rows[-1] > mask.shape[0] - 3 or columns[-1] > mask.shape[1] - 3:
+        return None
+    return int(np.ptp(rows)) + 1
+
+
+def _placed(words: list[Any]) -> Placed:
+    """The object as the command placed it."""
+    options = parser().parse_args([str(word) for word in words])
+    return place_objects(stage_of(options), requests_of(options))[0]
+
+
+def _scale_errors(record: dict[str, Any], true: float) -> tuple[float, tuple[float, float]]:
+    interval = record["interval"]
+    return record["scale"] / true - 1, (interval["low"] / true - 1, interval["high"] / true - 1)
+
+
+def _stages(work: Path, estimate: float) -> dict[str, float]:
+    """CPU seconds of the stages of a work folder; what its stamps do not name is the estimate itself."""
+    stamps = {file.stem: json.loads(file.read_text())["cpu_seconds"] for file in (work / "stamps").glob("*.json")}
+    return stamps | {"scale": max(estimate - sum(stamps.values()), 0.0)}
+
+
+def _refusal(record: dict[str, Any]) -> str:
+    failure = record.get("failure")
+    return f"`{failure['code']}`" if failure else str(record.get("said", record.get("status", "refused")))
+
+
+def _keep(folder: Path, inserted: dict[str, Any]) -> None:
+    (folder / "insertion.json").write_text(json.dumps(inserted) + "\n", encoding="utf-8")
+
+
+def _fresh(path: Path) -> Path:
+    """The path with nothing there."""
+    shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
+    return path
+
+
+def _child_seconds() -> float:
+    return sum(os.times()[2:4])

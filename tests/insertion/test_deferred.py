@@ -1,0 +1,66 @@
+"""Two ways to draw the same object: lit triangle by triangle, and gathered first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from insertion.light.environment import HEIGHT, WIDTH, Environment
+from insertion.models.gltf import read_model
+from insertion.render import deferred
+from insertion.render.body import body_of
+from insertion.render.context import gl_context
+from insertion.render.pinhole import Window
+from insertion.render.renderer import ObjectImage, ObjectRenderer
+from metric_base.arrays import FloatArray
+from tests.made.insertions import write_glb
+from tests.made.rooms.shapes import solid
+
+WINDOW = Window(150.0, 150.0, 60.0, 50.0, 0, 0, 121, 97)
+UP = np.array([0.0, -1.0, 0.0])
+AXES = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], UP])
+#: The camera looks along z, y down; the object is 3 m ahead, turned a little.
+VIEW = np.eye(3), np.array([0.0, 0.4, 3.0])
+
+
+@pytest.fixture(scope="module")
+def renderer(tmp_path_factory: pytest.TempPathFactory) -> Iterator[ObjectRenderer]:
+    model = read_model(write_glb(solid("chair", np.array([0.5, 0.5, 1.0])), tmp_path_factory.mktemp("model") / "c.glb"))
+    radiance = np.random.default_rng(1).random((HEIGHT, WIDTH, 3)).astype(np.float32)
+    context = gl_context()
+    body = body_of(model, np.zeros(3), AXES, np.array([0.6, 0.0, -0.8]), 1.0)
+    yield ObjectRenderer(context, body, Environment(radiance, AXES, radiance[..., 0]))
+    context.release()
+
+
+def _forward(renderer: ObjectRenderer, rotation: FloatArray, translation: FloatArray) -> ObjectImage:
+    renderer._solid = False
+    image = renderer.image(WINDOW, rotation, translation)
+    renderer._solid = True
+    return image
+
+
+def test_both_ways_give_one_picture(renderer: ObjectRenderer) -> None:
+    gathered, forward = renderer.image(WINDOW, *VIEW), _forward(renderer, *VIEW)
+    assert (gathered.alpha > 0.5).sum() > 500
+    # the forward target keeps colours as half floats
+    np.testing.assert_allclose(gathered.colour, forward.colour, atol=2e-3 * forward.colour.max())
+    np.testing.assert_allclose(gathered.alpha, forward.alpha, atol=1e-3)
+    np.testing.assert_allclose(gathered.depth, forward.depth, rtol=1e-5)
+
+
+def test_tiles_leave_no_seam(renderer: ObjectRenderer, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = renderer.image(WINDOW, *VIEW)
+    monkeypatch.setattr(deferred, "TILE", 64)
+    tiled = renderer.image(WINDOW, *VIEW)
+    assert np.mean(np.abs(tiled.colour - whole.colour) > 1e-3) < 1e-3
+    np.testing.assert_allclose(tiled.depth, whole.depth, rtol=1e-4)
+
+
+def test_an_outline_in_between_changes_nothing(renderer: ObjectRenderer) -> None:
+    before = renderer.image(WINDOW, *VIEW)
+    grown = renderer.outline(WINDOW, *VIEW, 1.2)
+    assert grown.sum() > 1.2 * before.alpha.sum()
+    np.testing.assert_array_equal(renderer.image(WINDOW, *VIEW).colour, before.colour)

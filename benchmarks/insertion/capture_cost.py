@@ -1,7 +1,8 @@
 """What a reconstruction costs, stage by stage: `python -m benchmarks.insertion.capture_cost --frames 100 50 --out DIR`.
 
 A made video of 100 frames is reconstructed from so many of its frames. Printed: CPU seconds of each stage (all
-processes; the machine may be shared), and how far the poses of all 100 frames are from the truth.
+processes; the machine may be shared), and how far the poses of all its frames are from the truth. With `--degrees 380`
+the walk is a loop.
 """
 
 from __future__ import annotations
@@ -17,13 +18,15 @@ from estimator.capture.capture import CaptureOptions, reconstruct
 from estimator.capture.frame_poses import FramePoses, read_frame_poses
 from estimator.capture.work_folder import STAMPS, WorkFolder
 from metric_base.arrays import FloatArray
+from tests.made.rooms.kinds import KINDS
 from tests.made.rooms.similarity import similarity_between
 from tests.made.rooms.world import World
-from tests.made.videos import Lens, filmed, room, times_of, write_video
+from tests.made.videos import Lens, filmed, orbit, room, times_of, write_video
 
 __all__ = ["main"]
 
-LENGTH = 100
+#: Frames of the video, and the arc that is walked.
+LENGTH, DEGREES = 100, 110.0
 #: Depth in metres at which a wrong pose is looked at in pixels.
 DEPTHS = (1.5, 3.0)
 
@@ -35,15 +38,19 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1010)
     parser.add_argument("--size", default="640x480", help="WIDTHxHEIGHT")
     parser.add_argument("--frames", type=int, nargs="+", default=[0], help="frames to choose; 0: the default")
+    parser.add_argument("--length", type=int, default=LENGTH, help="frames of the video (default: %(default)s)")
+    parser.add_argument("--degrees", type=float, default=DEGREES, help="of the arc (default: %(default)s)")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     width, height = (int(side) for side in options.size.split("x"))
     lens = Lens(width, height, 500.0 * width / 640)
-    world = room(options.kind, options.seed, frames=LENGTH)
-    file = options.out / f"{options.kind}-{options.seed}-{options.size}.mp4"
+    walk = orbit(KINDS[options.kind].radius, options.length, options.seed, options.degrees)
+    world = room(options.kind, options.seed, walk)
+    film = (options.kind, options.seed, options.size, options.length, f"{options.degrees:g}")
+    file = options.out / f"{'-'.join(map(str, film))}.mp4"
     if not file.is_file():
         options.out.mkdir(parents=True, exist_ok=True)
-        write_video(file, (frame.colour for frame in filmed(world, lens)), times_of(LENGTH, 20.0))
+        write_video(file, (frame.colour for frame in filmed(world, lens)), times_of(options.length, 20.0))
     for wanted in options.frames:
         print(json.dumps(_run(file, world, lens, wanted or None, options.out / f"work-{wanted}")))
 

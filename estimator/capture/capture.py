@@ -170,10 +170,9 @@ def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene) -> Non
 
 
 def _make_dense(part: Path, work: Path) -> None:
-    from estimator.capture.dense.dense_cloud import make_dense_cloud
+    from estimator.capture.dense.dense_points import make_dense_points
 
-    with progress_bar("dense points") as told_done:
-        make_dense_cloud(read_colmap(work / "sparse" / "0"), work / "frames", part / "dense.ply", told_done)
+    make_dense_points(work / "sparse" / "0", work / "frames", part / "dense.ply")
 
 
 def _picture_pose(index: int, name: str, view: Any) -> FramePose:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.dense.pinhole_views import PinholeView, pinhole_view
+from estimator.capture.dense.plane_filling import fill_planes
 from estimator.capture.dense.plane_sweep import swept_depth
 from estimator.reconstructions.ply import visibility_bytes
 from estimator.records.scene import Scene
@@ -41,7 +42,8 @@ def make_dense_cloud(scene: Scene, pictures: Path, file: Path, told: Callable[[i
 
     def depth_of(row: int) -> NDArray[np.float32]:
         nearest, furthest = _depth_range(scene, row)
-        return swept_depth(views[row], [views[k] for k in _sources(scene, row, shared)], nearest, furthest)
+        swept = swept_depth(views[row], [views[k] for k in _sources(scene, row, shared)], nearest, furthest)
+        return fill_planes(swept, views[row].grey)
 
     depths: dict[int, NDArray[np.float32]] = {}
     with ThreadPoolExecutor(THREADS) as pool:

@@ -11,7 +11,7 @@ import json
 import os
 import signal
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.mapping.focal_length import focal_deviation
-from estimator.capture.mapping.pair_choice import chosen_pairs, coarse_scores
+from estimator.capture.mapping.pair_choice import EXHAUSTIVE, all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
+
+__all__ = ["Request", "run_step", "say"]
 
 Request = dict[str, Any]
 
@@ -31,14 +33,14 @@ PAIRS_AT_ONCE = 150
 _PARENT_DEATH_SIGNAL = 1
 
 
-def main(words: Sequence[str]) -> None:
-    """Run one step on its request."""
+def run_step(words: Sequence[str], steps: Mapping[str, Callable[[Request], dict[str, Any]]]) -> None:
+    """Run the step that is named on its request; words : step, file of the request, id of the parent process."""
     step, file, parent = words
     _end_with_parent(int(parent))
     request: Request = json.loads(Path(file).read_text(encoding="utf-8"))
     pycolmap.logging.minloglevel = 1
-    result = STEPS[step](request)
-    _say({"result": result})
+    result = steps[step](request)
+    say({"result": result})
 
 
 def features(request: Request) -> dict[str, Any]:
@@ -50,7 +52,7 @@ def features(request: Request) -> dict[str, Any]:
             some = camera["names"][start : start + PICTURES_AT_ONCE]
             _extract(request, some, camera["params"], camera_id)
             done += len(some)
-            _say({"done": done, "of": n})
+            say({"done": done, "of": n})
             with pycolmap.Database.open(request["database"]) as database:
                 camera_id = max(known.camera_id for known in database.read_all_cameras())
     with pycolmap.Database.open(request["database"]) as database:
@@ -84,9 +86,9 @@ def matches(request: Request) -> dict[str, Any]:
     names: list[str] = request["names"]
     with pycolmap.Database.open(request["database"]) as database:
         ids = {image.name: image.image_id for image in database.read_all_images()}
-        described = [_strongest(database, ids[name]) for name in names]
-    scores = coarse_scores(described)
-    pairs = chosen_pairs(scores, request["in_order"])
+        few = len(names) <= EXHAUSTIVE
+        described = [] if few else [_strongest(database, ids[name]) for name in names]
+    pairs = all_pairs(len(names)) if few else chosen_pairs(coarse_scores(described), request["in_order"])
     listed = Path(request["database"]).with_suffix(".pairs.txt")
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = 0
@@ -100,7 +102,7 @@ def matches(request: Request) -> dict[str, Any]:
             pairing_options=pycolmap.ImportedPairingOptions(match_list_path=listed),
             verification_options=verification,
         )
-        _say({"done": min(start + PAIRS_AT_ONCE, len(pairs)), "of": len(pairs)})
+        say({"done": min(start + PAIRS_AT_ONCE, len(pairs)), "of": len(pairs)})
     listed.unlink(missing_ok=True)
     with pycolmap.Database.open(request["database"]) as database:
         rows = [_pair_row(database, ids[names[a]], ids[names[b]]) for a, b in pairs]
@@ -129,7 +131,7 @@ def incremental(request: Request) -> dict[str, Any]:
 
     def count_image() -> None:
         placed[0] = min(placed[0] + 1, total)
-        _say({"done": placed[0], "of": total})
+        say({"done": placed[0], "of": total})
 
     models = pycolmap.incremental_mapping(
         request["database"], request["pictures"], request["scratch"], options=options, next_image_callback=count_image
@@ -208,7 +210,8 @@ def _homography(one: NDArray[np.float32], two: NDArray[np.float32]) -> tuple[lis
     return matrix.tolist(), float(inside.mean())
 
 
-def _say(row: dict[str, Any]) -> None:
+def say(row: dict[str, Any]) -> None:
+    """Print a line of progress, or the result, for the process that waits."""
     sys.stdout.write(json.dumps(row) + "\n")
     sys.stdout.flush()
 
@@ -224,4 +227,4 @@ def _end_with_parent(parent: int) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run_step(sys.argv[1:], STEPS)

@@ -1,4 +1,4 @@
-"""Which pairs of frames to match: neighbours in time, and all pairs whose few strongest features already agree."""
+"""Which pairs of frames to match: all of a few frames; of many, neighbours in order and candidates for a loop."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import IntArray
 
-__all__ = ["EXHAUSTIVE", "chosen_pairs", "coarse_scores"]
+__all__ = ["EXHAUSTIVE", "all_pairs", "chosen_pairs", "coarse_scores"]
 
-#: So few frames are matched each with each.
-EXHAUSTIVE = 30
-#: Frames matched with each in a video whatever they show: the next ones, then ever further.
-OFFSETS = (1, 2, 3, 4, 6, 9, 13, 18)
+#: So many frames are matched each with each.
+EXHAUSTIVE = 100
+#: Of more, each is matched with so many of those that are 1, 2, 4, 8, ... after it: COLMAP's sequential matching with
+#: quadratic overlap.
+OVERLAP = 10
 #: Up to so many frames every pair is compared by its strongest features; beyond, every second frame is.
 COMPARED = 400
-#: Strongest features that must agree before a pair is matched in full (of 128; unrelated pictures share 0 to 2).
+#: Strongest features that must agree before a loop is tried (of 128; unrelated pictures share 0 to 2).
 LEAST_COMMON = 4
-#: Partners that a frame gets beyond its neighbours, and how far apart they are in the order of the frames.
-PARTNERS, APART = 6, 4
+#: Loops that are tried for a frame, and how far apart they are in the order of the frames.
+LOOPS, APART = 6, 4
+#: Pictures of a folder need not be in order: so many candidates, next to each other or not.
+UNORDERED_LOOPS = 18
 #: Lowe's ratio, on angles between descriptors.
 RATIO = 0.8
 
@@ -40,30 +43,37 @@ def coarse_scores(descriptors: Sequence[NDArray[np.float32]]) -> IntArray:
     return scores
 
 
-def chosen_pairs(scores: IntArray, in_order: bool) -> list[tuple[int, int]]:
-    """Pairs (a, b), a < b, to match in full.
+def all_pairs(n: int) -> list[tuple[int, int]]:
+    """Pairs (a, b), a < b, of n frames."""
+    return [(a, b) for a in range(n) for b in range(a + 1, n)]
 
-    in_order : the frames are of a video, so that neighbours overlap; pictures of a folder need not.
+
+def _neighbour_pairs(n: int) -> set[tuple[int, int]]:
+    """Pairs (a, b), a < b, of n frames in their order."""
+    return {(a, a + (1 << k)) for k in range(OVERLAP) for a in range(n - (1 << k))}
+
+
+def chosen_pairs(scores: IntArray, in_order: bool) -> list[tuple[int, int]]:
+    """Pairs (a, b), a < b, of many frames to match in full: neighbours, and loops.
+
+    scores : (n, n) of `coarse_scores`; in_order : the frames are of a video. Pictures of a folder need not be in order.
     """
-    n = len(scores)
-    if n <= EXHAUSTIVE:
-        return [(a, b) for a in range(n) for b in range(a + 1, n)]
-    pairs = {(a, a + step) for step in OFFSETS for a in range(n - step)} if in_order else set()
-    for a in range(n):
-        pairs |= {(min(a, b), max(a, b)) for b in _partners(a, scores[a], in_order)}
+    pairs = _neighbour_pairs(len(scores))
+    for a in range(len(scores)):
+        pairs |= {(min(a, b), max(a, b)) for b in _loops(a, scores[a], in_order)}
     return sorted(pairs)
 
 
-def _partners(frame: int, row: IntArray, in_order: bool) -> list[int]:
-    """Frames that agree best with this one, by its row of counts (n,), spread over the video."""
-    near, apart, most = (OFFSETS[-1], APART, PARTNERS) if in_order else (0, 1, 3 * PARTNERS)
-    partners: list[int] = []
+def _loops(frame: int, row: IntArray, in_order: bool) -> list[int]:
+    """Frames beyond the neighbours that agree best with this one, by its row of counts (n,), spread over the video."""
+    near, apart, most = (OVERLAP, APART, LOOPS) if in_order else (0, 1, UNORDERED_LOOPS)
+    loops: list[int] = []
     for other in np.argsort(-row, kind="stable"):
-        if row[other] < LEAST_COMMON or len(partners) == most:
+        if row[other] < LEAST_COMMON or len(loops) == most:
             break
-        if abs(int(other) - frame) > near and all(abs(int(other) - taken) >= apart for taken in partners):
-            partners.append(int(other))
-    return partners
+        if abs(int(other) - frame) > near and all(abs(int(other) - taken) >= apart for taken in loops):
+            loops.append(int(other))
+    return loops
 
 
 def _common(one: NDArray[np.float32], two: NDArray[np.float32]) -> int:

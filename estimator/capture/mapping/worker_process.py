@@ -13,21 +13,23 @@ from typing import Any
 
 __all__ = ["WorkerFault", "start_worker", "wait_for_worker"]
 
-_MODULE = "estimator.capture.mapping.colmap_worker"
+COLMAP_WORKER = "estimator.capture.mapping.colmap_worker"
 
 
 class WorkerFault(RuntimeError):
     """A step of the reconstruction ended without a result; the message says how, and where its log is."""
 
 
-def start_worker(step: str, request: dict[str, Any], scratch: Path) -> subprocess.Popen[str]:
-    """Start a step; its request and its log are in `scratch`."""
+def start_worker(
+    step: str, request: dict[str, Any], scratch: Path, module: str = COLMAP_WORKER
+) -> subprocess.Popen[str]:
+    """Start a step of a module; its request and its log are in `scratch`."""
     file = scratch / f"{step}.request.json"
     file.write_text(json.dumps(request), encoding="utf-8")
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     with (scratch / f"{step}.log").open("w") as log:
         return subprocess.Popen(
-            [sys.executable, "-m", _MODULE, step, str(file), str(os.getpid())],
+            [sys.executable, "-m", module, step, str(file), str(os.getpid())],
             stdout=subprocess.PIPE,
             stderr=log,
             text=True,

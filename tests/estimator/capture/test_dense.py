@@ -8,8 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from estimator.capture.dense.dense_cloud import make_dense_cloud
+from estimator.capture.dense.plane_filling import fill_planes
 from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
@@ -83,8 +85,54 @@ def test_dense_points_lie_on_the_room(made: tuple[Scene, Path, list[MadeFrame]])
 
 def test_views_without_detail_give_no_cloud(made: tuple[Scene, Path, list[MadeFrame]], tmp_path: Path) -> None:
     scene, _, _ = made
-    scene = replace(scene, views=scene.views[1:4])
+    small = Camera("PINHOLE", 60, 45, np.array([47.5, 47.5, 30.0, 22.5]))
+    scene = replace(scene, views=tuple(replace(view, camera=small) for view in scene.views[1:4]))
     for k in range(VIEWS):
-        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((LENS.height, LENS.width, 3), 128, dtype=np.uint8))
+        cv2.imwrite(str(tmp_path / f"{k}.png"), np.full((45, 60, 3), 128, dtype=np.uint8))
     assert make_dense_cloud(scene, tmp_path, tmp_path / "dense.ply", lambda _done, _of: None) == 0
     assert not (tmp_path / "dense.ply").exists()
+
+
+def _plain_wall(rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """True depth and grey levels (120, 160) of a slanted wall that is plain but for a frame of texture."""
+    y, x = np.mgrid[:120, :160]
+    depth = (1 / (0.3 + 0.001 * x - 0.0005 * y)).astype(np.float32)
+    grey = np.full((120, 160), 150.0) + rng.normal(0, 2, (120, 160))
+    frame = (x < 20) | (x >= 140) | (y < 15) | (y >= 105)
+    return depth, np.where(frame, rng.uniform(0, 255, (120, 160)), grey).astype(np.float32)
+
+
+def _swept(depth: NDArray[np.float32], grey: NDArray[np.float32]) -> NDArray[np.float32]:
+    """What a sweep leaves: depth where there is texture."""
+    textured = cv2.blur((grey - cv2.blur(grey, (7, 7))) ** 2, (7, 7)) > 100
+    return np.where(textured, depth, np.nan).astype(np.float32)
+
+
+def test_a_plain_surface_is_filled_with_the_plane_around_it() -> None:
+    depth, grey = _plain_wall(np.random.default_rng(0))
+    filled = fill_planes(_swept(depth, grey), grey)
+    assert np.isfinite(filled).all()
+    np.testing.assert_allclose(filled, depth, rtol=2e-3)
+
+
+def test_a_plain_thing_in_front_is_not_filled_with_the_wall() -> None:
+    """It is as grey as the wall; only its outline has depth."""
+    depth, grey = _plain_wall(np.random.default_rng(1))
+    inside, outline = np.s_[50:80, 60:110], np.zeros(depth.shape, dtype=bool)
+    outline[46:84, 56:114] = True
+    outline[inside] = False
+    true = depth.copy()
+    true[46:84, 56:114] = 1.0
+    swept = np.where(outline, true, _swept(depth, grey)).astype(np.float32)
+    filled = fill_planes(swept, grey)
+    assert not (np.abs(filled[inside] / depth[inside] - 1) < 0.1).any()
+    known = np.isfinite(filled)
+    assert known.mean() > 0.8
+    np.testing.assert_allclose(filled[known], true[known], rtol=2e-3)
+
+
+def test_a_plain_surface_between_two_planes_stays_empty() -> None:
+    depth, grey = _plain_wall(np.random.default_rng(2))
+    depth[:, 80:] *= 1.5
+    swept = _swept(depth, grey)
+    np.testing.assert_array_equal(np.isfinite(fill_planes(swept, grey))[30:90, 75:85], False)

@@ -12,9 +12,11 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from io import BufferedIOBase
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 
+from estimator.geometry.measurement import MIN_BOX_VIEWS
 from estimator.records.scene import Scene
 from metric_base.faults import InputFault, Words
 from metric_base.files import whole_file
@@ -27,8 +29,16 @@ FRAMES = 5
 MOST_BYTES = 1 << 20
 #: How long a request may take to arrive.
 REQUEST_SECONDS = 30.0
+#: How often the server looks whether it shall end.
+POLL_SECONDS = 0.05
 LOOPBACK = "127.0.0.1"
 
+#: Longest name of a thing, and what is said of a longer one.
+LONGEST_NAME = 200
+UNNAMED = {"known": False, "says": f"a name has 1 to {LONGEST_NAME} characters", "offers": []}
+
+#: Says of a name whether it is known, a sentence, and which others to offer.
+LookUp = Callable[[str], dict[str, Any]]
 #: Things by the file name of a frame, each `{"name", "kind", "points"}`; kind is `box` or `polygon`, points are pixels.
 Drawing = dict[str, list[dict[str, Any]]]
 
@@ -70,11 +80,14 @@ def instances_document(frames: list[_Frame], drawing: Mapping[str, list[dict[str
 class MaskPage:
     """The page, served until the person is done.
 
-    url : where to open it; a secret part of it keeps other users of the machine and other pages out.
+    url : where to open it; a secret part of it keeps other users of the machine and other pages out; look_up : says
+    what a name means, as `ThingNames` does.
     """
 
-    def __init__(self, frames: list[_Frame], names: list[str], draft: Path, port: int = 0) -> None:
-        self._frames, self._names, self._draft = frames, names, draft
+    def __init__(
+        self, frames: list[_Frame], names: list[str], draft: Path, look_up: LookUp | None = None, port: int = 0
+    ) -> None:
+        self._frames, self._names, self._draft, self._look_up = frames, names, draft, look_up
         self._finished = threading.Event()
         self._drawing = _draft_of(draft, {frame.name for frame in frames})
         self._secret = secrets.token_urlsafe(12)
@@ -87,7 +100,7 @@ class MaskPage:
 
     def collect(self) -> dict[str, Any]:
         """Serve until the person is done; the COCO dataset of what was drawn."""
-        thread = threading.Thread(target=self._server.serve_forever, daemon=True)
+        thread = threading.Thread(target=self._server.serve_forever, args=(POLL_SECONDS,), daemon=True)
         thread.start()
         try:
             while not self._finished.wait(0.2):  # a wait without an end would not hear Ctrl-C
@@ -103,7 +116,7 @@ class MaskPage:
             {"name": frame.name, "width": frame.width, "height": frame.height, "things": self._drawing[frame.name]}
             for frame in self._frames
         ]
-        return {"frames": frames, "names": self._names}
+        return {"frames": frames, "names": self._names, "box_frames": MIN_BOX_VIEWS}
 
     def save(self, document: Any) -> None:
         """Keep what was drawn, and end the page if it says so.
@@ -128,6 +141,10 @@ class MaskPage:
             return "text/html; charset=utf-8", Path(__file__).with_suffix(".html").read_bytes()
         if path == "start":
             return "application/json", json.dumps(self.start()).encode()
+        if path.startswith("name/") and self._look_up is not None:
+            name = unquote(path.removeprefix("name/"), errors="replace").strip()
+            meaning = self._look_up(name) if 0 < len(name) <= LONGEST_NAME else UNNAMED
+            return "application/json", json.dumps(meaning).encode()
         number = path.removeprefix("frame/")
         if path.startswith("frame/") and _is_count(number) and int(number) < len(self._frames):
             return "image/*", self._frames[int(number)].file.read_bytes()
@@ -238,7 +255,7 @@ def _check_thing(thing: Any, size: tuple[int, int]) -> dict[str, Any]:
     if not isinstance(thing, dict) or thing.get("kind") not in ("box", "polygon"):
         raise ValueError("expected a box or a polygon")
     name = thing.get("name")
-    if not isinstance(name, str) or not name.strip() or len(name) > 200:
+    if not isinstance(name, str) or not name.strip() or len(name.strip()) > LONGEST_NAME:
         raise ValueError("every thing needs a name")
     try:
         points = np.array(thing.get("points"), dtype=np.float64)

@@ -87,7 +87,7 @@ def _dense_of(options: Namespace) -> str | None:
 
 
 def _prepare_instances(options: Namespace, work: WorkFolder) -> None:
-    """`instances.json` in the work folder: given, detected, made before, or drawn on a page."""
+    """`instances.json` in the work folder: given, detected, drawn on a page, or made before."""
     beside = options.scene / INSTANCES
     if options.detector is not None:
         _detect(options, work)
@@ -97,7 +97,7 @@ def _prepare_instances(options: Namespace, work: WorkFolder) -> None:
         if file.is_file() and options.categories is None:
             _copy_dataset(file, work)
             options.instances = None if (work.path / INSTANCES).is_file() else file
-    elif not (work.path / INSTANCES).is_file():
+    elif options.draw is not None or not (work.path / INSTANCES).is_file():
         _draw(options, work)
 
 
@@ -167,17 +167,20 @@ def _draw(options: Namespace, work: WorkFolder) -> None:
     """Instances that a person draws on a page; only where somebody is there to do it."""
     if options.draw is None and not (sys.stdin.isatty() and sys.stderr.isatty()):
         _say_what_is_missing(options, work)
+    import metric_tree
     from estimator.capture.mask_page import MaskPage, frames_to_draw
+    from estimator.capture.thing_names import ThingNames
     from estimator.reconstructions.colmap import read_colmap
     from metric_base.files import whole_file
     from taxonomy.label_lists import vocabulary
 
     frames = frames_to_draw(read_colmap(work.path / "sparse" / "0"), work.path / "frames")
     names = [label.label for label in vocabulary("coco_80")]
-    page = MaskPage(frames, names, work.path / DRAFT, options.draw or 0)
+    page = MaskPage(frames, names, work.path / DRAFT, ThingNames(metric_tree.open(options.tree)), options.draw or 0)
     sys.stderr.write(f"estimate-scale: draw round the things and name them: {page.url} (Ctrl-C ends)\n")
     sys.stderr.flush()
     document = page.collect()
+    work.discard_stale("instances", {"drawn": document}, [])  # what stands there now is of no file
     with whole_file(work.path / INSTANCES, "--work") as file:
         file.write_text(json.dumps(document) + "\n", encoding="utf-8")
 

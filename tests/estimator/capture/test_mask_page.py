@@ -16,7 +16,9 @@ import cv2
 import numpy as np
 import pytest
 
+import metric_tree
 from estimator.capture.mask_page import MaskPage, frames_to_draw
+from estimator.capture.thing_names import ThingNames
 from estimator.records.scene import Camera, Scene, View
 from tests.made.browser import Browser
 
@@ -38,7 +40,9 @@ class _Served:
     """A page that is served in a thread; `document` is what came of it."""
 
     def __init__(self, folder: Path) -> None:
-        self.page = MaskPage(frames_to_draw(_scene(folder / "frames"), folder / "frames"), ["chair"], folder / "d.json")
+        names = ThingNames(metric_tree.open())
+        frames = frames_to_draw(_scene(folder / "frames"), folder / "frames")
+        self.page = MaskPage(frames, ["chair"], folder / "d.json", names)
         self.document: dict[str, Any] | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -76,6 +80,7 @@ def served(tmp_path: Path) -> Iterator[_Served]:
 
 
 def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> None:
+    """With the mouse and the keyboard: names are judged while they are typed, and the last step is undone."""
     with Browser(tmp_path / "profile") as browser:
         browser.open(served.page.url, "document.body?.dataset.ready === 'yes'")
         box = browser.run(
@@ -86,18 +91,33 @@ def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> 
             return box[0] + x * box[2], box[1] + y * box[2]
 
         browser.drag(at(40, 30), at(140, 200))
+        browser.type("chiar")
+        browser.wait("document.getElementById('says').textContent.includes('did you mean')")
+        browser.run("document.getElementById('name').value = ''")
         browser.type("chair")
+        browser.wait("document.getElementById('says').textContent.startsWith('chair: usually length')")
         browser.press("Enter")
         browser.wait("document.querySelectorAll('#things li').length === 1")
-        browser.run("document.querySelectorAll('#frames button')[2].click()")
-        browser.run("document.getElementById('polygon').click()")
-        for corner in ((10, 10), (100, 20), (60, 120)):
+        assert "as boxes it needs 3" in browser.run("document.getElementById('all').textContent")
+        browser.press("ArrowRight")
+        browser.press("ArrowRight")
+        browser.press("p")
+        for corner in ((10, 10), (100, 20), (90, 90), (60, 120)):
             browser.click(at(*corner))
+            if corner == (90, 90):
+                browser.press("Backspace")
         browser.press("Enter")
         browser.type("<b>vase</b>")  # a name is text, whatever is in it
         browser.press("Enter")
         browser.wait("document.querySelectorAll('#things li').length === 1")
         assert browser.run("document.querySelector('#things span').innerHTML") == "&lt;b&gt;vase&lt;/b&gt;"
+        browser.press("b")
+        browser.drag(at(200, 30), at(300, 200))
+        browser.wait("document.querySelector('#used button')?.textContent === 'chair'")
+        browser.run("document.querySelector('#used button').click()")
+        browser.wait("document.querySelectorAll('#things li').length === 2")
+        browser.run("document.getElementById('undo').click()")
+        browser.wait("document.querySelectorAll('#things li').length === 1")
         browser.run("document.getElementById('done').click()")
         browser.wait("document.body.textContent.startsWith('Thank you')")
     document = served.result()
@@ -109,6 +129,15 @@ def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> 
     np.testing.assert_allclose(second["segmentation"][0], [10, 10, 100, 20, 60, 120], atol=1.5)
     assert second["image_id"] == 3
     assert len(document["images"]) == 5
+
+
+def test_a_name_is_judged(served: _Served) -> None:
+    status, said = served.request(served.at("name/swivel%20chair"))
+    meaning = json.loads(said)
+    assert (status, meaning["known"], meaning["offers"][0]) == (200, True, "swivel chair")
+    assert meaning["says"].startswith("swivel chair: usually ")
+    assert not json.loads(served.request(served.at("name/qqq%FF"))[1])["known"]
+    assert "200 characters" in json.loads(served.request(served.at("name/" + "a" * 999))[1])["says"]
 
 
 def test_frames_are_spread_and_see_much(tmp_path: Path) -> None:

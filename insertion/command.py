@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from insertion.scene_arguments import add_scene_arguments, requests_of, stage_of, tree_of
+from metric_base.faults import InputFault
 
 if TYPE_CHECKING:
     from insertion.records.result import InsertionResult
-    from insertion.staging.insert import Placed
+    from insertion.staging.options import ObjectRequest
     from insertion.staging.stage import Stage
+    from metric_tree.tree import Tree
 
 __all__ = ["main", "parser"]
 
@@ -53,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
     )
     add_scene_arguments(root)
     add = root.add_argument
-    add("--out", metavar="OUT", type=Path, required=True, help="a video (OUT.mp4), or a new folder for one PNG a frame")
+    add("--out", metavar="OUT", type=Path, help="a video (OUT.mp4), or a new folder for one PNG a frame")
     add("--renderer", choices=("embedded", "blender"), default="embedded", help="Blender's Cycles, if it is installed")
     add("--show-interval", action="store_true", help="draw the object's outline at both ends of the scale's interval")
     add(
@@ -62,37 +64,42 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         help="the scene in metres: glTF, USD, Blender, COLMAP, nerfstudio, masks, depth",
     )
-    add("--preview", metavar="FILE", type=Path, help="draw the free places into a picture, numbered, best first")
+    add(
+        "--preview",
+        metavar="FILE",
+        type=Path,
+        help="draw the free places into a picture, best first, and list the options for each; needs no --out",
+    )
     add("--json", action="store_true", help="print the result as JSON (metric-tree/insertion/1)")
     add("--version", action="version", version=f"{PROGRAM} {version()}")
     return root
 
 
 def _run(options: argparse.Namespace) -> int:
-    from insertion.blender.process import blender_program
     from insertion.blender.tracing import export_blend, traced_layers
     from insertion.exports.write import LayerWriter, write_exports
-    from insertion.outputs import output_kind, picture_writer, preview_place
+    from insertion.outputs import picture_writer
     from insertion.scene.video_footage import VideoFootage
     from insertion.staging.insert import insert_objects, place_objects
     from metric_base.files import refuse_input
 
-    output_kind(options.out)
-    if options.preview is not None:
-        preview_place(options.preview)
-    if options.renderer == "blender":
-        blender_program()  # said before the work is done, not after
+    _check_outputs(options)
     requests = requests_of(options)
     stage = stage_of(options)
+    if options.show_interval and stage.scale.low is None:
+        raise InputFault("--show-interval: expected a scale with an interval, as SCENE/result.json has; found --scale")
     film = stage.footage if isinstance(stage.footage, VideoFootage) else None
     source, turned = (film.source, film.turned_deg) if film is not None else (None, 0)
     for option, path in (("--out", options.out), ("--preview", options.preview)):
         if path is not None:
             models = [item.model for item in requests]
             refuse_input(path, option, [source, options.scene, options.images, options.instances, *models])
-    objects = place_objects(stage, requests, tree_of(options))
+    tree = tree_of(options)
     if options.preview is not None:
-        _write_preview(stage, objects[0], options.preview)
+        _preview(stage, requests[0], tree, options)
+    if options.out is None:
+        return 0
+    objects = place_objects(stage, requests, tree)
     with picture_writer(options.out, source, turned) as write, _exports(options.export) as folder:
         layers = None if folder is None else LayerWriter(folder, stage.footage.shots, stage.scale.metres_per_unit)
         results = insert_objects(
@@ -126,12 +133,41 @@ def _exports(folder: Path | None) -> Iterator[Path | None]:
         yield temporary
 
 
-def _write_preview(stage: Stage, placed: Placed, file: Path) -> None:
-    from insertion.places.locate import candidates
+def _check_outputs(options: argparse.Namespace) -> None:
+    """InputFault for what cannot be written or drawn: said before the work is done, not after."""
+    from insertion.blender.process import blender_program
+    from insertion.outputs import output_kind, preview_place
+
+    if options.out is None and (options.preview is None or options.export is not None):
+        raise InputFault("--out: expected a video or a folder (or --preview FILE alone); found none")
+    if options.out is not None:
+        output_kind(options.out)
+    if options.preview is not None:
+        preview_place(options.preview)
+    if options.renderer == "blender":
+        blender_program()
+
+
+def _preview(stage: Stage, request: ObjectRequest, tree: Tree | None, options: argparse.Namespace) -> None:
+    """Draw and list the free places for the first object: on standard output if nothing else is asked for."""
+    from dataclasses import asdict
+
+    from insertion.models.gltf import read_model
+    from insertion.models.size import model_size
     from insertion.staging.insert import space_for
     from insertion.staging.preview import write_preview
+    from metric_base.terminal import print_json
 
-    write_preview(stage, candidates(space_for(stage, placed.model, placed.size)), placed, file)
+    model = read_model(request.model)
+    size = model_size(model, request.size, tree, request.category)
+    places = write_preview(stage, space_for(stage, model, size), options.preview)
+    if options.json and options.out is None:
+        print_json({"schema": "metric-tree/places/1", "places": [asdict(place) for place in places]})
+        return
+    stream = sys.stdout if options.out is None else sys.stderr
+    for place in places:
+        where = "" if place.in_picture else "; not in the picture"
+        stream.write(f"{place.number}: {place.options}   {place.above_m:.2f} m above the lowest plane{where}\n")
 
 
 def _print(results: Sequence[InsertionResult], as_json: bool) -> None:

@@ -63,7 +63,21 @@ DONE, PROGRAM_FAULT, INPUT_FAULT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A parser whose faults are one line, with the option that was probably meant."""
+    """A parser whose faults are one line, with the option that was probably meant.
+
+    A value may begin with a minus and a digit, such as the list `-0.5,0.2`, which argparse takes for an option.
+    """
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse does, with such values joined to their options."""
+        words = list(sys.argv[1:] if args is None else args)
+        joined: list[str] = []
+        for word in words:
+            if joined and joined[-1].startswith("--") and "=" not in joined[-1] and re.match(r"-\.?\d", word):
+                joined[-1] += f"={word}"
+            else:
+                joined.append(word)
+        return super().parse_known_args(joined, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong as a fault of the input."""

@@ -41,6 +41,8 @@ def free_cells(surface: Surface, radius: float, height: float) -> BoolArray:
 
     radius : half the diagonal of the footprint; height : of the object, scene units.
     """
+    if 2 * radius / surface.cell > max(surface.solid.shape):  # larger than the surface
+        return np.zeros_like(surface.solid)
     near = (surface.rise > ABOVE_SHARE * height) & (surface.rise < height)
     index = np.floor((surface.taken[near] - surface.origin) / surface.cell).astype(np.int64)
     index = index[((index >= 0) & (index < surface.solid.shape)).all(axis=1)]

@@ -20,8 +20,11 @@ from insertion.light.estimate import environment_at
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
 from insertion.models.size import Size, model_size
+from insertion.places.categories import instances_named
+from insertion.places.free_space import Space, candidates
 from insertion.places.heading import heading
-from insertion.places.locate import Space, candidates, place_at_point, place_on_category, place_on_plane
+from insertion.places.locate import place_at_point, place_on_plane
+from insertion.places.on_things import place_on_category
 from insertion.places.place import NoPlace, Place
 from insertion.records.result import FrameReport, InsertionResult
 from insertion.render.body import Body, body_of
@@ -32,6 +35,7 @@ from insertion.scene.footage import Shot
 from insertion.staging.options import ObjectRequest
 from insertion.staging.stage import Stage
 from metric_base.arrays import FloatArray
+from metric_base.progress import progress
 
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
@@ -131,7 +135,7 @@ def insert_objects(
     with nullcontext(None) if tracer is None else tracer(stage, objects, running[0].renderer.environment) as traced:
         run = _Run(stage, running, Looks(smooth=film), show_interval, layers, traced)
         seconds["light"] = time.perf_counter() - started
-        for shot, picture in stage.footage.pictures():
+        for shot, picture in progress(stage.footage.pictures(), "inserting", len(stage.footage.shots)):
             started = time.perf_counter()
             if layers is not None:
                 layers.picture(shot, picture)
@@ -183,7 +187,7 @@ def _place(stage: Stage, request: ObjectRequest, space: Space) -> Place:
     if request.at is not None:
         return place_at_point(space, _view_of(stage, request.at.frame), request.at.x, request.at.y)
     if request.on is not None:
-        return place_on_category(space, request.on, stage.instances)
+        return place_on_category(space, request.on, instances_named(stage.instances, request.on))
     if request.plane is not None:
         at = np.array(request.xy_m) / stage.scale.metres_per_unit
         return place_on_plane(space, request.plane, at, stage.scene.views[0].centre)

@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 
 from insertion.command import parser
+from insertion.places.categories import instances_named
 from insertion.places.place import NoPlace
+from insertion.scene_arguments import requests_of
 from insertion.scene_arguments import stage_of as stage_of_arguments
-from insertion.staging.insert import Placed, place_objects
+from insertion.staging.insert import Placed, place_objects, space_for
 from insertion.staging.options import ObjectRequest
+from insertion.staging.preview import write_preview
 from insertion.staging.stage import Stage
 from metric_base.faults import InputFault
 from tests.made.insertions import FilmedRoom, film_room, stage_of, write_glb
@@ -58,6 +61,48 @@ def test_on_a_category_is_on_its_top(room: FilmedRoom, stage: Stage, cup: Path) 
     assert foot[2] == pytest.approx(high[2], abs=0.02)
     assert (foot[:2] > low[:2]).all()
     assert (foot[:2] < high[:2]).all()
+
+
+def test_the_last_word_of_a_category_is_enough(room: FilmedRoom, stage: Stage, cup: Path) -> None:
+    one, other = (place_objects(stage, [ObjectRequest(cup, on=name)])[0] for name in ("coffee table", "Table"))
+    np.testing.assert_allclose(_foot(room, one), _foot(room, other))
+
+
+def test_the_tree_knows_what_a_sofa_is(stage: Stage) -> None:
+    assert {item.category for item in instances_named(stage.instances, "sofa")} == {"couch"}
+
+
+def test_a_top_that_is_no_plane_of_the_scene(room: FilmedRoom, stage: Stage, cup: Path) -> None:
+    """Without the plane of the table's top, the thing's own points say where its top is."""
+    placed = place_objects(stage, [ObjectRequest(cup, on="coffee table")])[0].place
+    others = tuple(one for one in stage.supports.surfaces if one.number != placed.plane)
+    fewer = replace(stage, supports=replace(stage.supports, surfaces=others))
+    again = place_objects(fewer, [ObjectRequest(cup, on="coffee table")])[0].place
+    assert placed.plane is not None
+    assert again.plane is None
+    up = placed.basis[2]
+    assert (again.position - placed.position) @ up * stage.scale.metres_per_unit == pytest.approx(0, abs=0.015)
+
+
+def test_what_is_larger_than_everything_has_no_place(stage: Stage, cup: Path) -> None:
+    with pytest.raises(NoPlace, match="--at auto: no free level space of this size"):
+        place_objects(stage, [ObjectRequest(cup, size="height=300")])
+
+
+def test_the_preview_lists_the_options_of_each_place(stage: Stage, cup: Path, tmp_path: Path) -> None:
+    (placed,) = place_objects(stage, [ObjectRequest(cup)])
+    places = write_preview(stage, space_for(stage, placed.model, placed.size), tmp_path / "places.png")
+    assert (tmp_path / "places.png").stat().st_size > 10_000
+    words = ["scene", "--scale", "1", "--model", str(cup), *places[0].options.split(), "--out", "out"]
+    (request,) = requests_of(parser().parse_args(words))
+    (again,) = place_objects(stage, [request])
+    np.testing.assert_allclose(again.place.position, placed.place.position, atol=1e-3 / stage.scale.metres_per_unit)
+
+
+@pytest.mark.parametrize("words", [["--xy", "-0.5,0.2"], ["--xy=-0.5,0.2"]])
+def test_metres_may_be_negative(words: list[str]) -> None:
+    options = parser().parse_args(["scene", "--model", "a.glb", "--plane", "0", *words, "--out", "out"])
+    assert requests_of(options)[0].xy_m == (-0.5, 0.2)
 
 
 def test_on_what_is_not_there_is_refused(stage: Stage, cup: Path) -> None:

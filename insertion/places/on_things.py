@@ -1,0 +1,145 @@
+"""A place on top of the things of a category: on a support plane that they share, or on their own highest level."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.geometry.planes import SupportPlane, level_basis
+from estimator.records.scene import Instance
+from insertion.places.free_space import NEAR_POINTS, Space, free_places
+from insertion.places.place import NoPlace, Place
+from insertion.places.surface import Surface, surface_of
+from insertion.scene.cloud import points_seen
+from metric_base.arrays import BoolArray, FloatArray, IntArray
+from metric_base.statistics import robust_sigma
+
+__all__ = ["place_on_category"]
+
+#: A point belongs to a thing if this share of the views that see both has it in the thing's mask: beyond the edge of
+#: a table, one view sees the floor where another sees the table.
+OWN_SHARE = 0.6
+#: Masks of two views show one thing if they share this part of the points of the smaller one.
+SAME_SHARE = 0.3
+#: Most views that are asked.
+MAX_VIEWS = 24
+#: A plane is a thing's top if it holds this share of the thing's points.
+TOP_SHARE = 0.1
+#: The same for a level that is no plane of the scene, whose thickness is this share of the thing's height.
+LEVEL_SHARE, LEVEL_THICKNESS = 0.15, 0.06
+
+
+def place_on_category(space: Space, category: str, instances: Sequence[Instance]) -> Place:
+    """Free space on the top of a thing of a category. Raises NoPlace where there is none."""
+    votes = [points for points in _points_of_things(space, instances) if len(points) >= NEAR_POINTS]
+    if not votes:
+        raise NoPlace(f"--on: the cloud has no points on any {category}")
+    scored = [item for points in votes for item in _places_on(space, points)]
+    if not scored:
+        raise NoPlace(f"--on: no free level space on any {category} for an object of this size that the cameras see")
+    place = max(scored, key=lambda item: item[0])[1]
+    return replace(place, support=category if place.plane is None else f"{category}, {place.support}")
+
+
+def _places_on(space: Space, votes: FloatArray) -> list[tuple[float, Place]]:
+    """Scored free places on the highest level of one thing, whose points are `votes` (n, 3)."""
+    for surface in reversed(space.supports.surfaces):
+        plane = surface.plane
+        local = votes @ plane.basis.T
+        on_plane = np.abs(local[:, 2] - plane.height) < max(4 * plane.sigma, plane.cell / 2)
+        if np.count_nonzero(on_plane) < max(NEAR_POINTS, TOP_SHARE * len(votes)):
+            continue
+        # a floor is not the top of what stands on it
+        if np.mean(local[:, 2] > plane.height + plane.cell) > 0.5:
+            continue
+        places = free_places(space, surface, _mask_of(surface, local[on_plane, :2]))
+        if places:
+            return places
+    level = _own_level(space, votes)
+    if level is None:
+        return []
+    surface, mask = level
+    return [(score, replace(place, plane=None)) for score, place in free_places(space, surface, mask)]
+
+
+def _own_level(space: Space, votes: FloatArray) -> tuple[Surface, BoolArray] | None:
+    """The highest level of a thing whose points are `votes` (n, 3), and its cells; None where it has none."""
+    planes = space.supports.surfaces
+    basis = planes[0].plane.basis if planes else level_basis(space.supports.up.vector)
+    local = votes @ basis.T
+    heights = np.sort(local[:, 2])
+    low, high = np.percentile(heights, [5, 95])
+    thick = LEVEL_THICKNESS * (high - low)
+    # points within the thickness above each point
+    count = np.searchsorted(heights, heights + thick, side="right") - np.arange(len(heights))
+    rows = np.flatnonzero(count >= max(2 * NEAR_POINTS, LEVEL_SHARE * len(heights)))
+    if not len(rows):
+        return None
+    top = heights[rows[-1]] + thick / 2
+    best = rows[(heights[rows] > top - 1.5 * thick)]
+    start = heights[best[count[best].argmax()]]
+    on_level = (local[:, 2] >= start) & (local[:, 2] <= start + thick)
+    own = local[on_level]
+    cell = planes[0].plane.cell if planes else max(space.radius, 1e-9)
+    origin = own[:, :2].min(axis=0) - 2 * cell
+    shape = np.ceil((own[:, :2].max(axis=0) - origin) / cell).astype(int) + 2
+    height, sigma = float(np.median(own[:, 2])), robust_sigma(own[:, 2])
+    plane = SupportPlane(basis, height, sigma, len(own), origin, cell, np.ones(tuple(shape), dtype=bool))
+    surface = surface_of(-1, plane, space.cloud, space.scene.views)
+    mask = _mask_of(surface, own[:, :2])
+    # the points of the thing say where its top is; between them it is solid
+    return replace(surface, solid=surface.solid | mask), mask
+
+
+def _mask_of(surface: Surface, local: FloatArray) -> BoolArray:
+    """(a, b) cells within the outline of points (n, 2) of the surface."""
+    import cv2
+
+    hull = cv2.convexHull(((local - surface.origin) / surface.cell).astype(np.float32))
+    mask = np.zeros(surface.solid.shape, np.uint8)
+    cv2.fillConvexPoly(mask, np.floor(hull[:, 0, ::-1]).astype(np.int32), 1)
+    return mask.astype(bool)
+
+
+def _points_of_things(space: Space, instances: Sequence[Instance]) -> list[FloatArray]:
+    """For each thing the (n, 3) points of the cloud that most views see in its masks."""
+    views = sorted({item.view for item in instances})
+    views = views[:: -(-len(views) // MAX_VIEWS)]
+    seen = {view: points_seen(space.scene, view, space.cloud.points)[:2] for view in views}
+    masks = [(item.view, _rows_in(item, *seen[item.view])) for item in instances if item.view in seen]
+    things: list[tuple[set[int], list[tuple[int, IntArray]]]] = []
+    for view, rows in sorted(masks, key=lambda mask: -len(mask[1])):
+        own = set(rows.tolist())
+        shared = [len(own & points) / max(min(len(own), len(points)), 1) for points, _ in things]
+        if shared and max(shared) >= SAME_SHARE:
+            points, parts = things[int(np.argmax(shared))]
+            points |= own
+            parts.append((view, rows))
+        else:
+            things.append((own, [(view, rows)]))
+    n = len(space.cloud.points)
+    return [space.cloud.points[_own_points(parts, seen, n)] for _, parts in things]
+
+
+def _rows_in(item: Instance, rows: IntArray, pixels: FloatArray) -> IntArray:
+    """Which of the points with these (m, 2) pixels, rows (m,) of the cloud, are in the mask."""
+    at = np.floor(pixels - item.origin).astype(np.int64)
+    within = np.flatnonzero(((at >= 0) & (at < item.mask.shape[::-1])).all(axis=1))
+    return np.asarray(rows[within[item.mask[at[within, 1], at[within, 0]]]])
+
+
+def _own_points(
+    parts: Sequence[tuple[int, IntArray]], seen: Mapping[int, tuple[IntArray, FloatArray]], count: int
+) -> BoolArray:
+    """(count,) points in most of the masks of one thing, among the views that see both.
+
+    parts : view and rows (m,) of each mask; seen : rows (m,) and pixels (m, 2) of each view.
+    """
+    visible, own = np.zeros(count), np.zeros(count)
+    for view in {view for view, _ in parts}:
+        visible[seen[view][0]] += 1
+    for _, rows in parts:
+        own[rows] += 1
+    return np.asarray((own > 0) & (own >= OWN_SHARE * visible))

@@ -133,26 +133,34 @@ def lexicon(wordnet) -> Lexicon:
 
 
 @cache
-def lemmas() -> dict[str, set[str]]:
-    """Senses of every noun by its folded spelling, and by that without spaces."""
-    wordnet = default_lexicon().wordnet
-    found = defaultdict(set)
-    for noun in wordnet.nouns:
-        for spelling in (fold_text(noun), fold_text(noun).replace(" ", "")):
-            found[spelling].update(wordnet.senses(noun))
-    return found
+def nouns() -> dict[str, set[str]]:
+    """WordNet's nouns by their folded spelling, and by that without spaces."""
+    spelt = defaultdict(set)
+    for noun in default_lexicon().wordnet.nouns:
+        folded = fold_text(noun)
+        spelt[folded].add(noun)
+        spelt[folded.replace(" ", "")].add(noun)
+    return spelt
 
 
-def below(concept: str) -> set[str]:
-    """All synsets below one."""
+def senses(spelling: str) -> set[str]:
+    """Senses of the nouns with this folded spelling; reading the senses of all nouns would take ten seconds."""
     wordnet = default_lexicon().wordnet
-    found, level = set(), {concept}
+    return {sense for noun in nouns().get(spelling, ()) for sense in wordnet.senses(noun)}
+
+
+@cache
+def names_below(concept: str) -> set[frozenset[str]]:
+    """The words of every name of every synset below one."""
+    wordnet = default_lexicon().wordnet
+    synsets, level = set(), {concept}
     while level:
-        level = {child for above in level for child in wordnet.children(above)} - found
-        found |= level
-    return found
+        level = {child for above in level for child in wordnet.children(above)} - synsets
+        synsets |= level
+    return {words(lemma) for synset in synsets for lemma in wordnet.lemmas(synset)}
 
 
+@cache
 def words(name: str) -> frozenset[str]:
     """The words of a name, plurals as their singulars, without those that join."""
     return frozenset(next(iter(singulars(word)), word) for word in fold_text(name).split()) - JOINTS
@@ -169,8 +177,7 @@ def namesakes(lexicon: Lexicon) -> set[str]:
     for one in lexicon.inserted.values():
         name = fold_text(one.name)
         spellings = {name, *singulars(name), name.replace(" ", ""), *singulars(name.replace(" ", ""))}
-        senses = {sense for spelling in spellings for sense in lemmas().get(spelling, ())}
-        if any(fits(sense, DOMAINS["things"], lexicon) for sense in senses):
+        if any(fits(sense, DOMAINS["things"], lexicon) for spelling in spellings for sense in senses(spelling)):
             found.add(one.id)
     return found
 
@@ -181,9 +188,8 @@ def partly_named(lexicon: Lexicon) -> set[str]:
     for one in lexicon.inserted.values():
         own = words(one.name)
         parent = synset_above(one.id, lexicon)
-        others = {words(lemma) for synset in below(parent) for lemma in lexicon.wordnet.lemmas(synset)}
         of_parent = {words(lemma) for lemma in lexicon.wordnet.lemmas(parent)}
-        if any(other and other <= own and other not in of_parent for other in others):
+        if any(other and other <= own and other not in of_parent for other in names_below(parent)):
             found.add(one.id)
     return found
 

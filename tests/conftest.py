@@ -25,6 +25,12 @@ settings.register_profile("hunt", deadline=None, max_examples=1000, suppress_hea
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "suite"))
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with slow tests come first, or one process would end the suite with them while the others wait."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 @pytest.fixture(autouse=True)
 def _no_given_width(monkeypatch: pytest.MonkeyPatch) -> None:
     """pytest-xdist gives its workers a width of their own; a table in a pipe is as wide as it needs to be."""

@@ -77,6 +77,7 @@ def _commands(block: str) -> list[str]:
     return [line[2:].partition("  #")[0] for line in block.splitlines() if line.startswith("$ ")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "page", [page for page in PAGES if CONSOLE.search(page.read_text(encoding="utf-8"))], ids=_name
 )

@@ -176,6 +176,7 @@ def blender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "asked.json"
 
 
+@pytest.mark.slow
 def test_blender_is_asked_for_the_scene_in_metres(scene: tuple[Stage, Placed], blender: Path, tmp_path: Path) -> None:
     stage, placed = scene
     assert export_blend(tmp_path, stage, [placed]) == []

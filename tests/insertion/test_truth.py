@@ -71,6 +71,7 @@ def _whole_boxes(masks: list[np.ndarray], inserted: Inserted) -> list[tuple[tupl
     return pairs
 
 
+@pytest.mark.slow
 def test_the_silhouette_is_as_high_as_the_true_one(inserted: Inserted) -> None:
     pairs = _whole_boxes(_true_masks(inserted, alone=True), inserted)
     assert len(pairs) >= 3

@@ -85,6 +85,7 @@ def _write_stills(folder: Path, pictures: list[np.ndarray]) -> None:
         cv2.imwrite(str(folder / f"{2 * k:06d}.png"), picture[..., ::-1])
 
 
+@pytest.mark.slow
 def test_a_video_comes_back_with_its_times_sound_and_rotation(
     work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

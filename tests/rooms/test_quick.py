@@ -73,6 +73,7 @@ def test_dense_points_are_seen_by_the_views_that_their_visibility_names(made: Ma
     assert np.diff(cloud.visible_offsets).min() >= 1
 
 
+@pytest.mark.slow
 def test_feet_that_leave_no_points(room: World) -> None:
     from dataclasses import replace
 

@@ -194,6 +194,7 @@ def partly_named(lexicon: Lexicon) -> set[str]:
     return found
 
 
+@pytest.mark.slow
 def test_the_check_finds_what_a_reader_found(lexicon) -> None:
     """Ids that were taken out for it: in one word, in another order, with a word more."""
     from taxonomy.insertions import Insertion

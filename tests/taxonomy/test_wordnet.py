@@ -98,6 +98,7 @@ def test_debians_wordnet_reads_as_it_should(wordnet: WordNet) -> None:
     assert wordnet.lexicographer_file("chair.n.01") == "noun.artifact"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", ["1", "2", "3"])
 def test_parents_come_in_wordnets_order_in_every_run(wordnet: WordNet, seed: str) -> None:
     """The library keeps them in a set, so that their order changed from run to run, and with it a tie of two kinds."""

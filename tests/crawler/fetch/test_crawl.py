@@ -13,6 +13,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from tests.made.made_site import PICTURES, MadeSite, Shop, expected, fault
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -49,6 +51,7 @@ def sizes(out: Path) -> dict[str, tuple[float, ...]]:
     return {item["title"]: tuple(item["extents_mm"]) for item in items(out)}
 
 
+@pytest.mark.slow
 def test_a_shop_with_faults_is_brought_home(tmp_path: Path) -> None:
     shop = Shop(products=250)
     with MadeSite(shop) as site:
@@ -76,6 +79,7 @@ def test_a_shop_with_faults_is_brought_home(tmp_path: Path) -> None:
     assert home["pages_per_second"] > 0
 
 
+@pytest.mark.slow
 def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     kills = 3  # ten are a command of their own: python -m benchmarks.kills crawl
     shop = Shop(products=80 * kills, faults=False, delay=0.1)
@@ -113,6 +117,7 @@ def test_a_limit_stops_and_a_resume_goes_on(tmp_path: Path) -> None:
         assert len(items(tmp_path / "out")) == 60
 
 
+@pytest.mark.slow
 def test_a_crawl_with_a_cache_asks_whether_pages_changed(tmp_path: Path) -> None:
     with MadeSite(Shop(products=30, faults=False)) as site:
         cache = ["--cache", str(tmp_path / "cache")]
@@ -146,6 +151,7 @@ def test_pictures_are_stored_once_and_named_by_their_items(tmp_path: Path) -> No
     assert [path.name for path in (tmp_path / "out").glob("items-*")] == ["items-000000001-000000020.jsonl"]
 
 
+@pytest.mark.slow
 def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_url: str) -> None:
     environment = os.environ | {"METRIC_TREE_LEASE_SECONDS": "3"}
     shop = Shop(products=120, faults=False, delay=0.2)

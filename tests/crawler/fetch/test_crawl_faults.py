@@ -57,6 +57,7 @@ def killed(process: subprocess.Popen[bytes], database: Path) -> None:
     process.wait()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shared", [False, True], ids=["sqlite", "redis"])
 def test_a_resume_knows_where_the_crawl_began(
     tmp_path: Path, shared: bool, request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch

@@ -83,6 +83,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
         subprocess.run(["umount", str(folder)], check=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", [[], ["--pictures"]], ids=["pages", "pictures"])
 def test_a_crawl_on_a_full_disk_ends_with_one_line(small_disk: Path, more: list[str]) -> None:
     filler = small_disk / "filler"
@@ -128,6 +129,7 @@ def test_a_file_that_may_not_grow_ends_the_crawl_with_one_line(tmp_path: Path) -
         assert "frontier.sqlite: expected a frontier that can be written and asked" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_crawl_whose_server_is_stopped_ends_with_one_line_and_goes_on_when_it_is_started(
     tmp_path: Path, redis_server: RedisServer
 ) -> None:

@@ -92,6 +92,7 @@ def _wait_for(process: subprocess.Popen[bytes], place: Path) -> None:
         time.sleep(0.005)
 
 
+@pytest.mark.slow
 def test_nothing_is_made_twice_and_nothing_is_left_over(film: Film, work: Path) -> None:
     stamps = {file.name: file.stat().st_mtime_ns for file in (work / "stamps").iterdir()}
     assert set(stamps) == {f"{stage}.json" for stage in (*STAGES, "instances")}

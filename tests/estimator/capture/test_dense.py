@@ -59,6 +59,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path, list[Ma
     return Scene(folder, "memory", tuple(views), points), folder, frames
 
 
+@pytest.mark.slow
 def test_dense_points_lie_on_the_room(made: tuple[Scene, Path, list[MadeFrame]]) -> None:
     scene, folder, frames = made
     count = make_dense_cloud(scene, folder, folder / "dense.ply", lambda _done, _of: None)

@@ -57,6 +57,7 @@ CAPTURES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", CAPTURES)
 def test_a_capture_that_cannot_be_used_is_named(code: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     try:

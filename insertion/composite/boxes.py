@@ -15,12 +15,14 @@ from insertion.render.shadows import PlaneMap
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray
 
-__all__ = ["Box", "object_box", "shadow_box", "window_behind"]
+__all__ = ["CAST_SIZES", "Box", "cast_box", "object_box", "shadow_box", "window_behind"]
 
 #: Pixels around the projected vertices: blur and filters reach so far.
 MARGIN_PX = 6
 #: Light on the plane that is dimmed by less than this is not worth a pixel.
 SHADOW_SHARE = 0.004
+#: A shadow on other things is drawn this far from the object, in its sizes: as far as that on its support.
+CAST_SIZES = 3.0
 #: The ideal picture behind a strongly curved lens is cut at this many times the picture.
 WIDEST = 3.0
 
@@ -62,6 +64,19 @@ def shadow_box(view: View, body: Body, plane: PlaneMap) -> Box | None:
     if not len(flat) or (view.centre - body.position) @ body.basis[2] <= 0:
         return None
     return _box_of(view, body.position + body.unit * flat @ body.basis[:2])
+
+
+def cast_box(view: View, body: Body, directions: FloatArray) -> Box | None:
+    """Pixels that the shadow on other things may cover, above the support plane; None where it is out of the picture.
+
+    directions : (n, 3) towards the lights that cast it.
+    """
+    low, high = body.corners.min(axis=0), body.corners.max(axis=0)
+    ends = np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 1, 3)
+    fall = np.maximum(directions @ body.basis[2], 1e-6)
+    length = np.clip((ends @ body.basis[2]) / fall, 0.0, CAST_SIZES)  # (8, n)
+    points = np.concatenate([ends[:, 0], (ends - length[..., None] * directions).reshape(-1, 3)])
+    return _box_of(view, body.position + body.unit * points)
 
 
 def window_behind(camera: Camera, box: Box) -> Window:

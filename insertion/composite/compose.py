@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import Instance, View
-from insertion.composite.boxes import Box, object_box, shadow_box
+from insertion.composite.boxes import Box, cast_box, object_box, shadow_box
 from insertion.composite.layers import object_layer, shadow_layer
 from insertion.composite.match import Look, grain
 from insertion.composite.occlusion import hidden_share
@@ -72,6 +72,7 @@ def compose(
         return Composed(picture, None, 0.0)
     box = dark_box.union(body_box) if dark_box is not None else body_box
     assert box is not None  # one of the two is there
+    box = box.union(cast_box(view, renderer.body, renderer.casting))
     layer = _nothing(box)
     if body_box is not None:
         layer = _within(object_layer(renderer, view, body_box), body_box, box)

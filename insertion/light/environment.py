@@ -9,9 +9,23 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["HEIGHT", "WIDTH", "Environment", "map_directions", "solid_angles"]
+__all__ = ["HEIGHT", "WIDTH", "Environment", "LampSpots", "map_directions", "solid_angles"]
 
 WIDTH, HEIGHT = 128, 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LampSpots:
+    """Where the lamps are: soft balls at a finite distance, so that their light changes over an object.
+
+    places : (k, 3) in the scene; power : (k, 3) linear, the irradiance across the light times the squared distance;
+    size : (k,) diameter, scene units; middle : (3,) the place that the environment is about.
+    """
+
+    places: FloatArray
+    power: FloatArray
+    size: FloatArray
+    middle: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,12 +34,14 @@ class Environment:
 
     radiance : (HEIGHT, WIDTH, 3) linear, rows from up to down, columns by the azimuth from -180 degrees about `basis`;
     basis : (3, 3) rows two horizontal unit axes and up, in the scene; seen : (HEIGHT, WIDTH) share that the pictures
-    show, the rest is filled in.
+    show, the rest is filled in; rest : the radiance without the lamps, None where no lamp is known; lamps : these.
     """
 
     radiance: NDArray[np.float32]
     basis: FloatArray
     seen: NDArray[np.float32]
+    rest: NDArray[np.float32] | None = None
+    lamps: LampSpots | None = None
 
     def irradiance(self, normal: FloatArray) -> FloatArray:
         """(3,) irradiance on a surface with this unit normal (3,): the integral of radiance times the cosine."""

@@ -9,12 +9,13 @@ pictures, and most of the unseen light comes from where lamps are: high above th
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.light.environment import HEIGHT, WIDTH, Environment, map_directions, solid_angles
+from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.shading import WHITE_ALBEDO, Lamp, Shading
 from insertion.places.place import Place
 from insertion.records.encoding import luminance, srgb_to_linear
@@ -57,10 +58,38 @@ def environment_at(
         toward = _lamp_direction(middle, place.basis, cloud)
         lit = _raise_top(_fill(shown, seen), seen, _white_level(samples), toward)
     else:
-        lit = _with_unseen(_fill(shown, seen), seen, shading.unseen)
-        for lamp in shading.lamps:
-            lit = lit + _lamp_light(lamp, middle, place.basis, lit)
+        rest = _with_unseen(_fill(shown, seen), seen, shading.unseen)
+        return _with_lamps(rest, seen, place.basis, _spots(shading.lamps, middle, rest))
     return Environment(lit.astype(np.float32), place.basis, seen.astype(np.float32))
+
+
+def _spots(lamps: Sequence[Lamp], middle: FloatArray, rest: FloatArray) -> LampSpots:
+    """The lamps' places with what they send towards `middle` (3,); rest : (h, w, 3) radiance without them."""
+    white = np.einsum("hw,hwc->c", np.broadcast_to(solid_angles()[:, None], rest.shape[:2]), rest)
+    colour = white / max(float(luminance(white)), 1e-9)
+    powers = []
+    for lamp in lamps:
+        away = lamp.places - middle
+        shone = np.maximum(-(away * lamp.facing).sum(axis=1) / np.maximum(np.linalg.norm(away, axis=1), 1e-9), 0.0)
+        powers.append(lamp.weights * lamp.strengths * np.where(lamp.facing.any(axis=1), shone, 1.0))
+    sizes = [np.full(len(lamp.places), lamp.size) for lamp in lamps]
+    places = np.concatenate([lamp.places for lamp in lamps])
+    return LampSpots(places, np.concatenate(powers)[:, None] * colour, np.concatenate(sizes), middle)
+
+
+def _with_lamps(rest: FloatArray, seen: FloatArray, basis: FloatArray, lamps: LampSpots) -> Environment:
+    """The environment of the rest (h, w, 3), of which (h, w) is seen, with a soft disc for each spot of the lamps."""
+    directions, area = map_directions(), solid_angles()[:, None]
+    light = np.zeros(rest.shape)
+    away = (lamps.places - lamps.middle) @ basis.T
+    distances = np.maximum(np.linalg.norm(away, axis=1), lamps.size / 2)
+    for toward, distance, power, size in zip(away, distances, lamps.power, lamps.size, strict=True):
+        cosine = directions @ (toward / distance)
+        width = np.arctan(size / 2 / distance)
+        lobe = np.exp(-(1 - cosine) / max(1 - np.cos(width), 1e-4))
+        light += (lobe / max(float((lobe * area).sum()), 1e-12))[..., None] * power / distance**2
+    total, alone = ((rest + more).astype(np.float32) for more in (light, 0.0))
+    return Environment(total, basis, seen.astype(np.float32), alone, lamps)
 
 
 def _shown(samples: _Samples) -> tuple[FloatArray, FloatArray]:
@@ -180,21 +209,3 @@ def _with_unseen(filled: FloatArray, seen: FloatArray, radiance: float) -> Float
         return filled
     times = float(np.clip(radiance * weight.sum() / unseen, *UNSEEN))
     return np.asarray(filled * (1 + (times - 1) * hidden)[..., None])
-
-
-def _lamp_light(lamp: Lamp, middle: FloatArray, basis: FloatArray, lit: FloatArray) -> FloatArray:
-    """(h, w, 3) radiance of a lamp: a soft disc for each place it may be at, with the irradiance strength / r^2."""
-    directions, area = map_directions(), solid_angles()[:, None]
-    white = np.einsum("hw,hwc->c", np.broadcast_to(area, directions.shape[:2]), lit)
-    colour = white / max(float(luminance(white)), 1e-9)
-    light = np.zeros(directions.shape[:2])
-    away = (lamp.places - middle) @ basis.T
-    distances = np.maximum(np.linalg.norm(away, axis=1), lamp.size / 2)
-    shone = np.maximum(-(away @ basis * lamp.facing).sum(axis=1) / distances, 0.0)
-    power = lamp.weights * lamp.strengths * np.where(lamp.facing.any(axis=1), shone, 1.0)
-    for toward, distance, strength in zip(away, distances, power, strict=True):
-        cosine = directions @ (toward / distance)
-        width = np.arctan(lamp.size / 2 / distance)
-        lobe = np.exp(-(1 - cosine) / max(1 - np.cos(width), 1e-4))
-        light += strength / distance**2 * lobe / max(float((lobe * area).sum()), 1e-12)
-    return np.asarray(light[..., None] * colour)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from insertion.models.model import Material, Model
+from insertion.records.encoding import srgb_to_linear
 from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["Body", "BodyPart", "body_of"]
@@ -36,6 +37,13 @@ class Body:
     position: FloatArray
     basis: FloatArray
     unit: float
+
+    @property
+    def albedo(self) -> FloatArray:
+        """(3,) linear, the mean base colour over the surface; metals are taken to reflect as much."""
+        area = np.array([_area(part) for part in self.parts])
+        colours = np.array([_mean_colour(part) for part in self.parts])
+        return np.asarray(area @ colours / max(float(area.sum()), 1e-12))
 
     @property
     def corners(self) -> FloatArray:
@@ -70,3 +78,17 @@ def body_of(model: Model, position: FloatArray, basis: FloatArray, heading: Floa
         for part in model.parts
     )
     return Body(parts, np.asarray(position, dtype=np.float64), basis, unit * units_per_metre)
+
+
+def _area(part: BodyPart) -> float:
+    """The area of the part's triangles."""
+    one, two, three = (part.vertices[part.faces[:, k]] for k in range(3))
+    return float(np.linalg.norm(np.cross(two - one, three - one), axis=1).sum() / 2)
+
+
+def _mean_colour(part: BodyPart) -> FloatArray:
+    """(3,) linear base colour: the factor times the means of the vertices' tint and of the texture."""
+    colour = part.material.base_color[:3] * part.tint[:, :3].mean(axis=0)
+    if part.material.base_texture is not None:
+        colour = colour * srgb_to_linear(part.material.base_texture[::8, ::8, :3]).reshape(-1, 3).mean(axis=0)
+    return np.asarray(colour, dtype=np.float64)

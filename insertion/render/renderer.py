@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.light.environment import Environment
-from insertion.light.lights import directional_lights
+from insertion.light.lights import Lights, environment_lights
 from insertion.light.reflections import LEVELS, reflection_levels
+from insertion.records.encoding import luminance
 from insertion.render.body import Body
 from insertion.render.buffers import load_part
 from insertion.render.context import shader
@@ -48,10 +49,14 @@ class ObjectImage:
 class ObjectRenderer:
     """One body in an OpenGL context (`gl_context`), which several may share."""
 
-    def __init__(self, context: Any, body: Body, environment: Environment) -> None:
+    def __init__(self, context: Any, body: Body, environment: Environment, ground: Environment | None = None) -> None:
+        """The environment is about the middle of the body; ground : about its foot, where that differs."""
         self.body, self.environment = body, environment
         self._context = context
-        lights = directional_lights(environment, OBJECT_CUTS)
+        corners = body.corners
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
+        lights = _local_lights(environment, body, OBJECT_CUTS, middle, caster.radius)
         self._program = self._context.program(
             vertex_shader=shader("surface.vert"), fragment_shader=self._lit_shader("surface.frag", len(lights.power))
         )
@@ -68,18 +73,21 @@ class ObjectRenderer:
         caster_program = self._context.program(
             vertex_shader=shader("depth_only.vert"), fragment_shader=shader("depth_only.frag")
         )
+        #: (n, 3) towards the lights that cast the shadow
+        self.casting = _strongest(lights)
         self._parts = [
             load_part(self._context, self._program, caster_program, part, self._gather) for part in body.parts
         ]
         self._solid = not any(part.material.blend for part in self._parts)
-        corners = body.corners
-        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
         self._atlas = shadow_atlas(self._context, caster_program, self._parts, lights, caster)
-        above = directional_lights(environment, PLANE_CUTS).above(body.basis[2])
-        self.plane: PlaneMap = plane_map(self._context, caster_program, self._parts, above, body.basis, corners)
+        below = environment if ground is None else ground
+        above = _local_lights(below, body, PLANE_CUTS, np.zeros(3), 0.0).above(body.basis[2])
+        returned = _returned(below, body, above)
+        self.plane: PlaneMap = plane_map(
+            self._context, caster_program, self._parts, above, returned, body.basis, corners
+        )
         for program in (self._program, self._light, self._receive):
-            _set_lights(program, lights, caster)
+            _set_lights(program, lights, _returned(environment, body, lights), caster)
         self._set_surroundings(environment)
         self._deferred = DeferredTargets(self._context, SAMPLES)
         self._targets: dict[tuple[int, int], tuple[Any, Any]] = {}
@@ -237,11 +245,42 @@ def _read(target: Any, window: Window, attachment: int, components: int) -> NDAr
     return flat.reshape(window.height, window.width, components)
 
 
-def _set_lights(program: Any, lights: Any, caster: Caster) -> None:
+def _local_lights(environment: Environment, body: Body, cuts: int, place: FloatArray, radius: float) -> Lights:
+    """The lights about a place (3,) in the body's frame, of which something within `radius` is lit."""
+    lights = environment_lights(environment, cuts).scaled(body.unit)
+    if environment.lamps is None:
+        return lights
+    middle = (environment.lamps.middle - body.position) / body.unit
+    return lights.about(place - middle, radius)
+
+
+def _strongest(lights: Lights) -> FloatArray:
+    """(n, 3) directions towards the points of lamps, or, without any, towards the lights that have half the power."""
+    if lights.near.any():
+        return lights.directions[lights.near > 0]
+    order = np.argsort(-luminance(lights.power))
+    share = np.cumsum(luminance(lights.power)[order]) / max(float(luminance(lights.power).sum()), 1e-12)
+    return lights.directions[order[: int(np.searchsorted(share, 0.5)) + 1]]
+
+
+def _returned(environment: Environment, body: Body, lights: Lights) -> FloatArray:
+    """(n, 3) what a surface gets instead of a light that the body itself hides: the light that the body sends back.
+
+    The body's surface is taken to face along the way of the hidden light, to be matt and to have one mean colour:
+    solid angle times albedo / pi times the irradiance of the environment on it.
+    """
+    back = np.array([environment.irradiance(-direction) for direction in lights.directions])  # (n, 3)
+    return np.asarray(lights.angle[:, None] * body.albedo / np.pi * back)
+
+
+def _set_lights(program: Any, lights: Lights, returned: FloatArray, caster: Caster) -> None:
     right, above = light_axes(lights, caster.radius)
     rows = {
         "light_direction": lights.directions,
         "light_power": lights.power,
+        "light_near": lights.near[:, None],
+        "light_returned": returned,
+        "light_angle": lights.angle[:, None],
         "light_right": right,
         "light_up": above,
     }

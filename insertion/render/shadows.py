@@ -45,11 +45,15 @@ class PlaneMap:
 
 
 def light_axes(lights: Lights, radius: float) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) right and up axes of each light's shadow map, divided by the radius of what casts."""
+    """(n, 3) right and up axes of each light's shadow map, divided by the radius of what casts.
+
+    A light at the distance d sees the sphere of radius r under the tangent r / sqrt(d^2 - r^2).
+    """
     seed = np.where(np.abs(lights.directions[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     right = np.cross(seed, lights.directions)
     right /= np.linalg.norm(right, axis=1, keepdims=True)
-    return right / radius, np.cross(lights.directions, right) / radius
+    wide = (radius / np.sqrt(1 - np.minimum(radius * lights.near, 0.9) ** 2))[:, None]
+    return right / wide, np.cross(lights.directions, right) / wide
 
 
 def shadow_atlas(context: Any, program: Any, parts: Sequence[LoadedPart], lights: Lights, caster: Caster) -> Any:
@@ -65,7 +69,8 @@ def shadow_atlas(context: Any, program: Any, parts: Sequence[LoadedPart], lights
     for row, direction in enumerate(lights.directions):
         clip = np.eye(4)
         clip[:3, :3] = [right[row], above[row], -direction / (2 * caster.radius)]
-        clip[:3, 3] = -clip[:3, :3] @ caster.centre
+        clip[3, :3] = -lights.near[row] * direction  # a light at a finite distance sees in perspective
+        clip[:, 3] = -clip[:, :3] @ caster.centre + [0, 0, 0, 1]
         target.viewport = (row % tiles * TILE, row // tiles * TILE, TILE, TILE)
         _cast(program, parts, clip)
     target.release()
@@ -73,53 +78,66 @@ def shadow_atlas(context: Any, program: Any, parts: Sequence[LoadedPart], lights
 
 
 def plane_map(
-    context: Any, program: Any, parts: Sequence[LoadedPart], lights: Lights, basis: FloatArray, corners: FloatArray
+    context: Any,
+    program: Any,
+    parts: Sequence[LoadedPart],
+    lights: Lights,
+    returned: FloatArray,
+    basis: FloatArray,
+    corners: FloatArray,
 ) -> PlaneMap:
-    """The light on the support plane with the object over it without: sum of w_i v_i / sum of w_i.
+    """The light on the support plane with the object over it without: 1 - sum of (w_i - b_i) h_i / sum of w_i.
 
-    lights : above the horizon; w_i = power_i cos(theta_i); v_i is 0 where the object stands between light i and the
-    plane. Each light draws the object flattened onto the plane along its own direction.
+    lights : above the horizon, about the object's foot; w_i = power_i cos(theta_i) d_i^2 / r_i^2 at each place of the
+    plane; h_i is 1 where the object stands between light i and the plane, which then gets b_i = returned_i (n, 3)
+    cos(theta_i) from the object. Each light draws the object flattened onto the plane along its own rays.
     basis : (3, 3), its last row the normal of the plane; corners : (n, 3) vertices of the object in its local frame.
     """
     reach = float(np.abs(corners @ basis[:2].T).max() + MAP_HEIGHTS * max((corners @ basis[2]).max(), 0.05))
-    cosine = lights.directions @ basis[2]
-    weights = lights.power * cosine[:, None]  # (n, 3)
+    local = lights.directions @ basis.T  # (n, 3) along the plane's axes
     blocked = context.texture((MAP_PIXELS, MAP_PIXELS), 1, dtype="f1")
-    total = context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f4")
-    flat, sums = context.framebuffer([blocked]), context.framebuffer([total])
+    lost, total = (context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f4") for _ in range(2))
+    flat, sums = context.framebuffer([blocked]), context.framebuffer([lost, total])
     weigh = context.program(vertex_shader=shader("full.vert"), fragment_shader=shader("weigh.frag"))
+    weigh["reach"].value = reach
     quad = context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
     cover = context.vertex_array(weigh, [(quad, "2f", "corner")])
     sums.clear()
-    for direction, weight in zip(lights.directions, weights, strict=True):
+    for direction, near, power, back in zip(local, lights.near, lights.power, returned, strict=True):
         flat.use()
         context.disable(context.DEPTH_TEST | context.BLEND)
         flat.clear()
-        _cast(program, parts, _shadow_matrix(direction, basis, reach))
+        _cast(program, parts, _shadow_matrix(direction, float(near), basis, reach))
         sums.use()
         context.enable(context.BLEND)
         context.blend_func = context.ONE, context.ONE
         blocked.use(0)
-        weigh["weight"].value = tuple(float(v) for v in weight)
+        weigh["direction"].value, weigh["near"].value = tuple(float(v) for v in direction), float(near)
+        weigh["power"].value, weigh["returned"].value = tuple(map(float, power)), tuple(map(float, back))
         cover.render(mode=context.TRIANGLE_STRIP)
     context.disable(context.BLEND)
-    lost = np.frombuffer(sums.read(components=3, dtype="f4"), "f4").reshape(MAP_PIXELS, MAP_PIXELS, 3)
-    share = 1 - lost / np.maximum(weights.sum(axis=0), 1e-12)
-    for thing in (cover, quad, weigh, flat, sums, blocked, total):
+    missing, whole = (
+        np.frombuffer(sums.read(components=3, attachment=k, dtype="f4"), "f4").reshape(MAP_PIXELS, MAP_PIXELS, 3)
+        for k in range(2)
+    )
+    share = 1 - missing / np.maximum(whole, 1e-12)
+    for thing in (cover, quad, weigh, flat, sums, blocked, lost, total):
         thing.release()
     return PlaneMap(np.clip(share, 0.0, 1.0).astype(np.float32), reach)
 
 
-def _shadow_matrix(direction: FloatArray, basis: FloatArray, reach: float) -> FloatArray:
-    """(4, 4) from the local frame along a light onto the plane, -1 to 1 over the map; what is below is clipped."""
-    rise = float(direction @ basis[2])
+def _shadow_matrix(direction: FloatArray, near: float, basis: FloatArray, reach: float) -> FloatArray:
+    """(4, 4) from the local frame along a light's rays onto the plane, -1 to 1 over the map.
+
+    direction : (3,) along the plane's axes, of a light at the distance 1 / near. A point at (x, y, z) meets the plane
+    at ((d_z x - d_x z) / w, (d_z y - d_y z) / w) with w = d_z - near z; what is as high as the light is clipped.
+    """
     clip = np.zeros((4, 4))
     for row in range(2):
-        slope = float(direction @ basis[row]) / rise
-        clip[row, :3] = (basis[row] - slope * basis[2]) / reach
+        clip[row, :3] = (direction[2] * basis[row] - direction[row] * basis[2]) / reach
     # depth: 0 on the plane, a little below it is still drawn
-    clip[2, :3] = basis[2] / (100.0 * reach)
-    clip[3, 3] = 1.0
+    clip[2, :3] = direction[2] * basis[2] / (100.0 * reach)
+    clip[3, :3], clip[3, 3] = -near * basis[2], direction[2]
     return clip
 
 

@@ -82,6 +82,8 @@ class Placed:
         return np.column_stack([np.cross(up, self.front), up, self.front])
 
 
+#: The light on the support is taken from the middle of the lowest tenth of the object.
+GROUND = 0.1
 #: Opens another renderer: from a shot to its (h, w, 4) layer of linear light.
 Tracer = Callable[[Stage, Sequence[Placed], Environment], AbstractContextManager[Callable[[Shot], NDArray[np.float32]]]]
 
@@ -214,7 +216,8 @@ def _view_of(stage: Stage, frame: str) -> View:
 def _renderer(context: Any, stage: Stage, item: Placed) -> ObjectRenderer:
     height = float(item.model.extents[1]) * item.size.factor / stage.scale.metres_per_unit
     environment = environment_at(item.place, height, stage.cloud, stage.stills, stage.shading())
-    return ObjectRenderer(context, item.body, environment)
+    ground = environment_at(item.place, GROUND * height, stage.cloud, stage.stills, stage.shading())
+    return ObjectRenderer(context, item.body, environment, ground)
 
 
 def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:

@@ -8,6 +8,7 @@ uniform sampler2D plane_map;   // share of light that reaches the plane
 uniform sampler2D environment; // equirectangular radiance, blurred more in higher levels
 uniform float sharpest_level;
 uniform float blurriest_level;
+uniform vec3 light_returned[N_LIGHTS];  // what the object itself sends back from where it hides the light
 const float PI = 3.14159265;
 
 // Radiance of the environment in a direction.
@@ -35,27 +36,42 @@ vec3 reflected_share(vec3 f0, float rough, float cosine) {
     return f0 * ab.x + ab.y;
 }
 
+// What a rough surface mirrors of light from a direction, times the cosine: GGX with the Smith term of glTF 2.0, B.3.2.
+vec3 rough_highlight(vec3 normal, vec3 to_eye, vec3 direction, vec3 f0, float rough) {
+    vec3 half_way = normalize(direction + to_eye);
+    float facing = max(dot(normal, direction), 0.0), seen_at = max(dot(normal, to_eye), 0.02);
+    float a2 = rough * rough * rough * rough, spread = dot(normal, half_way);
+    spread = spread * spread * (a2 - 1.0) + 1.0;
+    float hidden = facing * sqrt(seen_at * seen_at * (1.0 - a2) + a2) + seen_at * sqrt(facing * facing * (1.0 - a2) + a2);
+    vec3 fresnel = f0 + (1.0 - f0) * pow(1.0 - max(dot(direction, half_way), 0.0), 5.0);
+    return fresnel * a2 / (PI * spread * spread) * 0.5 / max(hidden, 1e-4) * facing;
+}
+
 // Linear radiance, premultiplied, and alpha.
 vec4 shaded(Facts f) {
     vec3 to_eye = normalize(eye - f.place);
     float cosine = max(dot(f.normal, to_eye), 0.02);
-    vec3 diffuse = vec3(0.0), open_light = vec3(1e-6), reached = vec3(0.0);
+    vec3 f0 = mix(vec3(0.04), f.base.rgb, f.metal);
+    vec3 diffuse = vec3(0.0), open_light = vec3(1e-6), reached = vec3(0.0), dull = vec3(0.0);
+    float dullness = smoothstep(0.6, 0.8, f.rough);  // a dull lobe is wide enough for single lights, a sharp one is not
     vec3 mirror = reflect(-to_eye, f.normal);
     for (int i = 0; i < N_LIGHTS; i++) {
-        vec3 direction = light_direction[i];
+        vec4 light = towards(i, f.place);
+        vec3 direction = light.xyz, power = light_power[i] * light.w;
         float facing = dot(f.normal, direction);
         float lobe = max(dot(mirror, direction), 0.0);
         if (facing <= 0.0 && lobe <= 0.0) continue;
-        vec3 share = vec3(0.0);
-        if (dot(f.geometric, direction) > 0.0) share = lit(i, f.place, f.geometric) * from_plane(f.place, direction);
-        diffuse += max(facing, 0.0) * light_power[i] * share;
-        open_light += lobe * lobe * light_power[i];
-        reached += lobe * lobe * light_power[i] * share;
+        float open = dot(f.geometric, direction) > 0.0 ? lit(i, f.place, f.geometric) : 0.0;
+        vec3 share = open * from_plane(f.place, direction);
+        vec3 arriving = power * share + light_returned[i] * (1.0 - open);
+        diffuse += max(facing, 0.0) * arriving;
+        if (dullness > 0.0) dull += rough_highlight(f.normal, to_eye, direction, f0, f.rough) * arriving;
+        open_light += lobe * lobe * power;
+        reached += lobe * lobe * power * share;
     }
-    vec3 f0 = mix(vec3(0.04), f.base.rgb, f.metal);
     vec3 share = reflected_share(f0, f.rough, cosine);
     float level = mix(sharpest_level, blurriest_level, sqrt(f.rough));
-    vec3 glossy = radiance(mirror, level) * share * (reached / open_light);
+    vec3 glossy = mix(radiance(mirror, level) * share * (reached / open_light), dull, dullness);
     vec3 matte = f.base.rgb * (1.0 - f.metal) * (1.0 - share) * diffuse / PI;
     return vec4(matte * f.base.a + glossy + f.glow * f.base.a, f.base.a);
 }

@@ -1,10 +1,20 @@
 #version 330
-// Adds one light's share where the object stands between it and the plane.
+// Adds one light's share of the plane, and what is lost of it where the object stands between the light and the plane.
 uniform sampler2D blocked;
-uniform vec3 weight;
+uniform vec3 direction;  // towards the light, along the plane's axes, from the object's foot
+uniform float near;      // one over the light's distance
+uniform float reach;     // half the side of the map
+uniform vec3 power;      // irradiance across the light at the foot
+uniform vec3 returned;   // what the object sends instead, over the cosine
 in vec2 v_at;
-out vec4 sum;
+layout(location = 0) out vec4 lost;
+layout(location = 1) out vec4 whole;
 
 void main() {
-    sum = vec4(weight * texture(blocked, v_at).r, 1.0);
+    vec2 at = (v_at * 2.0 - 1.0) * reach;
+    vec3 away = direction - vec3(at, 0.0) * near;
+    float far = length(away);
+    vec3 weight = power * direction.z / (far * far * far);
+    lost = vec4((weight - min(returned * direction.z, weight)) * texture(blocked, v_at).r, 1.0);
+    whole = vec4(weight, 1.0);
 }

@@ -9,22 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import Instance, View
+from insertion.composite.blur import blurred
 from insertion.composite.boxes import Box, cast_box, object_box, shadow_box
 from insertion.composite.layers import object_layer, shadow_layer
 from insertion.composite.match import Look, grain
-from insertion.composite.occlusion import hidden_share
+from insertion.composite.occlusion import hidden_share, on_support
 from insertion.composite.received import received_share
 from insertion.places.surface import Surface
 from insertion.records.encoding import linear_to_srgb, srgb_to_linear
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.cloud import Cloud, FrontPoints
-from metric_base.arrays import BoolArray
 
 __all__ = ["Composed", "compose", "compose_traced"]
 
 Picture = NDArray[np.uint8]
-#: Points within this share of the object's size of the support plane belong to it.
-SUPPORT_SHARE = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,7 +74,7 @@ def compose(
     layer = _nothing(box)
     if body_box is not None:
         layer = _within(object_layer(renderer, view, body_box), body_box, box)
-    hidden = hidden_share(layer, box, view, instances, front, _on_support(renderer, cloud, front))
+    hidden = hidden_share(layer, box, view, instances, front, on_support(renderer.body, cloud, front))
     share, plane_depth = shadow_layer(renderer, view, box)
     share = received_share(share, plane_depth, renderer, view, box, front, instances, plane)
     before = picture[box.slices]
@@ -111,7 +109,7 @@ def compose_traced(
             each.append(Composed(picture, None, 0.0))
             continue
         layer = _within(object_layer(renderer, view, box), box, whole)
-        covered = hidden_share(layer, whole, view, instances, front, _on_support(renderer, cloud, front))
+        covered = hidden_share(layer, whole, view, instances, front, on_support(renderer.body, cloud, front))
         hidden = np.maximum(hidden, covered)
         silhouette, alpha = _silhouette(layer.alpha, whole), layer.alpha * (1 - covered)
         each.append(Composed(picture, silhouette, _visible(layer.alpha, covered), whole, alpha, layer.depth))
@@ -137,21 +135,13 @@ def _blend(
     light = srgb_to_linear(before)
     kept = (1 - hidden)[..., None]
     covering = np.dstack([layer.colour * look.gain.astype(np.float32) * kept, layer.alpha[..., None] * kept])
-    covering = _blur(covering, look.blur_px)
+    covering = blurred(covering, look.blur)
     alpha = covering[..., 3:]
     mixed = light * share * (1 - alpha) + covering[..., :3]
     grey = linear_to_srgb(mixed)
     grey += grain(look, box, grey.mean(axis=-1), seed) * alpha
     changed = (alpha[..., 0] > 1e-3) | ((1 - share).max(axis=-1) > 1e-3)
     return np.where(changed[..., None], np.clip(np.rint(grey), 0, 255).astype(np.uint8), before)
-
-
-def _blur(layer: NDArray[np.float32], sigma_px: float) -> NDArray[np.float32]:
-    """A layer (h, w, 4) blurred by the picture's own blur, one sigma in pixels, less the renderer's."""
-    import cv2
-
-    rest = float(np.sqrt(max(sigma_px**2 - 0.35**2, 0.0)))
-    return np.asarray(cv2.GaussianBlur(layer, (0, 0), rest), dtype=np.float32) if rest > 0.15 else layer
 
 
 def _silhouette(alpha: NDArray[np.float32], box: Box) -> tuple[int, int, int, int] | None:
@@ -167,13 +157,6 @@ def _visible(alpha: NDArray[np.float32], hidden: NDArray[np.float32]) -> float:
     """The share of the coverage alpha (h, w) that is not hidden; hidden : (h, w) share of each pixel."""
     total = float(alpha.sum())
     return float((alpha * (1 - hidden)).sum()) / total if total > 0 else 0.0
-
-
-def _on_support(renderer: ObjectRenderer, cloud: Cloud, front: FrontPoints) -> BoolArray:
-    """(m,) which points are on the support plane: what an object stands on never hides it."""
-    body = renderer.body
-    rise = (cloud.points[front.rows] - body.position) @ body.basis[2]
-    return np.asarray(np.abs(rise) < SUPPORT_SHARE * body.unit)
 
 
 def _within(layer: ObjectImage, inner: Box, outer: Box) -> ObjectImage:

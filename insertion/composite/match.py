@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from insertion.composite.blur import blur_of, gradients
 from insertion.composite.boxes import Box
 from insertion.records.encoding import srgb_to_linear
 from insertion.scene.cloud import Cloud, FrontPoints
@@ -17,12 +18,14 @@ __all__ = ["Look", "Looks", "grain", "look_of"]
 Picture = NDArray[np.uint8]
 #: Points that a gain rests on, and the widest change from picture to picture that is believed.
 MIN_POINTS, MAX_STOPS = 30, 2.0
-#: The share of a new picture in the running look: a camera's exposure and focus move slower than its frames.
-NEW_SHARE = 0.35
-#: Edges that show the lens's blur: the strongest gradients, and of these the sharpest.
-EDGE_SHARE, SHARPEST = 0.01, 0.3
-#: Blur is searched between these, in pixels (one sigma); the renderer's own is the first.
-BLUR_PX = (0.35, 4.0)
+#: The share of a new picture in the running look: a camera's exposure and grain move slower than its frames, and
+#: the smear of a moving hand does not.
+NEW_SHARE, NEW_BLUR = 0.35, 0.8
+#: Grain is at most so many times as strong as this quantile over small squares of what is finest in the picture; what
+#: is smoother than that is texture.
+FINEST_TIMES, FINEST_SHARE, SQUARE_PX = 1.6, 0.2, 8
+#: Smoothness of such grain in pixels, one sigma.
+FINEST_PX = 0.6
 #: Of the grain, this share is common to the three channels.
 COMMON_GRAIN = 0.75
 _BINS = 8
@@ -32,12 +35,13 @@ _BINS = 8
 class Look:
     """The look of one picture.
 
-    gain : (3,) on linear light, of this picture over the cloud's mean; blur_px : one sigma; grain : (_BINS,) one sigma
-    in grey levels by brightness; grain_px : one sigma of the grain's own smoothness.
+    gain : (3,) on linear light, of this picture over the cloud's mean; blur : (2, 2) covariance in square pixels, of
+    the lens and of the smear of a moving camera; grain : (_BINS,) one sigma in grey levels by brightness; grain_px :
+    one sigma of the grain's own smoothness.
     """
 
     gain: NDArray[np.float64]
-    blur_px: float
+    blur: NDArray[np.float64]
     grain: NDArray[np.float64]
     grain_px: float
 
@@ -64,7 +68,7 @@ def look_of(picture: Picture, front: FrontPoints, cloud: Cloud) -> Look:
 
     grey = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float32)
     levels, smooth = _grain_of(grey)
-    return Look(_gain(picture, front, cloud), _blur(grey), levels, smooth)
+    return Look(_gain(picture, front, cloud), blur_of(grey), levels, smooth)
 
 
 def grain(look: Look, box: Box, brightness: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
@@ -87,7 +91,7 @@ def _blend(old: Look, new: Look) -> Look:
     mix = NEW_SHARE
     return Look(
         np.exp((1 - mix) * np.log(old.gain) + mix * np.log(new.gain)),
-        (1 - mix) * old.blur_px + mix * new.blur_px,
+        (1 - NEW_BLUR) * old.blur + NEW_BLUR * new.blur,
         (1 - mix) * old.grain + mix * new.grain,
         (1 - mix) * old.grain_px + mix * new.grain_px,
     )
@@ -106,33 +110,6 @@ def _gain(picture: Picture, front: FrontPoints, cloud: Cloud) -> NDArray[np.floa
     return np.asarray(np.exp(np.clip(ratio, -limit, limit)), dtype=np.float64)
 
 
-def _blur(grey: NDArray[np.float32]) -> float:
-    """One sigma of the blur of a grey picture (h, w) in pixels, from the strongest edges (Zhuo and Sim 2011).
-
-    A step edge blurred by s has the gradient 1 / (sqrt(2 pi) s); blurred again by s0 it falls by the ratio
-    R = sqrt(s^2 + s0^2) / s, so s = s0 / sqrt(R^2 - 1).
-    """
-    import cv2
-
-    again = cv2.GaussianBlur(grey, (0, 0), 1.0)
-    first, second = _gradient(grey), _gradient(again)
-    strong = first >= np.quantile(first, 1 - EDGE_SHARE)
-    ratio = first[strong] / np.maximum(second[strong], 1e-3)
-    sigma = 1.0 / np.sqrt(np.maximum(ratio**2 - 1, 1e-3))
-    # a pixel's own area blurs by 0.29, and the gradient's stencil by 0.7
-    measured = float(np.quantile(sigma, SHARPEST))
-    return float(np.clip(np.sqrt(max(measured**2 - 0.5, 0.0)), *BLUR_PX))
-
-
-def _gradient(grey: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(h, w) size of the gradient in grey levels per pixel; grey : (h, w)."""
-    import cv2
-
-    across = cv2.filter2D(grey, cv2.CV_32F, np.array([[-0.5, 0, 0.5]], np.float32))
-    down = cv2.filter2D(grey, cv2.CV_32F, np.array([[-0.5], [0], [0.5]], np.float32))
-    return np.asarray(np.hypot(across, down), dtype=np.float32)
-
-
 def _grain_of(grey: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
     """One sigma of the grain by brightness, and its smoothness in pixels, from the flattest parts of the picture.
 
@@ -142,7 +119,7 @@ def _grain_of(grey: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
 
     base = cv2.GaussianBlur(grey, (0, 0), 2.0)
     rest = grey - base
-    slope = cv2.GaussianBlur(_gradient(base), (0, 0), 2.0)
+    slope = cv2.GaussianBlur(np.hypot(*gradients(base)), (0, 0), 2.0)
     flat = slope <= np.quantile(slope, 0.3)
     flat &= (grey > 4) & (grey < 251)
     if np.count_nonzero(flat) < 200:
@@ -156,4 +133,22 @@ def _grain_of(grey: NDArray[np.float32]) -> tuple[NDArray[np.float64], float]:
     alike = float(np.mean(rest[:, 1:][both] * rest[:, :-1][both]) / max(float(np.mean(rest[flat] ** 2)), 1e-9))
     # white noise blurred by s has the correlation exp(-1 / (4 s^2)) between neighbours
     smooth = float(np.sqrt(-0.25 / np.log(alike))) if 0.02 < alike < 0.95 else 0.0
-    return levels, min(smooth, 1.2)
+    finest = FINEST_TIMES * _finest(grey)
+    return np.minimum(levels, finest), min(smooth, 1.2 if overall <= finest else FINEST_PX)
+
+
+def _finest(grey: NDArray[np.float32]) -> float:
+    """Sigma of the diagonal differences of neighbours in the plainest squares of a grey picture (h, w).
+
+    White grain of one sigma gives one; texture, which is smooth from pixel to pixel, gives little.
+    """
+    diagonal = (grey[:-1, :-1] - grey[1:, :-1] - grey[:-1, 1:] + grey[1:, 1:]) / 2
+    rows, columns = (side // SQUARE_PX for side in diagonal.shape)
+    if not rows * columns:
+        return float("inf")
+    cut = (rows, SQUARE_PX, columns, SQUARE_PX)
+    squares = [part[: rows * SQUARE_PX, : columns * SQUARE_PX].reshape(cut) for part in (diagonal, grey)]
+    exposed = (squares[1].min(axis=(1, 3)) > 4) & (squares[1].max(axis=(1, 3)) < 251)
+    if not exposed.any():
+        return float("inf")
+    return float(np.quantile(np.sqrt((squares[0] ** 2).mean(axis=(1, 3)))[exposed], FINEST_SHARE))

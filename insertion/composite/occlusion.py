@@ -1,8 +1,8 @@
 """What of the object is hidden by nearer things.
 
-Masks have clean edges, so they decide wherever there are masks: a thing whose points under the object are nearer hides
-the object in its whole mask. Where a thing is partly nearer and partly farther, and where there is no mask, the cloud
-decides pixel by pixel.
+Masks have clean edges, so they decide wherever there are masks: a thing whose points under the object are all nearer
+hides the object in its whole mask. Where a thing is partly nearer and partly farther, and where there is no mask, the
+cloud decides pixel by pixel.
 """
 
 from __future__ import annotations
@@ -15,17 +15,22 @@ from numpy.typing import NDArray
 from estimator.records.scene import Instance, View
 from insertion.composite.boxes import Box
 from insertion.composite.masks import mask_in_box
+from insertion.render.body import Body
 from insertion.render.renderer import ObjectImage
-from insertion.scene.cloud import FrontPoints
+from insertion.scene.cloud import Cloud, FrontPoints
 from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["hidden_share"]
+__all__ = ["hidden_share", "on_support"]
 
 #: Points that an order in depth rests on.
 MIN_POINTS = 4
 #: A thing with this share of nearer points hides the object, with less than the rest it does not; between them the
-#: pixels decide.
-NEARER, FARTHER = 0.75, 0.25
+#: pixels decide: the near leg of a table hides what stands under it, and the far leg does not.
+NEARER, FARTHER = 0.97, 0.03
+#: A thing with too few points stands on what is so many pixels below it.
+BELOW_PX = 4
+#: Then so many nearest points of the thing vote in each pixel.
+VOTES = 5
 #: A point is nearer if it lies in front of the object by this share of the depth: the cloud's own noise.
 CLEARLY = 0.012
 #: How far beyond the object's outline points of a thing are heard, in pixels at a width of 640.
@@ -35,6 +40,11 @@ AROUND_PX = 12
 DENSE_POINTS, DENSE_PX, DENSE_SHARE = 7, 24.0, 0.7
 #: Points this near to a mask belong to the thing in it: masks are drawn a little small. In pixels at a width of 640.
 BORDER_PX = 8
+#: Gaps between things that hide the object are closed up to twice this width, unless points are seen through them:
+#: masks do not always meet. In pixels at a width of 640.
+GAP_PX = 5
+#: Points within this share of the object's size of the support plane belong to it.
+SUPPORT_SHARE = 0.05
 #: Edges of occluders are as soft as a lens makes them, one sigma in pixels.
 EDGE_PX = 0.6
 
@@ -64,19 +74,34 @@ def hidden_share(
     reach = max(1, round(AROUND_PX * view.camera.width / 640))
     around = cv2.dilate(silhouette.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
     behind = _object_depth(layer)
+    unknown = []
     for item in instances:
         mask = mask_in_box(item, box)
         if mask is None or not (mask & around).any():
             continue
         masked |= mask
-        hidden |= _hidden_by(mask, around, behind, pixels, depths)
+        part = _hidden_by(mask, around, behind, pixels, depths)
+        if part is None:
+            unknown.append(mask)
+        else:
+            hidden |= part
+    for mask in unknown:
+        if _stands_on(hidden, mask):
+            hidden |= mask
+    times = view.camera.width / 640
     if front.dense:
-        times = view.camera.width / 640
         size = 2 * round(BORDER_PX * times) + 1
         at = pixels.astype(np.int64)
         free = ~(cv2.dilate(masked.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)[at[:, 1], at[:, 0]]
         hidden |= _nearer_pixels(~masked & around, behind, pixels[free], depths[free], DENSE_PX * times)
+    hidden = _without_gaps(hidden, round(GAP_PX * times), behind, pixels, depths)
     return np.asarray(cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), EDGE_PX))
+
+
+def on_support(body: Body, cloud: Cloud, front: FrontPoints) -> BoolArray:
+    """(m,) which points are on the support plane: what an object stands on never hides it."""
+    rise = (cloud.points[front.rows] - body.position) @ body.basis[2]
+    return np.asarray(np.abs(rise) < SUPPORT_SHARE * body.unit)
 
 
 def _object_depth(layer: ObjectImage) -> NDArray[np.float32]:
@@ -93,45 +118,75 @@ def _hidden_by(
     behind: NDArray[np.float32],
     pixels: FloatArray,
     depths: FloatArray,
-) -> NDArray[np.bool_]:
-    """The pixels in which the thing with this mask hides the object.
+) -> NDArray[np.bool_] | None:
+    """The pixels in which the thing with this mask hides the object; None where too few points tell.
 
     mask, around, behind : (h, w), the last the object's depth; pixels : (m, 2) in the box; depths : (m,) scene units;
     the result is (h, w).
     """
     at = pixels.astype(np.int64)
-    own = mask[at[:, 1], at[:, 0]]
+    ratio = depths / behind[at[:, 1], at[:, 0]]
+    own = mask[at[:, 1], at[:, 0]] & (np.abs(ratio - 1) > CLEARLY)
     heard = own & around[at[:, 1], at[:, 0]]
     if np.count_nonzero(heard) < MIN_POINTS:
         heard = own
     if np.count_nonzero(heard) < MIN_POINTS:
-        return np.zeros_like(mask)
-    nearer = depths[heard] < behind[at[heard, 1], at[heard, 0]] * (1 - CLEARLY)
+        return None
+    nearer = ratio[heard] < 1
     share = float(nearer.mean())
     if share >= NEARER:
         return mask
     if share <= FARTHER:
         return np.zeros_like(mask)
-    return mask & _by_nearest_point(mask, behind, pixels[heard], depths[heard])
+    return mask & _by_vote(mask, pixels[heard], nearer)
 
 
-def _by_nearest_point(
-    mask: NDArray[np.bool_], behind: NDArray[np.float32], pixels: FloatArray, depths: FloatArray
-) -> NDArray[np.bool_]:
-    """Whether most of the three nearest points of the thing are nearer than the object, for each pixel of the mask.
+def _stands_on(hidden: NDArray[np.bool_], mask: NDArray[np.bool_]) -> bool:
+    """Whether what is below a mask (h, w) is hidden, (h, w): a cup on a table that hides the object hides it, too."""
+    below = np.zeros_like(mask)
+    below[BELOW_PX:] = mask[:-BELOW_PX]
+    below &= ~mask
+    return bool(below.any()) and float(hidden[below].mean()) > 0.5
 
-    mask, behind and the result : (h, w), `behind` the object's depth; pixels : (m, 2) in the box; depths : (m,) scene
-    units.
+
+def _by_vote(mask: NDArray[np.bool_], pixels: FloatArray, nearer: BoolArray) -> NDArray[np.bool_]:
+    """Whether most of the nearest points of the thing are nearer than the object, for each pixel of the mask.
+
+    mask and the result : (h, w); pixels : (m, 2) in the box; nearer : (m,) whether each point is.
     """
     from scipy.ndimage import median_filter
     from scipy.spatial import cKDTree
 
     rows, columns = np.nonzero(mask)
-    nearest = cKDTree(pixels).query(np.column_stack([columns, rows]) + 0.5, k=3)[1]
-    depth = np.median(depths[nearest], axis=1)
+    count = min(VOTES, (len(pixels) - 1) // 2 * 2 + 1)  # odd: no tie
+    nearest = cKDTree(pixels).query(np.column_stack([columns, rows]) + 0.5, k=[*range(1, count + 1)])[1]
     result = np.zeros_like(mask)
-    result[rows, columns] = depth < behind[rows, columns] * (1 - CLEARLY)
+    result[rows, columns] = nearer[nearest].mean(axis=1) > 0.5
     return np.asarray(median_filter(result, 5))
+
+
+def _without_gaps(
+    hidden: NDArray[np.bool_], reach: int, behind: NDArray[np.float32], pixels: FloatArray, depths: FloatArray
+) -> NDArray[np.bool_]:
+    """What is hidden with the narrow gaps in which no point behind the object is seen.
+
+    hidden, behind and the result : (h, w), `behind` the object's depth; pixels : (m, 2) in the box; depths : (m,) scene
+    units; reach : half the width of a gap in pixels.
+    """
+    import cv2
+
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * reach + 1, 2 * reach + 1))
+    closed = cv2.morphologyEx(np.pad(hidden, reach).astype(np.uint8), cv2.MORPH_CLOSE, disc)
+    gaps = (closed[reach:-reach, reach:-reach] > 0) & ~hidden
+    count, parts = cv2.connectedComponents(gaps.astype(np.uint8))
+    if count < 2:
+        return hidden
+    at = pixels.astype(np.int64)
+    own = parts[at[:, 1], at[:, 0]]
+    farther = depths > behind[at[:, 1], at[:, 0]] * (1 + CLEARLY)
+    seen_through = np.bincount(own[farther], minlength=count) > 0
+    seen_through[0] = True  # what is no gap
+    return np.asarray(hidden | ~seen_through[parts])
 
 
 def _nearer_pixels(

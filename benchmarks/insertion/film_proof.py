@@ -1,0 +1,169 @@
+"""An object inserted into a film: `python -m benchmarks.insertion.film_proof --out DIR [CONDITION ...]`.
+
+A made room is filmed, the film reconstructed from some of its frames, an object inserted by what `insert-object` calls,
+and the film that comes out compared with the same film of the room in which the mesh really stands. One line of JSON
+a condition, in DIR/films.jsonl.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.insertion.likeness import colour_error, detail, flicker, height_inside, inner
+from benchmarks.insertion.made_films import (
+    CONDITIONS,
+    Condition,
+    MadeFilm,
+    Standing,
+    made_film,
+    pictures_of,
+    standing,
+    true_film,
+)
+from benchmarks.insertion.pose_errors import pose_errors
+from estimator.reading import read_instances, read_scene
+from insertion.outputs import picture_writer
+from insertion.records.result import FrameReport, ScaleUsed
+from insertion.scene.footage import Shot, Stills
+from insertion.scene.video_footage import VideoFootage, video_footage
+from insertion.staging.insert import Placed, insert_objects, place_objects, resize
+from insertion.staging.options import ObjectRequest
+from insertion.staging.stage import Stage, make_stage
+from metric_base.arrays import BoolArray
+from tests.made.insertions import write_glb
+from tests.made.painted import write_painted_glb
+from tests.made.rooms.shapes import solid
+from tests.made.rooms.similarity import Similarity
+
+__all__ = ["main"]
+
+#: The room, and what is inserted with its size in metres.
+KIND, SEED, WHAT, SIZE = "sitting room", 1003, "chair", (0.42, 0.38, 0.75)
+FRAMES, RECONSTRUCTED = 24, 12
+SCALE_ERRORS = (0.9, 1.1)
+
+
+@dataclass(eq=False)
+class Layers:
+    """Takes the visible coverage of every frame."""
+
+    visible: dict[int, BoolArray] = field(default_factory=dict)
+
+    def picture(self, shot: Shot, picture: NDArray[np.uint8]) -> None:
+        """The frame without objects is not kept."""
+
+    def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
+        """Visible coverage (h, w) of the one object, whose number and depth say nothing new."""
+        del number, depth
+        self.visible[shot.index] = alpha > 0.5
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("conditions", nargs="*", help="first words of their names; all by default")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    chosen = [c for c in CONDITIONS if not options.conditions or c.name.split()[0] in options.conditions]
+    with (options.out / "films.jsonl").open("a") as rows:
+        for condition in chosen:
+            row = film_row(condition, options.out / condition.name.split()[0])
+            print(json.dumps(row), flush=True)
+            rows.write(json.dumps(row) + "\n")
+
+
+def film_row(condition: Condition, folder: Path) -> dict[str, Any]:
+    """One film, its insertion and its figures; the films stay in the folder as bare.mp4, ours.mp4, true.mp4."""
+    folder.mkdir(parents=True, exist_ok=True)
+    film = made_film(KIND, SEED, FRAMES, condition, folder / "bare.mp4")
+    poses, to_scene = film.reconstruction(folder / "work", RECONSTRUCTED)
+    stage = stage_of_work(folder / "work", 1 / to_scene.scale)
+    placed, truth = painted_twin(film, stage, to_scene, folder)
+    layers = Layers()
+    with picture_writer(folder / "ours.mp4", film.file, condition.turned_deg) as write:
+        (result,) = insert_objects(stage, [placed], write, film=True, layers=layers)
+    ratios = {1.0: _height_ratio(result.frames, truth)}
+    for error in SCALE_ERRORS:
+        (wrong,) = insert_objects(_thinned(stage, 4), [resize(placed, 1 / error)], lambda *_: None)
+        ratios[error] = _height_ratio(wrong.frames, truth)
+    return {
+        "condition": condition.name,
+        "height_ratio": {str(error): round(ratio, 4) for error, ratio in sorted(ratios.items())},
+        **_figures(pictures_of(folder / "ours.mp4"), truth, layers),
+        "poses": pose_errors(poses, film.world, condition.lens),
+    }
+
+
+def stage_of_work(work: Path, scale: float) -> Stage:
+    """The stage of a work folder at a scale in metres per unit, as `insert-object WORK --scale` makes it."""
+    scene = read_scene(work)
+    footage = video_footage(work, scene)
+    assert footage is not None  # the folder was made from a film
+    return make_stage(
+        scene,
+        Stills(scene, work / "frames"),
+        footage,
+        read_instances(None, scene),
+        ScaleUsed(scale, None, None, "option"),
+    )
+
+
+def painted_twin(film: MadeFilm, stage: Stage, to_scene: Similarity, folder: Path) -> tuple[Placed, Standing]:
+    """The object at a free place, painted as the room's renderer paints it there, and the film with it really there."""
+    mesh = solid(WHAT, np.array(SIZE))
+    (plain,) = place_objects(stage, [ObjectRequest(write_glb(mesh, folder / "plain.glb"))])
+    place = to_scene.inverse(plain.place.position[None])[0] * [1, 1, 0]  # it really stands on the floor
+    world = standing(film.world, mesh, place, to_scene.rotation.T @ plain.front)
+    model = write_painted_glb(mesh, world.objects[-1].mesh, folder / "painted.glb", len(world.objects), film.world.seed)
+    (placed,) = place_objects(stage, [replace(plain.request, model=model)])
+    return placed, true_film(film, world, folder / "true.mp4")
+
+
+def _thinned(stage: Stage, step: int) -> Stage:
+    """The stage with every so manieth frame of its film."""
+    footage = stage.footage
+    assert isinstance(footage, VideoFootage)
+    thin = VideoFootage.__new__(VideoFootage)
+    thin.__dict__.update(footage.__dict__)
+    thin.shots = footage.shots[::step]
+    return replace(stage, footage=thin)
+
+
+def _height_ratio(frames: Sequence[FrameReport], truth: Standing) -> float:
+    """Mean of our outline's height over the true one's, over the frames that show it whole."""
+    ratios = []
+    for frame in frames:
+        height = height_inside(truth.whole[int(Path(frame.image).stem)])
+        if height is not None and frame.silhouette is not None:
+            ratios.append(frame.silhouette[3] / height)
+    return float(np.mean(ratios)) if ratios else float("nan")
+
+
+def _figures(ours: Sequence[NDArray[np.uint8]], truth: Standing, layers: Layers) -> dict[str, Any]:
+    both = [inner(seen & layers.visible[k]) for k, seen in enumerate(truth.seen)]
+    large = [k for k, mask in enumerate(both) if mask.sum() > 400]
+    colours = [colour_error(ours[k], truth.pictures[k], both[k]) for k in large]
+    details = [detail(ours[k], both[k]) / detail(truth.pictures[k], both[k]) for k in large]
+    whole, faces = flicker(ours, truth.pictures, truth.faces, both)
+    return {
+        "frames": len(large),
+        "whole": sum(height_inside(mask) is not None for mask in truth.whole),
+        "colour": round(float(np.mean([error for error, _ in colours])), 1),
+        "brightness": round(float(np.mean([ratio for _, ratio in colours])), 3),
+        "detail": round(float(np.mean(details)), 2),
+        "flicker": round(whole, 2),
+        "flicker_faces": round(faces, 2),
+    }
+
+
+if __name__ == "__main__":
+    main()

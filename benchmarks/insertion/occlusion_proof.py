@@ -1,0 +1,224 @@
+"""The edge along which furniture hides an object: `python -m benchmarks.insertion.occlusion_proof --out DIR`.
+
+In made rooms the object stands where furniture hides a part of it in some frames of a walk. The model has every second
+frame of the walk; masks come with all of its frames, with every fourth, or with none. What is hidden is compared with
+the room in which the mesh really stands. One line of JSON a room and setting, in DIR/occlusion.jsonl.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.insertion.hiding_places import hiding_place
+from benchmarks.insertion.likeness import LEAST_PIXELS, edge_errors
+from benchmarks.insertion.made_films import standing
+from estimator.records.scene import View
+from insertion.composite.boxes import object_box
+from insertion.composite.layers import object_layer
+from insertion.composite.occlusion import hidden_share, on_support
+from insertion.light.environment import HEIGHT, WIDTH, Environment
+from insertion.models.gltf import read_model
+from insertion.render.body import Body, body_of
+from insertion.render.context import gl_context
+from insertion.render.renderer import ObjectRenderer
+from insertion.scene.carried_masks import MaskCarrier
+from insertion.scene.cloud import Cloud, front_points
+from metric_base.arrays import BoolArray, FloatArray
+from tests.made.insertions import write_glb
+from tests.made.rooms.kinds import KINDS
+from tests.made.rooms.knobs import Knobs
+from tests.made.rooms.quick import MadeScene, quick_scene
+from tests.made.rooms.render import Renderer
+from tests.made.rooms.shapes import solid
+from tests.made.rooms.similarity import Similarity, similarity_between
+from tests.made.rooms.world import World
+from tests.made.videos import orbit, room
+
+__all__ = ["main"]
+
+#: Kind and seed of the room, what is hidden in it, and its size in metres.
+ROOMS = (
+    ("sitting room", 1003, "chair", (0.42, 0.38, 0.75)),
+    ("kitchen", 1005, "stool", (0.36, 0.36, 0.62)),
+    ("kitchen", 1002, "chair", (0.42, 0.38, 0.75)),
+    ("bedroom", 1001, "chair", (0.42, 0.38, 0.75)),
+    ("study", 1004, "stool", (0.36, 0.36, 0.62)),
+)
+FRAMES, ARC_DEG = 16, 60.0
+#: Noise of the cloud's depth, as a share of it, and one sigma of the masks' border in pixels.
+DEPTH_NOISE, MASK_PX = 0.004, 0.7
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What is known of the scene. masks : they come with every so manieth view of the model, 0 without any."""
+
+    name: str
+    dense: bool
+    masks: int
+
+
+SETTINGS = (
+    Setting("masks, dense points", True, 1),
+    Setting("masks, sparse points", False, 1),
+    Setting("masks of every fourth view, sparse points", False, 4),
+    Setting("dense points alone", True, 0),
+    Setting("sparse points alone", False, 0),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HiddenObject:
+    """A room with an object that furniture hides; whole, seen : its true outlines (h, w) in every frame of the walk."""
+
+    world: World
+    made: MadeScene
+    to_scene: Similarity
+    body: Body
+    whole: tuple[BoolArray, ...]
+    seen: tuple[BoolArray, ...]
+
+    def view(self, index: int) -> tuple[View, int | None]:
+        """The view of a frame of the walk, and its row in the model."""
+        if index % 2 == 0:
+            return self.made.scene.views[index // 2], index // 2
+        pose = self.world.poses[index]
+        rotation = pose.rotation @ self.to_scene.rotation.T
+        centre = self.to_scene(pose.centre[None])[0]
+        camera = self.made.scene.views[0].camera
+        return View(
+            f"{index:06d}.png", camera, rotation, -rotation @ centre, np.zeros((0, 2)), np.zeros(0, np.int64)
+        ), None
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rooms", type=int, nargs="*", default=list(range(len(ROOMS))), help="numbers from 0")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    with (options.out / "occlusion.jsonl").open("a") as rows:
+        for number in options.rooms:
+            kind, seed, what, size = ROOMS[number]
+            for row in room_rows(kind, seed, what, size):
+                print(json.dumps(row), flush=True)
+                rows.write(json.dumps(row) + "\n")
+                rows.flush()
+
+
+def room_rows(kind: str, seed: int, what: str, size: Sequence[float]) -> list[dict[str, Any]]:
+    """The figures of one room in all settings."""
+    hidden = hidden_object(kind, seed, what, size)
+    known = [_known(hidden, setting) for setting in SETTINGS]
+    renderer = plain_renderer(hidden.body)
+    errors: list[list[FloatArray]] = [[] for _ in SETTINGS]
+    wrong: list[list[float]] = [[] for _ in SETTINGS]
+    shares = []
+    for index, (whole, seen) in enumerate(zip(hidden.whole, hidden.seen, strict=True)):
+        if whole.sum() < LEAST_PIXELS:
+            continue
+        shares.append(1 - float(seen.sum() / whole.sum()))
+        ours_whole, *shown = frame_outlines(hidden, known, index, renderer)
+        for number, ours in enumerate(shown):
+            errors[number].append(edge_errors(ours, ours_whole, seen, whole))
+            wrong[number].append(float((ours != seen).sum() / whole.sum()))
+    return [
+        {"room": f"{kind} {seed}", "setting": setting.name, **_summary(errors[k], wrong[k], shares)}
+        for k, setting in enumerate(SETTINGS)
+    ]
+
+
+def plain_renderer(body: Body) -> ObjectRenderer:
+    """A renderer under an even white light."""
+    white = np.ones((HEIGHT, WIDTH, 3), np.float32)
+    return ObjectRenderer(gl_context(), body, Environment(white, body.basis, white[..., 0]))
+
+
+def hidden_object(kind: str, seed: int, what: str, size: Sequence[float]) -> HiddenObject:
+    """The room, its model of every second frame, and the object where furniture hides it."""
+    world = room(kind, seed, orbit(KINDS[kind].radius, FRAMES, seed, ARC_DEG))
+    mesh = solid(what, np.array(size))
+    few = replace(world, poses=world.poses[::2])
+    place, front, _ = hiding_place(few, mesh)
+    made = quick_scene(few, Knobs(depth_noise=DEPTH_NOISE, stray=0.01, mask_error_px=MASK_PX), seed)
+    true = np.array([pose.centre for pose in few.poses])
+    to_scene = similarity_between(true, np.array([view.centre for view in made.scene.views]))
+    with tempfile.TemporaryDirectory() as folder:
+        model = read_model(write_glb(mesh, Path(folder) / "model.glb"))
+    up = to_scene.rotation[:, 2]
+    basis = np.stack([to_scene.rotation[:, 0], to_scene.rotation[:, 1], up])
+    body = body_of(model, to_scene(place[None])[0], basis, to_scene.rotation @ front, to_scene.scale)
+    whole, seen = _true_outlines(standing(world, mesh, place, front))
+    return HiddenObject(world, made, to_scene, body, whole, seen)
+
+
+def _true_outlines(world: World) -> tuple[tuple[BoolArray, ...], tuple[BoolArray, ...]]:
+    frames = []
+    for shown, number in ((replace(world, objects=world.objects[-1:]), 1), (world, len(world.objects))):
+        with Renderer(shown) as renderer:
+            frames.append([renderer.frame(k, colour=False).ids == number for k in range(len(world.poses))])
+    return tuple(frames[0]), tuple(frames[1])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Known:
+    """What a setting knows of a scene."""
+
+    cloud: Cloud
+    carrier: MaskCarrier
+
+
+def _known(hidden: HiddenObject, setting: Setting) -> Known:
+    scene = hidden.made.scene
+    dense = scene.dense if setting.dense else None
+    points = scene.points if dense is None else np.concatenate([scene.points, dense.points])
+    cloud = Cloud(points, np.zeros((len(points), 3), np.float32), dense is not None)
+    by_view = {
+        row: [item for item in hidden.made.instances if item.view == row]
+        for row in (range(0, len(scene.views), setting.masks) if setting.masks else ())
+    }
+    return Known(cloud, MaskCarrier(scene, by_view, cloud))
+
+
+def frame_outlines(
+    hidden: HiddenObject, known: Sequence[Known], index: int, renderer: ObjectRenderer
+) -> list[BoolArray]:
+    """Our outline of the object in a frame, (h, w), then what we show of it, by what is known."""
+    view, row = hidden.view(index)
+    outlines = [np.zeros((view.camera.height, view.camera.width), bool) for _ in range(len(known) + 1)]
+    box = object_box(view, hidden.body)
+    if box is None:
+        return outlines
+    layer = object_layer(renderer, view, box)
+    outlines[0][box.slices] = layer.alpha > 0.5
+    for outline, each in zip(outlines[1:], known, strict=True):
+        front = front_points(view, each.cloud, row)
+        masks = each.carrier.masks(row, view)
+        share = hidden_share(layer, box, view, masks, front, on_support(hidden.body, each.cloud, front))
+        outline[box.slices] = layer.alpha * (1 - share) > 0.5
+    return outlines
+
+
+def _summary(errors: Sequence[FloatArray], wrong: Sequence[float], hidden: Sequence[float]) -> dict[str, Any]:
+    pixels = np.concatenate([np.zeros(0), *errors])
+    return {
+        "frames": len(wrong),
+        "hidden": round(float(np.mean(hidden)), 2),
+        "edge_px": round(float(pixels.mean()), 2),
+        "edge_p90_px": round(float(np.quantile(pixels, 0.9)), 2),
+        "worst_frame_px": round(max(float(each.mean()) for each in errors if len(each) > 30), 2),
+        "wrong": round(float(np.mean(wrong)), 4),
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,82 @@
+"""The look of a picture: its grain and its blur, as they were put in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from insertion.composite.blur import blur_of, blurred
+from insertion.composite.boxes import Box
+from insertion.composite.match import Look, grain, look_of
+from insertion.scene.cloud import Cloud, FrontPoints
+
+SHAPE = (240, 320)
+NOTHING = FrontPoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)
+EMPTY = Cloud(np.zeros((0, 3)), np.zeros((0, 3), np.float32), False)
+
+
+def _patchwork(seed: int = 3) -> np.ndarray:
+    """(h, w) turned squares of many greys: sharp edges in all directions, and plain parts."""
+    import cv2
+
+    generator = np.random.default_rng(seed)
+    picture = np.full((SHAPE[0] * 4, SHAPE[1] * 4), 120, np.uint8)
+    for _ in range(60):
+        corner = cv2.boxPoints(
+            (
+                tuple(generator.uniform(0, [SHAPE[1] * 4, SHAPE[0] * 4])),
+                tuple(generator.uniform(120, 500, 2)),
+                float(generator.uniform(0, 90)),
+            )
+        )
+        cv2.fillPoly(picture, [corner.astype(np.int32)], int(generator.integers(40, 210)))
+    return np.asarray(cv2.resize(picture, SHAPE[::-1], interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+
+def _smear(picture: np.ndarray, length: int, down: bool) -> np.ndarray:
+    import cv2
+
+    kernel = np.full((length, 1) if down else (1, length), 1 / length, np.float32)
+    return np.asarray(cv2.filter2D(picture, -1, kernel))
+
+
+def _look(grey: np.ndarray) -> Look:
+    picture = np.repeat(np.clip(np.rint(grey), 0, 255).astype(np.uint8)[..., None], 3, axis=2)
+    return look_of(picture, NOTHING, EMPTY)
+
+
+@pytest.mark.parametrize("sigma", [2.0, 5.0])
+def test_an_object_gets_the_grain_of_the_picture(sigma: float) -> None:
+    noise = np.random.default_rng(1).normal(0, sigma, SHAPE)
+    look = _look(_patchwork() + noise)
+    added = grain(look, Box(0, 0, 80, 60), np.full((60, 80), 120, np.float32), 7)
+    assert added.std() == pytest.approx(sigma, rel=0.15)
+
+
+def test_texture_is_no_grain() -> None:
+    import cv2
+
+    texture = cv2.GaussianBlur(np.random.default_rng(2).normal(0, 60, SHAPE), (0, 0), 2.0)
+    assert texture.std() > 7
+    assert _look(120 + texture).grain.max() < 1.5
+
+
+@pytest.mark.parametrize("down", [False, True])
+def test_the_smear_of_a_moving_camera_has_a_direction(down: bool) -> None:
+    covariance = blur_of(_smear(_patchwork(), 5, down))
+    along, across = (covariance[1, 1], covariance[0, 0])[:: 1 if down else -1]
+    assert np.sqrt(along) == pytest.approx(5 / np.sqrt(12), rel=0.3)
+    assert np.sqrt(across) < 0.6
+    sharp = blur_of(_patchwork())
+    assert np.sqrt(np.linalg.eigvalsh(sharp)).max() < 0.6
+
+
+def test_a_layer_is_smeared_as_the_picture_is() -> None:
+    layer = np.zeros((41, 41, 4), np.float32)
+    layer[20, 20] = 1
+    result = blurred(layer, np.diag([4.0 + 0.35**2, 0.35**2]))[..., 3]
+    assert result.sum() == pytest.approx(1, rel=1e-4)
+    offsets = np.arange(41) - 20
+    assert (result.sum(axis=0) * offsets**2).sum() == pytest.approx(4, rel=0.05)
+    assert (result.sum(axis=1) * offsets**2).sum() < 0.1
+    np.testing.assert_array_equal(blurred(layer, np.eye(2) * 0.35**2), layer)

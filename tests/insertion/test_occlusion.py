@@ -1,0 +1,76 @@
+"""What hides an object: made masks and points, in pixels, before a flat object at depth 3."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from estimator.records.scene import Camera, Instance, View
+from insertion.composite.boxes import Box
+from insertion.composite.occlusion import hidden_share
+from insertion.render.renderer import ObjectImage
+from insertion.scene.cloud import FrontPoints
+
+BOX = Box(0, 0, 160, 120)
+VIEW = View(
+    "0.png", Camera("PINHOLE", 640, 480, np.array([500.0, 500, 320, 240])), np.eye(3), np.zeros(3),
+    np.zeros((0, 2)), np.zeros(0, np.int64),
+)  # fmt: skip
+NEAR, OBJECT, FAR = 2.0, 3.0, 4.0
+
+
+def _object() -> ObjectImage:
+    return ObjectImage(
+        np.ones((*BOX.shape, 3), np.float32), np.ones(BOX.shape, np.float32), np.full(BOX.shape, OBJECT, np.float32)
+    )
+
+
+def _thing(name: str, *boxes: tuple[int, int, int, int]) -> Instance:
+    mask = np.zeros(BOX.shape, bool)
+    for x0, y0, x1, y1 in boxes:
+        mask[y0:y1, x0:x1] = True
+    return Instance(name, 0, name, mask, (0, 0), 1.0)
+
+
+def _points(*parts: tuple[tuple[int, int, int, int], float], count: int = 25) -> FrontPoints:
+    """Points spread over boxes of pixels (x0, y0, x1, y1), each at a depth."""
+    generator = np.random.default_rng(0)
+    pixels = np.concatenate([generator.uniform(box[:2], box[2:], (count, 2)) for box, _ in parts])
+    depths = np.repeat([depth for _, depth in parts], count)
+    return FrontPoints(np.arange(len(pixels)), pixels, depths * generator.normal(1, 0.002, len(depths)), False)
+
+
+def _hidden(things: Sequence[Instance], points: FrontPoints) -> np.ndarray:
+    return hidden_share(_object(), BOX, VIEW, things, points, np.zeros(len(points.rows), bool)) > 0.5
+
+
+def test_the_near_leg_of_a_table_hides_and_the_far_one_does_not() -> None:
+    top, near, far = (10, 10, 150, 30), (20, 30, 35, 110), (120, 30, 135, 90)
+    hidden = _hidden([_thing("table", top, near, far)], _points((top, NEAR), (near, NEAR), (far, FAR)))
+    assert hidden[40:105, 21:34].all()
+    assert not hidden[45:88, 121:134].any()
+    assert not hidden[:, 60:100][45:].any()
+
+
+def test_a_cup_without_points_hides_what_its_table_hides() -> None:
+    table, cup = (10, 60, 150, 110), (70, 40, 80, 60)
+    points = _points((table, NEAR))
+    assert _hidden([_thing("cup", cup), _thing("table", table)], points)[42:58, 72:78].all()
+    lamp = (70, 10, 80, 30)  # hangs free: nothing says that it is near
+    assert not _hidden([_thing("lamp", lamp), _thing("table", table)], points)[12:28, 72:78].any()
+
+
+def test_a_gap_between_two_masks_is_closed_unless_one_sees_through_it() -> None:
+    left, right, gap = (10, 10, 70, 110), (76, 10, 150, 110), (71, 15, 75, 105)
+    things = [_thing("left", left), _thing("right", right)]
+    points = _points((left, NEAR), (right, NEAR))
+    assert _hidden(things, points)[20:100, 70:76].all()
+    seen_through = _points((left, NEAR), (right, NEAR), (gap, FAR))
+    assert not _hidden(things, seen_through)[20:100, 72:74].any()
+
+
+def test_points_that_touch_the_object_decide_nothing() -> None:
+    couch = (10, 30, 150, 110)
+    touching = _points((couch, NEAR), (couch, OBJECT * 1.005))
+    assert _hidden([_thing("couch", couch)], touching)[35:105, 15:145].all()

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.capture.frames import Frames
-from estimator.capture.mapping.gates import UNDETERMINED, UNSURE
+from estimator.capture.mapping.gates import SMEARED, UNDETERMINED, UNSTEADY, UNSURE
 from estimator.reconstructions.checked_files import json_array
 from metric_base.faults import InputFault, in_file
 from metric_base.files import whole_file
@@ -34,7 +34,7 @@ def capture_cautions(path: Path, frames: Frames, report: dict[str, Any], focal_g
             f"{path}: pictures of {len(frames.cameras())} cameras, by their sizes and EXIF's focal lengths{words}"
         )
     focal = _of_the_focal_length(report, "--focal" if focal_given else "the file")
-    return (*cautions, *(f"{path}: {words}" for words in focal))
+    return (*cautions, *(f"{path}: {words}" for words in (*focal, *_of_the_motion(report))))
 
 
 def write_cautions(cautions: tuple[str, ...], folder: Path) -> None:
@@ -73,5 +73,19 @@ def _of_the_focal_length(report: dict[str, Any], stated_by: str) -> list[str]:
         return [
             f"the frames determine the focal length only to about {100 * deviation:.0f} %, and so depths against "
             "widths; walk around the things, turn the camera as you walk, or give --focal"
+        ]
+    return []
+
+
+def _of_the_motion(report: dict[str, Any]) -> list[str]:
+    """What a smear, or things that move, leave in a model that can be used."""
+    low, high = report["pairs"]["edges"]
+    if low is not None and low < SMEARED[0] and high < SMEARED[1]:
+        return ["the frames are smeared, and lengths may be wrong by some per cent; move more slowly, in more light"]
+    spread = report["model"]["focal_spread"]
+    if spread is not None and spread > UNSTEADY:
+        return [
+            f"the frames disagree about the focal length, by {100 * spread:.1f} % from one to the next: a zoom, or "
+            "much of the picture moves; lengths may be wrong by a tenth"
         ]
     return []

@@ -19,20 +19,24 @@ LEAST_POINTS = 30
 
 
 def focal_spread(scene: Scene) -> float | None:
-    """Standard deviation over the frames of the logarithm of each one's own focal length.
+    """Standard deviation over the frames of the logarithm of each one's own focal length, beyond what noise explains.
 
     Every frame's pose and focal length are fitted to the points of the model, which stay. A zoom that one shared focal
-    length had to explain leaves the frames at odds; the residuals hardly show it. None with fewer than three frames
-    that see enough points.
+    length had to explain, or things that moved, leave the frames at odds; the residuals hardly show it. None with fewer
+    than three frames that see enough points.
     """
-    factors = [_focal_factor(scene, view) for view in scene.views if len(view.point_index) >= LEAST_POINTS]
-    return float(np.std(np.log(np.clip(factors, 0.1, 10.0)))) if len(factors) >= 3 else None
+    rows = [_focal_factor(scene, view) for view in scene.views if len(view.point_index) >= LEAST_POINTS]
+    if len(rows) < 3:
+        return None
+    factors, errors = np.array(rows).T
+    return float(np.sqrt(max(np.var(np.log(np.clip(factors, 0.1, 10.0))) - np.mean(errors**2), 0.0)))
 
 
-def _focal_factor(scene: Scene, view: View) -> float:
-    """The frame's own focal length over that of its camera, by robust Gauss-Newton steps.
+def _focal_factor(scene: Scene, view: View) -> tuple[float, float]:
+    """The frame's own focal length over that of its camera, and its relative standard error.
 
-    A step (w, v, g) moves p = R X + t to p + w x p + v and the factor g by as much.
+    By robust Gauss-Newton steps (w, v, g), which move p = R X + t to p + w x p + v and the factor g by as much. The
+    error is that of a robust fit, A^-1 B A^-1 (Huber 1967): A the normal matrix, B the sum of the squared gradients.
     """
     points, rays = scene.points[view.point_index], rays_of(view.camera, view.keypoints)
     width = HALF_WEIGHT_PX / float(view.camera.params[0])
@@ -43,11 +47,13 @@ def _focal_factor(scene: Scene, view: View) -> float:
         error = factor * np.column_stack([x, y]) - rays[seen]  # (m, 2)
         weight = 1.0 / (1.0 + (error**2).sum(axis=1) / width**2)
         jacobian = _jacobian(x, y, 1.0 / local[seen, 2], factor)
-        normal = np.einsum("mki,m,mkj->ij", jacobian, weight, jacobian) + 1e-12 * np.eye(7)
-        change = -np.linalg.solve(normal, np.einsum("mki,m,mk->i", jacobian, weight, error))
+        gradient = np.einsum("mki,m,mk->mi", jacobian, weight, error)  # (m, 7)
+        inverse = np.linalg.inv(np.einsum("mki,m,mkj->ij", jacobian, weight, jacobian) + 1e-12 * np.eye(7))
+        change = -inverse @ gradient.sum(axis=0)
         local = local + np.cross(change[:3], local) + change[3:6]
         factor += float(change[6])
-    return factor
+    covariance = inverse @ (gradient.T @ gradient) @ inverse
+    return factor, float(np.sqrt(max(covariance[6, 6], 0.0)) / max(factor, 1e-6))
 
 
 def _jacobian(x: FloatArray, y: FloatArray, inverse: FloatArray, factor: float) -> FloatArray:

@@ -7,7 +7,16 @@ import numpy as np
 from estimator.capture.mapping.evidence import Evidence, ModelShape
 from estimator.capture.mapping.failures import Failure, failure
 
-__all__ = ["UNDETERMINED", "UNSURE", "early_failure", "focal_is_determined", "focal_undetermined", "model_failure"]
+__all__ = [
+    "SMEARED",
+    "UNDETERMINED",
+    "UNSTEADY",
+    "UNSURE",
+    "early_failure",
+    "focal_is_determined",
+    "focal_undetermined",
+    "model_failure",
+]
 
 #: Five frames of a room gave two placed images, or a focal length that was wrong by a tenth.
 LEAST_FRAMES = 6
@@ -34,9 +43,12 @@ STATED_MARGIN = 1.25
 #: things 0.008 to 0.009, straight ahead or sideways with a hand that sways by 2 degrees 0.02, by 0.3 degrees 0.07,
 #: with none 0.5 and more. The errors are as large: 0.003, 0.01, 0.07, and 0.4 to 0.8.
 UNDETERMINED = 0.1
-#: `focal_spread` from which a film was zoomed. Films without a zoom have 0.0006 at most, real hand-held ones 0.001, a
-#: room whose things move 0.004; a zoom of 15 % has 0.0096, and its shared focal length is wrong by 16 %.
+#: `focal_spread` from which a film was zoomed. Films without a zoom have 0.0007 at most, real hand-held ones 0.001; a
+#: zoom of 15 % has 0.0096, and its shared focal length is wrong by 16 %.
 ZOOMED = 0.006
+#: `focal_spread` from which the result says so: with all furniture moving by 1 and 3 cm a frame it is 0.0020 and
+#: 0.0039, and the focal length is wrong by 3 and 12 %.
+UNSTEADY = 0.0015
 #: `focal_deviation` from which the result says so.
 UNSURE = 0.05
 #: A lens that moves the corners by more than this share of the side was invented to explain a wrong focal length.

@@ -2,66 +2,30 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from estimator.capture.cautions import read_cautions
+from estimator.capture.cautions import capture_cautions, read_cautions
+from estimator.capture.frames import Frames
 from estimator.capture.mapping.evidence import Evidence, ModelShape, Pair
 from estimator.capture.mapping.failures import CODES
 from estimator.capture.mapping.gates import UNDETERMINED, early_failure, model_failure
 from estimator.command import main
+from tests.made.refused_films import FRAMES, LENS, RARE_FILMS, REFUSED_FILMS
 from tests.made.rooms.render import NoOpenGL
-from tests.made.videos import (
-    Lens,
-    MadeFrame,
-    filmed,
-    orbit,
-    panning,
-    room,
-    still,
-    straight_ahead,
-    times_of,
-    write_video,
-)
-
-LENS = Lens(320, 240, 250.0)
-#: Two more than the fewest that are tried at all.
-N = 8
-
-
-def _arc(
-    kind: str, seed: int, frames: int, texture: float = 1.0, blur: float = 0.0, lens: Lens = LENS
-) -> Iterator[MadeFrame]:
-    world = room(kind, seed, orbit(2.0, frames, seed, degrees=40.0))
-    if texture == 0:
-        world = replace(world, objects=())
-    return filmed(world, lens, texture=texture, blur=blur)
-
-
-CAPTURES = {
-    "pure_rotation": lambda: filmed(room("sitting room", 7, panning(N, 60.0)), LENS),
-    "static_camera": lambda: filmed(room("sitting room", 7, still(N)), LENS),
-    "no_texture": lambda: _arc("sitting room", 7, N, texture=0.0),
-    "too_few_frames": lambda: _arc("sitting room", 7, 3),
-    "motion_blur": lambda: _arc("sitting room", 7, N, blur=36.0),
-    "several_places": lambda: itertools.chain(_arc("sitting room", 7, N), _arc("bedroom", 4, N)),
-    "focal_length_undetermined": lambda: filmed(room("sitting room", 7, straight_ahead(N, 0.9)), LENS),
-    # a telephoto lens: 2.8 times the longer side
-    "implausible_focal_length": lambda: _arc("sitting room", 7, N, lens=Lens(320, 240, 900.0)),
-}
+from tests.made.videos import MadeFrame, filmed, room, straight_ahead, times_of, write_video
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", CAPTURES)
+@pytest.mark.parametrize("code", REFUSED_FILMS)
 def test_a_capture_that_cannot_be_used_is_named(code: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     try:
-        _film(CAPTURES[code](), tmp_path / "film.mp4")
+        _film(REFUSED_FILMS[code](), tmp_path / "film.mp4")
     except NoOpenGL as fault:
         pytest.skip(str(fault))
     words = [str(tmp_path / "film.mp4"), "--work", str(tmp_path / "w"), "--json"]
@@ -81,7 +45,7 @@ def test_a_capture_that_cannot_be_used_is_named(code: str, tmp_path: Path, capsy
 def test_a_focal_length_that_is_given_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Straight ahead no film determines it; with it, the film is used, and the result says what rests on it."""
     try:
-        _film(filmed(room("sitting room", 7, straight_ahead(N, 0.9)), LENS), tmp_path / "film.mp4")
+        _film(filmed(room("sitting room", 7, straight_ahead(FRAMES, 0.9)), LENS), tmp_path / "film.mp4")
     except NoOpenGL as fault:
         pytest.skip(str(fault))
     assert main([str(tmp_path / "film.mp4"), "--work", str(tmp_path / "w"), "--focal", "250"]) == 2
@@ -146,5 +110,25 @@ def test_what_the_model_shows() -> None:
     assert bent.code == "implausible_focal_length"
 
 
+@pytest.mark.parametrize(
+    ("edges", "spread", "words"),
+    [
+        ([0.19, 0.22], 0.0007, None),
+        ([0.14, 0.20], 0.0007, None),
+        ([0.11, 0.18], 0.0007, "the frames are smeared"),
+        ([0.11, 0.18], 0.004, "the frames are smeared"),  # the smear explains the spread
+        ([0.19, 0.22], 0.004, "the frames disagree about the focal length, by 0.4 %"),
+        ([None, None], None, None),
+    ],
+)
+def test_what_is_used_with_a_caution(edges: list[float | None], spread: float | None, words: str | None) -> None:
+    frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
+    model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": spread}
+    report = {"pairs": {"edges": edges}, "model": model, "focal_held": False}
+    cautions = capture_cautions(Path("film.mp4"), frames, report, focal_given=False)
+    assert len(cautions) == (words is not None)
+    assert all(f"film.mp4: {words}" in caution for caution in cautions)
+
+
 def test_every_code_of_the_contract_is_there() -> None:
-    assert set(CODES) == {*CAPTURES, "drift", "focal_length_changes"}
+    assert set(CODES) == {*REFUSED_FILMS, *RARE_FILMS}

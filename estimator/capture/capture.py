@@ -127,7 +127,7 @@ def _lens(frames: Frames, options: CaptureOptions) -> Lens:
     if not frames.one_camera:  # the parameters of one fit no other
         return Lens(options.camera_model, None, False, width, height)
     if options.focal_px is None:
-        return Lens(options.camera_model, frames.focals_px[0], False, width, height)
+        return Lens(options.camera_model, frames.focals_px[0], False, width, height, rough=frames.times_s is not None)
     return Lens(options.camera_model, options.focal_px * width / frames.source_size[0], True, width, height)
 
 

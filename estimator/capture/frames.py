@@ -42,8 +42,8 @@ class Frames:
 
     names, indices : file in `frames/` and number in the source of each chosen frame; times_s : of all frames of the
     source, None for pictures; edges : (n, 2) `edge_sharpness` of the chosen frames; sizes : (width, height) of each in
-    `frames/`; focals_px : what EXIF states of each, in pixels of `frames/`; source_size : of the source, upright;
-    remarks : what of the source is not used.
+    `frames/`; focals_px : what EXIF, or the video, states of each, in pixels of `frames/`; source_size : of the
+    source, upright; remarks : what of the source is not used.
     """
 
     names: list[str]
@@ -188,7 +188,7 @@ def _write_frame(folder: Path, frame: VideoFrame, source: Source) -> dict[str, A
     assert file.suffix.lower() in PICTURE_SUFFIXES
     quality = [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
     write_picture(file, colour[:, :, ::-1], quality)
-    stated = source.focals_px[frame.index] if isinstance(source, PictureFolder) else None
+    stated = source.focals_px[frame.index] if isinstance(source, PictureFolder) else source.focal_px
     return {
         "index": frame.index,
         "name": name,

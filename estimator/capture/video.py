@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.hdr import CURVES, standard_range
+from estimator.capture.quicktime import stated_focal_35mm
 from metric_base.faults import InputFault, Words
 
 __all__ = ["VIDEO_SUFFIXES", "Video", "VideoFrame"]
@@ -24,6 +25,9 @@ VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".m
 READ_ALONE = {"protocol_whitelist": "file", "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg"}
 #: Largest frame, and the widest and narrowest shape of its pixels.
 MAX_PIXELS, MAX_ASPECT = 1 << 26, 8
+#: Width in millimetres of a picture of 4:3 whose diagonal is that of 35 mm film. Telephones state the focal
+#: lengths of their photographs, which have this shape, and their films are as wide.
+WIDTH_35MM = 34.61
 #: Threads of the decoder; two cores are the reference machine.
 THREADS = 2
 
@@ -41,7 +45,8 @@ class Video:
     """A video file.
 
     width, height : of the upright frames; turned_deg : the clockwise rotation that the container asks for, applied to
-    every frame; n_frames : how many the container states, 0 where it does not; hdr : the name of its HDR curve or None.
+    every frame; n_frames : how many the container states, 0 where it does not; hdr : the name of its HDR curve or None;
+    focal_px : what the container states of the camera, None without; stabilisation crops a film by a tenth or so.
 
     Raises
     ------
@@ -65,6 +70,8 @@ class Video:
             if not 1 / MAX_ASPECT <= self._aspect <= MAX_ASPECT:
                 raise InputFault.at(path, "video", f"pixels of a shape below {MAX_ASPECT}:1", self._aspect)
             self.height, self.width = self._upright(first).shape[:2]
+        stated = stated_focal_35mm(path)
+        self.focal_px = None if stated is None else stated / WIDTH_35MM * max(self.width, self.height)
 
     def frames(self) -> Iterator[VideoFrame]:
         """All frames from the first, one at a time; a damaged end ends them."""

@@ -48,7 +48,8 @@ class _Mapped:
 class Lens:
     """What is known of the camera: COLMAP's model, and the focal length in pixels of the frames or None.
 
-    fixed : the focal length is given by the user and not refined; width, height : of the frames.
+    fixed : the focal length is given by the user and not refined; width, height : of the frames; rough : the focal
+    length is that of the camera's photographs, and its films may be cropped: a start that is never held.
     """
 
     model: str
@@ -56,6 +57,7 @@ class Lens:
     fixed: bool
     width: int
     height: int
+    rough: bool = False
 
     @property
     def params(self) -> str:
@@ -119,14 +121,15 @@ def _map_with_held_focal(
 ) -> _Mapped:
     """The mapping again with the stated or, to find out what was wrong, a typical focal length."""
     assert mapped.failure is not None
-    if lens.focal_px is None and mapped.failure.code == "focal_length_undetermined":
+    stated = lens.focal_px is not None and not lens.rough
+    if not stated and mapped.failure.code == "focal_length_undetermined":
         return mapped
     again = part / "held"
     again.mkdir()
     held = _map(again, matches, pictures, evidence, replace(lens, fixed=True))
     if held.failure is not None or held.shape is None or focal_is_determined(held.shape):
         return mapped
-    return held if lens.focal_px is not None else replace(mapped, failure=focal_undetermined())
+    return held if stated else replace(mapped, failure=focal_undetermined())
 
 
 def _map(part: Path, matches: Path, pictures: Path, evidence: Evidence, lens: Lens) -> _Mapped:

@@ -1,0 +1,94 @@
+"""The focal length that a telephone writes into its films: an entry of QuickTime's metadata, of the film or of a track.
+
+The layout is that of Apple's "QuickTime File Format", chapter "Metadata": atoms `meta` with `keys` and `ilst`. FFmpeg
+shows the entries of the film alone; the lens is one of the video track.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+
+__all__ = ["stated_focal_35mm"]
+
+KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
+#: Largest table of contents that is read.
+MAX_BYTES = 1 << 26
+#: Focal lengths in millimetres of 35 mm film that a lens can have.
+SHORTEST, LONGEST = 5.0, 1000.0
+#: QuickTime's numbers for types of values.
+_UTF8, _SIGNED, _UNSIGNED = 1, {21, 65, 66, 67, 74}, {22, 75, 76, 77, 78}
+_FLOATS = {23: ">f", 24: ">d"}
+
+
+def stated_focal_35mm(path: Path) -> float | None:
+    """The focal length in millimetres of 35 mm film, None if the file states none, or is not of QuickTime's layout."""
+    try:
+        contents = _table_of_contents(path)
+    except OSError:
+        return None
+    for atom in _metadata(contents):
+        value = _value_in(atom)
+        if value is not None and SHORTEST < value < LONGEST:
+            return value
+    return None
+
+
+def _table_of_contents(path: Path) -> bytes:
+    """The bytes of the atom `moov`, which the frames are not part of; empty without one."""
+    with path.open("rb") as file:
+        while len(head := file.read(8)) == 8:
+            size, kind = struct.unpack(">I4s", head)
+            length = size - 8
+            if size == 1:
+                length = int.from_bytes(file.read(8), "big") - 16
+            if kind == b"moov" and 0 < length <= MAX_BYTES:
+                return file.read(length)
+            if length < 0:  # to the end of the file, or damaged
+                return b""
+            file.seek(length, 1)
+    return b""
+
+
+def _atoms(data: bytes) -> Iterator[tuple[bytes, bytes]]:
+    """Kind and content of each atom, up to one that does not fit."""
+    at = 0
+    while at + 8 <= len(data):
+        size, kind = struct.unpack_from(">I4s", data, at)
+        if size < 8 or at + size > len(data):
+            return
+        yield kind, data[at + 8 : at + size]
+        at += size
+
+
+def _metadata(contents: bytes) -> Iterator[bytes]:
+    """The atoms `meta` of the film and of its tracks."""
+    for kind, content in _atoms(contents):
+        if kind == b"meta":
+            yield content
+        elif kind in (b"trak", b"udta"):
+            yield from (inner for name, inner in _atoms(content) if name == b"meta")
+
+
+def _value_in(meta: bytes) -> float | None:
+    """The value of the key in an atom `meta`, which in MPEG-4's form begins with four bytes of version."""
+    parts = dict(_atoms(meta if meta[4:8] == b"hdlr" else meta[4:]))
+    names = [name for _, name in _atoms(parts.get(b"keys", b"")[8:])]
+    for number, item in _atoms(parts.get(b"ilst", b"")):
+        row = int.from_bytes(number, "big") - 1
+        if 0 <= row < len(names) and names[row] == KEY:
+            return _number(dict(_atoms(item)).get(b"data", b""))
+    return None
+
+
+def _number(data: bytes) -> float | None:
+    """The number in an atom `data`: its type, its language, its bytes."""
+    kind, value = int.from_bytes(data[:4], "big"), data[8:]
+    if kind in _SIGNED | _UNSIGNED and 0 < len(value) <= 8:
+        return float(int.from_bytes(value, "big", signed=kind in _SIGNED))
+    if kind in _FLOATS and len(value) == struct.calcsize(_FLOATS[kind]):
+        return float(struct.unpack(_FLOATS[kind], value)[0])
+    text = re.match(rb"\d{1,4}(\.\d{1,9})?", value) if kind == _UTF8 else None
+    return float(text[0]) if text else None

@@ -1,0 +1,95 @@
+"""The focal length in a film's metadata: as PyAV writes it, and as a telephone does, in the video track."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator.capture.quicktime import KEY, stated_focal_35mm
+from estimator.capture.video import Video
+from tests.made.videos import times_of, write_video
+
+
+def _film(file: Path) -> bytes:
+    write_video(file, [np.full((48, 64, 3), 90 + k, dtype=np.uint8) for k in range(3)], times_of(3))
+    return file.read_bytes()
+
+
+def _atom(kind: bytes, content: bytes) -> bytes:
+    return struct.pack(">I4s", 8 + len(content), kind) + content
+
+
+def _metadata(value: bytes, number: int) -> bytes:
+    """An atom `meta` with another key before the one for the focal length; number : of the value's type."""
+    keys = b"".join(struct.pack(">I4s", 8 + len(key), b"mdta") + key for key in (b"com.apple.quicktime.make", KEY))
+    item = _atom(b"\0\0\0\2", _atom(b"data", struct.pack(">II", number, 0) + value))
+    handler = _atom(b"hdlr", bytes(8) + b"mdta" + bytes(13))
+    return _atom(b"meta", handler + _atom(b"keys", struct.pack(">II", 0, 2) + keys) + _atom(b"ilst", item))
+
+
+def _with_track_metadata(film: bytes, meta: bytes) -> bytes:
+    """The film with an atom at the end of its first track; its table of contents is the last atom of the file."""
+    moov, trak = film.index(b"moov") - 4, film.index(b"trak") - 4
+    end = trak + int.from_bytes(film[trak : trak + 4], "big")
+    data = bytearray(film[:end] + meta + film[end:])
+    for place in (moov, trak):
+        data[place : place + 4] = struct.pack(">I", int.from_bytes(data[place : place + 4], "big") + len(meta))
+    return bytes(data)
+
+
+@pytest.mark.parametrize(
+    ("value", "number", "millimetres"),
+    [
+        (struct.pack(">i", 26), 21, 26.0),
+        (b"\x1a", 22, 26.0),
+        (struct.pack(">f", 13.5), 23, 13.5),
+        (struct.pack(">d", 77.0), 24, 77.0),
+        (b"50.00mm", 1, 50.0),
+        (b"wide", 1, None),
+        (struct.pack(">i", -3), 21, None),
+        (b"", 21, None),
+    ],
+)
+def test_a_telephones_entry_is_read(tmp_path: Path, value: bytes, number: int, millimetres: float | None) -> None:
+    file = tmp_path / "a.mov"
+    file.write_bytes(_with_track_metadata(_film(file), _metadata(value, number)))
+    assert stated_focal_35mm(file) == millimetres
+    video = Video(file)
+    assert len(list(video.frames())) == 3
+    # 35 mm film has a diagonal of 43.27 mm, of a width of 34.6 mm in a picture of 4:3
+    assert video.focal_px == (None if millimetres is None else pytest.approx(millimetres / 34.61 * 64))
+
+
+def test_an_entry_of_the_film_is_read(tmp_path: Path) -> None:
+    _film(tmp_path / "a.mp4")
+    options = {"movflags": "use_metadata_tags"}
+    with av.open(str(tmp_path / "a.mp4")) as source, av.open(str(tmp_path / "b.mp4"), "w", options=options) as copy:
+        copy.metadata[KEY.decode()] = "27"
+        stream = copy.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.stream = stream
+                copy.mux(packet)
+    assert stated_focal_35mm(tmp_path / "b.mp4") == 27.0
+    assert stated_focal_35mm(tmp_path / "a.mp4") is None
+    assert stated_focal_35mm(tmp_path / "none.mp4") is None
+
+
+@settings(max_examples=60)
+@given(place=st.integers(0, 3000), byte=st.integers(0, 255), kept=st.integers(0, 3000))
+def test_damage_is_no_fault(tmp_path_factory: pytest.TempPathFactory, place: int, byte: int, kept: int) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    whole = folder / "whole.mov"
+    if not whole.is_file():
+        whole.write_bytes(_with_track_metadata(_film(whole), _metadata(struct.pack(">i", 26), 21)))
+    data = bytearray(whole.read_bytes())
+    data[place % len(data)] = byte
+    (folder / "damaged.mov").write_bytes(bytes(data[: len(data) - kept % 900]))
+    value = stated_focal_35mm(folder / "damaged.mov")
+    assert value is None or 5 < value < 1000

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +18,14 @@ import numpy as np
 from estimator.capture.capture import CaptureOptions, reconstruct
 from estimator.capture.frame_poses import FramePoses, read_frame_poses
 from estimator.capture.work_folder import STAMPS, WorkFolder
+from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
 from tests.made.rooms.kinds import KINDS
 from tests.made.rooms.similarity import similarity_between
-from tests.made.rooms.world import World
+from tests.made.rooms.world import Pose, World
 from tests.made.videos import Lens, filmed, orbit, room, times_of, write_video
 
-__all__ = ["main"]
+__all__ = ["main", "pose_errors"]
 
 #: Frames of the video, and the arc that is walked.
 LENGTH, DEGREES = 100, 110.0
@@ -67,14 +69,17 @@ def _run(file: Path, world: World, lens: Lens, wanted: int | None, folder: Path)
         "frames": wanted,
         "chosen": sum(pose.origin == "reconstructed" for pose in poses.frames),
         "cpu_seconds": cpu | {"all": round(sum(cpu.values()), 1)},
-        **_errors(poses, world, lens),
+        **pose_errors(poses, list(world.poses), lens),
     }
 
 
-def _errors(poses: FramePoses, world: World, lens: Lens) -> dict[str, float]:
-    """Camera centres in millimetres and projections in pixels, over the frames that have a pose."""
+def pose_errors(poses: FramePoses, truth: Sequence[Pose], lens: Lens) -> dict[str, float]:
+    """Camera centres in millimetres and projections in pixels, over the frames that have a pose.
+
+    truth : the true pose of each frame.
+    """
     rows = [pose for pose in poses.frames if pose.rotation is not None]
-    true = np.array([world.poses[pose.index].centre for pose in rows])
+    true = np.array([truth[pose.index].centre for pose in rows])
     to_scene = similarity_between(true, np.array([pose.centre for pose in rows]))
     centres = to_scene.inverse(np.array([pose.centre for pose in rows]))
     off = np.linalg.norm(centres - true, axis=1) * 1000
@@ -83,10 +88,10 @@ def _errors(poses: FramePoses, world: World, lens: Lens) -> dict[str, float]:
     for pose in rows:
         assert pose.rotation is not None
         assert pose.translation is not None
-        truth = world.poses[pose.index]
+        frame = truth[pose.index]
         for depth in DEPTHS:
             local = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)]) * depth
-            places = to_scene((local - truth.translation) @ truth.rotation)
+            places = to_scene((local - frame.translation) @ frame.rotation)
             pixels.append(np.median(_misfit(places @ pose.rotation.T + pose.translation, local, poses, lens)))
     return {
         "posed": len(rows),
@@ -102,8 +107,9 @@ def _misfit(ours: FloatArray, true: FloatArray, poses: FramePoses, lens: Lens) -
     from estimator.reconstructions.cameras import project
 
     assert poses.camera is not None
-    ideal = lens.focal * true[:, :2] / true[:, 2:] + [lens.width / 2, lens.height / 2]
-    return np.asarray(np.linalg.norm(project(poses.camera, ours) - ideal, axis=1))
+    params = np.array([lens.focal, lens.width / 2, lens.height / 2, lens.k])
+    seen = project(Camera("SIMPLE_RADIAL", lens.width, lens.height, params), true)
+    return np.asarray(np.linalg.norm(project(poses.camera, ours) - seen, axis=1))
 
 
 if __name__ == "__main__":

@@ -179,15 +179,19 @@ def write_video(
         container.mux(stream.encode())
 
 
-def made_video(world: World, lens: Lens, folder: Path, rate: float = 20.0) -> None:
+def made_video(
+    world: World, lens: Lens, folder: Path, rate: float = 20.0, variable: bool = False, turned_deg: int = 0
+) -> None:
     """`video.mp4`, `instances.json` with the masks of every frame, and `truth.json` in a folder.
+
+    variable : the frame rate, as of `times_of`; turned_deg : as of `write_video`.
 
     The truth is in metres with z up: camera, pose and time of every frame, and each object's size.
     """
     folder.mkdir(parents=True, exist_ok=True)
     frames = list(filmed(world, lens))
-    times = times_of(len(frames), rate)
-    write_video(folder / "video.mp4", [frame.colour for frame in frames], times, quality=20)
+    times = times_of(len(frames), rate, variable)
+    write_video(folder / "video.mp4", [frame.colour for frame in frames], times, turned_deg, quality=20)
     seen = replace(world, camera=Pinhole(lens.width, lens.height, lens.focal))
     names = [f"{index:06d}.jpg" for index in range(len(frames))]
     dataset = coco_dataset(seen, [frame.ids for frame in frames], names)

@@ -55,6 +55,7 @@ def _make(options: argparse.Namespace) -> int:
     from insertion.scene_arguments import requests_of, stage_of, tree_of
     from insertion.staging.insert import place_objects
     from insertion.study.page import study_page
+    from insertion.study.plan import plan_text
     from metric_base.files import whole_file
     from metric_base.terminal import output_file
 
@@ -68,6 +69,7 @@ def _make(options: argparse.Namespace) -> int:
     with whole_file(options.out) as file:
         file.write_text(study_page(pictures, options.title, options.thing, options.repeats), encoding="utf-8")
     sys.stdout.write(f"{options.out}: {len(pictures)} sizes, each shown {options.repeats} times\n")
+    sys.stdout.write(plan_text(options.repeats) + "\n")
     return 0
 
 
@@ -75,9 +77,13 @@ def _pictures(stage: Any, placed: Sequence[Any], frame: str | None) -> dict[int,
     """The chosen picture (h, w, 3) at every step: the first object grows and shrinks about its foot, the rest stays."""
     from insertion.staging.insert import resize, single_picture
     from insertion.study.page import STEPS
+    from metric_base.progress import progress
 
     chosen = _shot(stage, placed, frame)
-    return {step: single_picture(stage, [resize(placed[0], 1 + step / 100), *placed[1:]], chosen) for step in STEPS}
+    return {
+        step: single_picture(stage, [resize(placed[0], 1 + step / 100), *placed[1:]], chosen)
+        for step in progress(STEPS, "drawing the sizes")
+    }
 
 
 def _shot(stage: Any, placed: Sequence[Any], frame: str | None) -> Any:
@@ -108,7 +114,10 @@ def _report(options: argparse.Namespace) -> int:
 
     if options.figure is not None:
         output_file(options.figure, "--figure")
-    curve = curve_of(read_answers(options.answers))
+    warnings: list[str] = []
+    curve = curve_of(read_answers(options.answers, warnings))
+    for line in warnings:
+        sys.stderr.write(f"insert-object study report: warning: {line}\n")
     if options.figure is not None:
         write_curve(curve, options.figure)
     if options.json:
@@ -125,6 +134,7 @@ def _record(curve: Any) -> dict[str, Any]:
         "schema": "metric-tree/study-report/1",
         "points": [asdict(point) for point in curve.points],
         "participants": curve.participants,
+        "careless": curve.careless,
         "flat": curve.flat,
         "peak_percent": None if curve.flat else curve.observer.peak,
         "peak_interval": curve.peak_interval,

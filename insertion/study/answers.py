@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, get_args
@@ -36,6 +38,8 @@ class _Answers(msgspec.Struct):
     schema: str
     answers: list[_Row] = []
     participant: str | None = None
+    study: str | None = None
+    thing: str | None = None
 
     def __post_init__(self) -> None:
         expect(self.schema == ANSWERS_SCHEMA, "schema", ANSWERS_SCHEMA, self.schema)
@@ -50,18 +54,25 @@ class Answer:
     answer: str
 
 
-def read_answers(path: Path) -> list[Answer]:
-    """All answers of a file, or of the JSON files in a folder.
+def read_answers(path: Path, warnings: list[str] | None = None) -> list[Answer]:
+    """All answers of a file, or of the JSON files in a folder; a file that is there twice counts once.
+
+    warnings : takes a line for each such file.
 
     Raises
     ------
     InputFault
-        No file, a file of another kind, or a value that the page does not write.
+        No file, a file of another kind, a value that the page does not write, files of two studies, or two different
+        files of one participant.
     """
     if not path.exists():
         raise InputFault(f"{path}: expected a file of answers or a folder of them; found none")
     files = [one for one in folder_entries(path) if one.suffix == ".json"] if path.is_dir() else [path]
-    answers = [answer for file in files for answer in _answers_of(file)]
+    documents = {file: _document(file) for file in files}
+    _expect_one_study(path, documents)
+    answers, repeated = _without_copies(documents)
+    if warnings is not None:
+        warnings += repeated
     if not answers:
         raise InputFault(f"{path}: answers: expected at least one; found none")
     steps, people = (len({getattr(answer, field) for answer in answers}) for field in ("step", "participant"))
@@ -70,7 +81,34 @@ def read_answers(path: Path) -> list[Answer]:
     return answers
 
 
-def _answers_of(file: Path) -> list[Answer]:
+def _document(file: Path) -> _Answers:
     with in_file(file):
-        document = json_record(read_bytes(file, limit=MAX_BYTES), _Answers)
-    return [Answer(str(document.participant), row.step, row.answer) for row in document.answers]
+        return json_record(read_bytes(file, limit=MAX_BYTES), _Answers)
+
+
+def _expect_one_study(path: Path, documents: Mapping[Path, _Answers]) -> None:
+    """InputFault for answers about different pictures, which are no curve together."""
+    by_study: dict[tuple[str | None, str | None], list[Path]] = defaultdict(list)
+    for file, document in documents.items():
+        by_study[document.study, document.thing].append(file)
+    if len(by_study) > 1:
+        named = "; ".join(f"{len(files)} about {thing!r} such as {files[0].name}"
+                          for (_, thing), files in list(by_study.items())[:3])  # fmt: skip
+        raise InputFault(f"{path}: study: expected the answers of one page; found {named}")
+
+
+def _without_copies(documents: Mapping[Path, _Answers]) -> tuple[list[Answer], list[str]]:
+    """The answers of each participant once, and a line for each file that is a copy of another."""
+    owner: dict[str, Path] = {}
+    answers: list[Answer] = []
+    copies = []
+    for file, document in documents.items():
+        participant = document.participant or file.stem
+        first = owner.setdefault(participant, file)
+        if first == file:
+            answers += [Answer(participant, row.step, row.answer) for row in document.answers]
+        elif documents[first].answers == document.answers:
+            copies.append(f"{file.name} has the same answers as {first.name} and counts once")
+        else:
+            raise InputFault.at(file, "participant", f"one file each; {first.name} has other answers", participant)
+    return answers, copies

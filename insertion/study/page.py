@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,12 +22,14 @@ JPEG_QUALITY = 92
 
 def study_page(pictures: Mapping[int, NDArray[np.uint8]], title: str, thing: str, repeats: int) -> str:
     """The page. pictures : (h, w, 3) RGB by step in per cent; thing : what the inserted object is called."""
+    shown = [{"step": step, "data": _data(picture)} for step, picture in sorted(pictures.items())]
     study = {
         "schema": ANSWERS_SCHEMA,
         "title": title,
         "thing": thing,
         "repeats": repeats,
-        "pictures": [{"step": step, "data": _data(picture)} for step, picture in sorted(pictures.items())],
+        "pictures": shown,
+        "study": hashlib.sha256(json.dumps(shown).encode()).hexdigest()[:16],
     }
     text = json.dumps(study).replace("<", "\\u003c")  # "</script>" and "<!--" mean something in a page
     return _TEMPLATE.read_text(encoding="utf-8").replace("/*STUDY*/null", text)

@@ -12,6 +12,8 @@ __all__ = ["report_text", "write_curve"]
 
 #: The paper's highest share, at -5 %.
 PAPER_PEAK = (-5.0, 0.65)
+#: An interval narrower than this allows a digit behind the point.
+FINE_PERCENT = 3.0
 
 
 def report_text(curve: Curve) -> str:
@@ -29,14 +31,47 @@ def report_text(curve: Curve) -> str:
             "participants, larger pictures, or things of known size beside the object may show one."
         )
         return "\n".join(lines)
-    lines.append(f"most say right at {curve.observer.peak:+.1f} %{_interval_text(curve.peak_interval)}")
-    lines.append(f"just-noticeable step: {curve.observer.noticeable:.1f} %{_interval_text(curve.noticeable_interval)}")
+    if curve.careless:
+        lines.append(
+            f"{curve.careless} of them answer without regard to the size; they are in the table, not in the lines below"
+        )
+    return "\n".join([*lines, *_observer_lines(curve)])
+
+
+def _observer_lines(curve: Curve) -> list[str]:
+    """The peak and the just-noticeable step, no further than the sizes that were shown."""
+    low, high = curve.points[0].step, curve.points[-1].step
+    peak, step = curve.observer.peak, curve.observer.noticeable
+    lines = []
+    if low <= peak <= high:
+        share = float(curve.observer.shares(np.array([peak]))[0, 1])
+        text = _with_interval(peak, curve.peak_interval, low, high, sign="+")
+        lines.append(f"most say right at {text}; there it is {share:.2f} of them")
+    else:
+        lines.append(f"most say right beyond {low if peak < low else high:+.0f} %, the last size shown")
+    changes = [abs(point.step) for point in curve.points if point.step]
+    smallest, largest = min(changes, default=0.0), max(changes, default=0.0)
+    if step < smallest / 2:
+        lines.append(f"just-noticeable step: less than half of {smallest:.0f} %, the smallest change shown")
+    elif step <= largest:
+        lines.append(f"just-noticeable step: {_with_interval(step, curve.noticeable_interval, 0.0, largest)}")
+    else:
+        lines.append(f"just-noticeable step: more than {largest:.0f} %, the largest change shown")
+    if curve.peak_interval is None:
+        lines.append("no intervals: they need three participants who look")
     lines.append(f"the paper: at most {PAPER_PEAK[1]:.2f} say right, at {PAPER_PEAK[0]:+.0f} %")
-    return "\n".join(lines)
+    return lines
 
 
-def _interval_text(interval: tuple[float, float] | None) -> str:
-    return "" if interval is None else f" (95 %: {interval[0]:+.1f} to {interval[1]:+.1f} %)"
+def _with_interval(
+    value: float, interval: tuple[float, float] | None, least: float, most: float, sign: str = ""
+) -> str:
+    """The value in per cent with its interval, in as many digits as that allows; sign : `+` for a change."""
+    if interval is None:
+        return f"about {value:{sign}.0f} %"
+    digits = 1 if interval[1] - interval[0] < FINE_PERCENT else 0
+    low, high = (f"{end:{sign}.{digits}f}" if least <= end <= most else "beyond the sizes shown" for end in interval)
+    return f"{value:{sign}.{digits}f} % (95 %: {low} to {high} %)"
 
 
 def write_curve(curve: Curve, file: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,8 @@ from hypothesis import strategies as st
 from insertion.study.answers import ANSWERS, Answer, read_answers
 from insertion.study.curve import Observer, curve_of, wilson
 from insertion.study.page import ANSWERS_SCHEMA, STEPS, study_page
+from insertion.study.plan import FLAT, expected_intervals, plan_text
+from insertion.study.report import report_text
 from insertion.study_command import run_study
 from metric_base.faults import InputFault
 
@@ -44,6 +47,52 @@ def test_answers_by_chance_are_a_flat_curve() -> None:
     generator = np.random.default_rng(2)
     answers = [Answer(str(k % 2), float(step), str(generator.choice(ANSWERS))) for k in range(6) for step in STEPS]
     assert curve_of(answers).flat
+
+
+def test_people_who_do_not_look_do_not_widen_the_step() -> None:
+    sharp = Observer(bias=0.05, sigma=0.06, criterion=0.08)
+    generator = np.random.default_rng(4)
+    careless = [
+        Answer(f"random {k}", float(step), str(generator.choice(ANSWERS)))
+        for k in range(6) for _ in range(2) for step in STEPS
+    ]  # fmt: skip
+    careless += [Answer("always", float(step), "right") for _ in range(2) for step in STEPS]
+    curve = curve_of([*_answers(sharp, 12, 2, 1), *careless])
+    assert (curve.participants, curve.careless, curve.flat) == (19, 7, False)
+    assert curve.observer.noticeable == pytest.approx(sharp.noticeable, rel=0.2)
+    assert "7 of them answer without regard to the size" in report_text(curve)
+
+
+def test_the_report_claims_nothing_beyond_the_sizes_shown() -> None:
+    """Somebody who finds everything too large, a little less so the smaller it is."""
+    curve = curve_of(_answers(Observer(bias=0.8, sigma=0.6, criterion=0.2), 2, 8, 3))
+    text = report_text(replace(curve, observer=Observer(bias=0.8, sigma=0.6, criterion=0.2)))
+    assert "most say right beyond -30 %" in text
+    assert "just-noticeable step: more than 30 %" in text
+    assert "no intervals: they need three participants" in text
+
+
+def test_the_plan_is_that_of_a_flat_curve() -> None:
+    few, many = (expected_intervals(people, 2) for people in (25, 100))
+    assert few[0] == pytest.approx(2 * many[0])
+    assert FLAT.shares(np.array([-5.0]))[0, 1] == pytest.approx(0.65, abs=0.01)
+    assert "27 people" in plan_text(2)
+
+
+def test_a_file_that_is_there_twice_counts_once(tmp_path: Path) -> None:
+    rows = [{"step": step, "answer": "right"} for step in STEPS]
+    record = {"schema": ANSWERS_SCHEMA, "participant": "p", "study": "s", "thing": "chair", "answers": rows}
+    for name in ("a.json", "a (1).json"):
+        (tmp_path / name).write_text(json.dumps(record))
+    warnings: list[str] = []
+    assert len(read_answers(tmp_path, warnings)) == len(STEPS)
+    assert warnings == ["a.json has the same answers as a (1).json and counts once"]
+    (tmp_path / "b.json").write_text(json.dumps(record | {"answers": rows[:3]}))
+    with pytest.raises(InputFault, match="participant: expected one file each"):
+        read_answers(tmp_path)
+    (tmp_path / "b.json").write_text(json.dumps(record | {"participant": "q", "study": "t", "thing": "table"}))
+    with pytest.raises(InputFault, match=r"expected the answers of one page; found 2 about 'chair'.*1 about 'table'"):
+        read_answers(tmp_path)
 
 
 @given(st.integers(1, 300), st.data())

@@ -34,7 +34,7 @@ def test_answers_are_saved_and_reported(tmp_path: Path, capsys: pytest.CaptureFi
             if number % 2:
                 browser.run(f"document.dispatchEvent(new KeyboardEvent('keydown', {{key: '{choice + 1}'}}))")
             else:
-                browser.run(f"document.querySelectorAll('div button')[{choice}].click()")
+                browser.run(f"document.querySelectorAll('.choices button')[{choice}].click()")
         browser.wait("document.querySelector('h1').textContent === 'Thank you'")
         until = time.monotonic() + 30
         while not list(saved.glob("*.json")):

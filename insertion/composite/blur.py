@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["blur_of", "blurred", "gradients"]
+__all__ = ["blur_of", "blur_layer", "gradients"]
 
 #: Edges that show the blur: the strongest gradients of each direction, and of these the sharpest.
 EDGE_SHARE, SHARPEST = 0.02, 0.3
@@ -48,7 +48,7 @@ def blur_of(grey: _Grey) -> NDArray[np.float64]:
     return _with_widths(np.array([[xx, xy], [xy, yy]]), *BLUR_PX)
 
 
-def blurred(layer: _Grey, covariance: NDArray[np.float64]) -> _Grey:
+def blur_layer(layer: _Grey, covariance: NDArray[np.float64]) -> _Grey:
     """A layer (h, w, c) blurred by a picture's blur (2, 2), less the renderer's own."""
     import cv2
 

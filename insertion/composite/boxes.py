@@ -60,7 +60,7 @@ def object_box(view: View, body: Body) -> Box | None:
 
 def shadow_box(view: View, body: Body, plane: PlaneMap) -> Box | None:
     """Pixels that the shadow on the support plane may cover; None where it is out of the picture."""
-    flat = _dimmed(plane)
+    flat = _shadow_places(plane)
     if not len(flat) or (view.centre - body.position) @ body.basis[2] <= 0:
         return None
     return _box_of(view, body.position + body.unit * flat @ body.basis[:2])
@@ -92,7 +92,7 @@ def window_behind(camera: Camera, box: Box) -> Window:
 
 
 @lru_cache(maxsize=8)
-def _dimmed(plane: PlaneMap) -> FloatArray:
+def _shadow_places(plane: PlaneMap) -> FloatArray:
     """(n, 2) some of the places of a map that lie in shadow, along the plane's axes in the local frame."""
     cells = np.argwhere((1 - plane.share).max(axis=-1) > SHADOW_SHARE)  # rows, columns
     cells = cells[:: max(1, len(cells) // 4000), ::-1]

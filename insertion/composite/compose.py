@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import Instance, View
-from insertion.composite.blur import blurred
+from insertion.composite.blur import blur_layer
 from insertion.composite.boxes import Box, cast_box, object_box, shadow_box
 from insertion.composite.layers import object_layer, shadow_layer
 from insertion.composite.match import Look, grain
@@ -135,7 +135,7 @@ def _blend(
     light = srgb_to_linear(before)
     kept = (1 - hidden)[..., None]
     covering = np.dstack([layer.colour * look.gain.astype(np.float32) * kept, layer.alpha[..., None] * kept])
-    covering = blurred(covering, look.blur)
+    covering = blur_layer(covering, look.blur)
     alpha = covering[..., 3:]
     mixed = light * share * (1 - alpha) + covering[..., :3]
     grey = linear_to_srgb(mixed)

@@ -38,14 +38,14 @@ class Lights:
     angle: FloatArray
 
     def rows(self, kept: BoolArray) -> Lights:
-        """Some of the lights."""
+        """Those lights of which `kept` (n,) says so."""
         return Lights(self.directions[kept], self.power[kept], self.near[kept], self.angle[kept])
 
     def above(self, up: FloatArray) -> Lights:
         """The lights above the horizon; `up` is a unit vector (3,)."""
         return self.rows(self.directions @ up > 0.01)
 
-    def scaled(self, unit: float) -> Lights:
+    def in_unit(self, unit: float) -> Lights:
         """The lights with lengths in another unit."""
         return Lights(self.directions, self.power, self.near * unit, self.angle)
 

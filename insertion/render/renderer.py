@@ -82,12 +82,12 @@ class ObjectRenderer:
         self._atlas = shadow_atlas(self._context, caster_program, self._parts, lights, caster)
         below = environment if ground is None else ground
         above = _local_lights(below, body, PLANE_CUTS, np.zeros(3), 0.0).above(body.basis[2])
-        returned = _returned(below, body, above)
+        returned = _returned_light(below, body, above)
         self.plane: PlaneMap = plane_map(
             self._context, caster_program, self._parts, above, returned, body.basis, corners
         )
         for program in (self._program, self._light, self._receive):
-            _set_lights(program, lights, _returned(environment, body, lights), caster)
+            _set_lights(program, lights, _returned_light(environment, body, lights), caster)
         self._set_surroundings(environment)
         self._deferred = DeferredTargets(self._context, SAMPLES)
         self._targets: dict[tuple[int, int], tuple[Any, Any]] = {}
@@ -247,7 +247,7 @@ def _read(target: Any, window: Window, attachment: int, components: int) -> NDAr
 
 def _local_lights(environment: Environment, body: Body, cuts: int, place: FloatArray, radius: float) -> Lights:
     """The lights about a place (3,) in the body's frame, of which something within `radius` is lit."""
-    lights = environment_lights(environment, cuts).scaled(body.unit)
+    lights = environment_lights(environment, cuts).in_unit(body.unit)
     if environment.lamps is None:
         return lights
     middle = (environment.lamps.middle - body.position) / body.unit
@@ -263,7 +263,7 @@ def _strongest(lights: Lights) -> FloatArray:
     return lights.directions[order[: int(np.searchsorted(share, 0.5)) + 1]]
 
 
-def _returned(environment: Environment, body: Body, lights: Lights) -> FloatArray:
+def _returned_light(environment: Environment, body: Body, lights: Lights) -> FloatArray:
     """(n, 3) what a surface gets instead of a light that the body itself hides: the light that the body sends back.
 
     The body's surface is taken to face along the way of the hidden light, to be matt and to have one mean colour:
@@ -274,6 +274,7 @@ def _returned(environment: Environment, body: Body, lights: Lights) -> FloatArra
 
 
 def _set_lights(program: Any, lights: Lights, returned: FloatArray, caster: Caster) -> None:
+    """Hand the lights to a program; returned : (n, 3) what comes back of each from what the object lights."""
     right, above = light_axes(lights, caster.radius)
     rows = {
         "light_direction": lights.directions,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insertion.composite.blur import blur_of, blurred
+from insertion.composite.blur import blur_of, blur_layer
 from insertion.composite.boxes import Box
 from insertion.composite.match import Look, grain, look_of
 from insertion.scene.cloud import Cloud, FrontPoints
@@ -74,9 +74,9 @@ def test_the_smear_of_a_moving_camera_has_a_direction(down: bool) -> None:
 def test_a_layer_is_smeared_as_the_picture_is() -> None:
     layer = np.zeros((41, 41, 4), np.float32)
     layer[20, 20] = 1
-    result = blurred(layer, np.diag([4.0 + 0.35**2, 0.35**2]))[..., 3]
+    result = blur_layer(layer, np.diag([4.0 + 0.35**2, 0.35**2]))[..., 3]
     assert result.sum() == pytest.approx(1, rel=1e-4)
     offsets = np.arange(41) - 20
     assert (result.sum(axis=0) * offsets**2).sum() == pytest.approx(4, rel=0.05)
     assert (result.sum(axis=1) * offsets**2).sum() < 0.1
-    np.testing.assert_array_equal(blurred(layer, np.eye(2) * 0.35**2), layer)
+    np.testing.assert_array_equal(blur_layer(layer, np.eye(2) * 0.35**2), layer)

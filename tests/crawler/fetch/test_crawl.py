@@ -98,7 +98,8 @@ def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
         found = items(tmp_path / "out")
         assert len(found) == len({item["title"] for item in found}) == shop.products
         again = sum(count - 1 for path, count in site.fetched.items() if path.startswith("/item/"))
-    assert again <= kills * 16  # only what was in flight at a kill is asked for again
+    # only what was in flight at a kill is asked for again: in the downloader, and fetched but not yet read
+    assert again <= kills * 32
 
 
 def test_a_folder_with_a_crawl_is_not_overwritten(tmp_path: Path) -> None:

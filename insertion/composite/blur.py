@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["blur_of", "blur_layer", "gradients"]
+__all__ = ["blur_layer", "blur_of", "gradients"]
 
 #: Edges that show the blur: the strongest gradients of each direction, and of these the sharpest.
 EDGE_SHARE, SHARPEST = 0.02, 0.3

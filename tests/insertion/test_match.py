@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insertion.composite.blur import blur_of, blur_layer
+from insertion.composite.blur import blur_layer, blur_of
 from insertion.composite.boxes import Box
 from insertion.composite.match import Look, grain, look_of
 from insertion.scene.cloud import Cloud, FrontPoints

@@ -31,13 +31,14 @@ class Case:
     """One film and one object.
 
     name : of the row; film : `KIND:SEED` of a made world, `demo_video`, or a scene below SHARED; model : below the
-    models of SHARED, or None for the shipped one; words : more arguments of insert-object.
+    models of SHARED, or None for the shipped one; words : more arguments of insert-object; frames : to reconstruct.
     """
 
     name: str
     film: str
     model: str | None = None
     words: tuple[str, ...] = ()
+    frames: int = 16
 
     @property
     def model_file(self) -> Path:
@@ -63,8 +64,8 @@ CASES = (
     Case("toilet", "toilet:2003", CC0 + "toiletBrush.glb"),
     Case("bedroom", "bedroom:2004", CC0 + "basketball.glb"),
     Case("study", "study:2005", CC0 + "stool.glb"),
-    Case("street, car", "street:2006", "gazebo/hatchback_red.glb"),
-    Case("street, bench", "street:2007", CC0 + "bench.glb"),
+    Case("street, car", "street:2006", "gazebo/hatchback_red.glb", frames=32),
+    Case("street, bench", "street:2007", CC0 + "bench.glb", frames=32),
     Case("demo_video", "demo_video"),
     Case("tum_office", "tum_office", CC0 + "yogurtBottle.glb"),
     Case("red_kitchen", "red_kitchen", CC0 + "tetrapak.glb"),

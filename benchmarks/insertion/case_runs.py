@@ -7,6 +7,8 @@ import os
 import shutil
 import subprocess
 import sys
+import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +28,10 @@ from tests.made.rooms.similarity import Similarity, similarity_between
 from tests.made.rooms.solids import Mesh
 from tests.made.rooms.world import World
 
-__all__ = ["Outcome", "command", "drawn_heights", "mesh_of", "ratio_of", "run_case", "true_heights", "work_similarity"]
+__all__ = [
+    "Outcome", "command", "drawn_heights", "fresh", "mesh_of", "placed_object", "ratio_of", "run_case", "true_heights",
+    "whole_height", "work_similarity",
+]  # fmt: skip
 
 #: The room a command has before it is stopped, seconds.
 LIMIT = 900
@@ -58,27 +63,28 @@ class Outcome:
         return self.interval is not None and self.interval[0] <= 0 <= self.interval[1]
 
 
-def run_case(case: Case, folder: Path, frames: int) -> Outcome:
+def run_case(case: Case, folder: Path) -> Outcome:
     """Estimate the scale, insert the object, compare. The output is `out.mp4`, or `out/` of a real scene."""
     if case.real:
         return _run_real(case, folder)
     film, work = film_of(case, folder), folder / "work"
-    words = [film / "video.mp4", "--work", work, "--instances", film / "instances.json", "--frames", frames]
+    words = [film / "video.mp4", "--work", work, "--instances", film / "instances.json", "--frames", case.frames]
+    started = time.time()
     code, record, estimate = command("estimator.command", [*words, "--json"])
     length = len(json.loads((film / "truth.json").read_text(encoding="utf-8"))["frames"])
-    seconds = _stages(work, estimate)
+    seconds = _stages(work, estimate, started)
     if code:
         return Outcome((length, 0), seconds, refusal=_refusal(record))
     to_scene = work_similarity(film, work)
     true = 1 / to_scene.scale
     scale, interval = _scale_errors(record, true)
     chosen = len(read_scene(work).views)
-    words = [work, "--model", case.model_file, "--out", _fresh(folder / "out.mp4"), *case.words]
+    words = [work, "--model", case.model_file, "--out", fresh(folder / "out.mp4"), *case.words]
     code, inserted, seconds["insertion"] = command("insertion.command", [*words, "--json"])
     if code:
         return Outcome((length, chosen), seconds, scale, interval, refusal=_refusal(inserted))
     _keep(folder, inserted)
-    placed = _placed(words)
+    placed = placed_object(words)
     world = world_of(case)
     masks = true_heights(world, work, to_scene, placed, drawn_heights(inserted))
     size, heights = ratio_of(drawn_heights(inserted), masks)
@@ -97,7 +103,7 @@ def _run_real(case: Case, folder: Path) -> Outcome:
     scale, interval = _scale_errors(record, true)
     records, spent = [], {"scale": seconds}
     for name, used in (("out", record["scale"]), ("out_true", true)):
-        words = [scene, "--scale", used, "--model", case.model_file, "--out", _fresh(folder / name), *case.words]
+        words = [scene, "--scale", used, "--model", case.model_file, "--out", fresh(folder / name), *case.words]
         code, inserted, seconds = command("insertion.command", [*words, "--json"])
         if code:
             return Outcome((views, views), spent, scale, interval, refusal=_refusal(inserted))
@@ -159,16 +165,17 @@ def true_heights(
     rows = sorted(wanted)[:: max(1, len(wanted) // LOOKED_AT)]
     with Renderer(alone) as renderer:
         masks = {row: renderer.frame(row, colour=False).ids == 1 for row in rows}
-    return {row: height for row, mask in masks.items() if (height := _whole_height(mask)) is not None}
+    return {row: height for row, mask in masks.items() if (height := whole_height(mask)) is not None}
 
 
-def ratio_of(drawn: dict[int, int], true: dict[int, int]) -> tuple[float | None, int]:
+def ratio_of(drawn: Mapping[int, float], true: Mapping[int, float]) -> tuple[float | None, int]:
     """Median of drawn over true heights, less 1, and the number of frames that both have."""
     both = sorted(set(drawn) & set(true))
     return (float(np.median([drawn[k] / true[k] for k in both])) - 1 if both else None), len(both)
 
 
-def _whole_height(mask: BoolArray) -> int | None:
+def whole_height(mask: BoolArray) -> int | None:
+    """Rows of an outline (h, w) that is wholly in the picture, else None."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows) or rows[0] < 2 or columns[0] < 2:
         return None
@@ -177,7 +184,7 @@ def _whole_height(mask: BoolArray) -> int | None:
     return int(np.ptp(rows)) + 1
 
 
-def _placed(words: list[Any]) -> Placed:
+def placed_object(words: list[Any]) -> Placed:
     """The object as the command placed it."""
     options = parser().parse_args([str(word) for word in words])
     return place_objects(stage_of(options), requests_of(options))[0]
@@ -188,22 +195,29 @@ def _scale_errors(record: dict[str, Any], true: float) -> tuple[float, tuple[flo
     return record["scale"] / true - 1, (interval["low"] / true - 1, interval["high"] / true - 1)
 
 
-def _stages(work: Path, estimate: float) -> dict[str, float]:
-    """CPU seconds of the stages of a work folder; what its stamps do not name is the estimate itself."""
-    stamps = {file.stem: json.loads(file.read_text())["cpu_seconds"] for file in (work / "stamps").glob("*.json")}
-    return stamps | {"scale": max(estimate - sum(stamps.values()), 0.0)}
+def _stages(work: Path, estimate: float, started: float) -> dict[str, float]:
+    """CPU seconds of the stages of a work folder; what its stamps do not name is the estimate itself.
+
+    started : time of day of this run; stages that an earlier run made took none of its seconds.
+    """
+    files = list((work / "stamps").glob("*.json"))
+    stamps = {file.stem: json.loads(file.read_text(encoding="utf-8"))["cpu_seconds"] for file in files}
+    now = sum(stamps[file.stem] for file in files if file.stat().st_mtime >= started)
+    return stamps | {"scale": max(estimate - now, 0.0)}
 
 
 def _refusal(record: dict[str, Any]) -> str:
     failure = record.get("failure")
-    return f"`{failure['code']}`" if failure else str(record.get("said", record.get("status", "refused")))
+    if failure:
+        return f"`{failure['code']}`"
+    return str(record.get("said") or "; ".join(record.get("warnings", [])) or record.get("status"))
 
 
 def _keep(folder: Path, inserted: dict[str, Any]) -> None:
     (folder / "insertion.json").write_text(json.dumps(inserted) + "\n", encoding="utf-8")
 
 
-def _fresh(path: Path) -> Path:
+def fresh(path: Path) -> Path:
     """The path with nothing there."""
     shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
     return path

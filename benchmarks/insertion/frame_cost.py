@@ -1,0 +1,125 @@
+"""What `insert-object` costs a frame, and its peak memory for short and long films.
+
+`python -m benchmarks.insertion.frame_cost --out DIR [--size 640x480 --lengths 60 240] [--model FILE]`. A made room is
+filmed along a path to and fro; the work folder comes from the truth, not from a reconstruction. The command runs once
+for each length; seconds a frame are the difference of the processor seconds over that of the frames.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
+from estimator.records.scene import Camera
+from metric_base.arrays import FloatArray
+from tests.made.rooms.knobs import Knobs
+from tests.made.rooms.quick import quick_scene
+from tests.made.rooms.scene_files import write_scene
+from tests.made.rooms.similarity import similarity_between
+from tests.made.rooms.world import Pinhole, World
+from tests.made.videos import Lens, filmed, room, times_of, write_video
+
+__all__ = ["made_work", "main"]
+
+COMMAND = "import sys; from insertion.command import main; sys.exit(main(sys.argv[1:]))"
+#: Different frames of the path, and every how many one is of the reconstruction.
+PATH, STEP = 20, 2
+RATE = 20.0
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--size", default="640x480", help="WIDTHxHEIGHT")
+    parser.add_argument("--lengths", type=int, nargs=2, default=[60, 240], help="frames of the two films")
+    parser.add_argument("--model", type=Path, default=Path("data/models/rocking_horse.glb"))
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    width, height = (int(side) for side in options.size.split("x"))
+    lens = Lens(width, height, 500.0 * width / 640)
+    spent = []
+    for length in options.lengths:
+        folder = options.out / f"{options.size}-{length}"
+        if not (folder / FILE_NAME).is_file():
+            made_work(room("sitting room", 7, frames=PATH), lens, length, folder)
+        cpu, memory, record = run(folder, options.model)
+        spent.append(cpu)
+        drawn = [frame["silhouette"] for frame in record["frames"] if frame["silhouette"] is not None]
+        rows = np.mean([box["height"] for box in drawn]) if drawn else 0
+        print(f"{options.size}, {length} frames: {cpu:.1f} CPU s, peak memory {memory:.0f} MiB, ", end="")
+        print(f"object in {len(drawn)} frames, {rows:.0f} rows high", flush=True)
+    frames = options.lengths[1] - options.lengths[0]
+    print(f"{options.size}: {(spent[1] - spent[0]) / frames:.3f} CPU s a frame")
+
+
+def made_work(world: World, lens: Lens, length: int, folder: Path) -> None:
+    """A work folder with a film of `length` frames, to and fro along the world's path."""
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures = [frame.colour for frame in filmed(world, lens)]
+    there = list(range(len(pictures)))
+    cycle = there + there[-2:0:-1]
+    order = [cycle[k % len(cycle)] for k in range(length)]
+    write_video(folder / "video.mp4", (pictures[k] for k in order), times_of(length, RATE))
+    kept = there[::STEP]
+    seen = replace(
+        world, camera=Pinhole(lens.width, lens.height, lens.focal), poses=tuple(world.poses[k] for k in kept)
+    )
+    made = quick_scene(seen, Knobs(), 3)
+    names = [f"{k:06d}.png" for k in kept]
+    views = tuple(replace(view, name=name) for view, name in zip(made.scene.views, names, strict=True))
+    scene = replace(made.scene, views=views, dense=None)
+    write_scene(replace(made, scene=scene), seen, folder)
+    _write_stills(folder / "frames", [pictures[k] for k in kept], names)
+    to_scene = similarity_between(
+        np.array([pose.centre for pose in seen.poses]), np.array([view.centre for view in views])
+    )
+    turns = [world.poses[k].rotation @ to_scene.rotation.T for k in order]
+    centres = to_scene(np.array([world.poses[k].centre for k in order]))
+    write_frame_poses(_poses(folder / "video.mp4", views[0].camera, turns, centres, set(kept)), folder / FILE_NAME)
+    result = {"schema": "metric-tree/scale/1", "status": "resolved", "scale": 1 / to_scene.scale}
+    (folder / "result.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
+
+
+def run(work: Path, model: Path, *words: str) -> tuple[float, float, dict[str, list[dict[str, dict[str, float]]]]]:
+    """CPU seconds, peak memory in MiB and the printed record of one insertion."""
+    out = work.with_name(f"{work.name}-out.mp4")
+    arguments = [str(work), "--model", str(model), "--out", str(out), "--json", *words]
+    child = subprocess.Popen([sys.executable, "-c", COMMAND, *arguments], stdout=subprocess.PIPE)
+    assert child.stdout is not None
+    printed = child.stdout.read()
+    _, status, usage = os.wait4(child.pid, 0)
+    child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode:
+        raise SystemExit(child.returncode)
+    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, json.loads(printed)
+
+
+def _poses(video: Path, camera: Camera, turns: Sequence[FloatArray], centres: FloatArray, kept: set[int]) -> FramePoses:
+    """The pose of each frame, world to camera."""
+    frames = tuple(
+        FramePose(k, k / RATE, f"{k:06d}.png" if k in kept else None, "reconstructed", turn, -turn @ centre)
+        for k, (turn, centre) in enumerate(zip(turns, centres, strict=True))
+    )
+    return FramePoses(video, camera, 0, frames)
+
+
+def _write_stills(folder: Path, pictures: Sequence[NDArray[np.uint8]], names: Sequence[str]) -> None:
+    import cv2
+
+    folder.mkdir(exist_ok=True)
+    for picture, name in zip(pictures, names, strict=True):
+        cv2.imwrite(str(folder / name), picture[..., ::-1])
+
+
+if __name__ == "__main__":
+    main()

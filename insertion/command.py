@@ -137,11 +137,13 @@ def _check_outputs(options: argparse.Namespace) -> None:
     """InputFault for what cannot be written or drawn: said before the work is done, not after."""
     from insertion.blender.process import blender_program
     from insertion.outputs import output_kind, preview_place
+    from insertion.render.context import check_renderer
 
     if options.out is None and (options.preview is None or options.export is not None):
         raise InputFault("--out: expected a video or a folder (or --preview FILE alone); found none")
     if options.out is not None:
         output_kind(options.out)
+        check_renderer()
     if options.preview is not None:
         preview_place(options.preview)
     if options.renderer == "blender":

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import Any
 
 from metric_base.faults import InputFault
 
-__all__ = ["NoRenderer", "gl_context", "shader"]
+__all__ = ["NoRenderer", "check_renderer", "gl_context", "shader"]
 
 _SHADERS = Path(__file__).parent / "shaders"
 
@@ -22,14 +23,20 @@ def gl_context() -> Any:
     try:
         import moderngl
     except ImportError:
-        raise NoRenderer("insert-object: moderngl is not installed; run: pip install 'metric-tree[insert]'") from None
+        raise NoRenderer("moderngl is not installed; run: pip install 'metric-tree[insert]'") from None
+    os.environ.setdefault("EGL_LOG_LEVEL", "fatal")  # or Mesa adds lines of its own
     try:
         settings: Any = {"backend": "egl"}  # moderngl's stub types this word as a mapping
         return moderngl.create_context(standalone=True, require=330, **settings)
     except Exception as fault:
         reason = " ".join(str(fault).split())
-        message = f"insert-object: no OpenGL without a display ({reason}); run: apt-get install libegl1 libgl1-mesa-dri"
+        message = f"no OpenGL without a display ({reason}); run: apt-get install libegl1 libgl1-mesa-dri"
         raise NoRenderer(message) from fault
+
+
+def check_renderer() -> None:
+    """Raise NoRenderer where no context can be made, before any work is done."""
+    gl_context().release()
 
 
 def shader(name: str, **constants: int) -> str:

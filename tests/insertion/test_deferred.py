@@ -1,8 +1,12 @@
-"""Two ways to draw the same object: lit triangle by triangle, and gathered first."""
+"""Two ways to draw the same object, lit triangle by triangle and gathered first; and a machine that can do neither."""
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -64,3 +68,13 @@ def test_an_outline_in_between_changes_nothing(renderer: ObjectRenderer) -> None
     grown = renderer.outline(WINDOW, *VIEW, 1.2)
     assert grown.sum() > 1.2 * before.alpha.sum()
     np.testing.assert_array_equal(renderer.image(WINDOW, *VIEW).colour, before.colour)
+
+
+def test_a_machine_without_opengl_is_told_the_package(tmp_path: Path) -> None:
+    words = [str(tmp_path), "--model", "m.glb", "--out", str(tmp_path / "o.mp4")]
+    code = "import sys; from insertion.command import main; sys.exit(main(sys.argv[1:]))"
+    hidden = os.environ | {"__EGL_VENDOR_LIBRARY_FILENAMES": str(tmp_path / "no.json")}
+    done = subprocess.run([sys.executable, "-c", code, *words], env=hidden, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert "apt-get install libegl1" in line

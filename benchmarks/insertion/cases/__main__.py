@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.insertion.case_list import CASES, Case
-from benchmarks.insertion.case_runs import Outcome, drawn_heights, run_case
+from benchmarks.insertion.cases.case_list import CASES, Case
+from benchmarks.insertion.cases.case_runs import Outcome, drawn_heights, run_case
 from estimator.capture.video import Video
 
 __all__ = ["main"]
@@ -74,7 +74,7 @@ def _row(case: Case, outcome: Outcome) -> str:
 def _write_page(folder: Path, out: Path) -> None:
     done = [(case, out / case.folder_name) for case in CASES if (out / case.folder_name / OUTCOME).is_file()]
     rows = "\n".join(_row(case, _outcome(case, place)) for case, place in done)
-    template = Path(__file__).with_name("cases_page.md").read_text(encoding="utf-8")
+    template = Path(__file__).with_name("page.md").read_text(encoding="utf-8")
     (folder / "cases.md").write_text(template.replace("{CASES}", rows), encoding="utf-8")
     shown = [place for case, place in done if not case.real and (place / "out.mp4").is_file()]
     _write_sheet(folder / "insertion" / "cases.jpg", [_best_frame(place) for place in shown])

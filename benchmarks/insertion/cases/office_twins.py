@@ -1,4 +1,4 @@
-"""A bottle and a die beside those of `tum_office`: `python -m benchmarks.insertion.office_twins --out DIR`.
+"""A bottle and a die beside those of `tum_office`: `python -m benchmarks.insertion.cases.office_twins --out DIR`.
 
 The real scene lies beside the repository; nothing here is set on it, and no picture of it may be published. The rows of
 the twin are compared with those of the thing's mask, corrected for the distance of both.
@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.insertion.case_list import SHARED
-from benchmarks.insertion.case_runs import command, drawn_heights, fresh, ratio_of
-from benchmarks.insertion.twins import share_words
+from benchmarks.insertion.cases.case_list import SHARED
+from benchmarks.insertion.cases.case_runs import command, drawn_heights, fresh, ratio_of
+from benchmarks.insertion.cases.twins import share_words
 from estimator.reading import read_instances, read_scene
 from estimator.records.scene import View
 from metric_base.arrays import BoolArray, FloatArray

@@ -1,4 +1,4 @@
-"""An object beside its real self: `python -m benchmarks.insertion.twins --out DIR`.
+"""An object beside its real self: `python -m benchmarks.insertion.cases.twins --out DIR`.
 
 DIR is that of `benchmarks.insertion.cases`, whose work folders are used. The very mesh of a thing in a made room is
 written as a GLB file in metres and inserted next to the thing, as far from the camera as it; heights in the frames are
@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.insertion.case_list import CASES, Case, world_of
-from benchmarks.insertion.case_runs import (
+from benchmarks.insertion.cases.case_list import CASES, Case, world_of
+from benchmarks.insertion.cases.case_runs import (
     command,
     drawn_heights,
     fresh,

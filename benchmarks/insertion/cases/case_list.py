@@ -15,7 +15,7 @@ from tests.made.videos import Lens, made_video, room
 
 __all__ = ["CASES", "SHARED", "Case", "film_of", "world_of"]
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 #: Real scenes and open models, beside the repository or above it.
 SHARED = next(
     (place for parent in ROOT.parents if (place := parent / "shared" / "data").is_dir()), ROOT.parent / "shared"

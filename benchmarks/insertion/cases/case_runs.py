@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.insertion.case_list import SHARED, Case, film_of, world_of
+from benchmarks.insertion.cases.case_list import SHARED, Case, film_of, world_of
 from estimator.reading import read_scene
 from insertion.command import parser
 from insertion.models.model import Model

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.insertion.likeness import colour_error, detail, flicker, height_inside, inner
+from benchmarks.insertion.hiding_places import hiding_place
+from benchmarks.insertion.likeness import colour_error, detail, edge_errors, flicker, height_inside, inner
 from benchmarks.insertion.made_films import (
     CONDITIONS,
     Condition,
@@ -30,8 +31,10 @@ from benchmarks.insertion.made_films import (
 )
 from benchmarks.insertion.pose_errors import pose_errors
 from estimator.reading import read_instances, read_scene
+from insertion.models.gltf import read_model
 from insertion.outputs import picture_writer
 from insertion.records.result import FrameReport, ScaleUsed
+from insertion.render.body import body_of
 from insertion.scene.footage import Shot, Stills
 from insertion.scene.video_footage import VideoFootage, video_footage
 from insertion.staging.insert import Placed, insert_objects, place_objects, resize
@@ -53,17 +56,18 @@ SCALE_ERRORS = (0.9, 1.1)
 
 @dataclass(eq=False)
 class Layers:
-    """Takes the visible coverage of every frame."""
+    """Takes the visible coverage of every frame, and the outline without what hides it."""
 
     visible: dict[int, BoolArray] = field(default_factory=dict)
+    whole: dict[int, BoolArray] = field(default_factory=dict)
 
     def picture(self, shot: Shot, picture: NDArray[np.uint8]) -> None:
         """The frame without objects is not kept."""
 
     def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
-        """Visible coverage (h, w) of the one object, whose number and depth say nothing new."""
-        del number, depth
-        self.visible[shot.index] = alpha > 0.5
+        """Visible coverage (h, w) of the one object, and its depth (h, w), known wherever it is."""
+        del number
+        self.visible[shot.index], self.whole[shot.index] = alpha > 0.5, np.isfinite(depth)
 
 
 def main() -> None:
@@ -118,13 +122,27 @@ def stage_of_work(work: Path, scale: float) -> Stage:
 
 
 def painted_twin(film: MadeFilm, stage: Stage, to_scene: Similarity, folder: Path) -> tuple[Placed, Standing]:
-    """The object at a free place, painted as the room's renderer paints it there, and the film with it really there."""
+    """The object at its place, painted as the room's renderer paints it there, and the film with it really there.
+
+    The place is one that is free, or where furniture hides a part of the object, as the film's condition says.
+    """
     mesh = solid(WHAT, np.array(SIZE))
     (plain,) = place_objects(stage, [ObjectRequest(write_glb(mesh, folder / "plain.glb"))])
-    place = to_scene.inverse(plain.place.position[None])[0] * [1, 1, 0]  # it really stands on the floor
-    world = standing(film.world, mesh, place, to_scene.rotation.T @ plain.front)
-    model = write_painted_glb(mesh, world.objects[-1].mesh, folder / "painted.glb", len(world.objects), film.world.seed)
-    (placed,) = place_objects(stage, [replace(plain.request, model=model)])
+    position, front = plain.place.position, plain.front
+    if film.condition.hidden:
+        place, toward, _ = hiding_place(replace(film.world, poses=film.world.poses[::3]), mesh)
+        position, front = to_scene(place[None])[0], to_scene.rotation @ toward
+    floor = stage.supports.surfaces[plain.place.plane or 0].plane
+    position = position + (floor.height - position @ floor.basis[2]) * floor.basis[2]
+    front = front - (front @ floor.basis[2]) * floor.basis[2]
+    place = to_scene.inverse(position[None])[0] * [1, 1, 0]  # it really stands on the floor
+    world = standing(film.world, mesh, place, to_scene.rotation.T @ front)
+    painted = write_painted_glb(
+        mesh, world.objects[-1].mesh, folder / "painted.glb", len(world.objects), film.world.seed
+    )
+    model, front = read_model(painted), front / np.linalg.norm(front)
+    body = body_of(model, position, floor.basis, front, 1 / stage.scale.metres_per_unit)
+    placed = replace(plain, model=model, place=replace(plain.place, position=position), front=front, body=body)
     return placed, true_film(film, world, folder / "true.mp4")
 
 
@@ -153,6 +171,8 @@ def _figures(ours: Sequence[NDArray[np.uint8]], truth: Standing, layers: Layers)
     large = [k for k, mask in enumerate(both) if mask.sum() > 400]
     colours = [colour_error(ours[k], truth.pictures[k], both[k]) for k in large]
     details = [detail(ours[k], both[k]) / detail(truth.pictures[k], both[k]) for k in large]
+    edges = [edge_errors(layers.visible[k], layers.whole[k], truth.seen[k], truth.whole[k]) for k in layers.visible]
+    pixels = np.concatenate([*edges, np.zeros(0)])
     whole, faces = flicker(ours, truth.pictures, truth.faces, both)
     return {
         "frames": len(large),
@@ -162,6 +182,9 @@ def _figures(ours: Sequence[NDArray[np.uint8]], truth: Standing, layers: Layers)
         "detail": round(float(np.mean(details)), 2),
         "flicker": round(whole, 2),
         "flicker_faces": round(faces, 2),
+        "hidden": round(1 - sum(m.sum() for m in truth.seen) / sum(m.sum() for m in truth.whole), 2),
+        "edge_px": round(float(pixels.mean()), 2) if len(pixels) else None,
+        "edge_p90_px": round(float(np.quantile(pixels, 0.9)), 2) if len(pixels) else None,
     }
 
 

@@ -31,7 +31,10 @@ ARC_DEG = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """How a film is made. turned_deg : the rotation in its container; blur : length of the smear in pixels."""
+    """How a film is made. turned_deg : the rotation in its container; blur : length of the smear in pixels.
+
+    noise : one sigma in grey levels; hidden : the object stands where furniture hides a part of it.
+    """
 
     name: str
     lens: Lens = field(default_factory=Lens)
@@ -39,6 +42,7 @@ class Condition:
     turned_deg: int = 0
     blur: float = 0.0
     noise: float = 2.0
+    hidden: bool = False
 
 
 CONDITIONS = (
@@ -48,7 +52,8 @@ CONDITIONS = (
     Condition("uneven times", variable=True),
     Condition("upright phone, turned by 90", Lens(480, 640), turned_deg=90),
     Condition("smeared by 5 px", blur=5.0),
-    Condition("noise of 6 grey levels", noise=6.0),
+    Condition("hidden in part", hidden=True),
+    Condition("noisy, 6 grey levels", noise=6.0),
 )
 
 

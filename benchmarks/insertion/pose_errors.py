@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from estimator.capture.frame_poses import FramePoses
+from estimator.capture.frame_poses import FramePose, FramePoses
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
-from tests.made.rooms.similarity import similarity_between
+from tests.made.rooms.similarity import Similarity, similarity_between
 from tests.made.rooms.world import World
 from tests.made.videos import Lens
 
@@ -22,7 +24,7 @@ def pose_errors(poses: FramePoses, world: World, lens: Lens) -> dict[str, float]
     """Figures over the frames that have a pose: the median of each frame's points, over all frames and in the worst."""
     rows = [pose for pose in poses.frames if pose.rotation is not None]
     true = np.array([world.poses[pose.index].centre for pose in rows])
-    to_scene = similarity_between(true, np.array([pose.centre for pose in rows]))
+    to_scene = _alignment(rows, world, true)
     centres = to_scene.inverse(np.array([pose.centre for pose in rows]))
     off = np.linalg.norm(centres - true, axis=1) * 1000
     aspect = lens.width / lens.focal * 0.31  # well inside the picture, where a lens's model is one to one
@@ -43,6 +45,19 @@ def pose_errors(poses: FramePoses, world: World, lens: Lens) -> dict[str, float]
         "median_px": round(float(np.median(pixels)), 3),
         "worst_px": round(float(np.max(pixels)), 3),
     }
+
+
+def _alignment(rows: Sequence[FramePose], world: World, true: FloatArray) -> Similarity:
+    """The way from the room into the reconstruction: turned by the mean of the cameras' turns, moved by their centres.
+
+    true : (n, 3) centres. The centres of a short arc alone determine the turn about its chord to a pixel only.
+    """
+    turns = [pose.rotation.T @ world.poses[pose.index].rotation for pose in rows if pose.rotation is not None]
+    u, _, vt = np.linalg.svd(np.sum(turns, axis=0))
+    turn = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+    centres = np.array([pose.centre for pose in rows])
+    scale = similarity_between(true, centres).scale
+    return Similarity(scale, turn, centres.mean(axis=0) - scale * turn @ true.mean(axis=0))
 
 
 def _misfit(ours: FloatArray, true: FloatArray, poses: FramePoses, lens: Lens) -> FloatArray:

@@ -50,7 +50,7 @@ __all__ = ["main"]
 
 #: The room, and what is inserted with its size in metres.
 KIND, SEED, WHAT, SIZE = "sitting room", 1003, "chair", (0.42, 0.38, 0.75)
-FRAMES, RECONSTRUCTED = 24, 12
+FRAMES, RECONSTRUCTED = 16, 10
 SCALE_ERRORS = (0.9, 1.1)
 
 
@@ -83,6 +83,7 @@ def main() -> None:
             row = film_row(condition, options.out / condition.name.split()[0])
             print(json.dumps(row), flush=True)
             rows.write(json.dumps(row) + "\n")
+            rows.flush()
 
 
 def film_row(condition: Condition, folder: Path) -> dict[str, Any]:

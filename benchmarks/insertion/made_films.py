@@ -49,11 +49,9 @@ CONDITIONS = (
     Condition("plain"),
     Condition("barrel lens, k = -0.12", Lens(k=-0.12)),
     Condition("pincushion lens, k = +0.08", Lens(k=0.08)),
-    Condition("uneven times", variable=True),
+    Condition("uneven times, hidden in part", variable=True, hidden=True),
     Condition("upright phone, turned by 90", Lens(480, 640), turned_deg=90),
     Condition("smeared by 5 px", blur=5.0),
-    Condition("hidden in part", hidden=True),
-    Condition("noisy, 6 grey levels", noise=6.0),
 )
 
 

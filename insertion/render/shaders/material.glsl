@@ -6,10 +6,10 @@ uniform float roughness;
 uniform float alpha_cutoff;    // below 0: none
 uniform bool has_base, has_surface, has_normal, has_emissive;
 uniform sampler2D base_texture, surface_texture, normal_texture, emissive_texture;
-in vec3 v_place;
-in vec3 v_normal;
-in vec2 v_uv;
-in vec4 v_tint;
+centroid in vec3 v_place;
+centroid in vec3 v_normal;
+centroid in vec2 v_uv;
+centroid in vec4 v_tint;
 in float v_depth;
 
 vec3 linear_of(vec3 srgb) {

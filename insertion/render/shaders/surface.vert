@@ -6,10 +6,10 @@ in vec3 place;
 in vec3 normal;
 in vec2 uv;
 in vec4 tint;
-out vec3 v_place;
-out vec3 v_normal;
-out vec2 v_uv;
-out vec4 v_tint;
+centroid out vec3 v_place;  // of the covered part of a pixel: its centre may be beyond the edge, in shadow
+centroid out vec3 v_normal;
+centroid out vec2 v_uv;
+centroid out vec4 v_tint;
 out float v_depth;
 
 void main() {

@@ -33,6 +33,12 @@ class Glb:
         rows.append(record)
         return len(rows) - 1
 
+    def use(self, extension: str) -> None:
+        """Name an extension that is used."""
+        used: list[str] = self._header.setdefault("extensionsUsed", [])
+        if extension not in used:
+            used.append(extension)
+
     def add_values(self, values: NDArray[Any], target: int | None = None, *, limits: bool = False) -> int:
         """An accessor of (n,) or (n, k) values: floats, or indices where they are integers.
 

@@ -74,11 +74,15 @@ def _material(document: Glb, material: Material) -> int:
         "metallicFactor": min(material.metallic, 1.0),
         "roughnessFactor": min(material.roughness, 1.0),
     }
+    strength = float(material.emissive.max())
     record: dict[str, Any] = {
         "pbrMetallicRoughness": surface,
-        "emissiveFactor": np.clip(material.emissive, 0, 1).tolist(),
+        "emissiveFactor": (material.emissive / max(1.0, strength)).tolist(),
         "doubleSided": True,  # as it is drawn
     }
+    if strength > 1:
+        record["extensions"] = {"KHR_materials_emissive_strength": {"emissiveStrength": strength}}
+        document.use("KHR_materials_emissive_strength")
     for target, field, pixels in (
         (surface, "baseColorTexture", material.base_texture),
         (surface, "metallicRoughnessTexture", material.surface_texture),

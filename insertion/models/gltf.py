@@ -1,32 +1,52 @@
-"""glTF 2.0 and GLB files, read by trimesh.
+"""glTF 2.0 and GLB files: the meshes of the scene's nodes with their materials.
 
-trimesh rounds colour factors to 8 bits, which halves or doubles a dark linear colour. So the materials' own numbers are
-read from the file's JSON: each material gets its index as a name before trimesh sees it.
+trimesh, which reads the format too, rounds colours to 8 bits and leaves out vertex colours beside a material, further
+texture coordinates, sparse accessors and normalised integers, all in silence.
 """
 
 from __future__ import annotations
 
-import io
 import json
-import logging
 import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from insertion.models.gltf_files import MAX_BYTES, MAX_TRIANGLES, FolderResolver, check_header, check_images
-from insertion.models.model import Material, Model, Part, Pixels
-from metric_base.arrays import FloatArray
-from metric_base.faults import FieldFault, InputFault, Words, in_file
+from insertion.models.accessors import Accessors
+from insertion.models.gltf_files import (
+    MAX_BYTES,
+    MAX_TRIANGLES,
+    FolderResolver,
+    buffers_of,
+    check_header,
+    check_images,
+    image_bytes,
+)
+from insertion.models.gltf_materials import Materials
+from insertion.models.model import Model, Part
+from metric_base.arrays import FloatArray, IntArray
+from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect
 
 __all__ = ["read_model"]
 
 _MAGIC, _JSON = 0x46546C67, 0x4E4F534A
-#: What may be required of a reader and is not read here: compressed meshes and textures.
-_UNREAD = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_texture_basisu", "KHR_mesh_quantization")
+#: How the corners of a primitive make faces, by the file's numbers.
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
+_FACES = (_TRIANGLES, _STRIP, _FAN)
+#: What may be required of a reader and is not read here, with what undoes it.
+_COMPRESSED = {
+    "KHR_draco_mesh_compression": "copy",
+    "EXT_meshopt_compression": "copy",
+    "KHR_texture_basisu": "ktxdecompress",
+}
+#: What may be required and is read, or changes only how a surface shines.
+_READ = ("KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp")
+_SHINE = "KHR_materials_"
 #: Metres from its origin beyond which no part of a thing is.
 MAX_METRES = 1e9
 
@@ -37,23 +57,30 @@ def read_model(path: Path) -> Model:
         raise InputFault(
             f"{path}: expected a glTF file (.glb or .gltf); found {'a folder' if path.is_dir() else 'none'}"
         )
-    resolver = FolderResolver(path)
     with in_file(path):
         header, binary = _header(read_bytes(path, limit=MAX_BYTES))
-        check_header(header)
-        check_images(header, binary[8:], resolver)  # a chunk begins with its length and kind
-    try:
-        with np.errstate(all="ignore"):  # absurd numbers are refused below
-            scene = _trimesh_scene(_number_materials(header), binary, resolver)
-            parts = tuple(_parts(scene, header))
-    except (
-        ValueError, KeyError, IndexError, TypeError, AttributeError, AssertionError, ArithmeticError, OSError,
-        SyntaxError, RecursionError, MemoryError,
-    ) as fault:  # fmt: skip
-        raise InputFault(f"{path}: expected a readable glTF 2.0 file; found {type(fault).__name__}: {fault}") from fault
-    with in_file(path):
+        try:
+            check_header(header)
+            with np.errstate(all="ignore"):  # absurd numbers are refused below
+                parts, warnings = _read(header, binary[8:], FolderResolver(path))  # a chunk begins with length and kind
+        except FieldFault:
+            raise
+        except (
+            ValueError, KeyError, IndexError, TypeError, AttributeError, ArithmeticError, OSError, SyntaxError,
+            RecursionError, MemoryError,
+        ) as fault:  # fmt: skip
+            raise FieldFault("content", "a readable glTF 2.0 file", Words(f"{type(fault).__name__}: {fault}")) from None
         _check_parts(parts)
-    return Model(path.name, parts, tuple(_warnings(header)))
+    return Model(path.name, parts, tuple(warnings))
+
+
+def _read(header: dict[str, Any], binary: bytes, resolver: FolderResolver) -> tuple[tuple[Part, ...], list[str]]:
+    """The parts and what was left out; binary : the buffer that a GLB holds itself."""
+    buffers = buffers_of(header, binary, resolver)
+    check_images(header, buffers, resolver)
+    materials = Materials(header, lambda number: image_bytes(header, number, buffers, resolver))
+    parts = tuple(_parts(header, Accessors(header, buffers), materials))
+    return parts, [*_warnings(header), *materials.warnings]
 
 
 def _header(data: bytes) -> tuple[dict[str, Any], bytes]:
@@ -75,9 +102,19 @@ def _header(data: bytes) -> tuple[dict[str, Any], bytes]:
     expect(version.startswith("2."), "asset.version", "2.x", version)
     required = header.get("extensionsRequired", [])
     expect(isinstance(required, list), "extensionsRequired", "an array", required)
-    unread = [name for name in required if name in _UNREAD]
-    expect(not unread, "extensionsRequired", "an uncompressed file", Words(", ".join(unread)))
+    _expect_known(required)
     return header, binary
+
+
+def _expect_known(required: Sequence[object]) -> None:
+    """FieldFault for an extension without which the file cannot be read, and that is not read here."""
+    for name in map(str, required):
+        undone = _COMPRESSED.get(name)
+        if undone is not None:
+            how = f"an uncompressed file (npx @gltf-transform/cli {undone} IN.glb OUT.glb makes one)"
+            expect(False, "extensionsRequired", how, Words(name))
+        known = name in _READ or name.startswith(_SHINE)
+        expect(known, "extensionsRequired", f"{', '.join(_READ)} or {_SHINE}...", Words(name))
 
 
 def _no_number(word: str) -> float:
@@ -122,117 +159,109 @@ def _warnings(header: dict[str, Any]) -> list[str]:
         lines.append(f"{len(header['animations'])} animation(s) are ignored: the object is inserted as it stands")
     if header.get("skins"):
         lines.append("skins are ignored: the mesh is inserted in its bind pose")
-    if any(p.get("targets") for mesh in header.get("meshes", []) for p in mesh.get("primitives", [])):
+    primitives = [part for mesh in header.get("meshes", []) for part in mesh.get("primitives", [])]
+    if any(part.get("targets") for part in primitives):
         lines.append("morph targets are ignored")
+    if any(part.get("mode", _TRIANGLES) not in _FACES for part in primitives):
+        lines.append("points and lines are ignored")
     return lines
 
 
-def _number_materials(header: dict[str, Any]) -> dict[str, Any]:
-    """The header whose materials are named by their index."""
-    materials = [{**material, "name": str(row)} for row, material in enumerate(header.get("materials", []))]
-    return {**header, "materials": materials} if materials else header
+def _parts(header: dict[str, Any], accessors: Accessors, materials: Materials) -> Iterator[Part]:
+    """One part for each primitive of each node of the scene, in the frame of the file."""
+    read: dict[int, list[Part]] = {}
+    for number, matrix in _placed_meshes(header):
+        if number not in read:
+            primitives = header["meshes"][number].get("primitives", [])
+            with at_field(f"meshes[{number}]"):
+                read[number] = [
+                    _part(part, accessors, materials)
+                    for part in primitives
+                    if part.get("mode", _TRIANGLES) in _FACES and "POSITION" in part.get("attributes", {})
+                ]
+        yield from (_part_in_file(part, matrix) for part in read[number] if len(part.faces))
 
 
-def _trimesh_scene(header: dict[str, Any], binary: bytes, resolver: FolderResolver) -> Any:
-    import trimesh
-
-    logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # it quotes the file as it is
-    text = json.dumps(header).encode()
-    if not binary:
-        return trimesh.load_scene(io.BytesIO(text), file_type="gltf", resolver=resolver, process=False)
-    text += b" " * (-len(text) % 4)
-    total = 20 + len(text) + len(binary)
-    data = struct.pack("<IIIII", _MAGIC, 2, total, len(text), _JSON) + text + binary
-    return trimesh.load_scene(io.BytesIO(data), file_type="glb", resolver=resolver, process=False)
-
-
-def _parts(scene: Any, header: dict[str, Any]) -> list[Part]:
-    """One part for each mesh of each node, in the frame of the file."""
-    parts = []
-    for node in scene.graph.nodes_geometry:
-        transform, name = scene.graph[node]
-        mesh = scene.geometry[name]
-        if len(getattr(mesh, "faces", ())):
-            parts.append(_part(mesh, np.asarray(transform, dtype=np.float64), header))
-    return parts
+def _placed_meshes(header: dict[str, Any]) -> Iterator[tuple[int, FloatArray]]:
+    """The meshes of the default scene's nodes with their (4, 4) matrices; the nodes are trees of bounded depth."""
+    nodes, scenes = header.get("nodes", []), header.get("scenes", [])
+    children = {child for node in nodes for child in node.get("children", [])}
+    roots = scenes[header.get("scene", 0)].get("nodes", []) if scenes else [k for k in range(len(nodes))
+                                                                            if k not in children]  # fmt: skip
+    waiting = [(int(root), np.eye(4)) for root in dict.fromkeys(roots)]
+    while waiting:
+        number, above = waiting.pop()
+        node = nodes[number]
+        matrix = above @ _node_matrix(node)
+        if "mesh" in node:
+            yield int(node["mesh"]), matrix
+        waiting += [(int(child), matrix) for child in node.get("children", [])]
 
 
-def _part(mesh: Any, transform: FloatArray, header: dict[str, Any]) -> Part:
-    """The part of a mesh in the model's frame, its transform (4, 4)."""
-    if "vertex_normals" not in mesh._cache.cache:
-        mesh = _with_flat_faces(mesh)
-    linear = transform[:3, :3]
-    vertices = np.asarray(mesh.vertices, dtype=np.float64) @ linear.T + transform[:3, 3]
-    # normals turn with the inverse transpose
-    normals = np.asarray(mesh.vertex_normals, dtype=np.float64) @ np.linalg.pinv(linear)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    faces = np.asarray(mesh.faces, dtype=np.int64)
-    if np.linalg.det(linear) < 0:  # a mirror turns the faces inside out
-        faces = faces[:, ::-1]
-    uv = getattr(mesh.visual, "uv", None)
-    # trimesh counts v upwards, glTF downwards
-    coordinates = np.zeros((len(vertices), 2)) if uv is None else np.asarray(uv, dtype=np.float64) * [1, -1] + [0, 1]
-    return Part(vertices, normals, coordinates, faces, _material(mesh, header), _vertex_color(mesh))
+def _node_matrix(node: dict[str, Any]) -> FloatArray:
+    """(4, 4) of a node: its matrix, stored by columns, or its scale, then rotation, then translation."""
+    if "matrix" in node:
+        return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
+    matrix = np.eye(4)
+    x, y, z, w = (float(value) for value in node.get("rotation", [0, 0, 0, 1]))
+    turn = np.array([
+        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+    ])  # fmt: skip
+    matrix[:3, :3] = turn * np.array(node.get("scale", [1, 1, 1]), dtype=np.float64).reshape(3)
+    matrix[:3, 3] = np.array(node.get("translation", [0, 0, 0]), dtype=np.float64).reshape(3)
+    return matrix
 
 
-def _with_flat_faces(mesh: Any) -> Any:
-    """The mesh with a vertex of its own for each corner of each face: without normals in the file, faces are flat.
-
-    glTF 2.0, 3.7.2.1: "When normals are not specified, client implementations MUST calculate flat normals".
-    """
-    import trimesh
-
-    corners = np.asarray(mesh.faces).reshape(-1)
-    visual = mesh.visual
-    uv = getattr(visual, "uv", None)
-    if getattr(visual, "kind", None) == "texture":
-        coordinates = None if uv is None else np.asarray(uv)[corners]
-        visual = trimesh.visual.TextureVisuals(uv=coordinates, material=visual.material)
-    elif getattr(visual, "kind", None) == "vertex":
-        visual = trimesh.visual.ColorVisuals(vertex_colors=np.asarray(visual.vertex_colors)[corners])
-    flat = trimesh.Trimesh(
-        np.asarray(mesh.vertices)[corners], np.arange(len(corners)).reshape(-1, 3), process=False, visual=visual
-    )
-    flat.vertex_normals = np.repeat(mesh.face_normals, 3, axis=0)
-    return flat
-
-
-def _vertex_color(mesh: Any) -> FloatArray | None:
-    """(n, 4) colours of the vertices in 0 to 1, None without."""
-    if getattr(mesh.visual, "kind", None) != "vertex":
-        return None
-    return np.asarray(mesh.visual.vertex_colors, dtype=np.float64) / 255.0
+def _part(primitive: dict[str, Any], accessors: Accessors, materials: Materials) -> Part:
+    """A primitive in its mesh's frame."""
+    attributes = primitive["attributes"]
+    vertices = accessors.values(attributes["POSITION"], (3,))
+    count = len(vertices)
+    corners = accessors.indices(primitive["indices"]) if "indices" in primitive else np.arange(count)
+    inside = not len(corners) or int(corners.max()) < count
+    expect(inside, "indices", f"numbers from 0 to {count - 1}", Words("others"))
+    faces = _faces(corners, int(primitive.get("mode", _TRIANGLES)))
+    material, coordinates = materials.material(primitive.get("material"))
+    stated = attributes.get(f"TEXCOORD_{coordinates.number}")
+    uv = np.zeros((count, 2)) if stated is None else coordinates(accessors.values(stated, (2,)))
+    colour = _colour(accessors.values(attributes["COLOR_0"], (3, 4))) if "COLOR_0" in attributes else None
+    if "NORMAL" in attributes:
+        return Part(vertices, accessors.values(attributes["NORMAL"], (3,)), uv, faces, material, colour)
+    # glTF 2.0, 3.7.2.1: "When normals are not specified, client implementations MUST calculate flat normals"
+    rows = faces.reshape(-1)
+    edges = vertices[faces[:, 1:]] - vertices[faces[:, :1]]
+    normals = np.repeat(_unit(np.cross(edges[:, 0], edges[:, 1])), 3, axis=0)
+    own = None if colour is None else colour[rows]
+    return Part(vertices[rows], normals, uv[rows], np.arange(len(rows)).reshape(-1, 3), material, own)
 
 
-def _material(mesh: Any, header: dict[str, Any]) -> Material:
-    """The mesh's material: numbers from the file's JSON, textures as trimesh decoded them."""
-    read = getattr(mesh.visual, "material", None)
-    name = getattr(read, "name", None)
-    rows = header.get("materials", [])
-    row = int(name) if name is not None and str(name).isdigit() and int(name) < len(rows) else None
-    if row is None:  # glTF's default material
-        return Material(np.ones(4), metallic=0.0, roughness=0.8)
-    stated = rows[row]
-    surface = stated.get("pbrMetallicRoughness", {})
-    glossy = stated.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness")
-    if glossy is not None and not surface:
-        surface = {"baseColorFactor": glossy.get("diffuseFactor", [1, 1, 1, 1]), "metallicFactor": 0.0,
-                   "roughnessFactor": 1.0 - glossy.get("glossinessFactor", 1.0)}  # fmt: skip
-    mode = stated.get("alphaMode", "OPAQUE")
-    return Material(
-        np.asarray(surface.get("baseColorFactor", [1, 1, 1, 1]), dtype=np.float64),
-        float(surface.get("metallicFactor", 1.0)),
-        float(surface.get("roughnessFactor", 1.0)),
-        np.asarray(stated.get("emissiveFactor", [0, 0, 0]), dtype=np.float64),
-        _pixels(getattr(read, "baseColorTexture", None)),
-        _pixels(getattr(read, "metallicRoughnessTexture", None)),
-        _pixels(getattr(read, "normalTexture", None)),
-        _pixels(getattr(read, "emissiveTexture", None)),
-        float(stated.get("alphaCutoff", 0.5)) if mode == "MASK" else None,
-        mode == "BLEND",
-    )
+def _faces(corners: IntArray, mode: int) -> IntArray:
+    """(m, 3) rows of triangles, strips or fans of (n,) corners."""
+    if mode == _TRIANGLES:
+        return corners[: len(corners) // 3 * 3].reshape(-1, 3)
+    first, second, third = corners[:-2], corners[1:-1], corners[2:]
+    if mode == _FAN:
+        return np.column_stack([np.full_like(second, corners[0]), second, third])
+    odd = np.arange(len(third)) % 2 == 1  # every other triangle of a strip is turned over
+    return np.column_stack([first, np.where(odd, third, second), np.where(odd, second, third)])
 
 
-def _pixels(image: Any) -> Pixels | None:
-    """(h, w, 4) uint8 of a PIL image, or None."""
-    return None if image is None else np.asarray(image.convert("RGBA"), dtype=np.uint8)
+def _colour(values: FloatArray) -> FloatArray:
+    """(n, 4) linear colours of (n, 3) or (n, 4) values."""
+    opaque = np.ones((len(values), 1))
+    return np.clip(values if values.shape[1] == 4 else np.hstack([values, opaque]), 0.0, 1.0)
+
+
+def _part_in_file(part: Part, matrix: FloatArray) -> Part:
+    """The part in the frame of the file; matrix (4, 4) of its node."""
+    linear = matrix[:3, :3]
+    normals = _unit(part.normals @ np.linalg.pinv(linear))  # they turn with the inverse transpose
+    faces = part.faces[:, ::-1] if np.linalg.det(linear) < 0 else part.faces  # a mirror turns faces inside out
+    return replace(part, vertices=part.vertices @ linear.T + matrix[:3, 3], normals=normals, faces=faces)
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    """(n, 3) vectors of length 1; those of length 0 stay."""
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12))

@@ -14,7 +14,15 @@ from metric_base.faults import FieldFault, Words, at_field
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect
 
-__all__ = ["MAX_BYTES", "MAX_TRIANGLES", "FolderResolver", "check_header", "check_images"]
+__all__ = [
+    "MAX_BYTES",
+    "MAX_TRIANGLES",
+    "FolderResolver",
+    "buffers_of",
+    "check_header",
+    "check_images",
+    "image_bytes",
+]
 
 #: A larger model is not for insertion in video: at this many triangles one shadow map takes a second.
 MAX_TRIANGLES = 2_000_000
@@ -147,20 +155,35 @@ def _count(accessors: list[dict[str, Any]], place: object) -> int:
     return accessors[place].get("count", 0) if isinstance(place, int) and 0 <= place < len(accessors) else 0
 
 
-def check_images(header: dict[str, Any], binary: bytes, resolver: FolderResolver) -> None:
-    """FieldFault for a texture that is no picture or has too many pixels: trimesh leaves such out in silence.
-
-    binary : the buffer that a GLB holds itself, empty without.
-    """
-    buffers: list[bytes] = []
+def buffers_of(header: dict[str, Any], binary: bytes, resolver: FolderResolver) -> list[bytes]:
+    """The buffers of a file; binary : the one that a GLB holds itself, empty without."""
+    buffers = []
     for number, buffer in enumerate(header.get("buffers", [])):
         with at_field(f"buffers[{number}]"):
             buffers.append(_data(buffer["uri"], resolver) if "uri" in buffer else binary)
-    views = header.get("bufferViews", [])
+    return buffers
+
+
+def image_bytes(header: dict[str, Any], number: int, buffers: list[bytes], resolver: FolderResolver) -> bytes:
+    """The encoded picture of an image."""
+    image = header["images"][number]
+    with at_field(f"images[{number}]"):
+        if "uri" in image:
+            return _data(image["uri"], resolver)
+        return _view(image, header.get("bufferViews", []), buffers)
+
+
+def check_images(header: dict[str, Any], buffers: list[bytes], resolver: FolderResolver) -> None:
+    """FieldFault for a picture of a texture that cannot be read, or has too many pixels.
+
+    KTX2 pictures that stand beside a PNG or JPEG (KHR_texture_basisu) are not looked at.
+    """
     total = 0
     for number, image in enumerate(header.get("images", [])):
+        if image.get("mimeType") == "image/ktx2":
+            continue
+        data = image_bytes(header, number, buffers, resolver)
         with at_field(f"images[{number}]"):
-            data = _data(image["uri"], resolver) if "uri" in image else _view(image, views, buffers)
             width, height = _picture_size(data)
             pixels = width * height
             expect(pixels <= MAX_TEXTURE_PIXELS, "size", f"at most {MAX_TEXTURE_PIXELS:,} pixels", Words(f"{pixels:,}"))

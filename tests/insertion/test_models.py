@@ -7,16 +7,21 @@ import json
 import math
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from insertion.exports.glb import Glb
+from insertion.models.accessors import Accessors
 from insertion.models.gltf import read_model
+from insertion.models.model import Model
 from insertion.models.size import model_size
-from metric_base.faults import InputFault
+from metric_base.faults import FieldFault, InputFault
 from tests.made.insertions import write_glb
 from tests.made.rooms.shapes import solid
 
@@ -78,11 +83,14 @@ def test_an_animation_is_ignored_with_a_word(chair: Path, tmp_path: Path) -> Non
     ("changes", "words"),
     [
         ({"asset": {"version": "1.0"}}, "asset.version"),
-        ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco_mesh_compression"),
+        ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "cli copy IN.glb .*KHR_draco_mesh_compression"),
         ({"nodes": [{"mesh": 0, "matrix": [math.nan] * 16}]}, "the word NaN"),
         ({"animations": 7}, "animations: expected an array"),
         ({"meshes": []}, "chair|expected"),
-        ({"accessors": []}, "expected a readable"),
+        ({"accessors": []}, "accessor: expected a number"),
+        ({"meshes": [{"primitives": 3}]}, "expected a readable"),
+        ({"extensionsRequired": ["KHR_new"]}, "KHR_texture_transform, .*found KHR_new"),
+        ({"scenes": [{"nodes": [7]}]}, "expected a readable"),
         ({"bufferViews": [{"buffer": 0, "byteOffset": 10**12, "byteLength": 12}] * 12}, "byteOffset: expected"),
         ({"accessors": [{"count": 10**12, "componentType": 5126, "type": "VEC3"}]}, "count: expected a whole number"),
         ({"nodes": [{"children": [1]}, {"children": [0]}]}, "no circle"),
@@ -126,3 +134,96 @@ def test_the_size_asked_for(chair: Path) -> None:
     for words in ("height=0", "height=-1", "height=nan", "size=3", "tall", "prior"):
         with pytest.raises(InputFault, match="--size"):
             model_size(model, words)
+
+
+SQUARE = np.array([[0.0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0.2, 0.2, 0]])
+CORNERS = SQUARE[:, :2] * 5
+
+
+def _square(file: Path, change: Callable[[dict[str, Any], Glb], None], material: dict[str, Any] | None = None) -> Model:
+    """A strip of two triangles with a texture, after `change` of its primitive, as it is read."""
+    document = Glb("test")
+    picture = document.add_texture(np.full((2, 2, 4), 200, np.uint8))
+    colour = {"baseColorTexture": {"index": picture}, "metallicFactor": 0.0}
+    document.add("materials", {"pbrMetallicRoughness": colour} | (material or {}))
+    attributes = {"POSITION": document.add_values(SQUARE), "TEXCOORD_0": document.add_values(CORNERS)}
+    primitive: dict[str, Any] = {"attributes": attributes, "mode": 5, "material": 0}
+    change(primitive, document)
+    document.add("meshes", {"primitives": [primitive]})
+    file.write_bytes(document.data([document.add("nodes", {"mesh": 0})]))
+    return read_model(file)
+
+
+def test_a_strip_is_two_triangles_that_look_the_same_way(tmp_path: Path) -> None:
+    (part,) = _square(tmp_path / "a.glb", lambda *_: None).parts
+    assert len(part.faces) == 2
+    np.testing.assert_allclose(part.normals, np.tile([0, 0, 1.0], (6, 1)))
+
+
+def test_vertex_colours_stay_beside_a_material_and_are_not_rounded(tmp_path: Path) -> None:
+    tint = np.array([0.1234567, 0.5, 0.002])
+    (part,) = _square(
+        tmp_path / "a.glb", lambda p, d: p["attributes"].update(COLOR_0=d.add_values(np.tile(tint, (4, 1))))
+    ).parts
+    assert part.color is not None
+    np.testing.assert_allclose(part.color[0], [*tint, 1], rtol=1e-6)
+    assert part.material.base_texture is not None
+
+
+def test_a_texture_takes_its_own_coordinates(tmp_path: Path) -> None:
+    """The second set, scaled, turned by a quarter and moved, as three.js and Khronos' viewer do it."""
+    moved = {"texCoord": 1, "offset": [0.1, 0.2], "rotation": np.pi / 2, "scale": [2, 3]}
+
+    def change(primitive: dict[str, Any], document: Glb) -> None:
+        primitive["attributes"]["TEXCOORD_1"] = document.add_values(CORNERS + 1)
+
+    colour = {"baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": moved}}}
+    (part,) = _square(tmp_path / "a.glb", change, {"pbrMetallicRoughness": colour}).parts
+    u, v = part.uv[0]
+    assert (u, v) == pytest.approx((3 * 1 + 0.1, -2 * 1 + 0.2))  # corner (1, 1) of the second set
+
+
+def test_a_texture_with_other_coordinates_than_the_colour_is_left_out_with_a_word(tmp_path: Path) -> None:
+    model = _square(tmp_path / "a.glb", lambda *_: None, {"normalTexture": {"index": 0, "texCoord": 1}})
+    assert model.parts[0].material.normal_texture is None
+    assert model.warnings == ("a texture with coordinates of its own is left out",)
+
+
+def test_glass_is_seen_through_and_lamps_shine(tmp_path: Path) -> None:
+    extensions = {
+        "KHR_materials_transmission": {"transmissionFactor": 0.6},
+        "KHR_materials_emissive_strength": {"emissiveStrength": 4.0},
+    }
+    model = _square(tmp_path / "a.glb", lambda *_: None, {"extensions": extensions, "emissiveFactor": [0, 0.5, 0]})
+    material = model.parts[0].material
+    assert (material.blend, material.base_color[3]) == (True, pytest.approx(0.4))
+    assert material.emissive.tolist() == [0, 2.0, 0]
+    assert "thin pane" in model.warnings[0]
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16, np.int16])
+def test_normalised_integers_are_shares(tmp_path: Path, kind: type[np.integer[Any]]) -> None:
+    header = {
+        "bufferViews": [{"buffer": 0, "byteLength": 2 * 4 * np.dtype(kind).itemsize}],
+        "accessors": [{
+            "bufferView": 0, "count": 4, "type": "VEC2", "normalized": True,
+            "componentType": {np.uint8: 5121, np.uint16: 5123, np.int16: 5122}[kind],
+        }],
+    }  # fmt: skip
+    data = (CORNERS * np.iinfo(kind).max).astype(kind).tobytes()
+    np.testing.assert_allclose(Accessors(header, [data]).values(0, (2,)), CORNERS)
+
+
+def test_sparse_values_replace_others() -> None:
+    data = np.array([1, 2], "<u2").tobytes() + np.array([[3, 0, 0], [0, 3, 0]], "<f4").tobytes()
+    header = {
+        "bufferViews": [{"buffer": 0, "byteLength": 4}, {"buffer": 0, "byteOffset": 4, "byteLength": 24}],
+        "accessors": [{
+            "count": 3, "type": "VEC3", "componentType": 5126,
+            "sparse": {"count": 2, "indices": {"bufferView": 0, "componentType": 5123}, "values": {"bufferView": 1}},
+        }],
+    }  # fmt: skip
+    assert Accessors(header, [data]).values(0, (3,)).tolist() == [[0, 0, 0], [3, 0, 0], [0, 3, 0]]
+    header["accessors"][0]["sparse"]["count"] = 9
+    with pytest.raises(FieldFault, match=r"sparse\.count"):
+        Accessors(header, [data]).values(0, (3,))

@@ -111,7 +111,7 @@ def make_frames(part: Path, source: Source, wanted: int | None) -> None:
     rows = []
     with progress_bar("writing frames", n) as told_done:
         for frame in source.frames():
-            told_done(frame.index, None)
+            told_done(frame.index + 1, None)
             if frame.index in set(chosen.tolist()):
                 rows.append(_write_frame(part / "frames", frame, source))
     document = {

@@ -46,6 +46,9 @@ def prepare_capture(options: Namespace) -> Failure | None:
         raise InputFault.at("--draw", "port", "a number from 0 to 65535", options.draw)
     if options.work is None:
         raise InputFault.at(options.scene, "--work", "a folder for frames, reconstruction and result", Words("none"))
+    for file in (options.instances, options.categories, options.detector_labels):
+        if file is not None and not file.exists():  # said now rather than after the reconstruction
+            raise InputFault.at(file, "file", "a readable file", Words("no such file"))
     return _prepare(options)
 
 

@@ -93,6 +93,7 @@ def matches(request: Request) -> dict[str, Any]:
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = 0
     matching = pycolmap.FeatureMatchingOptions(num_threads=request["threads"])
+    say({"done": 0, "of": len(pairs)})
     for start in range(0, len(pairs), PAIRS_AT_ONCE):
         some = pairs[start : start + PAIRS_AT_ONCE]
         listed.write_text("".join(f"{names[a]} {names[b]}\n" for a, b in some), encoding="utf-8")

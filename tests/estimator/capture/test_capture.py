@@ -254,6 +254,7 @@ def _copy_with_focal(file: Path, folder: Path, millimetres: int) -> None:
         (["room.mp4", "--work", "w", "--focal", "-3"], "--focal"),
         (["room.mp4", "--work", "w", "--camera-model", "BOX"], "--camera-model"),
         (["empty.mp4", "--work", "w"], "empty.mp4: video"),
+        (["room.mp4", "--work", "w", "--instances", "none.json"], "none.json: file"),
         (["none.mp4", "--work", "w"], "none.mp4: video"),
     ],
 )

@@ -45,3 +45,12 @@ def test_a_loop_is_tried_where_frames_far_apart_agree() -> None:
     # at most six partners, four frames apart, are tried for a frame that looks like all others
     alike = set(chosen_pairs(np.full((n, n), 100, dtype=np.int64), in_order=True)) - without
     assert 0 < len(alike) <= 6 * n
+
+
+def test_pictures_in_any_order_are_matched_with_those_that_look_alike() -> None:
+    n = 110
+    scores = np.zeros((n, n), dtype=np.int64)
+    scores[7, 90:] = scores[90:, 7] = 40
+    of_seven = {pair for pair in chosen_pairs(scores, in_order=False) if 7 in pair}
+    assert {(7, k) for k in range(90, 108)} <= of_seven  # eighteen at most, next to each other or not
+    assert (7, 109) in of_seven  # the seventh of the last is this one, too

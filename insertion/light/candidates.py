@@ -37,11 +37,13 @@ UPRIGHT = 0.3
 #: Irradiance of a lamp of strength 1 at an ordinary place, in 1 / diagonal^2: a third of a diagonal away.
 USUAL = 10.0
 #: Lamps that are tried about a place, and one sigma of how their direction tilts.
-NEARBY, TILT = 10, 0.35
+NEARBY, TILT = 16, 0.35
 #: No lamp is nearer to a surface than this, in diagonals.
 NEAREST = 0.04
-#: How far from the middle of a cell its spots are, in sides of the cell.
+#: How far from the middle of a cell its spots are, in sides of the cell; how many are asked for lamps all over a room,
+#: of which only the order matters, for lamps about a place, and for the share of a cell that is lit.
 SPOT = 0.3
+SPOTS_ALL_OVER, SPOTS_NEAR, SPOTS = 1, 2, 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +86,7 @@ def candidates_in(
     places, facing = grid @ basis, facing @ basis
     standing = ~facing.any(axis=1) & (grid[:, 2] < low[2] + OVERHEAD * (high[2] - low[2]))
     odds = np.where(standing, STANDING, 0.0)
-    light = lamp_irradiance(patches, places, facing, occupancy)
+    light = lamp_irradiance(patches, places, facing, occupancy, SPOTS_ALL_OVER)
     return Candidates(places, facing, light, odds, float(steps[0][1] - steps[0][0]), basis, barred)
 
 
@@ -110,7 +112,7 @@ def candidates_near(
     odds = np.tile(np.where(_where_barred(all_over, places), -np.inf, 0.0), len(ways))
     odds[0] = 0.0
     places, directions = np.tile(places, (len(ways), 1)), np.concatenate(ways)
-    light = lamp_irradiance(patches, places, directions, occupancy)
+    light = lamp_irradiance(patches, places, directions, occupancy, SPOTS_NEAR)
     return Candidates(places, directions, light, odds, all_over.spacing, all_over.basis, all_over.barred)
 
 
@@ -125,9 +127,12 @@ def _where_barred(candidates: Candidates, places: FloatArray) -> BoolArray:
 
 
 def lamp_irradiance(
-    patches: Patches, places: FloatArray, facing: FloatArray, occupancy: Occupancy | None
+    patches: Patches, places: FloatArray, facing: FloatArray, occupancy: Occupancy | None, spots: int = SPOTS
 ) -> FloatArray:
-    """(c, n) irradiance of lamps at places with directions (c, 3) and a strength of 1 on the cells."""
+    """(c, n) irradiance of lamps at places with directions (c, 3) and a strength of 1 on the cells.
+
+    spots : of each cell that are asked whether they see a lamp.
+    """
     away = places[:, None] - patches.places  # (c, n, 3)
     distance = np.maximum(np.linalg.norm(away, axis=-1), NEAREST * patches.diagonal)
     cosine = np.maximum(np.einsum("cnk,nk->cn", away, patches.normals) / distance, 0.0)
@@ -137,19 +142,20 @@ def lamp_irradiance(
     if occupancy is None:
         return np.asarray(irradiance)
     alone, row = np.unique(places, axis=0, return_inverse=True)
-    return np.asarray(irradiance * open_share(patches, occupancy, alone)[row.ravel()])
+    return np.asarray(irradiance * open_share(patches, occupancy, alone, spots)[row.ravel()])
 
 
-def open_share(patches: Patches, occupancy: Occupancy, places: FloatArray) -> FloatArray:
-    """(c, n) share of each cell that a lamp at each of (c, 3) places reaches, by four spots in the cell."""
+def open_share(patches: Patches, occupancy: Occupancy, places: FloatArray, spots: int = SPOTS) -> FloatArray:
+    """(c, n) share of each cell that a lamp at each of (c, 3) places reaches: of its middle, or of 2 or 4 `spots`."""
     normals = patches.normals
     seed = np.where(np.abs(normals[:, :1]) < 0.8, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     across = np.cross(normals, seed)
     across *= SPOT * CELL * patches.diagonal / np.linalg.norm(across, axis=1, keepdims=True)
     along = np.cross(normals, across)
-    spots = np.stack([patches.places + k * across + m * along for k, m in ((-1, 0), (1, 0), (0, -1), (0, 1))], axis=1)
-    shown = occupancy.open_segments(spots.reshape(-1, 3), np.repeat(normals, 4, axis=0), places)
-    return np.asarray(shown.reshape(len(places), -1, 4).mean(axis=-1))
+    ways = [(0, 0)] if spots == 1 else [(-0.7, -0.7), (0.7, 0.7)] if spots == 2 else [(-1, 0), (1, 0), (0, -1), (0, 1)]
+    at = np.stack([patches.places + k * across + m * along for k, m in ways], axis=1)
+    shown = occupancy.open_segments(at.reshape(-1, 3), np.repeat(normals, len(ways), axis=0), places)
+    return np.asarray(shown.reshape(len(places), -1, len(ways)).mean(axis=-1))
 
 
 def _with_facing(grid: FloatArray, steps: list[FloatArray], levels: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -59,22 +59,21 @@ def environment_at(
         lit = _raise_top(_fill(shown, seen), seen, _white_level(samples), toward)
     else:
         rest = _with_unseen(_fill(shown, seen), seen, shading.unseen)
-        return _with_lamps(rest, seen, place.basis, _spots(shading.lamps, middle, rest))
+        return _with_lamps(rest, seen, place.basis, _spots(shading.lamps, middle))
     return Environment(lit.astype(np.float32), place.basis, seen.astype(np.float32))
 
 
-def _spots(lamps: Sequence[Lamp], middle: FloatArray, rest: FloatArray) -> LampSpots:
-    """The lamps' places with what they send towards `middle` (3,); rest : (h, w, 3) radiance without them."""
-    white = np.einsum("hw,hwc->c", np.broadcast_to(solid_angles()[:, None], rest.shape[:2]), rest)
-    colour = white / max(float(luminance(white)), 1e-9)
+def _spots(lamps: Sequence[Lamp], middle: FloatArray) -> LampSpots:
+    """The lamps' places with what they send towards `middle` (3,)."""
     powers = []
     for lamp in lamps:
         away = lamp.places - middle
         shone = np.maximum(-(away * lamp.facing).sum(axis=1) / np.maximum(np.linalg.norm(away, axis=1), 1e-9), 0.0)
-        powers.append(lamp.weights * lamp.strengths * np.where(lamp.facing.any(axis=1), shone, 1.0))
+        power = lamp.weights * lamp.strengths * np.where(lamp.facing.any(axis=1), shone, 1.0)
+        powers.append(power[:, None] * lamp.colour)
     sizes = [np.full(len(lamp.places), lamp.size) for lamp in lamps]
     places = np.concatenate([lamp.places for lamp in lamps])
-    return LampSpots(places, np.concatenate(powers)[:, None] * colour, np.concatenate(sizes), middle)
+    return LampSpots(places, np.concatenate(powers), np.concatenate(sizes), middle)
 
 
 def _with_lamps(rest: FloatArray, seen: FloatArray, basis: FloatArray, lamps: LampSpots) -> Environment:

@@ -9,10 +9,12 @@ fill the room; the best are moved about until they fit. The albedo of the lighte
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from insertion.light.candidates import (
     NEARBY,
@@ -24,6 +26,7 @@ from insertion.light.candidates import (
     lamp_irradiance,
     open_share,
 )
+from insertion.records.encoding import luminance
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.patches import Patches
 from metric_base.arrays import BoolArray, FloatArray
@@ -35,7 +38,7 @@ LEAST_CELLS, LEAST_PLANES = 60, 2
 #: Direct over ambient irradiance at an ordinary place: what is tried, and what is likely (log normal). In a closed room
 #: whose surfaces reflect 0.45 on average, the lamps' light is 1 / 0.45 - 1 = 1.2 times the rest over all surfaces: with
 #: one lamp that shines downwards in a room of ordinary proportions this ratio is then about 8, with two it is 4.
-RATIOS = np.geomspace(0.3, 25.0, 10)
+RATIOS = np.geomspace(0.3, 25.0, 7)
 RATIO_MIDDLE, RATIO_SIGMA = 4.0, 1.0
 #: Widths of the errors of cells' log luminance (texture, uneven ambient light): what is tried. Shadows whose edge is
 #: wrong make few large errors.
@@ -46,12 +49,15 @@ INDEPENDENT_CELLS = 60
 UNSEEN, UNSEEN_SIGMA = np.geomspace(0.5, 5.0, 9), 0.4
 #: One sigma of log albedo between walls (often painted alike) and between other planes.
 WALL_SIGMA, OTHER_SIGMA = 0.35, 0.8
-#: Lamps that a pair is built on.
-SEEDS = 8
+#: Lamps that a pair is built on, and the best of these pairs that are moved about for a few turns.
+SEEDS, TRIED, FEW_TURNS = 8, 4, 3
+#: One sigma of the logarithm of a lamp's colour over grey in each channel: a camera balances its white for the light of
+#: the scene, and not for each lamp of it. What is tried.
+TINT_SIGMA, TINTS = 0.2, np.linspace(-0.6, 0.6, 25)
 #: A further lamp must raise the log posterior by this.
 WORTH, MOST_LAMPS = 8.0, 3
 #: How often each lamp is moved, how much less far every time, and the ratios that are tried, over the last one.
-TURNS, SHRINK = 7, 0.7
+TURNS, SHRINK = 9, 0.72
 #: A lamp's place is known to this share of the candidates' spacing, and a cell is sure to be lit, or in shadow, if no
 #: more than this share of its spots and such places says otherwise.
 SURE_SPREAD, SURE = 0.3, 0.1
@@ -70,7 +76,8 @@ class Lamp:
 
     places : (c, 3) in the scene; facing : (c, 3) unit direction in which it shines most, by the cosine, or 0 where it
     shines alike to all sides; weights : (c,) summing to 1; strengths : (c,) such that the irradiance across the light
-    is strength / r^2; size : about the diameter of what a place stands for, scene units.
+    is strength / r^2; size : about the diameter of what a place stands for, scene units; colour : (3,) linear, of
+    luminance 1.
     """
 
     places: FloatArray
@@ -78,6 +85,7 @@ class Lamp:
     weights: FloatArray
     strengths: FloatArray
     size: float
+    colour: FloatArray = field(default_factory=lambda: np.ones(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,7 +120,8 @@ class _Planes:
     """What is explained: the cells, and what casts shadows on them.
 
     walls : (k,) whether each plane is upright; shown : (n,) irradiance of the cells by what the pictures show, over its
-    mean; missing : (n,) that of what they do not show if it were as bright as the rest; times : how bright it is.
+    mean; missing : (n,) that of what they do not show if it were as bright as the rest; times : how bright it is;
+    tint : (n, 3) colour of the ambient light over its luminance.
     """
 
     patches: Patches
@@ -122,6 +131,7 @@ class _Planes:
     missing: FloatArray
     unit: float
     times: float = 1.0
+    tint: FloatArray | None = None
 
     def ambient(self, times: float) -> FloatArray:
         """(n,) ambient irradiance on the cells."""
@@ -134,10 +144,13 @@ def _planes(patches: Patches, up: FloatArray, occupancy: Occupancy | None) -> _P
     walls = np.asarray(np.abs(patches.normals[first] @ up) < UPRIGHT)
     if occupancy is None:
         return _Planes(patches, None, walls, np.zeros(len(patches.plane)), np.ones(len(patches.plane)), np.nan)
-    shown, missing = occupancy.gathered_light(patches.places, patches.normals)
-    bright = shown.sum() / max(float((1 - missing).sum()), 1e-9)  # pi times the mean radiance of what is shown
+    colours, missing = occupancy.gathered_light(patches.places, patches.normals)
+    mean = colours.sum(axis=0) / max(float((1 - missing).sum()), 1e-9)  # pi times the mean radiance of what is shown
+    whole = colours + missing[:, None] * mean
+    tint = whole / np.maximum(luminance(whole), 1e-12)[:, None]
+    shown, bright = luminance(colours).astype(np.float64), float(luminance(mean))
     unit = float((shown + bright * missing).mean())
-    return _Planes(patches, occupancy, walls, shown / unit, bright * missing / unit, unit)
+    return _Planes(patches, occupancy, walls, shown / unit, bright * missing / unit, unit, tint=np.asarray(tint))
 
 
 def fit_shading(
@@ -163,9 +176,33 @@ def fit_shading(
     white = _by_albedo(planes, lamps)
     ambient, times = (white, 1.0) if occupancy is None else (planes.unit, _lamps_times(planes, lamps, white))
     unit = times * ambient * patches.diagonal**2
-    scaled = [replace(fitted.lamp, strengths=fitted.lamp.strengths * unit) for fitted in lamps]
+    scaled = [
+        replace(fitted.lamp, strengths=fitted.lamp.strengths * unit, colour=colour)
+        for fitted, colour in zip(lamps, _lamp_colours(planes, lamps), strict=True)
+    ]
     bright = float((planes.missing.sum() + planes.shown.sum()) / len(planes.shown)) / np.pi * ambient
     return Shading(ambient, bright * planes.times, tuple(scaled))
+
+
+def _lamp_colours(planes: _Planes, lamps: list[_Fitted]) -> list[FloatArray]:
+    """(3,) colour of each lamp, of luminance 1: how the colour of a plane changes from shadow to light says it.
+
+    The ambient light has the colour of what the pictures show. Each channel is fitted alone, the lamps in turn.
+    """
+    if planes.patches.hue is None or planes.tint is None:
+        return [np.ones(3) for _ in lamps]
+    logs = np.zeros((len(lamps), 3))
+    for channel in range(3):
+        own = planes.patches.log_luminance + planes.patches.hue[:, channel]
+        ambient = planes.ambient(planes.times) * planes.tint[:, channel]
+        for turn in range(2 * len(lamps)):
+            number = turn % len(lamps)
+            others = [np.exp(logs[k, channel]) * lamps[k].irradiance for k in range(len(lamps)) if k != number]
+            fields = ambient + sum(others, np.zeros(len(ambient)))
+            fields = fields + np.exp(TINTS)[:, None] * lamps[number].irradiance
+            scores = _scores(planes, fields, own) - 0.5 * (TINTS / TINT_SIGMA) ** 2
+            logs[number, channel] = TINTS[int(scores.argmax())]
+    return [np.exp(row) / float(luminance(np.exp(row))) for row in logs]
 
 
 def _lamps(planes: _Planes, candidates: Candidates) -> tuple[list[_Fitted], _Planes]:
@@ -173,8 +210,10 @@ def _lamps(planes: _Planes, candidates: Candidates) -> tuple[list[_Fitted], _Pla
     score = float(_scores(planes, planes.ambient(planes.times)[None])[0])
     lamps: list[_Fitted] = []
     while len(lamps) < MOST_LAMPS:
-        more = _best_pair(planes, candidates) if len(lamps) == 1 else lamps
-        more = [*more, _best_lamp(planes, candidates, more, RATIOS)] if len(lamps) != 1 else more
+        if len(lamps) == 1:
+            more = _best_pair(planes, candidates)
+        else:
+            more = [*lamps, _best_lamp(planes, candidates, lamps, RATIOS)]
         more, changed = _polish(more, planes, candidates)
         if more[-1].score < score + WORTH * bool(lamps):
             break
@@ -199,7 +238,9 @@ def _best_pair(planes: _Planes, candidates: Candidates) -> list[_Fitted]:
         ratio = float(RATIOS[RATIOS >= RATIO_MIDDLE][scores[row, RATIOS >= RATIO_MIDDLE].argmax()])
         one = _lamp_of_row(candidates, row, ratio, scores, RATIOS)
         pairs.append([one, _best_lamp(planes, candidates, [one], RATIOS)])
-    return max(pairs, key=lambda pair: pair[1].score)
+    pairs.sort(key=lambda pair: -pair[1].score)
+    tried = [_polish(pair, planes, candidates, FEW_TURNS)[0] for pair in pairs[:TRIED]]
+    return max(tried, key=lambda pair: pair[1].score)
 
 
 def _polish_sure(
@@ -230,10 +271,12 @@ def _on_cells(fitted: _Fitted, planes: _Planes) -> _Fitted:
     return replace(fitted, irradiance=fitted.ratio * light)
 
 
-def _polish(lamps: list[_Fitted], planes: _Planes, candidates: Candidates) -> tuple[list[_Fitted], _Planes]:
+def _polish(
+    lamps: list[_Fitted], planes: _Planes, candidates: Candidates, turns: int = TURNS
+) -> tuple[list[_Fitted], _Planes]:
     """The lamps moved about, one after another, ever less far: shadows say where they are to a hand's breadth."""
     generator = np.random.default_rng(0)
-    for turn in range(TURNS * len(lamps)):
+    for turn in range(turns * len(lamps)):
         number = turn % len(lamps)
         if number == 0:
             planes = _with_unseen(lamps, planes)
@@ -242,7 +285,7 @@ def _polish(lamps: list[_Fitted], planes: _Planes, candidates: Candidates) -> tu
         near = candidates_near(candidates, old.place, old.facing, spread, planes.patches, planes.occupancy, generator)
         new = _best_lamp(planes, near, others, old.ratio * LOCAL_RATIOS)
         lamps = [*others[:number], new, *others[number:]]
-    last = lamps[(TURNS * len(lamps) - 1) % len(lamps)].score
+    last = lamps[-1].score
     return [replace(fitted, score=last) for fitted in lamps], planes
 
 
@@ -291,26 +334,31 @@ def _field(lamps: list[_Fitted], planes: _Planes) -> FloatArray:
     return np.asarray(planes.ambient(planes.times) + sum(fitted.irradiance for fitted in lamps))
 
 
-def _scores(planes: _Planes, fields: FloatArray) -> FloatArray:
-    """(c,) log posterior of fields (c, n) of irradiance over the ambient one."""
+def _scores(planes: _Planes, fields: FloatArray, values: FloatArray | None = None) -> FloatArray:
+    """(c,) log posterior of fields (c, n) of irradiance over the ambient one.
+
+    values : (n,) log radiance that they explain, the luminance without.
+    """
     plane, walls = planes.patches.plane, planes.walls
-    rest = planes.patches.log_luminance - np.log(fields)  # (c, n)
+    own = planes.patches.log_luminance if values is None else values
+    rest = (own - np.log(fields)).astype(np.float32)  # (c, n)
     albedos = []
-    for number in range(len(walls)):
-        middle = np.median(rest[:, plane == number], axis=1)
-        rest[:, plane == number] -= middle[:, None]
+    ends = np.searchsorted(plane, np.arange(len(walls) + 1))
+    for start, end in itertools.pairwise(ends):
+        middle = np.partition(rest[:, start:end], (end - start) // 2, axis=1)[:, (end - start) // 2]
+        rest[:, start:end] -= middle[:, None]
         albedos.append(middle)
     total = min(INDEPENDENT_CELLS, len(plane)) * _log_likelihood(rest)
-    albedo = np.array(albedos)  # (k, c)
+    albedo = np.array(albedos, dtype=np.float64)  # (k, c)
     for kind, sigma in ((walls, WALL_SIGMA), (np.ones(len(walls), dtype=bool), OTHER_SIGMA)):
         if kind.sum() > 1:
             total -= 0.5 * (((albedo[kind] - albedo[kind].mean(axis=0)) / sigma) ** 2).sum(axis=0)
     return total
 
 
-def _log_likelihood(errors: FloatArray) -> FloatArray:
+def _log_likelihood(errors: NDArray[np.float32]) -> FloatArray:
     """(c,) mean log likelihood of errors (c, n) under the Cauchy distribution of the width that explains them best."""
-    squares = np.square(errors, dtype=np.float32)
+    squares = np.square(errors)
     each = [np.log1p(squares / np.float32(width**2)).mean(axis=1) + np.log(width) for width in CELL_WIDTHS]
     return np.asarray(-np.min(each, axis=0), dtype=np.float64)
 

@@ -21,6 +21,8 @@ TILE = 320
 #: Pixels along the map of light on the plane, and how far it reaches, in heights of the object over its foot.
 MAP_PIXELS = 512
 MAP_HEIGHTS = 3.0
+#: Pixels along the same map of the light without the object, which changes slowly.
+OPEN_PIXELS = 32
 #: A part with alpha blending casts a shadow if it hides at least half.
 CASTING_ALPHA = 0.5
 
@@ -96,18 +98,21 @@ def plane_map(
     reach = float(np.abs(corners @ basis[:2].T).max() + MAP_HEIGHTS * max((corners @ basis[2]).max(), 0.05))
     local = lights.directions @ basis.T  # (n, 3) along the plane's axes
     blocked = context.texture((MAP_PIXELS, MAP_PIXELS), 1, dtype="f1")
-    lost, total = (context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f4") for _ in range(2))
-    flat, sums = context.framebuffer([blocked]), context.framebuffer([lost, total])
+    lost = context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f4")
+    flat, sums = context.framebuffer([blocked]), context.framebuffer([lost])
     weigh = context.program(vertex_shader=shader("full.vert"), fragment_shader=shader("weigh.frag"))
     weigh["reach"].value = reach
     quad = context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
     cover = context.vertex_array(weigh, [(quad, "2f", "corner")])
     sums.clear()
+    ends = np.stack(np.meshgrid(*zip(corners.min(axis=0), corners.max(axis=0), strict=True)), axis=-1).reshape(-1, 3)
     for direction, near, power, back in zip(local, lights.near, lights.power, returned, strict=True):
+        matrix = _shadow_matrix(direction, float(near), basis, reach)
+        flat.scissor = sums.scissor = _part_of_map(matrix, ends)
         flat.use()
         context.disable(context.DEPTH_TEST | context.BLEND)
         flat.clear()
-        _cast(program, parts, _shadow_matrix(direction, float(near), basis, reach))
+        _cast(program, parts, matrix)
         sums.use()
         context.enable(context.BLEND)
         context.blend_func = context.ONE, context.ONE
@@ -116,14 +121,34 @@ def plane_map(
         weigh["power"].value, weigh["returned"].value = tuple(map(float, power)), tuple(map(float, back))
         cover.render(mode=context.TRIANGLE_STRIP)
     context.disable(context.BLEND)
-    missing, whole = (
-        np.frombuffer(sums.read(components=3, attachment=k, dtype="f4"), "f4").reshape(MAP_PIXELS, MAP_PIXELS, 3)
-        for k in range(2)
-    )
-    share = 1 - missing / np.maximum(whole, 1e-12)
-    for thing in (cover, quad, weigh, flat, sums, blocked, lost, total):
+    missing = np.frombuffer(sums.read(components=3, dtype="f4"), "f4").reshape(MAP_PIXELS, MAP_PIXELS, 3)
+    share = 1 - missing / np.maximum(_open_light(local, lights, reach), 1e-12)
+    for thing in (cover, quad, weigh, flat, sums, blocked, lost):
         thing.release()
     return PlaneMap(np.clip(share, 0.0, 1.0).astype(np.float32), reach)
+
+
+def _open_light(directions: FloatArray, lights: Lights, reach: float) -> NDArray[np.float32]:
+    """(MAP_PIXELS, MAP_PIXELS, 3) irradiance of the plane without the object; directions : (n, 3) on its own axes."""
+    import cv2
+
+    at = ((np.arange(OPEN_PIXELS) + 0.5) / OPEN_PIXELS * 2 - 1) * reach
+    y, x = np.meshgrid(at, at, indexing="ij")
+    plane = np.stack([x, y, np.zeros_like(x)], axis=-1)[..., None, :]  # (p, p, 1, 3)
+    far = np.linalg.norm(directions - plane * lights.near[:, None], axis=-1)  # (p, p, n)
+    light = (directions[:, 2] / far**3) @ lights.power
+    return np.asarray(cv2.resize(light.astype(np.float32), (MAP_PIXELS, MAP_PIXELS), interpolation=cv2.INTER_LINEAR))
+
+
+def _part_of_map(matrix: FloatArray, ends: FloatArray) -> tuple[int, int, int, int]:
+    """Pixels (x, y, width, height) of the map that `matrix` (4, 4) may darken; ends : (8, 3) of a box of what casts."""
+    clip = np.column_stack([ends, np.ones(len(ends))]) @ matrix.T
+    if (clip[:, 3] < 1e-3 * matrix[3, 3]).any():
+        return 0, 0, MAP_PIXELS, MAP_PIXELS
+    at = (clip[:, :2] / clip[:, 3:] * 0.5 + 0.5) * MAP_PIXELS
+    low = np.clip(np.floor(at.min(axis=0)) - 2, 0, MAP_PIXELS).astype(int)
+    high = np.clip(np.ceil(at.max(axis=0)) + 2, low, MAP_PIXELS).astype(int)
+    return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
 
 
 def _shadow_matrix(direction: FloatArray, near: float, basis: FloatArray, reach: float) -> FloatArray:

@@ -34,7 +34,8 @@ class Patches:
     """Cells of planes.
 
     places, normals : (n, 3), normals towards the cameras; log_luminance : (n,) median over the cell's points;
-    plane : (n,) number of the cell's plane; diagonal : of the scene, its unit of length.
+    plane : (n,) number of the cell's plane, in order; diagonal : of the scene, its unit of length; hue : (n, 3) log of
+    the linear colour over the luminance, median over the cell's points, 0 where it is not known.
     """
 
     places: FloatArray
@@ -42,12 +43,14 @@ class Patches:
     log_luminance: FloatArray
     plane: IntArray
     diagonal: float
+    hue: FloatArray | None = None
 
     def cells(self, kept: BoolArray) -> Patches:
         """Some of the cells (n,), their planes numbered anew; planes of less than three of them are left out."""
         kept = kept & (np.bincount(self.plane[kept], minlength=int(self.plane.max()) + 1)[self.plane] >= 3)
         plane = np.unique(self.plane[kept], return_inverse=True)[1]
-        return Patches(self.places[kept], self.normals[kept], self.log_luminance[kept], plane, self.diagonal)
+        hue = None if self.hue is None else self.hue[kept]
+        return Patches(self.places[kept], self.normals[kept], self.log_luminance[kept], plane, self.diagonal, hue)
 
 
 def plane_patches(cloud: Cloud, centres: FloatArray) -> Patches:
@@ -57,16 +60,17 @@ def plane_patches(cloud: Cloud, centres: FloatArray) -> Patches:
         rows = np.flatnonzero((bright > LUMINANCES[0]) & (cloud.colours.max(axis=1) < LUMINANCES[1]))
     rows = rows[:: max(1, len(rows) // MAX_POINTS)]
     points, light = cloud.points[rows], np.log(bright[rows].astype(np.float64))
-    hue = np.log(np.maximum(cloud.colours[rows], 1e-3).astype(np.float64))
-    hue = hue[:, [0, 2]] - hue[:, 1:2]  # (n, 2) red and blue over green
+    colour = np.log(np.maximum(cloud.colours[rows], 1e-3).astype(np.float64))
+    hue = colour[:, [0, 2]] - colour[:, 1:2]  # (n, 2) red and blue over green
     if len(points) < 10 * NEIGHBOURS:
         empty = np.empty((0, 3))
         return Patches(empty, empty, np.empty(0), np.empty(0, dtype=np.int64), 1.0)
     diagonal = float(np.linalg.norm(np.ptp(np.percentile(points, [2, 98], axis=0), axis=0)))
     normals, flat = _normals(points, centres.mean(axis=0))
     points, normals, light, hue = points[flat], normals[flat], light[flat], hue[flat]
+    values = np.column_stack([light, colour[flat] - light[:, None]])
     cells = [
-        _cells(points[rows], normal, light[rows], CELL * diagonal)
+        _cells(points[rows], normal, values[rows], CELL * diagonal)
         for normal, on in _planes(points, normals, THICK * diagonal)
         for rows in _of_one_hue(hue, on)
     ]
@@ -76,7 +80,7 @@ def plane_patches(cloud: Cloud, centres: FloatArray) -> Patches:
         return Patches(empty, empty, np.empty(0), np.empty(0, dtype=np.int64), diagonal)
     plane = np.concatenate([np.full(len(cell[1]), number) for number, cell in enumerate(cells)])
     places, values, facing = (np.concatenate([cell[k] for cell in cells]) for k in range(3))
-    return Patches(places, facing, values, plane, diagonal)
+    return Patches(places, facing, values[:, 0], plane, diagonal, values[:, 1:])
 
 
 def _normals(points: FloatArray, eye: FloatArray) -> tuple[FloatArray, BoolArray]:
@@ -128,7 +132,7 @@ def _of_one_hue(hue: FloatArray, rows: IntArray) -> list[IntArray]:
 def _cells(
     points: FloatArray, normal: FloatArray, light: FloatArray, side: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(m, 3) middles, (m,) median log luminances and (m, 3) normals of the cells of one plane."""
+    """(m, 3) middles, (m, k) medians of the points' values (n, k) and (m, 3) normals of the cells of one plane."""
     across = np.cross(normal, [1.0, 0, 0] if abs(normal[0]) < 0.8 else [0, 1.0, 0])
     across /= np.linalg.norm(across)
     flat = points @ np.column_stack([across, np.cross(normal, across)])
@@ -137,5 +141,5 @@ def _cells(
     parts = np.split(order, np.cumsum(np.bincount(cell.ravel()))[:-1])
     parts = [part for part in parts if len(part) >= CELL_POINTS]
     places = np.array([points[part].mean(axis=0) for part in parts]).reshape(-1, 3)
-    values = np.array([np.median(light[part]) for part in parts])
+    values = np.array([np.median(light[part], axis=0) for part in parts]).reshape(-1, light.shape[1])
     return places, values, np.broadcast_to(normal, places.shape)

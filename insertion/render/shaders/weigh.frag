@@ -1,5 +1,5 @@
 #version 330
-// Adds one light's share of the plane, and what is lost of it where the object stands between the light and the plane.
+// Adds what the plane loses of one light where the object stands between the light and the plane.
 uniform sampler2D blocked;
 uniform vec3 direction;  // towards the light, along the plane's axes, from the object's foot
 uniform float near;      // one over the light's distance
@@ -7,8 +7,7 @@ uniform float reach;     // half the side of the map
 uniform vec3 power;      // irradiance across the light at the foot
 uniform vec3 returned;   // what the object sends instead, over the cosine
 in vec2 v_at;
-layout(location = 0) out vec4 lost;
-layout(location = 1) out vec4 whole;
+out vec4 lost;
 
 void main() {
     vec2 at = (v_at * 2.0 - 1.0) * reach;
@@ -16,5 +15,4 @@ void main() {
     float far = length(away);
     vec3 weight = power * direction.z / (far * far * far);
     lost = vec4((weight - min(returned * direction.z, weight)) * texture(blocked, v_at).r, 1.0);
-    whole = vec4(weight, 1.0);
 }

@@ -45,15 +45,16 @@ RATIO_MIDDLE, RATIO_SIGMA = 4.0, 1.0
 CELL_WIDTHS = np.geomspace(0.03, 0.4, 6)
 #: Neighbouring cells err alike: all cells together count as so many.
 INDEPENDENT_CELLS = 60
-#: Radiance of what no picture shows over the mean of the rest: what is tried, and one sigma of its logarithm.
-UNSEEN, UNSEEN_SIGMA = np.geomspace(0.5, 5.0, 9), 0.4
+#: Radiance of what no picture shows over the mean of the rest: what is tried, its middle, one sigma of its logarithm.
+#: It is the ceiling above all, which reflects 0.75 where the other surfaces reflect 0.45 on average.
+UNSEEN, UNSEEN_MIDDLE, UNSEEN_SIGMA = np.geomspace(0.5, 5.0, 9), 1.6, 0.3
 #: One sigma of log albedo between walls (often painted alike) and between other planes.
 WALL_SIGMA, OTHER_SIGMA = 0.35, 0.8
 #: Lamps that a pair is built on, and the best of these pairs that are moved about for a few turns.
 SEEDS, TRIED, FEW_TURNS = 8, 4, 3
 #: One sigma of the logarithm of a lamp's colour over grey in each channel: a camera balances its white for the light of
 #: the scene, and not for each lamp of it. What is tried.
-TINT_SIGMA, TINTS = 0.2, np.linspace(-0.6, 0.6, 25)
+TINT_SIGMA, TINTS = 0.12, np.linspace(-0.6, 0.6, 25)
 #: A further lamp must raise the log posterior by this.
 WORTH, MOST_LAMPS = 8.0, 3
 #: How often each lamp is moved, how much less far every time, and the ratios that are tried, over the last one.
@@ -181,7 +182,7 @@ def fit_shading(
         for fitted, colour in zip(lamps, _lamp_colours(planes, lamps), strict=True)
     ]
     bright = float((planes.missing.sum() + planes.shown.sum()) / len(planes.shown)) / np.pi * ambient
-    return Shading(ambient, bright * planes.times, tuple(scaled))
+    return Shading(ambient * float(planes.ambient(planes.times).mean()), bright * planes.times, tuple(scaled))
 
 
 def _lamp_colours(planes: _Planes, lamps: list[_Fitted]) -> list[FloatArray]:
@@ -279,7 +280,7 @@ def _polish(
     for turn in range(turns * len(lamps)):
         number = turn % len(lamps)
         if number == 0:
-            planes = _with_unseen(lamps, planes)
+            lamps, planes = _balance_lamps(lamps, planes)
         old, others = lamps[number], lamps[:number] + lamps[number + 1 :]
         spread = candidates.spacing * SHRINK ** (turn // len(lamps))
         near = candidates_near(candidates, old.place, old.facing, spread, planes.patches, planes.occupancy, generator)
@@ -289,16 +290,24 @@ def _polish(
     return [replace(fitted, score=last) for fitted in lamps], planes
 
 
-def _with_unseen(lamps: list[_Fitted], planes: _Planes) -> _Planes:
-    """The planes with the brightness of what is not shown that explains them best beside the lamps."""
+def _balance_lamps(lamps: list[_Fitted], planes: _Planes) -> tuple[list[_Fitted], _Planes]:
+    """The lamps, all brighter or darker, with the brightness of what is not shown: what explains the planes best.
+
+    The two go together: a stronger lamp beside more light from everywhere leaves shadows as they are.
+    """
     direct = sum((fitted.irradiance for fitted in lamps), np.zeros(len(planes.shown)))
-    scores = _scores(planes, np.array([planes.ambient(times) for times in UNSEEN]) + direct)
-    return replace(planes, times=float(UNSEEN[int((scores + _unseen_prior(UNSEEN)).argmax())]))
+    factor, times = (grid.ravel() for grid in np.meshgrid(LOCAL_RATIOS, UNSEEN))
+    scores = _scores(planes, planes.shown + times[:, None] * planes.missing + factor[:, None] * direct)
+    scores = scores + _unseen_prior(times) + sum(_ratio_prior(factor * fitted.ratio) for fitted in lamps)
+    best = int(scores.argmax())
+    by = float(factor[best])
+    brighter = [replace(fitted, irradiance=by * fitted.irradiance, ratio=by * fitted.ratio) for fitted in lamps]
+    return brighter, replace(planes, times=float(times[best]))
 
 
 def _unseen_prior(times: FloatArray | float) -> FloatArray:
     """Log prior, of any shape, of how bright what is not shown is."""
-    return np.asarray(-0.5 * (np.log(times) / UNSEEN_SIGMA) ** 2)
+    return np.asarray(-0.5 * (np.log(times / UNSEEN_MIDDLE) / UNSEEN_SIGMA) ** 2)
 
 
 def _best_lamp(planes: _Planes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> _Fitted:

@@ -19,7 +19,7 @@ __all__ = ["Caster", "PlaneMap", "light_axes", "plane_map", "shadow_atlas"]
 #: Pixels along one light's shadow map.
 TILE = 320
 #: Pixels along the map of light on the plane, and how far it reaches, in heights of the object over its foot.
-MAP_PIXELS = 512
+MAP_PIXELS = 768
 MAP_HEIGHTS = 3.0
 #: Pixels along the same map of the light without the object, which changes slowly.
 OPEN_PIXELS = 32
@@ -106,8 +106,11 @@ def plane_map(
     cover = context.vertex_array(weigh, [(quad, "2f", "corner")])
     sums.clear()
     ends = np.stack(np.meshgrid(*zip(corners.min(axis=0), corners.max(axis=0), strict=True)), axis=-1).reshape(-1, 3)
-    for direction, near, power, back in zip(local, lights.near, lights.power, returned, strict=True):
+    for number, (direction, near, power, back) in enumerate(
+        zip(local, lights.near, lights.power, returned, strict=True)
+    ):
         matrix = _shadow_matrix(direction, float(near), basis, reach)
+        matrix[:2] += _shift(number)[:, None] * matrix[3]
         flat.scissor = sums.scissor = _part_of_map(matrix, ends)
         flat.use()
         context.disable(context.DEPTH_TEST | context.BLEND)
@@ -138,6 +141,11 @@ def _open_light(directions: FloatArray, lights: Lights, reach: float) -> NDArray
     far = np.linalg.norm(directions - plane * lights.near[:, None], axis=-1)  # (p, p, n)
     light = (directions[:, 2] / far**3) @ lights.power
     return np.asarray(cv2.resize(light.astype(np.float32), (MAP_PIXELS, MAP_PIXELS), interpolation=cv2.INTER_LINEAR))
+
+
+def _shift(number: int) -> FloatArray:
+    """(2,) part of a pixel by which the shadow of a light is moved: the sum of all then has smooth edges."""
+    return np.asarray(np.mod(number * np.array([0.7548777, 0.5698403]), 1.0) * 2 - 1) / MAP_PIXELS
 
 
 def _part_of_map(matrix: FloatArray, ends: FloatArray) -> tuple[int, int, int, int]:

@@ -87,6 +87,8 @@ def _draw(picture: NDArray[np.uint8], pixels: FloatArray, number: int) -> None:
     colour = _COLOURS[number % len(_COLOURS)]
     ring = pixels.round().astype(np.int32)
     x, y = (int(value) for value in pixels.mean(axis=0))
+    if np.ptp(ring[:, 1]) < 26 * thin:  # the number does not fit: above the ring
+        y = int(ring[:, 1].min()) - 14 * thin
     for shade, width in (((0, 0, 0), 4 * thin), (colour, 2 * thin)):  # dark edges show on a light floor, too
         cv2.polylines(picture, [ring], True, shade, width, cv2.LINE_AA)
         cv2.putText(

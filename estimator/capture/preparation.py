@@ -80,8 +80,8 @@ def _prepare(options: Namespace) -> Failure | None:
 def _dense_of(options: Namespace) -> str | None:
     """The cloud to measure from: in a work folder none but one that is named.
 
-    The dense points of a work folder are for what is drawn. Measured from them, a made room gave the same scale as from
-    its sparse points, and `tum_office` one that was 6 % lower.
+    The dense points of a work folder are for what is drawn. They have been better and worse than the sparse ones
+    (docs/evidence/films.md), on too few scenes to be the default.
     """
     if options.dense not in (None, "auto"):
         return str(options.dense)

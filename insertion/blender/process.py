@@ -11,14 +11,18 @@ import os
 import shutil
 import subprocess
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from metric_base.faults import InputFault
+from metric_base.progress import progress_bar
 
 __all__ = ["VARIABLE", "blender_program", "run_blender"]
 
 VARIABLE = "METRIC_TREE_BLENDER"
+#: Seconds between two looks at what is done.
+POLL_S = 0.2
 _SCRIPT = Path(__file__).with_name("script.py")
 
 
@@ -41,8 +45,24 @@ def run_blender(job: Mapping[str, Any], folder: Path) -> None:
     file.write_text(json.dumps(job), encoding="utf-8")
     # Blender's Python must not see our packages
     clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
-    done = subprocess.run([*blender_program(), str(file)], capture_output=True, text=True, env=clean, check=False)
-    log = done.stdout + done.stderr
-    if done.returncode != 0 or "Traceback" in log:
+    status, log = _run([*blender_program(), str(file)], clean, folder, len(job["keys"]) if job.get("out") else 0)
+    if status != 0 or "Traceback" in log:
         last = next((line for line in reversed(log.splitlines()) if line.strip()), "no word")
-        raise InputFault(f"--renderer blender: Blender ended with status {done.returncode}: {last.strip()}")
+        raise InputFault(f"--renderer blender: Blender ended with status {status}: {last.strip()}")
+
+
+def _run(words: list[str], environment: Mapping[str, str], folder: Path, pictures: int) -> tuple[int, str]:
+    """The status of a program and what it said, with a bar that counts the pictures in its folder."""
+    file = folder / "log.txt"
+    with file.open("w", encoding="utf-8") as log, progress_bar("Cycles", pictures or None) as shown:
+        process = subprocess.Popen(words, stdout=log, stderr=subprocess.STDOUT, env=dict(environment))
+        try:
+            while process.poll() is None:
+                with suppress(subprocess.TimeoutExpired):
+                    process.wait(POLL_S)
+                shown(len(list(folder.glob("*.npy"))), None)
+        finally:  # Ctrl-C ends it, too
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+    return process.returncode, file.read_text(encoding="utf-8", errors="replace")

@@ -9,6 +9,7 @@ from tests.made.rooms.furnish import furnished_room
 from tests.made.rooms.kinds import KINDS
 from tests.made.rooms.knobs import Knobs
 from tests.made.rooms.layout import Footprint, apart
+from tests.made.rooms.render import Renderer
 from tests.made.rooms.street import street
 from tests.made.rooms.world import Placed, World
 
@@ -88,6 +89,13 @@ def test_a_street_has_parked_and_moving_traffic(seed: int) -> None:
     assert len(world.objects) > len(moving) + 4
     still = [thing for thing in world.objects if not np.any(thing.velocity)]
     assert all(hull_apart(a, b) for a, b in combinations(still, 2))
+
+
+def test_the_sky_is_nothing() -> None:
+    with Renderer(street(1002)) as renderer:
+        frame = renderer.frame(0)
+    assert np.isinf(frame.depth[0]).any()
+    assert not frame.ids[np.isinf(frame.depth)].any()
 
 
 def test_knobs_say_what_is_wrong() -> None:

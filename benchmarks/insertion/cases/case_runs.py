@@ -24,7 +24,7 @@ from insertion.staging.insert import Placed, place_objects
 from metric_base.arrays import BoolArray
 from tests.made.insertions import FilmedRoom, added
 from tests.made.rooms.render import Renderer
-from tests.made.rooms.similarity import Similarity, similarity_between
+from tests.made.rooms.similarity import Similarity
 from tests.made.rooms.solids import Mesh
 from tests.made.rooms.world import World
 
@@ -126,12 +126,22 @@ def command(module: str, words: list[Any]) -> tuple[int, dict[str, Any], float]:
 
 
 def work_similarity(film: Path, work: Path) -> Similarity:
-    """From true metres to the reconstruction of a work folder, by its camera centres."""
+    """From true metres to the reconstruction of a work folder: its cameras' directions, then their centres.
+
+    The centres of a straight drive alone would leave the turn about its line open.
+    """
     truth = json.loads((film / "truth.json").read_text(encoding="utf-8"))["frames"]
     views = read_scene(work).views
     rows = [truth[int(Path(view.name).stem)] for view in views]
-    true = np.array([-np.array(row["rotation"]).T @ row["translation"] for row in rows])
-    return similarity_between(true, np.array([view.centre for view in views]))
+    true = [np.array(row["rotation"]) for row in rows]
+    total = np.sum([view.rotation.T @ rotation for view, rotation in zip(views, true, strict=True)], axis=0)
+    left, _, right = np.linalg.svd(total)
+    turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    before = np.array([-rotation.T @ row["translation"] for rotation, row in zip(true, rows, strict=True)])
+    after = np.array([view.centre for view in views])
+    around, moved = (before - before.mean(axis=0)) @ turn.T, after - after.mean(axis=0)
+    scale = float((around * moved).sum() / (around**2).sum())
+    return Similarity(scale, turn, after.mean(axis=0) - scale * turn @ before.mean(axis=0))
 
 
 def mesh_of(model: Model, factor: float = 1.0) -> Mesh:
@@ -156,7 +166,7 @@ def drawn_heights(inserted: dict[str, Any]) -> dict[int, int]:
 
 
 def true_heights(
-    world: World, work: Path, to_scene: Similarity, placed: Placed, wanted: dict[int, int]
+    world: World, work: Path, to_scene: Similarity, placed: Placed, wanted: Mapping[int, float]
 ) -> dict[int, int]:
     """Rows of the same mesh at its true size at the same place, through the true cameras, where all of it is shown."""
     room = FilmedRoom(world, read_scene(work), (), work, to_scene)

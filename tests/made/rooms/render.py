@@ -18,6 +18,7 @@ from tests.made.rooms.world import Pinhole, Pose, World
 __all__ = ["Frame", "NoOpenGL", "Renderer"]
 
 NEAR, FAR = 0.05, 300.0
+SKY = (0.75, 0.82, 0.9)
 _SHADERS = Path(__file__).parent / "shaders"
 #: Samples a pixel in colour, so that edges look as a lens would draw them.
 _SAMPLES = 4
@@ -103,7 +104,8 @@ class Renderer:
     def _draw(self, target: Any) -> None:
         target.use()
         self._context.enable(self._context.DEPTH_TEST)
-        target.clear(0.75, 0.82, 0.9, 0.0)
+        # a clear fills all attachments: the sky's colour would be a number and a depth in the plain target
+        target.clear(*(SKY if target is self._smooth else (0.0, 0.0, 0.0)), 0.0)
         self._vertices.render()
 
     def _move(self, index: int) -> None:

@@ -20,6 +20,8 @@ __all__ = ["Lights", "environment_lights"]
 
 #: One sigma of the points of a lamp about its middle, in its diameters.
 LAMP_SIGMA = 0.35
+#: The map is cut by its energy plus so much of its mean everywhere.
+EVEN = 1.0
 #: A light is no nearer than so many radii of what it shines at, where its shadow map would need a wider angle.
 LEAST_RADII = 2.0
 
@@ -58,12 +60,12 @@ class Lights:
 
 
 def environment_lights(environment: Environment, cuts: int) -> Lights:
-    """At most 2 ** cuts lights with the energy of the environment; where it has lamps, half of them are theirs."""
+    """At most 2 ** cuts lights with the energy of the environment, and half as many for its lamps where it has any."""
     if environment.lamps is None or environment.rest is None:
         return _cut(environment, environment.radiance, cuts)
     lamps, rest = (
         _points(environment.lamps, 2 ** (cuts - 1)),
-        _cut(environment, environment.rest, cuts - 1),
+        _cut(environment, environment.rest, cuts),
     )
     pairs = [(getattr(lamps, k), getattr(rest, k)) for k in ("directions", "power", "near", "angle")]
     return Lights(*(np.concatenate(pair) for pair in pairs))
@@ -91,6 +93,8 @@ def _cut(environment: Environment, radiance: NDArray[np.float32], cuts: int) -> 
     area = np.broadcast_to(solid_angles()[:, None], radiance.shape[:2])
     energy = radiance.astype(np.float64) * area[..., None]  # (h, w, 3)
     bright = energy @ LUMINANCE.astype(np.float64) + 1e-12
+    # no light stands for a wide dark part, or what hides it would have a hard edge
+    bright += EVEN * area * (bright.sum() / area.sum())
     directions = map_directions()
     boxes = [(0, energy.shape[0], 0, energy.shape[1])]
     for _ in range(cuts):

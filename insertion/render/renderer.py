@@ -26,7 +26,7 @@ from metric_base.arrays import FloatArray
 __all__ = ["ObjectImage", "ObjectRenderer"]
 
 #: 2 ** cuts lights shade the object and other things; the map on the plane is made once and affords more.
-OBJECT_CUTS, PLANE_CUTS = 6, 9
+OBJECT_CUTS, PLANE_CUTS = 6, 8
 SAMPLES = 4
 #: Framebuffers are made in steps of this many pixels, so that a window that grows slowly does not make one each frame.
 _STEP = 64

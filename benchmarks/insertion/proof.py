@@ -15,6 +15,8 @@ from typing import Any
 
 import numpy as np
 
+from insertion.records.encoding import srgb_to_linear
+
 __all__ = ["main"]
 
 
@@ -99,10 +101,17 @@ def _kept_light_rows() -> list[str]:
 def _light_row(folder: Path) -> str:
     records = _rows(folder / "records.jsonl")
     cells = [folder.name.replace("_", " "), f"{np.mean([row['mean_abs_srgb'] for row in records]):.1f}"]
-    cells += [
+    light, *shadows = (
         " ".join(f"{row[name]:.2f}" for row in records) for name in ("luminance_ratio", "shadow_true", "shadow_ours")
-    ]
+    )
+    cells += [light, f"{np.exp(np.mean([np.log(_red_over_blue(row)) for row in records])):.2f}", *shadows]
     return f"| {' | '.join(cells)} |"
+
+
+def _red_over_blue(record: dict[str, Any]) -> float:
+    """Linear red over blue of the object over that of the true one."""
+    ours, true = (srgb_to_linear(np.rint(record[f"mean_srgb_{name}"]).astype(np.uint8)) for name in ("ours", "true"))
+    return float(ours[0] / ours[2] * true[2] / true[0])
 
 
 if __name__ == "__main__":

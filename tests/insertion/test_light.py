@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots
+from insertion.light.lights import environment_lights
 from insertion.light.shading import Shading, fit_shading
 from insertion.scene.patches import Patches
 from metric_base.arrays import FloatArray
@@ -80,3 +82,17 @@ def test_too_few_cells_say_nothing() -> None:
     room = _room(None, 0.0)
     few = Patches(room.places[:20], room.normals[:20], room.log_luminance[:20], room.plane[:20], room.diagonal)
     assert fit_shading(few, UP) is None
+
+
+def test_a_lamp_is_brighter_nearby() -> None:
+    """Its points send power / r^2 to every place, from where it is; the rest sends the same to all."""
+    rest = np.full((HEIGHT, WIDTH, 3), 0.1, np.float32)
+    place, power = np.array([0.0, 1.0, 2.0]), np.array([3.0, 2.0, 1.0])
+    lamps = LampSpots(place[None], power[None], np.array([0.02]), np.zeros(3))
+    lights = environment_lights(Environment(rest, np.eye(3), rest[..., 0], rest, lamps), 5)
+    assert lights.power[lights.near == 0].sum(axis=0) == pytest.approx(np.full(3, 0.4 * np.pi), rel=1e-3)
+    for offset in (np.zeros(3), np.array([0.5, 0.0, 0.5]), np.array([-1.0, 0.3, 0.0])):
+        moved = lights.about(offset, 0.1)
+        points, away = moved.rows(moved.near > 0), place - offset
+        assert points.power.sum(axis=0) == pytest.approx(power / (away @ away), rel=0.02)
+        assert (points.directions @ away / np.linalg.norm(away)).min() > 0.999

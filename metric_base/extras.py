@@ -9,7 +9,7 @@ MODULES_BY_EXTRA: dict[str, tuple[str, ...]] = {
     "scene": ("cv2", "matplotlib", "PIL", "pycocotools", "pycolmap", "scipy", "sklearn"),
     "detect": ("onnxruntime",),
     "video": ("av",),
-    "insert": ("moderngl", "trimesh"),
+    "insert": ("moderngl",),
     "usd": ("pxr",),
     "crawl": ("scrapy", "lxml", "extruct", "redis", "twisted", "w3lib"),
     "build": ("nltk", "pooch", "requests", "xlrd", "yaml"),

@@ -73,5 +73,7 @@ vec4 shaded(Facts f) {
     float level = mix(sharpest_level, blurriest_level, sqrt(f.rough));
     vec3 glossy = mix(radiance(mirror, level) * share * (reached / open_light), dull, dullness);
     vec3 matte = f.base.rgb * (1.0 - f.metal) * (1.0 - share) * diffuse / PI;
-    return vec4(matte * f.base.a + glossy + f.glow * f.base.a, f.base.a);
+    vec3 light = matte * f.base.a + glossy + f.glow * f.base.a;
+    // a triangle seen edge on may have no normal
+    return vec4(any(isnan(light)) ? f.glow * f.base.a : light, f.base.a);
 }

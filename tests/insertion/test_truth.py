@@ -109,8 +109,8 @@ def test_far_pixels_do_not_change(inserted: Inserted) -> None:
 def test_twice_the_same(inserted: Inserted) -> None:
     stage = stage_of(inserted.room)
     (placed,) = place_objects(stage, [inserted.placed.request])
-    for shot in stage.footage.shots[2:4]:
-        np.testing.assert_array_equal(single_picture(stage, [placed], shot), inserted.pictures[shot.name])
+    shot = stage.footage.shots[2]
+    np.testing.assert_array_equal(single_picture(stage, [placed], shot), inserted.pictures[shot.name])
 
 
 def test_sizes_are_metres_over_scale(inserted: Inserted, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from benchmarks.insertion.capture_cost import pose_errors
+from benchmarks.insertion.pose_errors import pose_errors
 from estimator.capture.frame_poses import read_frame_poses
 from estimator.capture.video import Video
 from estimator.reading import read_scene

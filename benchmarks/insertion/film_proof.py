@@ -104,7 +104,7 @@ def film_row(condition: Condition, folder: Path) -> dict[str, Any]:
         "condition": condition.name,
         "height_ratio": {str(error): round(ratio, 4) for error, ratio in sorted(ratios.items())},
         **_figures(pictures_of(folder / "ours.mp4"), truth, layers),
-        "poses": pose_errors(poses, film.world, condition.lens),
+        "poses": pose_errors(poses, film.world.poses, condition.lens),
     }
 
 

@@ -30,7 +30,7 @@ from insertion.render.body import Body, body_of
 from insertion.render.context import gl_context
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.carried_masks import MaskCarrier
-from insertion.scene.cloud import Cloud, front_points
+from insertion.scene.cloud import Cloud, front_points, observations_of
 from metric_base.arrays import BoolArray, FloatArray
 from tests.made.insertions import write_glb
 from tests.made.rooms.kinds import KINDS
@@ -181,7 +181,8 @@ def _known(hidden: HiddenObject, setting: Setting) -> Known:
     scene = hidden.made.scene
     dense = scene.dense if setting.dense else None
     points = scene.points if dense is None else np.concatenate([scene.points, dense.points])
-    cloud = Cloud(points, np.zeros((len(points), 3), np.float32), dense is not None)
+    observations = observations_of(scene) if dense is None else None
+    cloud = Cloud(points, np.zeros((len(points), 3), np.float32), dense is not None, observations=observations)
     by_view = {
         row: [item for item in hidden.made.instances if item.view == row]
         for row in (range(0, len(scene.views), setting.masks) if setting.masks else ())

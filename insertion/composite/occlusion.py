@@ -68,6 +68,7 @@ def hidden_share(
     inside = front.inside(box.x0, box.y0, box.x1, box.y1)
     pixels = inside.pixels - [box.x0, box.y0]
     depths = np.where(front.marks_inside(on_support, box.x0, box.y0, box.x1, box.y1), np.inf, inside.depths)
+    sure = np.ones(len(depths), dtype=bool) if inside.sure is None else inside.sure
     hidden = np.zeros(box.shape, dtype=bool)
     masked = np.zeros(box.shape, dtype=bool)
     silhouette = layer.alpha > 0.5
@@ -80,7 +81,7 @@ def hidden_share(
         if mask is None or not (mask & around).any():
             continue
         masked |= mask
-        part = _hidden_by(mask, around, behind, pixels, depths)
+        part = _hidden_by(mask, around, behind, pixels, depths, sure)
         if part is None:
             unknown.append(mask)
         else:
@@ -94,7 +95,7 @@ def hidden_share(
         at = pixels.astype(np.int64)
         free = ~(cv2.dilate(masked.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)[at[:, 1], at[:, 0]]
         hidden |= _nearer_pixels(~masked & around, behind, pixels[free], depths[free], DENSE_PX * times)
-    hidden = _without_gaps(hidden, round(GAP_PX * times), behind, pixels, depths)
+    hidden = _without_gaps(hidden, round(GAP_PX * times), behind, pixels[sure], depths[sure])
     return np.asarray(cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), EDGE_PX))
 
 
@@ -118,19 +119,19 @@ def _hidden_by(
     behind: NDArray[np.float32],
     pixels: FloatArray,
     depths: FloatArray,
+    sure: BoolArray,
 ) -> NDArray[np.bool_] | None:
     """The pixels in which the thing with this mask hides the object; None where too few points tell.
 
     mask, around, behind : (h, w), the last the object's depth; pixels : (m, 2) in the box; depths : (m,) scene units;
-    the result is (h, w).
+    sure : (m,) whether a point is certainly seen, and not through the thing; the result is (h, w).
     """
     at = pixels.astype(np.int64)
     ratio = depths / behind[at[:, 1], at[:, 0]]
     own = mask[at[:, 1], at[:, 0]] & (np.abs(ratio - 1) > CLEARLY)
-    heard = own & around[at[:, 1], at[:, 0]]
-    if np.count_nonzero(heard) < MIN_POINTS:
-        heard = own
-    if np.count_nonzero(heard) < MIN_POINTS:
+    near = own & around[at[:, 1], at[:, 0]]
+    heard = next((some for some in (near & sure, own & sure, near, own) if np.count_nonzero(some) >= MIN_POINTS), None)
+    if heard is None:
         return None
     nearer = ratio[heard] < 1
     share = float(nearer.mean())

@@ -14,7 +14,16 @@ from insertion.scene.footage import Stills
 from insertion.scene.strays import stray_points
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["Cloud", "FrontPoints", "coloured_cloud", "even_rows", "front_points", "points_seen"]
+__all__ = [
+    "Cloud",
+    "FrontPoints",
+    "Observations",
+    "coloured_cloud",
+    "even_rows",
+    "front_points",
+    "observations_of",
+    "points_seen",
+]
 
 #: More dense points than this add time and no light.
 MAX_POINTS = 150_000
@@ -24,6 +33,27 @@ MAX_STILLS = 40
 STRAY_VIEWS = 16
 #: A point is hidden if another one within this many pixels lies nearer than this share of its depth.
 HIDDEN_PX, HIDDEN_SHARE = 4, 0.95
+#: A camera that turned by a radian is as far from another one as one that moved by this share of the views' extent.
+TURN_SHARE = 1.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """Which points each view of the scene was seen to see.
+
+    rows : of the cloud, (m,) for each view; centres, axes : (n, 3) of the cameras.
+    """
+
+    rows: tuple[IntArray, ...]
+    centres: FloatArray
+    axes: FloatArray
+
+    def nearest(self, view: View) -> IntArray:
+        """(m,) what the view sees that stands and looks most like this one."""
+        extent = max(float(np.ptp(self.centres, axis=0).max()), 1e-12)
+        turns = np.arccos(np.clip(self.axes @ view.rotation[2], -1, 1))
+        steps = np.linalg.norm(self.centres - view.centre, axis=1) / extent
+        return self.rows[int(np.argmin(steps + TURN_SHARE * turns))]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,24 +68,29 @@ class Cloud:
     colours: NDArray[np.float32]
     dense: bool
     seen_by: tuple[IntArray, ...] | None = None
+    observations: Observations | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrontPoints:
     """The points that one view sees.
 
-    rows : (m,) of the cloud; pixels : (m, 2); depths : (m,) scene units; dense : as the cloud's.
+    rows : (m,) of the cloud; pixels : (m, 2); depths : (m,) scene units; dense : as the cloud's; sure : (m,) whether
+    each was seen by the scene's view that is most like this one, None where all count alike. Sparse points are too few
+    to hide one another: the others may shine through what stands before them.
     """
 
     rows: IntArray
     pixels: FloatArray
     depths: FloatArray
     dense: bool
+    sure: BoolArray | None = None
 
     def inside(self, x0: int, y0: int, x1: int, y1: int) -> FrontPoints:
         """Those within a box of pixels, the ends not included."""
         kept = self._within(x0, y0, x1, y1)
-        return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense)
+        sure = None if self.sure is None else self.sure[kept]
+        return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense, sure)
 
     def marks_inside(self, marks: BoolArray, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
         """The marks (m,) of the points that `inside` keeps."""
@@ -72,7 +107,9 @@ def front_points(view: View, cloud: Cloud, row: int | None = None) -> FrontPoint
     row : of the view in the scene, if it is one of the scene's: then its own visibility decides, where it is known.
     """
     if row is None or cloud.seen_by is None:
-        return FrontPoints(*_visible_points(view, cloud.points), cloud.dense)
+        rows, pixels, depths = _visible_points(view, cloud.points)
+        sure = None if cloud.observations is None else np.isin(rows, cloud.observations.nearest(view))
+        return FrontPoints(rows, pixels, depths, cloud.dense, sure)
     known = cloud.seen_by[row]
     rows, pixels, depths = _visible_points(view, cloud.points[known])
     return FrontPoints(known[rows], pixels, depths, cloud.dense)
@@ -93,8 +130,18 @@ def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:
         count[seen] += 1
     with np.errstate(invalid="ignore"):
         colours = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], np.nan)
-    cloud = Cloud(points, colours.astype(np.float32), scene.dense is not None, _visibility(scene, step))
-    return _without_strays(cloud, scene)
+    dense = scene.dense is not None
+    seen_by, observations = _visibility(scene, step), None if dense else observations_of(scene)
+    return _without_strays(Cloud(points, colours.astype(np.float32), dense, seen_by, observations), scene)
+
+
+def observations_of(scene: Scene) -> Observations | None:
+    """The observations of the sparse points, None where a view has none."""
+    rows = tuple(np.unique(view.point_index[view.point_index >= 0]) for view in scene.views)
+    if not rows or not all(map(len, rows)):
+        return None
+    axes = np.array([view.rotation[2] for view in scene.views])
+    return Observations(rows, np.array([view.centre for view in scene.views]), axes)
 
 
 def _without_strays(cloud: Cloud, scene: Scene) -> Cloud:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from estimator.records.scene import Camera, Instance, View
 from insertion.composite.boxes import Box
 from insertion.composite.occlusion import hidden_share
 from insertion.render.renderer import ObjectImage
-from insertion.scene.cloud import FrontPoints
+from insertion.scene.cloud import Cloud, FrontPoints, Observations, front_points
 
 BOX = Box(0, 0, 160, 120)
 VIEW = View(
@@ -74,3 +75,21 @@ def test_points_that_touch_the_object_decide_nothing() -> None:
     couch = (10, 30, 150, 110)
     touching = _points((couch, NEAR), (couch, OBJECT * 1.005))
     assert _hidden([_thing("couch", couch)], touching)[35:105, 15:145].all()
+
+
+def test_what_another_view_sees_past_a_thing_does_not_shine_through_it() -> None:
+    couch, edge = (10, 30, 150, 110), (10, 30, 60, 50)
+    leak = _points((couch, NEAR), (edge, FAR))
+    seen = np.repeat([True, False], 25)
+    assert not _hidden([_thing("couch", couch)], leak)[33:47, 13:57].all()
+    assert _hidden([_thing("couch", couch)], replace(leak, sure=seen))[33:107, 13:147].all()
+
+
+def test_a_film_frame_trusts_what_its_nearest_view_observed() -> None:
+    points = np.array([[0.0, 0.0, 2.0], [0.1, 0.0, 4.0]])
+    rows = (np.array([0]), np.array([1]))
+    observations = Observations(rows, np.array([[0.0, 0, 0], [5.0, 0, 0]]), np.array([[0.0, 0, 1], [0.0, 0, 1]]))
+    cloud = Cloud(points, np.zeros((2, 3), np.float32), False, observations=observations)
+    front = front_points(VIEW, cloud)
+    assert front.sure is not None
+    assert dict(zip(front.rows.tolist(), front.sure.tolist(), strict=True)) == {0: True, 1: False}

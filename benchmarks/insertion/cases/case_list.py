@@ -64,7 +64,7 @@ CASES = (
     Case("toilet", "toilet:2003", CC0 + "toiletBrush.glb"),
     Case("bedroom", "bedroom:2004", CC0 + "basketball.glb"),
     Case("study", "study:2005", CC0 + "stool.glb"),
-    Case("street, car", "street:2006", "gazebo/hatchback_red.glb", frames=32),
+    Case("street, car", "street:2006", "gazebo/hatchback_red.glb", ("--facing", "90"), frames=32),
     Case("street, bench", "street:2007", CC0 + "bench.glb", frames=32),
     Case("demo_video", "demo_video"),
     Case("tum_office", "tum_office", CC0 + "yogurtBottle.glb"),

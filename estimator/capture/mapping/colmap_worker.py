@@ -113,21 +113,23 @@ def matches(request: Request) -> dict[str, Any]:
 def incremental(request: Request) -> dict[str, Any]:
     """COLMAP's incremental mapper; the models are written to folders 0, 1, ... of the output, largest first.
 
-    The result also states how well the largest determines its focal length.
+    The result also states how well the largest determines its focal length. With `focal_last` the focal length is held
+    until all frames stand, and adjusted then.
     """
+    refine = request["refine_focal"] and not request["focal_last"]
     options = pycolmap.IncrementalPipelineOptions(
         num_threads=request["threads"],
         random_seed=request["seed"],
         extract_colors=False,
         min_model_size=3,
-        ba_refine_focal_length=request["refine_focal"],
+        ba_refine_focal_length=refine,
         ba_global_frames_ratio=1.3,
         ba_global_points_ratio=1.3,
         ba_global_max_refinements=3,
     )
     # the steps of a video are small; COLMAP's 16 degrees suit photographs
     options.mapper.init_min_tri_angle = 6.0
-    options.mapper.abs_pose_refine_focal_length = request["refine_focal"]
+    options.mapper.abs_pose_refine_focal_length = refine
     total, placed = len(request["names"]), [2]
 
     def count_image() -> None:
@@ -137,6 +139,9 @@ def incremental(request: Request) -> dict[str, Any]:
     models = pycolmap.incremental_mapping(
         request["database"], request["pictures"], request["scratch"], options=options, next_image_callback=count_image
     )
+    if request["focal_last"]:
+        for model in models.values():
+            pycolmap.bundle_adjustment(model)
     largest = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
     deviation = None if largest is None else focal_deviation(largest)
     return _write_models(models, request) | {"focal_deviation": deviation}

@@ -32,7 +32,7 @@ demo-video: .venv/.insert ## a shipped video: its reconstruction, its scale, and
 	@echo "video: out/demo_video.mp4; true scale: see data/scenes/demo_video/truth.json"
 
 test: check ## lint, types and all tests
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder
 
 check: .venv/.dev ## lint and types
 	@.ci/system-packages
@@ -44,7 +44,7 @@ hunt: .venv/.dev ## the property tests on new random examples
 	HYPOTHESIS_PROFILE=hunt $(BIN)/python -m pytest -n 2 -m hypothesis
 
 coverage: .venv/.dev ## the tests with the share of lines they run
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder --cov --cov-report=term:skip-covered --cov-report=xml:out/coverage.xml
+	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --cov --cov-report=term:skip-covered --cov-report=xml:out/coverage.xml
 
 reference: .venv/.dev ## write the generated pages of the reference
 	$(BIN)/python docs/generate.py

@@ -136,7 +136,7 @@ def painted_twin(film: MadeFilm, stage: Stage, to_scene: Similarity, folder: Pat
     floor = stage.supports.surfaces[plain.place.plane or 0].plane
     position = position + (floor.height - position @ floor.basis[2]) * floor.basis[2]
     front = front - (front @ floor.basis[2]) * floor.basis[2]
-    place = to_scene.inverse(position[None])[0] * [1, 1, 0]  # it really stands on the floor
+    place = to_scene.inverse(position[None])[0] * [1, 1, 0]  # the true object stands on the floor itself
     world = standing(film.world, mesh, place, to_scene.rotation.T @ front)
     painted = write_painted_glb(
         mesh, world.objects[-1].mesh, folder / "painted.glb", len(world.objects), film.world.seed

@@ -9,16 +9,13 @@ fill the room; the best are moved about until they fit. The albedo of the lighte
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from insertion.light.candidates import (
     NEARBY,
-    UPRIGHT,
     USUAL,
     Candidates,
     candidates_in,
@@ -26,6 +23,7 @@ from insertion.light.candidates import (
     lamp_irradiance,
     open_share,
 )
+from insertion.light.lit_planes import LitPlanes, lit_planes, log_posterior
 from insertion.records.encoding import luminance
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.patches import Patches
@@ -40,16 +38,9 @@ LEAST_CELLS, LEAST_PLANES = 60, 2
 #: one lamp that shines downwards in a room of ordinary proportions this ratio is then about 8, with two it is 4.
 RATIOS = np.geomspace(0.3, 25.0, 7)
 RATIO_MIDDLE, RATIO_SIGMA = 4.0, 1.0
-#: Widths of the errors of cells' log luminance (texture, uneven ambient light): what is tried. Shadows whose edge is
-#: wrong make few large errors.
-CELL_WIDTHS = np.geomspace(0.03, 0.4, 6)
-#: Neighbouring cells err alike: all cells together count as so many.
-INDEPENDENT_CELLS = 60
 #: Radiance of what no picture shows over the mean of the rest: what is tried, its middle, one sigma of its logarithm.
 #: It is the ceiling above all, which reflects 0.75 where the other surfaces reflect 0.45 on average.
 UNSEEN, UNSEEN_MIDDLE, UNSEEN_SIGMA = np.geomspace(0.5, 5.0, 9), 1.6, 0.3
-#: One sigma of log albedo between walls (often painted alike) and between other planes.
-WALL_SIGMA, OTHER_SIGMA = 0.35, 0.8
 #: Lamps that a pair is built on, and the best of these pairs that are moved about for a few turns.
 SEEDS, TRIED, FEW_TURNS = 8, 4, 3
 #: One sigma of the logarithm of a lamp's colour over grey in each channel: a camera balances its white for the light of
@@ -116,44 +107,6 @@ class _Fitted:
     ratio: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Planes:
-    """What is explained: the cells, and what casts shadows on them.
-
-    walls : (k,) whether each plane is upright; shown : (n,) irradiance of the cells by what the pictures show, over its
-    mean; missing : (n,) that of what they do not show if it were as bright as the rest; times : how bright it is;
-    tint : (n, 3) colour of the ambient light over its luminance.
-    """
-
-    patches: Patches
-    occupancy: Occupancy | None
-    walls: BoolArray
-    shown: FloatArray
-    missing: FloatArray
-    unit: float
-    times: float = 1.0
-    tint: FloatArray | None = None
-
-    def ambient(self, times: float) -> FloatArray:
-        """(n,) ambient irradiance on the cells."""
-        return np.asarray(self.shown + times * self.missing)
-
-
-def _planes(patches: Patches, up: FloatArray, occupancy: Occupancy | None) -> _Planes:
-    """The cells with which planes are walls; up : (3,) unit vector."""
-    first = [int(np.argmax(patches.plane == k)) for k in range(int(patches.plane.max()) + 1)]
-    walls = np.asarray(np.abs(patches.normals[first] @ up) < UPRIGHT)
-    if occupancy is None:
-        return _Planes(patches, None, walls, np.zeros(len(patches.plane)), np.ones(len(patches.plane)), np.nan)
-    colours, missing = occupancy.gathered_light(patches.places, patches.normals)
-    mean = colours.sum(axis=0) / max(float((1 - missing).sum()), 1e-9)  # pi times the mean radiance of what is shown
-    whole = colours + missing[:, None] * mean
-    tint = whole / np.maximum(luminance(whole), 1e-12)[:, None]
-    shown, bright = luminance(colours).astype(np.float64), float(luminance(mean))
-    unit = float((shown + bright * missing).mean())
-    return _Planes(patches, occupancy, walls, shown / unit, bright * missing / unit, unit, tint=np.asarray(tint))
-
-
 def fit_shading(
     patches: Patches,
     up: FloatArray,
@@ -170,7 +123,7 @@ def fit_shading(
     candidates = candidates_in(patches, up, impossible, occupancy)
     if not len(candidates.places):
         return None
-    planes = _planes(patches, up, occupancy)
+    planes = lit_planes(patches, up, occupancy)
     lamps, planes = _lamps(planes, candidates)
     if occupancy is not None:
         lamps, planes = _polish_sure(lamps, planes, up, candidates)
@@ -185,7 +138,7 @@ def fit_shading(
     return Shading(ambient * float(planes.ambient(planes.times).mean()), bright * planes.times, tuple(scaled))
 
 
-def _lamp_colours(planes: _Planes, lamps: list[_Fitted]) -> list[FloatArray]:
+def _lamp_colours(planes: LitPlanes, lamps: list[_Fitted]) -> list[FloatArray]:
     """(3,) colour of each lamp, of luminance 1: how the colour of a plane changes from shadow to light says it.
 
     The ambient light has the colour of what the pictures show. Each channel is fitted alone, the lamps in turn.
@@ -201,14 +154,14 @@ def _lamp_colours(planes: _Planes, lamps: list[_Fitted]) -> list[FloatArray]:
             others = [np.exp(logs[k, channel]) * lamps[k].irradiance for k in range(len(lamps)) if k != number]
             fields = ambient + sum(others, np.zeros(len(ambient)))
             fields = fields + np.exp(TINTS)[:, None] * lamps[number].irradiance
-            scores = _scores(planes, fields, own) - 0.5 * (TINTS / TINT_SIGMA) ** 2
+            scores = log_posterior(planes, fields, own) - 0.5 * (TINTS / TINT_SIGMA) ** 2
             logs[number, channel] = TINTS[int(scores.argmax())]
     return [np.exp(row) / float(luminance(np.exp(row))) for row in logs]
 
 
-def _lamps(planes: _Planes, candidates: Candidates) -> tuple[list[_Fitted], _Planes]:
+def _lamps(planes: LitPlanes, candidates: Candidates) -> tuple[list[_Fitted], LitPlanes]:
     """One lamp, and further ones while each explains enough."""
-    score = float(_scores(planes, planes.ambient(planes.times)[None])[0])
+    score = float(log_posterior(planes, planes.ambient(planes.times)[None])[0])
     lamps: list[_Fitted] = []
     while len(lamps) < MOST_LAMPS:
         if len(lamps) == 1:
@@ -222,7 +175,7 @@ def _lamps(planes: _Planes, candidates: Candidates) -> tuple[list[_Fitted], _Pla
     return lamps, planes
 
 
-def _best_pair(planes: _Planes, candidates: Candidates) -> list[_Fitted]:
+def _best_pair(planes: LitPlanes, candidates: Candidates) -> list[_Fitted]:
     """Two lamps that explain the cells together; what explains most alone may stand between them.
 
     The first of the two is one of the best alone that are not near to each other.
@@ -245,8 +198,8 @@ def _best_pair(planes: _Planes, candidates: Candidates) -> list[_Fitted]:
 
 
 def _polish_sure(
-    lamps: list[_Fitted], planes: _Planes, up: FloatArray, candidates: Candidates
-) -> tuple[list[_Fitted], _Planes]:
+    lamps: list[_Fitted], planes: LitPlanes, up: FloatArray, candidates: Candidates
+) -> tuple[list[_Fitted], LitPlanes]:
     """The lamps polished on the cells of which it is sure whether they are in shadow; up : (3,) unit vector.
 
     A cell taken for lit that is in shadow, or the other way round, makes every lamp look weaker than it is.
@@ -261,20 +214,20 @@ def _polish_sure(
     some = planes.patches.cells(sure)
     if len(some.plane) < LEAST_CELLS or len(np.unique(some.plane)) < LEAST_PLANES:
         return lamps, planes
-    fewer = replace(_planes(some, up, planes.occupancy), times=planes.times)
+    fewer = replace(lit_planes(some, up, planes.occupancy), times=planes.times)
     lamps, fewer = _polish([_on_cells(fitted, fewer) for fitted in lamps], fewer, candidates)
     return [_on_cells(fitted, planes) for fitted in lamps], replace(planes, times=fewer.times)
 
 
-def _on_cells(fitted: _Fitted, planes: _Planes) -> _Fitted:
+def _on_cells(fitted: _Fitted, planes: LitPlanes) -> _Fitted:
     """The same lamp over other cells."""
     light = lamp_irradiance(planes.patches, fitted.place[None], fitted.facing[None], planes.occupancy)[0]
     return replace(fitted, irradiance=fitted.ratio * light)
 
 
 def _polish(
-    lamps: list[_Fitted], planes: _Planes, candidates: Candidates, turns: int = TURNS
-) -> tuple[list[_Fitted], _Planes]:
+    lamps: list[_Fitted], planes: LitPlanes, candidates: Candidates, turns: int = TURNS
+) -> tuple[list[_Fitted], LitPlanes]:
     """The lamps moved about, one after another, ever less far: shadows say where they are to a hand's breadth."""
     generator = np.random.default_rng(0)
     for turn in range(turns * len(lamps)):
@@ -290,14 +243,14 @@ def _polish(
     return [replace(fitted, score=last) for fitted in lamps], planes
 
 
-def _balance_lamps(lamps: list[_Fitted], planes: _Planes) -> tuple[list[_Fitted], _Planes]:
+def _balance_lamps(lamps: list[_Fitted], planes: LitPlanes) -> tuple[list[_Fitted], LitPlanes]:
     """The lamps, all brighter or darker, with the brightness of what is not shown: what explains the planes best.
 
     The two go together: a stronger lamp beside more light from everywhere leaves shadows as they are.
     """
     direct = sum((fitted.irradiance for fitted in lamps), np.zeros(len(planes.shown)))
     factor, times = (grid.ravel() for grid in np.meshgrid(LOCAL_RATIOS, UNSEEN))
-    scores = _scores(planes, planes.shown + times[:, None] * planes.missing + factor[:, None] * direct)
+    scores = log_posterior(planes, planes.shown + times[:, None] * planes.missing + factor[:, None] * direct)
     scores = scores + _unseen_prior(times) + sum(_ratio_prior(factor * fitted.ratio) for fitted in lamps)
     best = int(scores.argmax())
     by = float(factor[best])
@@ -310,17 +263,17 @@ def _unseen_prior(times: FloatArray | float) -> FloatArray:
     return np.asarray(-0.5 * (np.log(times / UNSEEN_MIDDLE) / UNSEEN_SIGMA) ** 2)
 
 
-def _best_lamp(planes: _Planes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> _Fitted:
+def _best_lamp(planes: LitPlanes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> _Fitted:
     """One lamp beside others; ratios : (q,) of direct over ambient irradiance that are tried."""
     scores = _all_scores(planes, candidates, others, ratios)
     row, best = (int(k) for k in np.unravel_index(int(scores.argmax()), scores.shape))
     return _lamp_of_row(candidates, row, float(ratios[best]), scores, ratios)
 
 
-def _all_scores(planes: _Planes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> FloatArray:
+def _all_scores(planes: LitPlanes, candidates: Candidates, others: list[_Fitted], ratios: FloatArray) -> FloatArray:
     """(c, q) log posterior of each candidate beside others, by its ratio (q,)."""
     field = _field(others, planes)
-    scores = np.array([_scores(planes, field + q * candidates.irradiance) for q in ratios]).T
+    scores = np.array([log_posterior(planes, field + q * candidates.irradiance) for q in ratios]).T
     scores = scores + _ratio_prior(ratios) + candidates.log_prior[:, None]
     prior = sum(float(_ratio_prior(other.ratio)) for other in others) + float(_unseen_prior(planes.times))
     return np.asarray(scores + prior)
@@ -338,38 +291,9 @@ def _ratio_prior(ratios: FloatArray | float) -> FloatArray:
     return np.asarray(-0.5 * (np.log(ratios / RATIO_MIDDLE) / RATIO_SIGMA) ** 2)
 
 
-def _field(lamps: list[_Fitted], planes: _Planes) -> FloatArray:
+def _field(lamps: list[_Fitted], planes: LitPlanes) -> FloatArray:
     """(n,) irradiance of the lamps and the ambient light over the ambient one on upright surfaces."""
     return np.asarray(planes.ambient(planes.times) + sum(fitted.irradiance for fitted in lamps))
-
-
-def _scores(planes: _Planes, fields: FloatArray, values: FloatArray | None = None) -> FloatArray:
-    """(c,) log posterior of fields (c, n) of irradiance over the ambient one.
-
-    values : (n,) log radiance that they explain, the luminance without.
-    """
-    plane, walls = planes.patches.plane, planes.walls
-    own = planes.patches.log_luminance if values is None else values
-    rest = (own - np.log(fields)).astype(np.float32)  # (c, n)
-    albedos = []
-    ends = np.searchsorted(plane, np.arange(len(walls) + 1))
-    for start, end in itertools.pairwise(ends):
-        middle = np.partition(rest[:, start:end], (end - start) // 2, axis=1)[:, (end - start) // 2]
-        rest[:, start:end] -= middle[:, None]
-        albedos.append(middle)
-    total = min(INDEPENDENT_CELLS, len(plane)) * _log_likelihood(rest)
-    albedo = np.array(albedos, dtype=np.float64)  # (k, c)
-    for kind, sigma in ((walls, WALL_SIGMA), (np.ones(len(walls), dtype=bool), OTHER_SIGMA)):
-        if kind.sum() > 1:
-            total -= 0.5 * (((albedo[kind] - albedo[kind].mean(axis=0)) / sigma) ** 2).sum(axis=0)
-    return total
-
-
-def _log_likelihood(errors: NDArray[np.float32]) -> FloatArray:
-    """(c,) mean log likelihood of errors (c, n) under the Cauchy distribution of the width that explains them best."""
-    squares = np.square(errors)
-    each = [np.log1p(squares / np.float32(width**2)).mean(axis=1) + np.log(width) for width in CELL_WIDTHS]
-    return np.asarray(-np.min(each, axis=0), dtype=np.float64)
 
 
 def _lamp(candidates: Candidates, scores: FloatArray, ratios: FloatArray) -> Lamp:
@@ -382,13 +306,13 @@ def _lamp(candidates: Candidates, scores: FloatArray, ratios: FloatArray) -> Lam
     return Lamp(candidates.places[kept], candidates.facing[kept], share, ratio / USUAL, candidates.spacing)
 
 
-def _by_albedo(planes: _Planes, lamps: list[_Fitted]) -> float:
+def _by_albedo(planes: LitPlanes, lamps: list[_Fitted]) -> float:
     """Ambient irradiance if the lightest planes have the albedo of white: radiance = albedo / pi * ambient * field."""
     lightest = float(np.quantile(planes.patches.log_luminance - np.log(_field(lamps, planes)), 1 - LIGHTEST))
     return float(np.pi * np.exp(lightest) / WHITE_ALBEDO)
 
 
-def _lamps_times(planes: _Planes, lamps: list[_Fitted], white: float) -> float:
+def _lamps_times(planes: LitPlanes, lamps: list[_Fitted], white: float) -> float:
     """How much stronger the lamps are than the contrast of their shadows says, by the albedo of the lightest planes.
 
     The pictures show the ambient light itself; what is missing for the lightest cells to be white is the lamps'.

@@ -1,6 +1,6 @@
 """A bottle and a die beside those of `tum_office`: `python -m benchmarks.insertion.cases.office_twins --out DIR`.
 
-The real scene lies beside the repository; nothing here is set on it, and no picture of it may be published. The rows of
+The real scene lies beside the repository; no constant is set on it, and no picture of it may be published. The rows of
 the twin are compared with those of the thing's mask, corrected for the distance of both.
 """
 

@@ -169,7 +169,9 @@ def _preview(stage: Stage, request: ObjectRequest, tree: Tree | None, options: a
     stream = sys.stdout if options.out is None else sys.stderr
     for place in places:
         where = "" if place.in_picture else "; not in the picture"
-        stream.write(f"{place.number}: {place.options}   {place.above_m:.2f} m above the lowest plane{where}\n")
+        stream.write(
+            f"{place.number}: {place.options}   {max(place.above_m, 0.0):.2f} m above the lowest plane{where}\n"
+        )
 
 
 def _print(results: Sequence[InsertionResult], as_json: bool) -> None:

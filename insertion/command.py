@@ -170,7 +170,7 @@ def _preview(stage: Stage, request: ObjectRequest, tree: Tree | None, options: a
     for place in places:
         where = "" if place.in_picture else "; not in the picture"
         stream.write(
-            f"{place.number}: {place.options}   {max(place.above_m, 0.0):.2f} m above the lowest plane{where}\n"
+            f"{place.number}: {place.options}   {max(0.0, place.above_m):.2f} m above the lowest plane{where}\n"
         )
 
 

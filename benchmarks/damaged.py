@@ -76,7 +76,7 @@ def _estimate_words(entry: Path, work: Path) -> list[str] | None:
         (scene / "instances").mkdir()
         shutil.copyfile(entry, scene / "instances" / "categories.json")
         return [str(scene)]
-    if entry.name.startswith("truth_fault"):
+    if entry.name.startswith("truth_error"):
         scene = _copy(DEMO, work / "scene")
         shutil.copyfile(entry, scene / "truth.json")
         return [str(scene), "--figure", str(work / "figure.png")]
@@ -137,7 +137,7 @@ def main(words: list[str]) -> int:
 
 
 def _answer(run: DamagedRun) -> str:
-    """The line that says most: the fault, or the scale, or the first fact of a page."""
+    """The line that says most: the error, or the scale, or the first fact of a page."""
     lines = [line.strip() for line in run.output.splitlines() if line.strip()]
     told = next((line for line in lines if re.match(r"(scale|unresolved|extents_mm|dimensions_text)", line)), "")
     if run.name.endswith(".html") and run.status == 0 and not told:

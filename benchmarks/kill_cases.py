@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tests.made.made_site import MadeSite, Shop
-from tests.made.shop import PictureShop
+from tests.synthetic.shop import PictureShop
+from tests.synthetic.synthetic_site import Shop, SyntheticSite
 
 __all__ = ["CASES", "Case", "Prepared"]
 
@@ -96,7 +96,7 @@ def _files(place: Path, *names: str) -> Counter[str]:
 def _shop(folder: Path) -> Prepared:
     folder.mkdir()
     stack = ExitStack()
-    site = stack.enter_context(MadeSite(Shop(products=80, faults=False, delay=0.1)))
+    site = stack.enter_context(SyntheticSite(Shop(products=80, errors=False, delay=0.1)))
     return Prepared(folder, site.base, stack)
 
 
@@ -163,8 +163,8 @@ def _video(folder: Path) -> Prepared:
 
 def _estimate(_prepared: Prepared, place: Path, _again: bool) -> list[str]:
     code = "import sys; from estimator.command import main; sys.exit(main(sys.argv[1:]))"
-    film = DATA / "scenes" / "demo_video"
-    words = [film / "video.mp4", "--instances", film / "instances.json", "--frames", 12, "--dense", "none"]
+    video = DATA / "scenes" / "demo_video"
+    words = [video / "video.mp4", "--instances", video / "instances.json", "--frames", 12, "--dense", "none"]
     words += ["--work", place / "work", "--output", place / "scale.json"]
     return [sys.executable, "-c", code, *map(str, words)]
 
@@ -178,7 +178,7 @@ def _estimated(place: Path) -> Counter[str]:
 
 def _served_tables(folder: Path) -> Prepared:
     """A source of twelve tables that a server of this machine gives slowly."""
-    from tests.made.slow_files import SlowFiles
+    from tests.synthetic.slow_files import SlowFiles
 
     folder.mkdir()
     tables = {

@@ -1,4 +1,4 @@
-"""How many small faults the tests notice.
+"""How many small errors the tests notice.
 
     python -m benchmarks.mutants [ROOM ...] [--sample 40] [--seed 1] [--minutes 60]
 
@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-#: A room and the tests that are there to notice its faults.
+#: A room and the tests that are there to notice its errors.
 ROOMS = {
     "crawler/text": "tests/crawler/text tests/crawler/imports/test_imports.py tests/crawler/page"
     " --ignore=tests/crawler/page/test_page_cost.py",

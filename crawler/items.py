@@ -10,7 +10,7 @@ from io import BufferedIOBase
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from metric_base.faults import InputFault, in_file
+from metric_base.errors import InputError, in_file
 from metric_base.regions import REGIONS
 from metric_base.schema import expect, json_record, record_of
 
@@ -45,7 +45,7 @@ STATISTICS: frozenset[str] = frozenset(get_args(Statistic))
 _OPTIONAL = frozenset({"scene", "statistic", "relative_sd", "attribution"})
 
 
-class BadRawItem(InputFault):
+class BadRawItem(InputError):
     """A line that is not a raw item: the message names the field, what was expected and what was found."""
 
 
@@ -127,7 +127,7 @@ class RawItem:
 
         Raises
         ------
-        FieldFault
+        FieldError
             The line is no JSON object, or of another schema, or a field is not what it must be.
         """
         values = json_record(line, dict[str, Any])

@@ -10,8 +10,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from estimator.command_options import PROGRAM, parse_options, parser
+from metric_base.errors import InputError
 from metric_base.escaping import visible_json
-from metric_base.faults import InputFault
 
 if TYPE_CHECKING:
     from estimator.records.result import ScaleResult
@@ -99,7 +99,7 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
     from estimator.reconstructions.objects_file import read_objects
 
     if options.method == "sucar":
-        raise InputFault("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
+        raise InputError("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
     asked = _estimate_options(options)
     result = objects_result(read_objects(options.objects), _tree(options), asked, options.paper_lists)
     if options.figure is not None and result.exit_code == 0:

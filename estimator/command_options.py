@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 
 from estimator.completion import SHELLS, completion_script
 from estimator.evidence.options import add_evidence_options, evidence_sources, up_direction
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.terminal import OneLineParser
 
 __all__ = ["PROGRAM", "parse_options", "parser"]
@@ -23,9 +23,9 @@ METHODS = ("default", "paper", "sucar", "height")
 WITHOUT_LENGTHS = ("paper", "sucar")
 
 EPILOG = """\
-Exit status: 0 done; 2 the input is at fault (one line says where); 3 unresolved: no usable object, or the interval's
+Exit status: 0 done; 2 the input is invalid (one line says where); 3 unresolved: no usable object, or the interval's
 high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more, or a known length contradicts the objects,
-or the reconstruction or the masks contradict themselves; 1 a fault of the program.
+or the reconstruction or the masks contradict themselves; 1 an internal error.
 """
 
 #: A coordinate list that begins with a minus sign; argparse would take it for an option.
@@ -47,7 +47,7 @@ def parse_options(words: Sequence[str]) -> argparse.Namespace:
 
     Raises
     ------
-    InputFault
+    InputError
         An option is unknown, lacks its value, or does not go with the others.
     """
     # argparse takes "-1,2,3" for an option; with a blank before it, it is a value, and float() skips the blank
@@ -138,30 +138,30 @@ def _check(options: argparse.Namespace) -> None:
     _check_known_lengths(options)  # before the SCENE, which one may have swallowed
     if (options.scene is None) == (options.objects is None):
         sources = "neither" if options.scene is None else "both"
-        raise InputFault(f"arguments: expected a SCENE or --objects FILE; found {sources}")
+        raise InputError(f"arguments: expected a SCENE or --objects FILE; found {sources}")
     if not 0 < options.level < 1:
-        raise InputFault(f"--level: expected a number between 0 and 1; found {options.level}")
+        raise InputError(f"--level: expected a number between 0 and 1; found {options.level}")
     _check_where(options)
     if options.paper_lists is not None and options.method != "paper":
-        raise InputFault(f"--paper-lists: expected --method paper; found --method {options.method}")
+        raise InputError(f"--paper-lists: expected --method paper; found --method {options.method}")
     _check_detector(options)
     up_direction(options)
     evidence_sources(options)  # a value that cannot be read is said before the work is done
     geometric = {"--overlay": options.overlay, "--write-scaled": options.write_scaled}
     for name, value in geometric.items():
         if value is not None and options.objects is not None:
-            raise InputFault(f"{name}: expected a SCENE; found --objects")
+            raise InputError(f"{name}: expected a SCENE; found --objects")
     _check_outputs(options)
 
 
 def _check_outputs(options: argparse.Namespace) -> None:
-    """InputFault for an output that cannot be written, or that would take the place of an input."""
+    """InputError for an output that cannot be written, or that would take the place of an input."""
     from metric_base.files import refuse_input
 
     for name in ("output", "figure"):
         path = getattr(options, name)
         if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
-            raise InputFault(f"--{name}: expected a file in a folder that exists; found {path}")
+            raise InputError(f"--{name}: expected a file in a folder that exists; found {path}")
         if path is not None:
             refuse_input(path, f"--{name}", _inputs(options))
     if (
@@ -169,11 +169,11 @@ def _check_outputs(options: argparse.Namespace) -> None:
         and options.output is not None
         and options.output.resolve() == options.figure.resolve()
     ):
-        raise InputFault(f"--figure: expected another file than that of --output; found {options.figure}")
+        raise InputError(f"--figure: expected another file than that of --output; found {options.figure}")
     for name in ("overlay", "write_scaled"):
         path = getattr(options, name)
         if path is not None and path.exists():  # said before the work is done, not after
-            raise InputFault(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
+            raise InputError(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
 
 
 def _inputs(options: argparse.Namespace) -> list[Path]:
@@ -193,9 +193,9 @@ def _check_known_lengths(options: argparse.Namespace) -> None:
     for words in options.known_length:
         if len(words) not in (1, 3):
             expected = "three values, A B METRES, or one FILE, with SCENE before the option"
-            raise InputFault(f"--known-length: expected {expected}; found {len(words)}: {' '.join(words)}")
+            raise InputError(f"--known-length: expected {expected}; found {len(words)}: {' '.join(words)}")
     if options.known_length and options.method in WITHOUT_LENGTHS:
-        raise InputFault(f"--known-length: expected --method default or height; found --method {options.method}")
+        raise InputError(f"--known-length: expected --method default or height; found --method {options.method}")
 
 
 def _check_where(options: argparse.Namespace) -> None:
@@ -205,22 +205,22 @@ def _check_where(options: argparse.Namespace) -> None:
 
     where_of(options.where)
     if options.method in WITHOUT_LENGTHS:
-        raise InputFault(f"--where: expected --method default or height; found --method {options.method}")
+        raise InputError(f"--where: expected --method default or height; found --method {options.method}")
 
 
 def _check_detector(options: argparse.Namespace) -> None:
     if options.work is None and options.detector is not None and options.images is None:
-        raise InputFault("arguments: expected --images and --detector together; found --detector alone")
+        raise InputError("arguments: expected --images and --detector together; found --detector alone")
     uses = (options.detector, options.overlay, options.gps, *options.marker)
     if options.work is None and options.images is not None and all(use is None for use in uses):
-        raise InputFault(
+        raise InputError(
             "arguments: expected --images with --detector, --overlay, --gps or --marker; found --images alone"
         )
     if options.images is not None and not options.images.is_dir():
-        raise InputFault(f"--images: expected a folder of pictures; found no folder {options.images}")
+        raise InputError(f"--images: expected a folder of pictures; found no folder {options.images}")
     if options.detector_labels is not None and options.detector is None:
-        raise InputFault("--detector-labels: expected --detector; found none")
+        raise InputError("--detector-labels: expected --detector; found none")
     others = {"--instances": options.instances, "--categories": options.categories, "--objects": options.objects}
     for name, value in others.items():
         if options.detector is not None and value is not None:
-            raise InputFault(f"--detector: expected no {name}; found both")
+            raise InputError(f"--detector: expected no {name}; found both")

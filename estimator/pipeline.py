@@ -18,7 +18,7 @@ from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import Options
 from estimator.results.scene_estimate import SceneEstimate
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.context import Where, where_of
 from metric_tree.tree import Tree
 
@@ -65,7 +65,7 @@ def estimate_scale(
 
     Raises
     ------
-    InputFault
+    InputError
         An argument is out of its range.
 
     Examples
@@ -78,9 +78,9 @@ def estimate_scale(
     True
     """
     if not 0 < level < 1:
-        raise InputFault.at("estimate_scale", "level", "a number between 0 and 1", level)
+        raise InputError.at("estimate_scale", "level", "a number between 0 and 1", level)
     if method not in METHODS:
-        raise InputFault.at("estimate_scale", "method", f"one of {', '.join(METHODS)}", method)
+        raise InputError.at("estimate_scale", "method", f"one of {', '.join(METHODS)}", method)
     if tree is None:
         tree = metric_tree.open()
     ready = tuple(item for item in evidence if isinstance(item, ScaleEvidence))
@@ -150,19 +150,19 @@ def _estimate(
     seconds: Mapping[str, float] | None = None,
     paper_lists: Path | None = None,
 ) -> SceneEstimate:
-    doubts, faults = _self_contradictions(scene)
+    doubts, errors = _self_contradictions(scene)
     instances, seconds = tuple(instances), dict(seconds or {})
     warnings = (*scene.warnings, *warnings, *doubts)
     if options.method == "sucar":
         from estimator.baselines.sucar import sucar_result
 
         result = sucar_result(scene, instances, tree, options, warnings, seconds)
-        return SceneEstimate(_reject(result, faults), scene, instances, None)
+        return SceneEstimate(_reject(result, errors), scene, instances, None)
     from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 
     choices = PAPER if options.method == "paper" else MeasurementOptions()
     # of a scene that is ruled out nothing is used: its zeros and infinities are no news
-    with np.errstate(all="ignore" if faults else "warn"):
+    with np.errstate(all="ignore" if errors else "warn"):
         measurements = measure_objects(scene, instances, replace(choices, up=options.up))
     seconds |= measurements.timings
     warnings = (*warnings, *measurements.warnings)
@@ -175,7 +175,7 @@ def _estimate(
         observed = [row for source in sources for row in source.observe(scene, measurements)]
         options = replace(options, evidence=(*options.evidence, *observed))
         result = scale_of_objects(measurements.objects, tree, options, up, warnings, seconds)
-    return SceneEstimate(_reject(result, (*faults, *measurements.faults)), scene, instances, measurements)
+    return SceneEstimate(_reject(result, (*errors, *measurements.errors)), scene, instances, measurements)
 
 
 def _self_contradictions(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -189,11 +189,11 @@ def _self_contradictions(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]
     return contradictions(consistency(scene))
 
 
-def _reject(result: ScaleResult, faults: Sequence[str]) -> ScaleResult:
-    """The result, unresolved where the reconstruction itself is at fault."""
-    if not faults:
+def _reject(result: ScaleResult, errors: Sequence[str]) -> ScaleResult:
+    """The result, unresolved where the reconstruction itself is invalid."""
+    if not errors:
         return result
-    lines = [f"unresolved: {fault}" for fault in faults]
+    lines = [f"unresolved: {error}" for error in errors]
     return replace(result, status="unresolved", scale=None, interval=None, warnings=(*result.warnings, *lines))
 
 

@@ -16,7 +16,7 @@ from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_c
 from estimator.reconstructions.ply import dense_file, read_dense_cloud
 from estimator.records.scene import DenseCloud, Instance, Scene
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import folder_entries
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = N
 
     Raises
     ------
-    InputFault
+    InputError
         Something cannot be read: the message names the file, the field, what was expected and what was found.
 
     Examples
@@ -79,7 +79,7 @@ def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = N
     if not len(scene.points) and scene.dense is None:
         from estimator.other_programs.programs import points_advice
 
-        raise InputFault.at(path, "points", points_advice(scene.format), 0)
+        raise InputError.at(path, "points", points_advice(scene.format), 0)
     return scene
 
 
@@ -98,7 +98,7 @@ def read_instances(
 
     Raises
     ------
-    InputFault
+    InputError
         The file cannot be read, or no image of it is a view of the scene.
 
     Examples
@@ -139,11 +139,11 @@ def _sparse_scene(path: Path) -> Scene:
         return read_export(*export)
     expected = f"a reconstruction: images.bin or images.txt (also under sparse/0), {RECONSTRUCTION}, {EXPORT_NAMES}"
     if not path.exists():
-        raise InputFault.at(path, "scene", expected, Words("no such file or folder"))
+        raise InputError.at(path, "scene", expected, Unquoted("no such file or folder"))
     if not path.is_dir():
-        raise InputFault.at(path, "scene", expected, Words(advice_on_file(path)))
+        raise InputError.at(path, "scene", expected, Unquoted(advice_on_file(path)))
     names = [entry.name for entry in folder_entries(path)]
-    raise InputFault.at(path, "scene", expected, Words(", ".join(names[:5]) or "an empty folder"))
+    raise InputError.at(path, "scene", expected, Unquoted(", ".join(names[:5]) or "an empty folder"))
 
 
 def _with_observations(scene: Scene) -> Scene:
@@ -172,7 +172,7 @@ def _default_instances(scene: Scene) -> Path:
         return place
     ways = "--instances FILE, or --images DIR --detector MODEL (docs/how-to/detectors.md lists detectors)"
     expected = f"{INSTANCES} or {PICTURES}/ in it or above it, or {ways}"
-    raise InputFault.at(scene.path, "instances", expected, Words("none"))
+    raise InputError.at(scene.path, "instances", expected, Unquoted("none"))
 
 
 def _with_dense(scene: Scene, file: Path | None) -> Scene:
@@ -184,7 +184,7 @@ def _with_dense(scene: Scene, file: Path | None) -> Scene:
     if cloud.visible_views is not None and order is not None:
         if len(cloud.visible_views) and cloud.visible_views.max() >= len(order):
             expected = f"positions below {len(order)}, the images of the model beside the cloud"
-            raise InputFault.at(f"{place}.vis", "image", expected, int(cloud.visible_views.max()))
+            raise InputError.at(f"{place}.vis", "image", expected, int(cloud.visible_views.max()))
         cloud = replace(cloud, visible_views=order[cloud.visible_views], file_views=order)
     if not _visibility_fits(scene, cloud):
         cloud = replace(cloud, visible_offsets=None, visible_views=None)

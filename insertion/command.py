@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from insertion.scene_arguments import add_scene_arguments, requests_of, stage_of, tree_of
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 if TYPE_CHECKING:
     from insertion.records.result import InsertionResult
@@ -25,8 +25,8 @@ PROGRAM = "insert-object"
 EPILOG = """\
 Several objects: repeat --model; --size, --at, --on, --plane, --xy, --facing and --category belong to the --model before
 them. The object's metres are divided by the scale, and nothing else. `insert-object study --help` makes the paper's
-user study. Exit status: 0 done; 2 the input is at fault (one line says where), or there is no level surface at the
-place; 1 a fault of the program.
+user study. Exit status: 0 done; 2 the input is invalid (one line says where), or there is no level surface at the
+place; 1 an internal error.
 """
 
 
@@ -87,9 +87,9 @@ def _run(options: argparse.Namespace) -> int:
     requests = requests_of(options)
     stage = stage_of(options)
     if options.show_interval and stage.scale.low is None:
-        raise InputFault("--show-interval: expected a scale with an interval, as SCENE/result.json has; found --scale")
-    film = stage.footage if isinstance(stage.footage, VideoFootage) else None
-    source, turned = (film.source, film.turned_deg) if film is not None else (None, 0)
+        raise InputError("--show-interval: expected a scale with an interval, as SCENE/result.json has; found --scale")
+    video = stage.footage if isinstance(stage.footage, VideoFootage) else None
+    source, turned = (video.source, video.turned_deg) if video is not None else (None, 0)
     for option, path in (("--out", options.out), ("--preview", options.preview)):
         if path is not None:
             models = [item.model for item in requests]
@@ -107,7 +107,7 @@ def _run(options: argparse.Namespace) -> int:
             objects,
             write,
             show_interval=options.show_interval,
-            film=film is not None,
+            video=video is not None,
             layers=layers,
             tracer=traced_layers if options.renderer == "blender" else None,
         )
@@ -134,13 +134,13 @@ def _exports(folder: Path | None) -> Iterator[Path | None]:
 
 
 def _check_outputs(options: argparse.Namespace) -> None:
-    """InputFault for what cannot be written or drawn: said before the work is done, not after."""
+    """InputError for what cannot be written or drawn: said before the work is done, not after."""
     from insertion.blender.process import blender_program
     from insertion.outputs import output_kind, preview_place
     from insertion.render.context import check_renderer
 
     if options.out is None and (options.preview is None or options.export is not None):
-        raise InputFault("--out: expected a video or a folder (or --preview FILE alone); found none")
+        raise InputError("--out: expected a video or a folder (or --preview FILE alone); found none")
     if options.out is not None:
         output_kind(options.out)
         check_renderer()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.capture.video import VIDEO_SUFFIXES
 from insertion.scene.footage import Shot
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import OutputNames, whole_file, whole_folder
 from metric_base.pictures import write_picture
 from metric_base.terminal import output_file
@@ -27,23 +27,23 @@ STILLS_RATE = 6.0
 
 
 def output_kind(out: Path) -> str:
-    """`video` or `folder`. Raises InputFault for a place that cannot be written, before any work is done."""
+    """`video` or `folder`. Raises InputError for a place that cannot be written, before any work is done."""
     if out.suffix.lower() in VIDEO_SUFFIXES:
         if not out.absolute().parent.is_dir():
-            raise InputFault(f"--out: expected a file in an existing folder; found no folder {out.parent}")
+            raise InputError(f"--out: expected a file in an existing folder; found no folder {out.parent}")
         return "video"
     if out.suffix:
         kinds = ", ".join(sorted(VIDEO_SUFFIXES))
-        raise InputFault(f"--out: expected a folder or a video ({kinds}); found {out.name!r}")
+        raise InputError(f"--out: expected a folder or a video ({kinds}); found {out.name!r}")
     if out.exists():
-        raise InputFault(f"--out: expected a folder that is not there yet; found {out}")
+        raise InputError(f"--out: expected a folder that is not there yet; found {out}")
     return "folder"
 
 
 def preview_place(file: Path) -> None:
-    """InputFault for a place that no picture can be written to, before any work is done."""
+    """InputError for a place that no picture can be written to, before any work is done."""
     if file.suffix.lower() not in PREVIEWS:
-        raise InputFault(f"--preview: expected a picture ({', '.join(PREVIEWS)}); found {file.name!r}")
+        raise InputError(f"--preview: expected a picture ({', '.join(PREVIEWS)}); found {file.name!r}")
     output_file(file, "--preview")
 
 

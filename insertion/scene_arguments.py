@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 if TYPE_CHECKING:
     from estimator.geometry.up import Up
@@ -98,7 +98,7 @@ def _request(stated: dict[str, Any]) -> ObjectRequest:
 
     ways = [name for name in ("at", "on", "plane") if stated.get(name) is not None]
     if len(ways) > 1:
-        raise InputFault(f"--{ways[0]}: expected one of --at, --on and --plane; found also --{ways[1]}")
+        raise InputError(f"--{ways[0]}: expected one of --at, --on and --plane; found also --{ways[1]}")
     return ObjectRequest(
         stated["model"],
         stated.get("size") or "file",
@@ -117,7 +117,7 @@ def _up(words: str | None) -> Up | None:
     try:
         return None if words is None else given_up(tuple(float(part) for part in words.split(",")))
     except (ValueError, TypeError):
-        raise InputFault.at("--up", "direction", "X,Y,Z, three finite numbers, not all 0", words) from None
+        raise InputError.at("--up", "direction", "X,Y,Z, three finite numbers, not all 0", words) from None
 
 
 def _xy(words: str) -> tuple[float, float]:
@@ -126,5 +126,5 @@ def _xy(words: str) -> tuple[float, float]:
     except ValueError:
         x = y = math.nan
     if not max(abs(x), abs(y)) < FARTHEST_M:
-        raise InputFault(f"--xy: expected X,Y in metres; found {words!r}")
+        raise InputError(f"--xy: expected X,Y in metres; found {words!r}")
     return x, y

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.terminal import OneLineParser
 
 __all__ = ["run_study"]
@@ -61,7 +61,7 @@ def _make(options: argparse.Namespace) -> int:
 
     output_file(options.out)
     if not 1 <= options.repeats <= MAX_REPEATS:
-        raise InputFault(f"--repeats: expected 1 to {MAX_REPEATS}; found {options.repeats}")
+        raise InputError(f"--repeats: expected 1 to {MAX_REPEATS}; found {options.repeats}")
     requests = requests_of(options)
     stage = stage_of(options)
     placed = place_objects(stage, requests, tree_of(options))
@@ -94,7 +94,7 @@ def _shot(stage: Any, placed: Sequence[Any], frame: str | None) -> Any:
     if frame is not None:
         named = [shot for shot in shots if frame in (shot.name, Path(shot.name).stem, str(shot.index))]
         if not named:
-            raise InputFault(f"--frame: expected the name or number of a picture with a known pose; found {frame!r}")
+            raise InputError(f"--frame: expected the name or number of a picture with a known pose; found {frame!r}")
         return named[0]
     body = placed[0].body
     corners = body.position + body.unit * 1.3 * body.corners[:: max(1, len(body.corners) // 500)]

@@ -1,1 +1,1 @@
-"""The ground that every package stands on: faults, files, folders, terminal output."""
+"""The ground that every package stands on: errors, files, folders, terminal output."""

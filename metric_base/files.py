@@ -13,13 +13,13 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.leftovers import hold, part_of, remove_dead_files, remove_dead_folders
 
-__all__ = ["WRITE_FAULTS", "OutputNames", "inside", "output_names", "refuse_input", "whole_file", "whole_folder"]
+__all__ = ["WRITE_ERRORS", "OutputNames", "inside", "output_names", "refuse_input", "whole_file", "whole_folder"]
 
-#: What a system says about a place that cannot be written, as against a fault of the program.
-WRITE_FAULTS = frozenset({
+#: What a system says about a place that cannot be written, as against an internal error.
+WRITE_ERRORS = frozenset({
     errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO, errno.EACCES, errno.EPERM, errno.ENOENT,
     errno.ENOTDIR, errno.EISDIR, errno.EEXIST, errno.ENOTEMPTY, errno.ENAMETOOLONG, errno.ELOOP, errno.ENXIO,
     errno.ENODEV, errno.EPIPE, errno.EINVAL, errno.EBUSY, errno.ETXTBSY,
@@ -47,10 +47,10 @@ def whole_file(path: Path, option: str | None = None) -> Iterator[Path]:
 
     Raises
     ------
-    InputFault
+    InputError
         Where `option` is given: the system cannot write there (a full disk, no such folder, no permission).
     """
-    with _write_faults(path, option):
+    with _write_errors(path, option):
         if _is_special(path):
             with tempfile.TemporaryDirectory() as folder:
                 work = Path(folder) / path.name
@@ -65,7 +65,7 @@ def whole_file(path: Path, option: str | None = None) -> Iterator[Path]:
             yield work
             work.replace(target_path)
         finally:
-            with suppress(OSError):  # the fault that led here says more
+            with suppress(OSError):  # the error that led here says more
                 work.unlink(missing_ok=True)
 
 
@@ -77,14 +77,14 @@ def whole_folder(path: Path, option: str | None = None) -> Iterator[Path]:
 
     Raises
     ------
-    InputFault
+    InputError
         `path` exists already; where `option` is given also: the system cannot write there.
     """
     if os.path.lexists(path):
-        raise InputFault(
+        raise InputError(
             f"{path}: {option or 'folder'}: expected a folder that is not there yet, found an existing one"
         )
-    with _write_faults(path, option):
+    with _write_errors(path, option):
         path.parent.mkdir(parents=True, exist_ok=True)
         remove_dead_folders(path)
         work = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent))
@@ -154,7 +154,7 @@ def output_names(names: Iterable[str]) -> dict[str, Path]:
 
 
 def refuse_input(output: Path, option: str, inputs: Iterable[Path | None]) -> None:
-    """InputFault if an output is one of the files that are read, or part of a folder that is: it would be overwritten.
+    """InputError if an output is one of the files that are read, or part of a folder that is: it would be overwritten.
 
     In a folder that is read, what this project wrote there may be written again: results, pages and figures.
     """
@@ -164,7 +164,7 @@ def refuse_input(output: Path, option: str, inputs: Iterable[Path | None]) -> No
         if path is None or not path.exists():
             continue
         if output.samefile(path) or (path.is_dir() and _is_part(output.resolve(), path.resolve())):
-            raise InputFault(f"{option}: expected another file than {path}, which is read; found {output}")
+            raise InputError(f"{option}: expected another file than {path}, which is read; found {output}")
 
 
 def _is_part(file: Path, folder: Path) -> bool:
@@ -200,12 +200,12 @@ def _is_special(path: Path) -> bool:
 
 
 @contextmanager
-def _write_faults(path: Path, option: str | None) -> Iterator[None]:
-    """The system's refusals as faults of the input, where an option names the place."""
+def _write_errors(path: Path, option: str | None) -> Iterator[None]:
+    """The system's refusals as errors of the input, where an option names the place."""
     try:
         yield
-    except OSError as fault:
-        if option is None or fault.errno not in WRITE_FAULTS:
+    except OSError as error:
+        if option is None or error.errno not in WRITE_ERRORS:
             raise
-        words = fault.strerror or "an error"
-        raise InputFault(f"{path}: {option}: expected a place that can be written, found {words}") from None
+        words = error.strerror or "an error"
+        raise InputError(f"{path}: {option}: expected a place that can be written, found {words}") from None

@@ -1,4 +1,4 @@
-"""Input files read with suspicion: bounded bytes, text and JSON, with every fault as one line that names the file."""
+"""Input files read with suspicion: bounded bytes, text and JSON, with every error as one line that names the file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 
 __all__ = ["MAX_JSON_BYTES", "STDIN", "folder_entries", "is_file", "open_file", "read_bytes", "read_json", "read_text"]
 
@@ -38,7 +38,7 @@ def read_bytes(path: Path, most: int = -1, limit: int = MAX_BYTES, *, may_be_emp
 
     Raises
     ------
-    InputFault
+    InputError
         It is missing, a folder, a device, unreadable, empty, or of more than `limit` bytes; or a pipe that nobody
         writes to.
     """
@@ -47,39 +47,39 @@ def read_bytes(path: Path, most: int = -1, limit: int = MAX_BYTES, *, may_be_emp
         if stat.S_ISREG(mode):
             size = os.fstat(descriptor).st_size
             if most < 0 and size > limit:
-                raise InputFault.at(path, "file", f"at most {limit:,} bytes", Words(f"{size:,}"))
+                raise InputError.at(path, "file", f"at most {limit:,} bytes", Unquoted(f"{size:,}"))
             with os.fdopen(os.dup(descriptor), "rb") as file:
                 data = file.read(most)
         elif stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or str(path) == STDIN:
             data = _read_pipe(path, descriptor, limit if most < 0 else most, whole=most < 0)
         else:
             kind = "a folder" if stat.S_ISDIR(mode) else "a device"
-            raise InputFault.at(path, "file", "a regular file or a pipe", Words(kind))
+            raise InputError.at(path, "file", "a regular file or a pipe", Unquoted(kind))
     if not data and not may_be_empty:
-        raise InputFault.at(path, "file", "some content", Words("zero bytes"))
+        raise InputError.at(path, "file", "some content", Unquoted("zero bytes"))
     return data
 
 
 @contextmanager
 def open_file(path: Path) -> Iterator[int]:
-    """A descriptor of a file that is opened without waiting; the system's refusals are faults of the input."""
+    """A descriptor of a file that is opened without waiting; the system's refusals are errors of the input."""
     try:
         # a pipe without a writer would keep us waiting in `open` itself
         descriptor = os.dup(0) if str(path) == STDIN else os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    except OSError as fault:
-        raise InputFault.at(path, "file", "a readable file", Words(fault.strerror or "an error")) from None
+    except OSError as error:
+        raise InputError.at(path, "file", "a readable file", Unquoted(error.strerror or "an error")) from None
     except ValueError:  # a zero byte in the name
-        raise InputFault.at(path, "file", "a name of a file", str(path)) from None
+        raise InputError.at(path, "file", "a name of a file", str(path)) from None
     try:
         yield descriptor
-    except OSError as fault:
-        raise InputFault.at(path, "file", "a readable file", Words(fault.strerror or "an error")) from None
+    except OSError as error:
+        raise InputError.at(path, "file", "a readable file", Unquoted(error.strerror or "an error")) from None
     finally:
         os.close(descriptor)
 
 
 def _read_pipe(path: Path, descriptor: int, limit: int, whole: bool) -> bytes:
-    """What comes through a pipe, at most `limit` bytes; more are a fault where the whole is asked for."""
+    """What comes through a pipe, at most `limit` bytes; more are an error where the whole is asked for."""
     parts, size, patience = [], 0, time.monotonic() + PIPE_SECONDS
     while size <= limit:
         try:
@@ -95,12 +95,12 @@ def _read_pipe(path: Path, descriptor: int, limit: int, whole: bool) -> bytes:
         else:  # nobody has opened it yet
             time.sleep(0.02)
     if whole:
-        raise InputFault.at(path, "file", f"at most {limit:,} bytes", Words("more"))
+        raise InputError.at(path, "file", f"at most {limit:,} bytes", Unquoted("more"))
     return b"".join(parts)[:limit]
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a regular file; no name, however long or strange, is a fault."""
+    """Whether there is a regular file; no name, however long or strange, is an error."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -112,16 +112,16 @@ def folder_entries(folder: Path) -> list[Path]:
 
     Raises
     ------
-    InputFault
+    InputError
         It cannot be listed, or has more than MAX_ENTRIES.
     """
     try:
         with os.scandir(folder) as entries:
             names = [entry.name for entry in itertools.islice(entries, MAX_ENTRIES + 1)]
-    except OSError as fault:
-        raise InputFault.at(folder, "folder", "a readable folder", Words(fault.strerror or "an error")) from None
+    except OSError as error:
+        raise InputError.at(folder, "folder", "a readable folder", Unquoted(error.strerror or "an error")) from None
     if len(names) > MAX_ENTRIES:
-        raise InputFault.at(folder, "folder", f"at most {MAX_ENTRIES:,} entries", Words("more"))
+        raise InputError.at(folder, "folder", f"at most {MAX_ENTRIES:,} entries", Unquoted("more"))
     return [folder / name for name in sorted(names)]
 
 
@@ -129,9 +129,9 @@ def read_text(path: Path, limit: int = MAX_TEXT_BYTES, *, may_be_empty: bool = F
     """The whole file as UTF-8."""
     try:
         return read_bytes(path, limit=limit, may_be_empty=may_be_empty).decode("utf-8-sig")
-    except UnicodeDecodeError as fault:
-        byte = Words(f"byte {fault.object[fault.start]:#04x} at {fault.start}")
-        raise InputFault.at(path, "encoding", "UTF-8", byte) from None
+    except UnicodeDecodeError as error:
+        byte = Unquoted(f"byte {error.object[error.start]:#04x} at {error.start}")
+        raise InputError.at(path, "encoding", "UTF-8", byte) from None
 
 
 def read_json(path: Path) -> Any:
@@ -145,14 +145,14 @@ def read_json(path: Path) -> Any:
             json.dumps(document, ensure_ascii=False).encode()
         return document
     except UnicodeEncodeError:
-        raise InputFault.at(path, "JSON", "whole characters", Words("half of a surrogate pair")) from None
+        raise InputError.at(path, "JSON", "whole characters", Unquoted("half of a surrogate pair")) from None
     except RecursionError:
-        raise InputFault.at(path, "JSON", "a document of ordinary depth", Words("endless nesting")) from None
-    except json.JSONDecodeError as fault:
-        fault_place = Words(f"{fault.msg} at line {fault.lineno}, column {fault.colno}")
-        raise InputFault.at(path, "JSON", "a valid document", fault_place) from None
-    except ValueError as fault:  # an integer of thousands of digits
-        raise InputFault.at(path, "JSON", "a valid document", Words(str(fault))) from None
+        raise InputError.at(path, "JSON", "a document of ordinary depth", Unquoted("endless nesting")) from None
+    except json.JSONDecodeError as error:
+        error_place = Unquoted(f"{error.msg} at line {error.lineno}, column {error.colno}")
+        raise InputError.at(path, "JSON", "a valid document", error_place) from None
+    except ValueError as error:  # an integer of thousands of digits
+        raise InputError.at(path, "JSON", "a valid document", Unquoted(str(error))) from None
     finally:
         if collecting:
             gc.enable()

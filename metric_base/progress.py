@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from typing import TypeVar
 
-__all__ = ["Shown", "progress", "progress_bar", "progress_bars"]
+__all__ = ["ProgressCallback", "progress", "progress_bar", "progress_bars"]
 
 Item = TypeVar("Item")
 
 #: What is called with the name of a step, how much of it is done and, once known, of how much.
-Shown = Callable[[str, int, int | None], None]
+ProgressCallback = Callable[[str, int, int | None], None]
 
 
 def progress(items: Iterable[Item], step: str, total: int | None = None) -> Iterator[Item]:
@@ -35,7 +35,7 @@ def progress_bar(step: str, total: int | None = None) -> Iterator[Callable[[int,
 
 
 @contextmanager
-def progress_bars() -> Iterator[Shown]:
+def progress_bars() -> Iterator[ProgressCallback]:
     """A bar for each step that is named, in the order in which they come; they go when all is done."""
     if not sys.stderr.isatty():
         yield _silent

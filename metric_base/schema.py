@@ -1,4 +1,4 @@
-"""JSON and TOML checked against a record of their fields; a fault names the field, what was expected and found.
+"""JSON and TOML checked against a record of their fields; an error names the field, what was expected and found.
 
 The records are dataclasses or `msgspec.Struct`s. Their own `__post_init__` checks with `expect` what a type cannot say.
 """
@@ -16,7 +16,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from metric_base.faults import FieldFault, InputFault, Words, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, in_file
 from metric_base.input_files import read_text
 
 __all__ = ["BadDeclaration", "expect", "json_lines", "json_record", "record_of", "toml_record", "toml_table"]
@@ -33,14 +33,14 @@ _TYPES = re.compile(r"Expected (.*), got (.*)")
 MAX_TOML_BYTES = 1 << 22
 
 
-class BadDeclaration(InputFault):
-    """A TOML file that is at fault: the message names the file, the field, what was expected and what was found."""
+class BadDeclaration(InputError):
+    """A TOML file that is invalid: the message names the file, the field, what was expected and what was found."""
 
 
 def expect(holds: bool, field: str, expected: str, found: object) -> None:
-    """Raise a `FieldFault` unless `holds`; whoever knows the file adds it (`in_file`)."""
+    """Raise a `FieldError` unless `holds`; whoever knows the file adds it (`in_file`)."""
     if not holds:
-        raise FieldFault(field, expected, found)
+        raise FieldError(field, expected, found)
 
 
 def record_of(values: object, kind: type[Record], *, cells: bool = False) -> Record:
@@ -48,13 +48,13 @@ def record_of(values: object, kind: type[Record], *, cells: bool = False) -> Rec
 
     Raises
     ------
-    FieldFault
+    FieldError
         A field is missing, unknown or not what it must be.
     """
     try:
         return msgspec.convert(values, kind, strict=not cells, dec_hook=_pattern)
     except msgspec.ValidationError as error:
-        raise _field_fault(error, kind) from None
+        raise _field_error(error, kind) from None
 
 
 def json_record(line: str | bytes, kind: type[Record]) -> Record:
@@ -62,61 +62,63 @@ def json_record(line: str | bytes, kind: type[Record]) -> Record:
 
     Raises
     ------
-    FieldFault
+    FieldError
         The text is no JSON object, or a field is missing, unknown or not what it must be.
     """
     try:
         return msgspec.json.decode(line, type=kind)
     except msgspec.ValidationError as error:
-        raise _field_fault(error, kind) from None
+        raise _field_error(error, kind) from None
     except (msgspec.DecodeError, UnicodeError, RecursionError) as error:
-        raise FieldFault("line", "a JSON object", Words(str(error))) from None
+        raise FieldError("line", "a JSON object", Unquoted(str(error))) from None
 
 
-def json_lines(path: Path, kind: type[Record], fault: type[InputFault] = InputFault) -> Iterator[tuple[str, Record]]:
+def json_lines(
+    path: Path, kind: type[Record], error_type: type[InputError] = InputError
+) -> Iterator[tuple[str, Record]]:
     """The records of a JSON Lines file, each with its place `file:line`; blank lines are passed over.
 
     Raises
     ------
-    InputFault
-        Of the type `fault`: a line is not such a record; the message names file and line.
+    InputError
+        Of the type `error_type`: a line is not such a record; the message names file and line.
     """
     for number, line in enumerate(read_text(path, may_be_empty=True).splitlines(), start=1):
         if line.strip():
-            with in_file(f"{path}:{number}", fault) as place:
+            with in_file(f"{path}:{number}", error_type) as place:
                 record = json_record(line, kind)
             yield place, record
 
 
-def toml_table(path: Path, fault: type[InputFault] = BadDeclaration) -> dict[str, Any]:
+def toml_table(path: Path, error_type: type[InputError] = BadDeclaration) -> dict[str, Any]:
     """The values of a TOML file.
 
     Raises
     ------
-    InputFault
-        Of the type `fault`: the file cannot be read or is no TOML.
+    InputError
+        Of the type `error_type`: the file cannot be read or is no TOML.
     """
     try:
         return tomllib.loads(read_text(path, MAX_TOML_BYTES, may_be_empty=True))
     except (ValueError, RecursionError) as error:  # no TOML, no UTF-8, a number of thousands of digits
         words = str(error).removeprefix(f"{path}: ").split()
-        raise fault(f"{path}: expected TOML, found: {' '.join(words)}") from None
+        raise error_type(f"{path}: expected TOML, found: {' '.join(words)}") from None
 
 
-def toml_record(path: Path, kind: type[Record], fault: type[InputFault] = BadDeclaration) -> Record:
+def toml_record(path: Path, kind: type[Record], error_type: type[InputError] = BadDeclaration) -> Record:
     """The record of a TOML file.
 
     Raises
     ------
-    InputFault
-        Of the type `fault`: the file cannot be read or is no TOML; fields are missing (all are named), unknown, or not
-        what they must be.
+    InputError
+        Of the type `error_type`: the file cannot be read or is no TOML; fields are missing (all are named), unknown,
+        or not what they must be.
     """
-    values = toml_table(path, fault)
-    with in_file(path, fault):
+    values = toml_table(path, error_type)
+    with in_file(path, error_type):
         required = [name for name, is_required in _fields(kind).items() if is_required]
         missing = [name for name in required if name not in values]
-        expect(not missing, "fields", ", ".join(required), Words(f"no {', '.join(missing)}"))
+        expect(not missing, "fields", ", ".join(required), Unquoted(f"no {', '.join(missing)}"))
         return record_of(values, kind)
 
 
@@ -127,28 +129,28 @@ def _fields(kind: type) -> dict[str, bool]:
     return {one.name: one.required for one in msgspec.structs.fields(kind)}
 
 
-def _field_fault(error: msgspec.ValidationError, kind: type) -> FieldFault:
-    """A fault of msgspec in our words: the place first, then what was expected and found."""
+def _field_error(error: msgspec.ValidationError, kind: type) -> FieldError:
+    """An error of msgspec in our words: the place first, then what was expected and found."""
     match = _PLACE.search(str(error))
     place = match[2] if match else ""
-    if isinstance(error.__cause__, FieldFault):
+    if isinstance(error.__cause__, FieldError):
         inner = error.__cause__
-        return FieldFault(".".join(filter(None, (place, inner.field))), inner.expected, inner.found)
-    return _type_fault(_PLACE.sub("", str(error)), place, kind)
+        return FieldError(".".join(filter(None, (place, inner.field))), inner.expected, inner.found)
+    return _type_error(_PLACE.sub("", str(error)), place, kind)
 
 
-def _type_fault(message: str, place: str, kind: type) -> FieldFault:
+def _type_error(message: str, place: str, kind: type) -> FieldError:
     if named := _MISSING.search(message):
-        return FieldFault(".".join(filter(None, (place, named[1]))), "a value", Words("none"))
+        return FieldError(".".join(filter(None, (place, named[1]))), "a value", Unquoted("none"))
     if named := _UNKNOWN.search(message):
-        return FieldFault(".".join(filter(None, (place, named[1]))), "a known field", Words("an unknown one"))
+        return FieldError(".".join(filter(None, (place, named[1]))), "a known field", Unquoted("an unknown one"))
     if value := re.fullmatch(r"Invalid enum value (.*)", message):
         words = ", ".join(sorted(_words(kind, re.split(r"[.\]]", place)[-1])))
-        return FieldFault(place, f"one of {words}", Words(value[1]))
+        return FieldError(place, f"one of {words}", Unquoted(value[1]))
     if types := _TYPES.fullmatch(message):
         expected = types[1].replace("`", "") if place else "a JSON object"
-        return FieldFault(place, expected, Words(types[2].replace("`", "")))
-    return FieldFault(place, message.removeprefix("Expected ").replace("`", ""), Words("another value"))
+        return FieldError(place, expected, Unquoted(types[2].replace("`", "")))
+    return FieldError(place, message.removeprefix("Expected ").replace("`", ""), Unquoted("another value"))
 
 
 @cache
@@ -168,8 +170,8 @@ def _words(kind: type, name: str) -> frozenset[str]:
 def _pattern(kind: type, value: Any) -> Any:
     """A regular expression of a text."""
     if "Pattern" not in str(kind) or not isinstance(value, str):
-        raise FieldFault("", "a regular expression", value)
+        raise FieldError("", "a regular expression", value)
     try:
         return re.compile(value, re.IGNORECASE)
     except re.error as error:
-        raise FieldFault("", f"a regular expression ({error})", value) from None
+        raise FieldError("", f"a regular expression ({error})", value) from None

@@ -1,4 +1,4 @@
-"""Standard output and error that take any text: closed streams are quiet, and no character is a fault."""
+"""Standard output and error that take any text: closed streams are quiet, and no character is an error."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def make_streams_forgiving() -> None:
 
 
 def flush_or_silence(stream: TextIO) -> None:
-    """Write what the stream holds; where that fails, drop it, so that the interpreter's last flush is no fault."""
+    """Write what the stream holds; where that fails, drop it, so that the interpreter's last flush is no error."""
     try:
         stream.flush()
     except (OSError, ValueError):
@@ -38,10 +38,10 @@ def flush_or_silence(stream: TextIO) -> None:
             os.close(nowhere)
 
 
-def _plain(fault: UnicodeError) -> tuple[str, int]:
+def _plain(error: UnicodeError) -> tuple[str, int]:
     """Python's error handler: plain characters for signs of ours, escapes for the rest."""
-    if not isinstance(fault, UnicodeEncodeError):
-        raise fault
-    text = fault.object[fault.start : fault.end]
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
     plain = (PLAIN.get(sign) or sign.encode("ascii", "backslashreplace").decode("ascii") for sign in text)
-    return "".join(plain), fault.end
+    return "".join(plain), error.end

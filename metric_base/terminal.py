@@ -1,4 +1,4 @@
-"""What every command shares: exit statuses, one line for a fault of the input, JSON and tables on standard output."""
+"""What every command shares: exit statuses, one line for an error of the input, JSON and tables on standard output."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
+from metric_base.errors import InputError
 from metric_base.escaping import visible, visible_json
 from metric_base.extras import missing_extra
-from metric_base.faults import InputFault
-from metric_base.files import WRITE_FAULTS
+from metric_base.files import WRITE_ERRORS
 from metric_base.signals import Terminated, orderly_termination
 from metric_base.streams import flush_or_silence, make_streams_forgiving
 
@@ -41,14 +41,14 @@ __all__ = [
 
 Item = TypeVar("Item")
 
-#: Set to see the traceback of a fault of the program.
+#: Set to see the traceback of an internal error.
 DEBUG_VARIABLE = "METRIC_TREE_DEBUG"
 
 #: Columns of a table that no terminal bounds: room for the longest row on one line.
 PIPE_WIDTH = 100_000
 
 #: What a path should have been where the system refuses it.
-_PATH_FAULTS: dict[type[OSError], str] = {
+_PATH_ERRORS: dict[type[OSError], str] = {
     FileNotFoundError: "an existing file or folder; found none",
     IsADirectoryError: "a file; found a folder",
     NotADirectoryError: "a folder; found a file",
@@ -59,11 +59,11 @@ _PATH_FAULTS: dict[type[OSError], str] = {
 #: Select Graphic Rendition of ECMA-48.
 _STYLES = {"bold": 1, "dim": 2, "red": 31, "green": 32}
 
-DONE, PROGRAM_FAULT, INPUT_FAULT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+DONE, INTERNAL_ERROR, INPUT_ERROR, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A parser whose faults are one line, with the option that was probably meant.
+    """A parser whose errors are one line, with the option that was probably meant.
 
     A value may begin with a minus and a digit, such as the list `-0.5,0.2`, which argparse takes for an option.
     """
@@ -80,21 +80,21 @@ class OneLineParser(argparse.ArgumentParser):
         return super().parse_known_args(joined, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Raise what is wrong as a fault of the input."""
+        """Raise what is wrong as an error of the input."""
         unknown = re.match(r"unrecognized arguments: (.*)", message)
         if unknown is None:
-            raise InputFault(f"arguments: {message} (--help lists them)")
+            raise InputError(f"arguments: {message} (--help lists them)")
         word = next((word for word in unknown[1].split() if word.startswith("-")), unknown[1].strip())
         near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, n=1)
         advice = f"did you mean {near[0]}?" if near else "--help lists them"
-        raise InputFault(f"arguments: no option is called {word}; {advice}")
+        raise InputError(f"arguments: no option is called {word}; {advice}")
 
 
 def exit_status(program: str, run: Callable[[], int]) -> int:
-    """Run a command: 2 with one line for a fault of the input, 1 with one line for a fault of the program.
+    """Run a command: 2 with one line for an error of the input, 1 with one line for an internal error.
 
     Ctrl-C and a request to terminate end it with one line and status 130 or 143, after its temporary files are
-    removed. A closed standard output is no fault.
+    removed. A closed standard output is no error.
     """
     make_streams_forgiving()
     with orderly_termination():
@@ -107,8 +107,8 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
             status = _report(program, "interrupted", INTERRUPTED)
         except Terminated:
             status = _report(program, "terminated", TERMINATED)
-        except Exception as error:  # noqa: BLE001 - the last door: what is not the input's fault is the program's
-            status = _fault_status(program, error)
+        except Exception as error:  # noqa: BLE001 - the last door: what is not the input's error is the program's
+            status = _error_status(program, error)
     flush_or_silence(sys.stdout)
     return status
 
@@ -118,13 +118,13 @@ def output_file(path: Path, option: str = "--out") -> Path:
 
     Raises
     ------
-    InputFault
+    InputError
         The path is a folder, or the folder to write it in does not exist.
     """
     if path.is_dir():
-        raise InputFault(f"{option}: expected a file; found the folder {path}")
+        raise InputError(f"{option}: expected a file; found the folder {path}")
     if not path.parent.is_dir():
-        raise InputFault(f"{option}: expected a file in an existing folder; found no folder {path.parent}")
+        raise InputError(f"{option}: expected a file in an existing folder; found no folder {path.parent}")
     return path
 
 
@@ -206,27 +206,27 @@ def version() -> str:
         return "0+source"
 
 
-def _path_fault(error: OSError) -> str:
-    expected = next(text for kind, text in _PATH_FAULTS.items() if isinstance(error, kind))
+def _path_error(error: OSError) -> str:
+    expected = next(text for kind, text in _PATH_ERRORS.items() if isinstance(error, kind))
     return f"{error.filename}: expected {expected}" if error.filename is not None else str(error)
 
 
-def _fault_status(program: str, error: Exception) -> int:
-    message = _input_fault(error)
+def _error_status(program: str, error: Exception) -> int:
+    message = _input_error(error)
     if message is not None:
-        return _report(program, message, INPUT_FAULT)
+        return _report(program, message, INPUT_ERROR)
     if os.environ.get(DEBUG_VARIABLE):
         traceback.print_exc()
-    return _report(program, f"fault of the program: {type(error).__name__}: {error}", PROGRAM_FAULT)
+    return _report(program, f"internal error: {type(error).__name__}: {error}", INTERNAL_ERROR)
 
 
-def _input_fault(error: Exception) -> str | None:
-    """The line about a fault that the user can mend; None for a fault of the program."""
-    if isinstance(error, InputFault):
+def _input_error(error: Exception) -> str | None:
+    """The line about an error that the user can mend; None for an internal error."""
+    if isinstance(error, InputError):
         return str(error)
-    if isinstance(error, OSError) and isinstance(error, tuple(_PATH_FAULTS)):
-        return _path_fault(error)
-    if isinstance(error, OSError) and error.errno in WRITE_FAULTS:
+    if isinstance(error, OSError) and isinstance(error, tuple(_PATH_ERRORS)):
+        return _path_error(error)
+    if isinstance(error, OSError) and error.errno in WRITE_ERRORS:
         return f"{error.filename or 'output'}: {error.strerror}"
     if isinstance(error, ModuleNotFoundError) and (extra := missing_extra(error.name)) is not None:
         return f"needs metric-tree[{extra}]: pip install 'metric-tree[{extra}]'"

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.regions import REGIONS, region_of
 
 __all__ = ["Context", "ContextModel", "Effect", "Likeness", "Where", "context_effect", "where_of"]
@@ -48,7 +48,7 @@ def where_of(asked: Where | Mapping[str, Any] | str) -> Where:
 
     Raises
     ------
-    InputFault
+    InputError
         Another name than region and year, a place that is neither a region nor the code of a country, or no year.
 
     >>> where_of("region=DE, year=2011")
@@ -60,7 +60,7 @@ def where_of(asked: Where | Mapping[str, Any] | str) -> Where:
         pairs = [part.partition("=") for part in asked.split(",")]
         asked = {name.strip(): value.strip() for name, _, value in pairs}
     if not asked or not set(asked) <= {"region", "year"}:
-        raise InputFault(f"where: expected region, year or both; found {', '.join(map(str, asked)) or 'neither'}")
+        raise InputError(f"where: expected region, year or both; found {', '.join(map(str, asked)) or 'neither'}")
     return Where(_place(asked.get("region")), _year(asked.get("year")))
 
 
@@ -71,7 +71,7 @@ def _place(text: Any) -> str | None:
     place = place.upper() if len(place) == 2 else place.lower().replace(" ", "-").replace("_", "-")
     if region_of(place) is None:
         known = ", ".join(sorted(REGIONS))
-        raise InputFault(f"where: region: expected {known} or the two letters of a country; found {text!r}")
+        raise InputError(f"where: region: expected {known} or the two letters of a country; found {text!r}")
     return None if place == "world" else place
 
 
@@ -83,7 +83,7 @@ def _year(text: Any) -> float | None:
     except (TypeError, ValueError):
         year = 0.0
     if not YEARS[0] <= year <= YEARS[1]:
-        raise InputFault(f"where: year: expected a year from {YEARS[0]} to {YEARS[1]}; found {text!r}")
+        raise InputError(f"where: year: expected a year from {YEARS[0]} to {YEARS[1]}; found {text!r}")
     return year
 
 

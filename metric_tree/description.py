@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.prior import Prior
 from metric_tree.tree import Node
 
@@ -64,16 +64,16 @@ def item_quantiles(node: Node, kind: str, quantiles: tuple[float, ...]) -> dict[
 
     Raises
     ------
-    metric_base.faults.InputFault
+    metric_base.errors.InputError
         No such kind, or no shipped item of it.
     """
     if kind not in KINDS:
-        raise InputFault(f"--kind: expected one of {', '.join(KINDS)}; found {kind!r}")
+        raise InputError(f"--kind: expected one of {', '.join(KINDS)}; found {kind!r}")
     items = node.items()
     rows = [row for row in items.select(["kind", *_COLUMNS]).to_pylist() if row["kind"] == kind]
     if not rows:
         there = ", ".join(shipped_evidence(node)["kind"]) or "no item at all"
-        raise InputFault(f"--kind: expected a kind that {node.node_id} has shipped items of ({there}); found {kind!r}")
+        raise InputError(f"--kind: expected a kind that {node.node_id} has shipped items of ({there}); found {kind!r}")
     sizes = np.array([[row[column] for column in _COLUMNS] for row in rows], dtype=float)  # (n, 3), NaN where missing
     table: dict[str, dict[str, float]] = {}
     for column, values in zip(_COLUMNS, sizes.T, strict=True):

@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from crawler.fetch.pictures import SCHEMA as PICTURE
-from metric_base.faults import in_file
+from metric_base.errors import in_file
 from metric_base.schema import expect, json_record
 from metric_tree.release import link_file, sha256
 from metric_tree.schema import IMAGES
@@ -64,7 +64,7 @@ def collect_pictures(files: Sequence[Path], items: pa.Table, folder: Path) -> Ga
 
     Raises
     ------
-    InputFault
+    InputError
         A line is no picture record.
     """
     records = list(_records(files))
@@ -125,7 +125,7 @@ def _records(files: Iterable[Path]) -> Iterator[tuple[Path, dict[str, Any]]]:
 
 
 def _check_record(record: Mapping[str, Any]) -> None:
-    """FieldFault where a field of a picture's record is not what it must be."""
+    """FieldError where a field of a picture's record is not what it must be."""
     expect(record.get("schema") == PICTURE, "schema", PICTURE, record.get("schema"))
     for name in _STRINGS:
         expect(isinstance(record.get(name), str), name, "a string", record.get(name))

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.statistics import mixture_log_density
 from metric_tree.context import Context, ContextModel, Where, context_effect
 
@@ -49,7 +49,7 @@ NORM_SHARE = 0.5
 _erf = np.frompyfunc(math.erf, 1, 1)
 
 
-class UnknownDimension(InputFault, KeyError):
+class UnknownDimension(InputError, KeyError):
     """A dimension that the prior does not have; the message names what exists."""
 
     def __str__(self) -> str:
@@ -151,7 +151,7 @@ class Prior:
     def quantile(self, q: float) -> FloatArray:
         """Quantile `q` (0 < q < 1) of each dimension's own marginal, (d,) in mm."""
         if not 0 < q < 1:
-            raise InputFault(f"quantile: expected a number between 0 and 1; found {q!r}")
+            raise InputError(f"quantile: expected a number between 0 and 1; found {q!r}")
         sd = np.sqrt(np.diagonal(self._covariances, axis1=1, axis2=2))  # (k, d)
         low, high = (self.means - BRACKET_SD * sd).min(axis=0), (self.means + BRACKET_SD * sd).max(axis=0)  # (d,)
         place = self.weights @ self.means
@@ -172,7 +172,7 @@ class Prior:
     def interval(self, level: float) -> FloatArray:
         """Equal-tailed interval that holds `level` of each dimension's marginal, (d, 2) in mm."""
         if not 0 < level < 1:
-            raise InputFault(f"level: expected a number between 0 and 1; found {level!r}")
+            raise InputError(f"level: expected a number between 0 and 1; found {level!r}")
         return np.stack([self.quantile((1 - level) / 2), self.quantile((1 + level) / 2)], axis=1)
 
     def log_sd(self) -> FloatArray:
@@ -230,17 +230,17 @@ class Prior:
 
         Raises
         ------
-        InputFault
+        InputError
             The row is of another family, or its arrays do not fit together.
         """
         node_id = row["node_id"]
         _expect(node_id, "family", row["family"] == FAMILY, FAMILY, row["family"])
         try:
             prior = cls._of_row(row)
-        except (TypeError, ValueError, KeyError) as fault:
-            if isinstance(fault, InputFault):
+        except (TypeError, ValueError, KeyError) as error:
+            if isinstance(error, InputError):
                 raise
-            raise InputFault(f"{node_id}: prior: expected arrays of numbers; found {fault}") from None
+            raise InputError(f"{node_id}: prior: expected arrays of numbers; found {error}") from None
         for name in ("weights", "means", "covariances", "shared_covariance"):
             values = getattr(prior, name)
             _expect(node_id, name, bool(np.isfinite(values).all()), "finite numbers", values)
@@ -281,4 +281,4 @@ def _normal_cdf(z: FloatArray) -> FloatArray:
 
 def _expect(node_id: str, name: str, holds: bool, expected: str, value: object) -> None:
     if not holds:
-        raise InputFault(f"prior of {node_id}: {name}: expected {expected}; found {value}")
+        raise InputError(f"prior of {node_id}: {name}: expected {expected}; found {value}")

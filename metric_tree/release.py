@@ -15,7 +15,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_tree.schema import ADDED_COLUMNS, SCHEMA, TABLES
 
@@ -47,7 +47,7 @@ NEVER_NULL = frozenset({"node_id", "name", "level", "item_id", "source", "image_
 ROW_GROUP = 20_000
 
 
-class BadRelease(InputFault):
+class BadRelease(InputError):
     """A folder that is not a release, or one that this version does not read."""
 
 

@@ -114,7 +114,7 @@ IMAGES = pa.schema(
     metadata={"schema": SCHEMA},
 )
 
-#: Columns that were added within version 1: a release that is older lacks them, which is no fault.
+#: Columns that were added within version 1: a release that is older lacks them, which is no error.
 ADDED_COLUMNS = frozenset({"attribution", "pixels_per_metre", "sameness", "sameness_sd", "contexts"})
 
 #: The tables of a release by file name; a release has exactly these beside its manifest.

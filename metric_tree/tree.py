@@ -11,7 +11,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.context import ContextModel, Where, where_of
 from metric_tree.prior import Prior
 from metric_tree.release import BadRelease, Release, first_in_circle, open_release
@@ -32,7 +32,7 @@ LISTED = 4
 LONGEST_NAME = 300
 
 
-class UnknownName(InputFault, KeyError):
+class UnknownName(InputError, KeyError):
     """A name that means no node of the tree; the message names the nearest."""
 
     def __str__(self) -> str:
@@ -122,7 +122,7 @@ class Node:
         ------
         NoPrior
             No row contains them.
-        InputFault
+        InputError
             `where` names no region, country or year.
 
         >>> import metric_tree
@@ -232,7 +232,7 @@ class Tree:
     def find(self, name: str, vocabulary: str | None = None, *, advice: bool = True) -> Node:
         """The node that a name means: an id, synset, name, alias, detector label or phrase; see `resolve`.
 
-        Without `advice` the fault of an unknown name offers no others, which takes longer than all the rest.
+        Without `advice` the error of an unknown name offers no others, which takes longer than all the rest.
 
         Raises
         ------

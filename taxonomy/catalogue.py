@@ -12,7 +12,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Protocol
 
-from metric_base.faults import in_file
+from metric_base.errors import in_file
 from metric_base.folders import taxonomy_directory
 from metric_base.schema import expect, record_of
 from taxonomy.categories import Category, Pose

@@ -14,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from crawler.items import RawItem
-from metric_base.faults import Words, in_file
+from metric_base.errors import Unquoted, in_file
 from metric_base.folders import taxonomy_directory
 from metric_base.schema import expect
 from taxonomy.levels import DIMENSIONS, BadLevels, table_rows
@@ -118,7 +118,7 @@ def _range(row: dict[str, str]) -> CuratedRange:
         known = [end for end in ends if end is not None]
         expect(len(known) in {0, 3} and known == sorted(known), axis, "low, typical and high in order, or none", ends)
     low, typical, high = zip(*values, strict=True)
-    expect(bool(any(typical) and row["reason"]), row["node_id"], "at least one axis and a reason", Words("none"))
+    expect(bool(any(typical) and row["reason"]), row["node_id"], "at least one axis and a reason", Unquoted("none"))
     return CuratedRange(
         node_id=row["node_id"],
         low=low,

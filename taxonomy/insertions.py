@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from metric_base.faults import InputFault, in_file
+from metric_base.errors import InputError, in_file
 from metric_base.folders import taxonomy_directory
 from metric_base.schema import expect, json_lines
 from taxonomy.categories import Pose
@@ -20,7 +20,7 @@ PREFIX = "mt:"
 _FILE = "insertions.jsonl"
 
 
-class BadInsertion(InputFault):
+class BadInsertion(InputError):
     """A line of the insertions file that is not one: the message names line, field, expected and found."""
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.folders import taxonomy_directory
 from taxonomy.levels import replaced_ids, table_rows
 
@@ -34,7 +34,7 @@ _FOLDER = "vocabularies"
 _COLUMNS = ("list", "label", "node_id", "reason")
 
 
-class UnknownLabel(InputFault, KeyError):
+class UnknownLabel(InputError, KeyError):
     """An unknown list, a label that is not in the list, or one that names nothing with a size."""
 
     def __str__(self) -> str:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 
-from metric_base.faults import InputFault, Words, in_file
+from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.folders import taxonomy_directory
 from metric_base.schema import expect, record_of
 from taxonomy.categories import Pose
@@ -42,7 +42,7 @@ _COLUMNS = ("node_id", "name", "level", "parent_id", "pose", "dims", "claims")
 _SUCCESSORS = ("node_id", "successor", "reason", "reviewer")
 
 
-class BadLevels(InputFault):
+class BadLevels(InputError):
     """A table of the tree that breaks a rule: the message names file, line, expected and found."""
 
 
@@ -64,7 +64,7 @@ class Levels:
 
     Raises
     ------
-    FieldFault
+    FieldError
         An id or a claim occurs twice, a parent is missing or not one level above, or there is not one root.
     """
 
@@ -154,7 +154,7 @@ def table_rows(file: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[s
             header = next(reader, [])
             missing = sorted(set(columns) - set(header))
             with in_file(file, BadLevels):
-                expect(not missing, "header", f"columns {', '.join(columns)}", Words(f"no {', '.join(missing)}"))
+                expect(not missing, "header", f"columns {', '.join(columns)}", Unquoted(f"no {', '.join(missing)}"))
             cells = [(name, header.index(name)) for name in columns]
             name_of_file = str(file)
             for row in filter(None, reader):
@@ -173,7 +173,7 @@ def _inner_nodes(file: Path) -> Iterator[InnerNode]:
 
 
 def parse_dims(letters: str) -> tuple[str, ...]:
-    """Names of the dimensions of a cell such as `LH`; FieldFault if it has other letters."""
+    """Names of the dimensions of a cell such as `LH`; FieldError if it has other letters."""
     expect(bool(letters) and set(letters) <= set(DIMENSIONS), "dims", "letters of LWH", letters)
     return tuple(DIMENSIONS[letter] for letter in letters)
 

@@ -9,7 +9,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["ENVIRONMENT_VARIABLE", "NoWordNet", "UnknownSynset", "WordNet", "default_wordnet"]
 
@@ -41,11 +41,11 @@ _LEXNAMES = (
 )
 
 
-class NoWordNet(InputFault):
+class NoWordNet(InputError):
     """WordNet is not where it was looked for: the message says where that was and how to get it."""
 
 
-class UnknownSynset(InputFault, KeyError):
+class UnknownSynset(InputError, KeyError):
     """A name that is no noun synset of WordNet 3.0."""
 
     def __str__(self) -> str:

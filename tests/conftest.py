@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, settings
 
 from metric_tree.commands import main
 from metric_tree.tree import Tree, open_tree
-from tests.made import minitree
+from tests.synthetic import minitree
 
 # A shell that starts the tests in the background makes them ignore Ctrl-C; the commands under test would inherit it.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:

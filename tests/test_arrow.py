@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.made import minitree
+from tests.synthetic import minitree
 
 ROOT = Path(__file__).resolve().parents[1]
 #: The rooms, upstream first. A module of a room imports from its own room and from rooms above it in this list.

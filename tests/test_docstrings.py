@@ -71,7 +71,7 @@ def test_no_function_is_called_by_a_bare_participle() -> None:
 
 
 def test_no_local_is_called_found() -> None:
-    """A fault's `found` is what the input said; a local of that name says nothing."""
+    """An error's `found` is what the input said; a local of that name says nothing."""
     assert [
         f"{place} {node.name}"
         for place, node in _nodes(ast.FunctionDef)

@@ -33,7 +33,7 @@ def _is_safe_load(call: ast.Call) -> bool:
     )
 
 
-def _faults(call: ast.Call) -> str | None:
+def _errors(call: ast.Call) -> str | None:
     function = call.func
     if isinstance(function, ast.Name) and function.id in RUNS_CODE:
         return function.id
@@ -47,23 +47,23 @@ def _faults(call: ast.Call) -> str | None:
 
 
 def test_no_file_of_a_stranger_is_run() -> None:
-    faults = {}
+    errors = {}
     for package in PACKAGES:
         for path in package.rglob("*.py"):
             name = path.relative_to(ROOT).as_posix()
-            bad = [fault for call in _calls(path) if (fault := _faults(call))]
+            bad = [error for call in _calls(path) if (error := _errors(call))]
             if bad and name not in MAY_UNPICKLE:
-                faults[name] = bad
-    assert faults == {}
+                errors[name] = bad
+    assert errors == {}
 
 
 def test_the_check_sees_what_it_forbids() -> None:
-    def fault(code: str) -> str | None:
+    def error(code: str) -> str | None:
         node = ast.parse(code, mode="eval").body
         assert isinstance(node, ast.Call)
-        return _faults(node)
+        return _errors(node)
 
-    assert fault("eval(x)") == "eval"
-    assert fault("np.load(x)") == "np.load"
-    assert fault("np.load(x, allow_pickle=False)") is None
-    assert fault("run(x, shell=True)") == "shell=True"
+    assert error("eval(x)") == "eval"
+    assert error("np.load(x)") == "np.load"
+    assert error("np.load(x, allow_pickle=False)") is None
+    assert error("run(x, shell=True)") == "shell=True"

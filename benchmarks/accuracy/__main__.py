@@ -4,8 +4,8 @@
     python -m benchmarks.accuracy --raw RAW --cache DIR --scenes DIR        # the whole
 
 RAW holds raw items (`metric-tree import`): a tree is built in the cache without one fold of them, from which the made
-rooms draw their sizes, and without the sources of ScanNet, whose rooms are judged. Without RAW the made rooms draw
-typical sizes, and that part is left out. Seeds of made rooms are 0 and up; whoever tunes anything uses seeds
+rooms draw their sizes, and without the sources of ScanNet, whose rooms are judged. Without RAW the synthetic rooms draw
+typical sizes, and that part is left out. Seeds of synthetic rooms are 0 and up; whoever tunes anything uses seeds
 from 1000 on.
 """
 
@@ -23,7 +23,7 @@ import numpy as np
 
 import metric_tree
 from benchmarks.accuracy.budget import budget_outcomes
-from benchmarks.accuracy.cases import made_rooms, made_streets, scenes_on_disk, tilted_rooms
+from benchmarks.accuracy.cases import scenes_on_disk, synthetic_rooms, synthetic_streets, tilted_rooms
 from benchmarks.accuracy.figures import write_figures
 from benchmarks.accuracy.methods import METHODS, object_outcomes, scene_outcomes
 from benchmarks.accuracy.outcomes import Outcome, read_outcomes, write_outcomes
@@ -31,7 +31,7 @@ from benchmarks.accuracy.page import Facts, page
 from benchmarks.accuracy.simulations import (
     COUNTS,
     NOISES,
-    fault_outcomes,
+    error_outcomes,
     fewer_dimensions,
     sameness_outcomes,
     structured_outcomes,
@@ -41,11 +41,11 @@ from benchmarks.estimator.simulation import World, world
 from estimator.geometry.measurement import measure_objects
 from metric_base.files import whole_file
 from metric_tree.tree import Tree
-from tests.made.rooms.sizes import Sizes, typical_sizes
+from tests.synthetic.rooms.sizes import Sizes, typical_sizes
 
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATE = Path(__file__).with_name("page.md")
-PARTS = ("sameness", "structured", "faults", "unseen", "scenes", "methods", "budget", "dimensions", "tilted")
+PARTS = ("sameness", "structured", "errors", "unseen", "scenes", "methods", "budget", "dimensions", "tilted")
 #: Dimensions that are left of those of a room.
 FEWER = (3, 6, 12, 24)
 #: How much of everything --quick does.
@@ -128,7 +128,7 @@ def _outcomes(
             _classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed
         ),
         "structured": lambda: _simulated(arguments, release),
-        "faults": lambda: fault_outcomes(_classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed),
+        "errors": lambda: error_outcomes(_classes(release, arguments.seed), arguments.scenes_a_cell, arguments.seed),
         "budget": lambda: _by_stage(arguments, rooms_tree, sizes),
         "tilted": lambda: _tilted(arguments, rooms_tree, sizes),
         "dimensions": lambda: _by_dimensions(arguments, rooms_tree, sizes),
@@ -138,15 +138,15 @@ def _outcomes(
 
 
 def _by_method(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Iterator[Outcome]:
-    """Table 1 on made scenes, by the tree that has not seen their sizes."""
-    for made in (made_rooms(arguments.rooms, sizes), made_streets(arguments.streets, sizes)):
+    """Table 1 on synthetic scenes, by the tree that has not seen their sizes."""
+    for made in (synthetic_rooms(arguments.rooms, sizes), synthetic_streets(arguments.streets, sizes)):
         for case in made:
             yield from scene_outcomes("methods", case, tree)
 
 
 def _by_stage(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Iterator[Outcome]:
-    """Where the error of made rooms comes from."""
-    for case in made_rooms(arguments.rooms, sizes):
+    """Where the error of synthetic rooms comes from."""
+    for case in synthetic_rooms(arguments.rooms, sizes):
         yield from budget_outcomes(case, tree)
 
 
@@ -182,8 +182,8 @@ def _unseen(arguments: argparse.Namespace, tree: Tree) -> Iterator[Outcome]:
 
 
 def _by_dimensions(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Iterator[Outcome]:
-    """Made rooms of which so many dimensions are left."""
-    for case in made_rooms(arguments.rooms, sizes):
+    """Synthetic rooms of which so many dimensions are left."""
+    for case in synthetic_rooms(arguments.rooms, sizes):
         if not case.group.endswith("masks"):
             continue
         objects = measure_objects(case.scene, case.instances).objects
@@ -196,7 +196,7 @@ def _by_dimensions(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> I
 
 def _rooms_text(arguments: argparse.Namespace) -> str:
     if arguments.raw is None:
-        return "typical sizes (`tests/made/rooms/sizes.py`), which no fit has seen"
+        return "typical sizes (`tests/synthetic/rooms/sizes.py`), which no fit has seen"
     return "real items of one fold in five, which their tree did not see, nor any source of ScanNet"
 
 

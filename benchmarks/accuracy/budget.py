@@ -1,4 +1,4 @@
-"""Where the error of a made room comes from: the truth is replaced by what was measured, stage by stage."""
+"""Where the error of a synthetic room comes from: the truth is replaced by what was measured, stage by stage."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ STAGES: dict[str, Callable[[MeasuredObject, FloatArray], MeasuredObject]] = {
 
 
 def budget_outcomes(case: Case, tree: Tree) -> Iterator[Outcome]:
-    """The outcome of each stage on a made room whose true sizes are known.
+    """The outcome of each stage on a synthetic room whose true sizes are known.
 
     The first has every thing of the room at its true size; the last is the method `default`, wrong names included.
     """

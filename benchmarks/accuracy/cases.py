@@ -1,4 +1,4 @@
-"""The scenes of the report: made rooms and streets, and scenes on disk whose scale is known."""
+"""The scenes of the report: synthetic rooms and streets, and scenes on disk whose scale is known."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ import numpy as np
 from benchmarks.accuracy.methods import Case
 from estimator.reading import read_instances, read_scene
 from estimator.reconstructions.truth import read_truth
-from tests.made.rooms.detections import detections_of
-from tests.made.rooms.furnish import furnished_room
-from tests.made.rooms.kinds import KINDS
-from tests.made.rooms.knobs import HARD, Knobs
-from tests.made.rooms.quick import MadeScene, quick_scene
-from tests.made.rooms.sizes import Sizes
-from tests.made.rooms.street import street
+from tests.synthetic.rooms.detections import detections_of
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.knobs import HARD, Knobs
+from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
+from tests.synthetic.rooms.sizes import Sizes
+from tests.synthetic.rooms.street import street
 
-__all__ = ["made_rooms", "made_streets", "scenes_on_disk", "tilted_rooms"]
+__all__ = ["scenes_on_disk", "synthetic_rooms", "synthetic_streets", "tilted_rooms"]
 
 
-def made_rooms(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
+def synthetic_rooms(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
     """Hard rooms of every kind, with masks and dense points, masks and sparse points, and a detector's boxes."""
     for kind in KINDS:
         for seed in seeds:
             world = furnished_room(kind, seed, HARD, sizes)
             made = quick_scene(world, HARD, seed)
-            case = _case("made rooms, masks", f"{kind} {seed}", made)
+            case = _case("synthetic rooms, masks", f"{kind} {seed}", made)
             yield case
-            yield replace(case, group="made rooms, sparse points", scene=replace(case.scene, dense=None))
+            yield replace(case, group="synthetic rooms, sparse points", scene=replace(case.scene, dense=None))
             size = (world.camera.width, world.camera.height)
             boxes = detections_of(made.instances, size, seed)
-            yield replace(case, group="made rooms, boxes", instances=boxes)
+            yield replace(case, group="synthetic rooms, boxes", instances=boxes)
 
 
-def made_streets(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
+def synthetic_streets(seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
     """Drives past parked and moving cars."""
     for seed in seeds:
-        yield _case("made streets", f"street {seed}", quick_scene(street(seed, sizes=sizes), seed=seed))
+        yield _case("synthetic streets", f"street {seed}", quick_scene(street(seed, sizes=sizes), seed=seed))
 
 
 def tilted_rooms(shares: Sequence[float], seeds: Sequence[int], sizes: Sizes) -> Iterator[Case]:
@@ -75,8 +75,8 @@ def scenes_on_disk(folder: Path) -> Iterator[Case]:
                 yield replace(case, group=f"{path.name}, boxes", instances=found)
 
 
-def _case(group: str, name: str, made: MadeScene) -> Case:
-    """A made scene; tilted and moving things have no height of their own."""
+def _case(group: str, name: str, made: SyntheticScene) -> Case:
+    """A synthetic scene; tilted and moving things have no height of their own."""
     things = made.truth.objects.items()
     upright = {track: float(thing.size[2]) for track, thing in things if not (thing.tilt_deg or np.any(thing.velocity))}
     sizes = {track: np.append(np.sort(thing.size[:2])[::-1], thing.size[2]) for track, thing in things}

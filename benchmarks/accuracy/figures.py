@@ -1,4 +1,4 @@
-"""The figures of the page: simulation, faults, and width against error."""
+"""The figures of the page: simulation, errors, and width against error."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def write_figures(outcomes: Sequence[Outcome], folder: Path) -> list[str]:
     names = []
     for name, draw, parts in (
         ("accuracy_simulation.png", _draw_simulation, ("structured",)),
-        ("accuracy_faults.png", _draw_faults, ("faults",)),
+        ("accuracy_errors.png", _draw_errors, ("errors",)),
         ("accuracy_scenes.png", _draw_scenes, ("methods", "scenes")),
     ):
         chosen = [one for one in outcomes if one.part in parts]
@@ -66,22 +66,22 @@ def _draw_simulation(outcomes: Sequence[Outcome]) -> Any:
     return figure
 
 
-def _draw_faults(outcomes: Sequence[Outcome]) -> Any:
+def _draw_errors(outcomes: Sequence[Outcome]) -> Any:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(11, 5), layout="constrained")
     axes = figure.subplots(2, len(FAULTS), sharey="row")
-    for column, (fault, settings) in enumerate(FAULTS.items()):
+    for column, (error, settings) in enumerate(FAULTS.items()):
         values = [value for value, _ in settings]
         for method, colour in (("default", OURS), ("paper", THEIRS)):
-            groups = [select(outcomes, group=f"{fault}: {value}", method=method) for value in values]
+            groups = [select(outcomes, group=f"{error}: {value}", method=method) for value in values]
             errors = [float(np.mean(np.abs(np.expm1([one.error for one in group])))) for group in groups]
             axes[0, column].plot(range(len(values)), errors, marker="o", color=colour, label=method)
             axes[1, column].plot(
                 range(len(values)), [summary(group).coverage for group in groups], marker="o", color=colour
             )
         axes[1, column].axhline(0.9, color="0.5", linewidth=0.8)
-        axes[0, column].set_title(fault, fontsize=9)
+        axes[0, column].set_title(error, fontsize=9)
         for row in (0, 1):
             axes[row, column].set_xticks(range(len(values)), values, fontsize=8)
             axes[row, column].grid(alpha=0.3)

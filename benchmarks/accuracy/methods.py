@@ -31,8 +31,8 @@ METHODS = ("default", "height", "paper", "sucar", "default, all dimensions", "pa
 class Case:
     """A scene with its masks, and what is true of it.
 
-    scale : metres per unit; heights : metres, by track; sizes, categories : by track, of made scenes alone, the sizes
-    (3,) in metres, the longer horizontal side first.
+    scale : metres per unit; heights : metres, by track; sizes, categories : by track, of synthetic scenes alone, the
+    sizes (3,) in metres, the longer horizontal side first.
     """
 
     group: str

@@ -22,7 +22,7 @@ _HEAD = (
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What the page says of its own making: the command, the releases and how the made rooms' sizes were drawn.
+    """What the page says of its own making: the command, the releases and how the synthetic rooms' sizes were drawn.
 
     earlier : parts whose outcomes were kept from earlier runs (`--rows`).
     """
@@ -47,7 +47,7 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         differences=_differences_table(scenes),
         sameness=_sameness_table(select(outcomes, part="sameness")),
         structured=_structured_table(select(outcomes, part="structured")),
-        faults=_faults_table(select(outcomes, part="faults")),
+        errors=_errors_table(select(outcomes, part="errors")),
         tilted=_groups_table(select(outcomes, part="tilted")),
         budget=_groups_table(select(outcomes, part="budget")),
         dimensions=_groups_table(select(outcomes, part="dimensions")),
@@ -167,13 +167,13 @@ def _all_answered(outcomes: Sequence[Outcome]) -> list[Outcome]:
     return [replace(one, refused=False) for one in outcomes]
 
 
-def _faults_table(outcomes: Sequence[Outcome]) -> str:
+def _errors_table(outcomes: Sequence[Outcome]) -> str:
     rows = []
-    for fault, settings in FAULTS.items():
+    for error, settings in FAULTS.items():
         for value, _ in settings:
             for method in ("default", "paper"):
-                chosen = select(outcomes, group=f"{fault}: {value}", method=method)
-                rows += [_line(f"{fault}: {value}", method, chosen)] if chosen else []
+                chosen = select(outcomes, group=f"{error}: {value}", method=method)
+                rows += [_line(f"{error}: {value}", method, chosen)] if chosen else []
     return "\n".join([_HEAD, *rows]) if rows else "Not run."
 
 

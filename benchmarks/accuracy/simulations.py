@@ -1,4 +1,4 @@
-"""Simulated scenes: the paper's figure of N objects and noise R, faults one at a time, and dimensions taken away."""
+"""Simulated scenes: the paper's figure of N objects and noise R, errors one at a time, and dimensions taken away."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = [
     "COUNTS",
     "FAULTS",
     "NOISES",
-    "fault_outcomes",
+    "error_outcomes",
     "fewer_dimensions",
     "sameness_outcomes",
     "structured_outcomes",
@@ -39,7 +39,7 @@ _PLAIN = Knobs(cut=0.0, wrong=0.0, off=0.0)
 #: The paper's method takes thirty times as long, so it runs on one scene in so many, the first ones.
 PAPER_SHARE = 50
 
-#: One fault at a time, eight objects and 6 % noise otherwise.
+#: One error at a time, eight objects and 6 % noise otherwise.
 FAULTS: Mapping[str, tuple[tuple[str, Knobs], ...]] = {
     "truncated": tuple((f"{share:.0%}", replace(_PLAIN, cut=share)) for share in (0.0, 0.1, 0.2, 0.4)),
     "mislabelled": tuple((f"{share:.0%}", replace(_PLAIN, wrong=share)) for share in (0.0, 0.1, 0.2, 0.3, 0.4)),
@@ -69,11 +69,11 @@ def sameness_outcomes(world: World, scenes: int, seed: int) -> Iterator[Outcome]
         yield from _of_method("sameness", group, estimates(world, knobs, scenes, seed, ("default",)))
 
 
-def fault_outcomes(world: World, scenes: int, seed: int) -> Iterator[Outcome]:
-    """Every setting of `FAULTS`, as the groups `fault: value`."""
-    for fault, settings in FAULTS.items():
+def error_outcomes(world: World, scenes: int, seed: int) -> Iterator[Outcome]:
+    """Every setting of `FAULTS`, as the groups `error: value`."""
+    for error, settings in FAULTS.items():
         for value, knobs in settings:
-            yield from _outcomes("faults", f"{fault}: {value}", world, knobs, scenes, seed)
+            yield from _outcomes("errors", f"{error}: {value}", world, knobs, scenes, seed)
 
 
 def fewer_dimensions(

@@ -20,14 +20,14 @@ from estimator.results.estimate import scale_of_objects
 from metric_base.arrays import FloatArray
 from metric_tree.build.steps import Options, build_release, shipped_taxonomy
 from metric_tree.tree import Tree, open_tree
-from tests.made.rooms.held_out import held_out_pool, pool_at
-from tests.made.rooms.sizes import Sizes, drawn_sizes
+from tests.synthetic.rooms.held_out import held_out_pool, pool_at
+from tests.synthetic.rooms.sizes import Sizes, drawn_sizes
 
 __all__ = ["FAMILY", "unseen_outcomes", "unseen_tree"]
 
 #: Sources that show the same rooms: none of them is in the tree that judges these rooms.
 FAMILY = ("scannet18_boxes", "scannet_fine_boxes", "vsibench_scannet")
-#: One fifth of the items is kept from the tree too: made rooms draw their sizes from it.
+#: One fifth of the items is kept from the tree too: synthetic rooms draw their sizes from it.
 FOLD = (0, 5)
 #: Rescans of a room repeat its objects.
 FIRST_SCAN = "_00"

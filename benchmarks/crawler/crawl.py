@@ -1,10 +1,10 @@
-"""Cost of a crawl: ours beside a bare Scrapy spider that follows the same links of the same made site in the same run.
+"""Cost of a crawl: ours beside a bare Scrapy spider on the same links of the same synthetic site.
 
     python -m benchmarks.crawler.crawl --pages 1000 10000 [--real-sizes] [--shares]
 
-The made site (`tests/made/made_site.py`) runs in a process of its own; its time is not counted. CPU and memory are the
-operating system's figures of the crawling process. `--real-sizes` gives product pages the sizes of the sixteen saved
-real pages (235 to 3,149 kB, drawn evenly by number); `--shares` says where our time goes.
+The synthetic site (`tests/synthetic/synthetic_site.py`) runs in a process of its own; its time is not counted. CPU and
+memory are the operating system's figures of the crawling process. `--real-sizes` gives product pages the sizes of the
+sixteen saved real pages (235 to 3,149 kB, drawn evenly by number); `--shares` says where our time goes.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from tests.made.filler import REAL_SIZES
-from tests.made.made_site import MadeSite, Shop, expected
+from tests.synthetic.filler import REAL_SIZES
+from tests.synthetic.synthetic_site import Shop, SyntheticSite, expected
 
 
 class ServedShop:
-    """A made site in another process: its address, and the addresses that were asked for."""
+    """A synthetic site in another process: its address, and the addresses that were asked for."""
 
     def __init__(self, shop: Shop) -> None:
         self._here, there = multiprocessing.Pipe()
@@ -46,7 +46,7 @@ class ServedShop:
 
 
 def _serve(shop: Shop, pipe: Any) -> None:
-    with MadeSite(shop) as site:
+    with SyntheticSite(shop) as site:
         pipe.send(site.base)
         while pipe.recv():
             pipe.send(site.fetched)
@@ -75,7 +75,7 @@ def measured(command: list[str]) -> dict[str, float]:
 
 
 def compared(shop: Shop, with_shares: bool) -> list[dict[str, Any]]:
-    """Ours and a bare spider over one made site, and what ours brought home against truth."""
+    """Ours and a bare spider over one synthetic site, and what ours brought home against truth."""
     rows: list[dict[str, Any]] = []
     asked: list[Counter[str]] = []
     with tempfile.TemporaryDirectory() as scratch:

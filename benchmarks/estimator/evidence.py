@@ -37,10 +37,10 @@ from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import Options
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
-from tests.made.evidence import KINDS, RIG_M, objects_of
-from tests.made.exports import EXPORTS, OBSERVED, largest_difference, write_export
-from tests.made.small_scene import small_model, write_small_scene
-from tests.made.walk import Walk, made_walk, with_rig
+from tests.synthetic.evidence import KINDS, RIG_M, objects_of
+from tests.synthetic.exports import EXPORTS, OBSERVED, largest_difference, write_export
+from tests.synthetic.small_scene import small_model, write_small_scene
+from tests.synthetic.walk import Walk, synthetic_walk, with_rig
 
 __all__ = ["coverage_rows", "form_rows", "kind_rows", "main", "up_rows"]
 
@@ -69,7 +69,7 @@ Row = Sequence[object]
 
 def kind_rows(tree: Tree, folder: Path) -> Iterator[Row]:
     """Rows of kind, case, what it says, scale, interval, weight and verdict; scales by the true one."""
-    walk = with_rig(made_walk(folder, views=12), RIG_M)
+    walk = with_rig(synthetic_walk(folder, views=12), RIG_M)
     shown = measure_objects(walk.scene, ())
     right = objects_of(tree, OBJECTS, walk.scale)
     small = objects_of(tree, OBJECTS, 2 * walk.scale)
@@ -150,9 +150,9 @@ def coverage_rows(tree: Tree, scenes: int) -> Iterator[Row]:
             values.append((low <= scale <= high, error, math.log(high / low)))
         inside, error, width = np.array(values, dtype=float).T
         label = f"{len(names)} of them" if may_fail else ", ".join(names) or "none"
-        faults = "one in ten" if may_fail else "none"
+        errors = "one in ten" if may_fail else "none"
         mean = f"{error.mean():.3f}"
-        yield objects, label, faults, f"{inside.mean():.2f}", f"{np.median(error):.3f}", mean, f"{width.mean():.2f}"
+        yield objects, label, errors, f"{inside.mean():.2f}", f"{np.median(error):.3f}", mean, f"{width.mean():.2f}"
 
 
 def _lines(names: Sequence[str], truth: float, may_fail: bool, generator: np.random.Generator) -> FloatArray:
@@ -244,7 +244,7 @@ shares of the scene's extent, those of pixels of the picture's width.
 `python -m pytest tests/estimator/other_programs tests/estimator/instances/test_forms.py` has the same for two lenses,
 and the forms of masks. Real files of public repositories were read by hand to check conventions, and are not part
 of the tests: in instant-ngp's and Meshroom's the cameras look at one place in front of them. The pieces they had that
-the made files had not (Metashape's k4, pictures without points) were faults, and are tested now.
+the made files had not (Metashape's k4, pictures without points) were errors, and are tested now.
 """
 
 

@@ -1,10 +1,10 @@
-"""What the geometry costs and how well it measures, on made scenes.
+"""What the geometry costs and how well it measures, on synthetic scenes.
 
 `python -m benchmarks.estimator.geometry [PART ...]`.
 
 Parts: `times` (labels per frame, dimensions per scene; the paper: 200 ms and 20 ms), `bottle` (the paper's figure of
 three cases), `extents` (bias of the one extent rule by points and noise), `noise` (what is read of
-it in pictures), `overshoot` (what it adds to extents), `rooms` (made rooms: association, sizes, supports).
+it in pictures), `overshoot` (what it adds to extents), `rooms` (synthetic rooms: association, sizes, supports).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from estimator.geometry.noise import depth_noise
 from estimator.geometry.upright_box import dimensions, inliers
 from estimator.records.measured_object import ETA_THRESHOLD
 from metric_base.arrays import FloatArray
-from tests.made.shapes import Solid, Thing, box, floor, made_scene, orbit, sampled_box, sampled_cylinder
+from tests.synthetic.shapes import Solid, Thing, box, floor, orbit, sampled_box, sampled_cylinder, synthetic_scene
 
 __all__ = ["bottle_confidences", "main"]
 
@@ -57,7 +57,7 @@ def bottle_confidences(degrees: float, points: int = 4000, seed: int = 0) -> Flo
         Solid("cylinder", neck, lean @ np.array([0, 0, 0.15]), lean),
     )
     views = orbit(12, 0.9, 0.45, target=(0, 0, 0.03), size=(240, 180), focal=220.0)
-    cloud = made_scene([Thing("bottle", solids)], views, dense=points, noise=0.001, seed=seed).scene.dense
+    cloud = synthetic_scene([Thing("bottle", solids)], views, dense=points, noise=0.001, seed=seed).scene.dense
     assert cloud is not None
     axes = np.eye(3)
     axes[:2, :2] = smallest_rectangle_axes(cloud.points[:, :2])
@@ -71,7 +71,7 @@ def times() -> None:
     things += [
         box("chair", (0.5, 0.4, 0.9), (1.2 * np.cos(a), 1.2 * np.sin(a), 0), 30 * a) for a in np.arange(10) * 0.628
     ]
-    made = made_scene(things, orbit(6, 3.5, 1.6), dense=100_000)
+    made = synthetic_scene(things, orbit(6, 3.5, 1.6), dense=100_000)
     view, cloud = made.scene.views[0], made.scene.dense
     assert cloud is not None
     masks = [instance for instance in made.instances if instance.view == 0]
@@ -112,7 +112,7 @@ def bottle() -> None:
 
 
 def extents() -> None:
-    """Bias and spread of the extent rule on made shapes, in log size."""
+    """Bias and spread of the extent rule on synthetic shapes, in log size."""
     random = np.random.default_rng(0)
     shapes = {"box": sampled_box, "cylinder": sampled_cylinder}
     print("extents: mean (spread) of log measured / true over random sizes, by noise as a share of the longest side")
@@ -151,10 +151,10 @@ def _observed_extent(face: float, noise: float, random: np.random.Generator) -> 
 
 def noise(seed: int = 1000) -> None:
     """The depth noise that is read in the pictures over the true one, in quick rooms; dense and sparse points."""
-    from tests.made.rooms.furnish import furnished_room
-    from tests.made.rooms.kinds import KINDS
-    from tests.made.rooms.knobs import Knobs
-    from tests.made.rooms.quick import quick_scene
+    from tests.synthetic.rooms.furnish import furnished_room
+    from tests.synthetic.rooms.kinds import KINDS
+    from tests.synthetic.rooms.knobs import Knobs
+    from tests.synthetic.rooms.quick import quick_scene
 
     for share in (0.002, 0.004, 0.01, 0.03):
         knobs = Knobs(depth_noise=share)
@@ -167,11 +167,11 @@ def noise(seed: int = 1000) -> None:
 
 
 def rooms(seeds: tuple[int, ...] = (101, 102)) -> None:
-    """Made rooms with exact truth: association of both kinds, sizes with and without supports."""
-    from tests.made.rooms.furnish import furnished_room
-    from tests.made.rooms.kinds import KINDS
-    from tests.made.rooms.knobs import Knobs
-    from tests.made.rooms.quick import quick_scene
+    """Synthetic rooms with exact truth: association of both kinds, sizes with and without supports."""
+    from tests.synthetic.rooms.furnish import furnished_room
+    from tests.synthetic.rooms.kinds import KINDS
+    from tests.synthetic.rooms.knobs import Knobs
+    from tests.synthetic.rooms.quick import quick_scene
 
     knobs = Knobs(missing_feet=0.3)
     scenes = [quick_scene(furnished_room(kind, seed, knobs), knobs, seed) for kind in KINDS for seed in seeds]

@@ -3,9 +3,9 @@
     python -m benchmarks.estimator.large_scene [--views 125] [--points 500000] [--seen 12] [--observations 3000]
                                                   [--times 1 2 4]
 
-A made room is filmed by `--views` cameras and has about `--points` dense points; each of `--times` repeats its views,
-its masks and its points (all a millimetre apart) so often: time is linear if it grows as often. Each runs in a process
-of its own, from files.
+A synthetic room is recorded by `--views` cameras and has about `--points` dense points; each of `--times` repeats its
+views, its masks and its points (all a millimetre apart) so often: time is linear if it grows as often. Each runs in
+a process of its own, from files.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 
 from estimator.records.scene import DenseCloud, View
-from tests.made.rooms.furnish import furnished_room
-from tests.made.rooms.knobs import Knobs
-from tests.made.rooms.quick import MadeScene, quick_scene
-from tests.made.rooms.scene_files import write_scene
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.knobs import Knobs
+from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
+from tests.synthetic.rooms.scene_files import write_scene
 
 #: The command, which writes its own peak memory to a file: the system's count of a child begins with its parent's.
 COMMAND = """
@@ -38,7 +38,7 @@ sys.exit(status)
 """
 
 
-def repeated(made: MadeScene, times: int) -> MadeScene:
+def repeated(made: SyntheticScene, times: int) -> SyntheticScene:
     """The scene with its views, masks and points so many times."""
     scene, generator = made.scene, np.random.default_rng(0)
     assert scene.dense is not None
@@ -117,7 +117,7 @@ def main() -> None:
             print(f"| {_row(large, Path(folder), made.truth.metres_per_unit)} |", flush=True)
 
 
-def _row(large: MadeScene, folder: Path, true: float) -> str:
+def _row(large: SyntheticScene, folder: Path, true: float) -> str:
     dense = large.scene.dense
     assert dense is not None
     words = [sys.executable, "-c", COMMAND, str(folder / "peak"), str(folder), "--quiet", "--json"]

@@ -3,10 +3,10 @@
     python -m benchmarks.estimator.same_answer [SCENE ...] [--rooms 2]
 
 SCENE is a folder with `truth.json` (by default the demo room and the shared `tum_office`), with masks, with sparse
-points alone, and with a detector's boxes where it has any; `--rooms` adds made rooms of so many kinds in the same three
-forms. Each is estimated as it is and in a unit of 1e-9 and 1e9, in a world that is turned and shifted, with views,
-points, observations and annotations in other orders, with all points twice, and with all annotations twice. A cell is
-the largest movement of the scale over the tries, in per cent, with the widest movement of an end of the interval in
+points alone, and with a detector's boxes where it has any; `--rooms` adds synthetic rooms of so many kinds in the same
+three forms. Each is estimated as it is and in a unit of 1e-9 and 1e9, in a world that is turned and shifted, with
+views, points, observations, annotations in other orders, with all points twice, and with all annotations twice. A
+cell is the largest movement of the scale over the tries, in per cent, with the widest movement of an interval end in
 brackets; `!` marks another status or another number of used objects. The table is in Markdown.
 """
 
@@ -20,17 +20,17 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from benchmarks.accuracy.cases import made_rooms, scenes_on_disk
+from benchmarks.accuracy.cases import scenes_on_disk, synthetic_rooms
 from benchmarks.accuracy.methods import Case
 from estimator import Instance, ScaleResult, Scene, estimate_scale
 from metric_base.progress import progress
-from tests.made.rooms.sizes import typical_sizes
-from tests.made.same_scene import annotated_twice, moved_scene, points_twice, shuffled
+from tests.synthetic.rooms.sizes import typical_sizes
+from tests.synthetic.same_scene import annotated_twice, moved_scene, points_twice, shuffled
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = (ROOT / "data" / "scenes", ROOT.parent / "shared" / "data" / "scenes")
 TRIES = 2
-#: Forms of a made room: masks, sparse points, boxes.
+#: Forms of a synthetic room: masks, sparse points, boxes.
 FORMS = 3
 
 Written = Iterator[tuple[Scene, tuple[Instance, ...], float]]
@@ -90,11 +90,11 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help="names of folders")
-    parser.add_argument("--rooms", type=int, default=2, help="kinds of made rooms (default: %(default)s)")
+    parser.add_argument("--rooms", type=int, default=2, help="kinds of synthetic rooms (default: %(default)s)")
     given = parser.parse_args()
     names = given.scenes or ["demo_room", "tum_office"]
     cases = [case for folder in SCENES if folder.is_dir() for case in scenes_on_disk(folder) if case.name in names]
-    cases += islice(made_rooms([7], typical_sizes), FORMS * given.rooms)
+    cases += islice(synthetic_rooms([7], typical_sizes), FORMS * given.rooms)
     print(f"| {' | '.join(('case', 'name', 'status', *WAYS))} |\n|{'---|' * (3 + len(WAYS))}")
     for case in progress(cases, "estimating"):
         print(f"| {' | '.join(movements(case))} |", flush=True)

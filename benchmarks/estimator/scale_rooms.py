@@ -1,4 +1,4 @@
-"""Scale on made rooms: twenty end to end through pycolmap, and sweeps of every knob on quick ones.
+"""Scale on synthetic rooms: twenty end to end through pycolmap, and sweeps of every knob on quick ones.
 
     python -m benchmarks.estimator.scale_rooms --raw RAW --cache DIR [--sweep NAME ...] [--seeds 0 1 2 3] [--json FILE]
 
@@ -22,18 +22,18 @@ from estimator.reading import read_instances, read_scene
 from metric_tree.build.steps import Options as BuildOptions
 from metric_tree.build.steps import build_release, shipped_taxonomy
 from metric_tree.tree import Tree, open_tree
-from tests.made.rooms.arms import ARMS, AUTHORS, Case, scores
-from tests.made.rooms.furnish import furnished_room
-from tests.made.rooms.held_out import held_out_pool, pool_at
-from tests.made.rooms.kinds import KINDS
-from tests.made.rooms.knobs import Knobs
-from tests.made.rooms.quick import quick_scene
-from tests.made.rooms.reconstruct import NotReconstructed, reconstruct
-from tests.made.rooms.scores import Score, association_score, summary
-from tests.made.rooms.sizes import Sizes, drawn_sizes
-from tests.made.rooms.street import street
-from tests.made.rooms.truth import truth_at
-from tests.made.rooms.world import World
+from tests.synthetic.rooms.arms import ARMS, AUTHORS, Case, scores
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.held_out import held_out_pool, pool_at
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.knobs import Knobs
+from tests.synthetic.rooms.quick import quick_scene
+from tests.synthetic.rooms.reconstruct import NotReconstructed, reconstruct
+from tests.synthetic.rooms.scores import Score, association_score, summary
+from tests.synthetic.rooms.sizes import Sizes, drawn_sizes
+from tests.synthetic.rooms.street import street
+from tests.synthetic.rooms.truth import truth_at
+from tests.synthetic.rooms.world import World
 
 #: One fifth of the items is kept from the tree.
 FOLD = (0, 5)

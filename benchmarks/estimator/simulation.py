@@ -188,7 +188,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--fold", type=int, default=0, help="fold of the items, 0 to 4")
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--part", choices=("counts", "noise", "faults", "copies", "sameness", "all"), default="all")
+    parser.add_argument("--part", choices=("counts", "noise", "errors", "copies", "sameness", "all"), default="all")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     parser.add_argument("--output", type=Path, help="write the rows as JSON")
     options = parser.parse_args(argv)
@@ -213,7 +213,7 @@ def _settings(part: str) -> list[Knobs]:
         "noise": [
             replace(base, noise=noise, objects=n, cut=0.0, wrong=0.0, off=0.0) for n in (3, 10, 20) for noise in NOISES
         ],
-        "faults": [replace(base, cut=c, wrong=0.0) for c in SHARES]
+        "errors": [replace(base, cut=c, wrong=0.0) for c in SHARES]
         + [replace(base, cut=0.0, wrong=w) for w in SHARES]
         + [replace(base, off=o) for o in SHARES],
         "sameness": [

@@ -3,8 +3,8 @@
 `OMP_NUM_THREADS=1 python -m benchmarks.estimator.times [--tree REF]`.
 
 The paper's figures (section 5.1) are from an i7-6850K with a GTX 1080 Ti; ours are of this machine, on one thread,
-medians of several runs, and the least, which says more where other work shares the machine. Labels: a made room of
-100,000 dense points and ten masks a frame. Posterior: fifty objects of made rooms.
+medians of several runs, and the least, which says more where other work shares the machine. Labels: a synthetic room of
+100,000 dense points and ten masks a frame. Posterior: fifty objects of synthetic rooms.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from estimator.geometry.measurement import measure_objects
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scene import Instance
 from estimator.results.estimate import scale_of_objects
-from tests.made.rooms.furnish import furnished_room
-from tests.made.rooms.kinds import KINDS
-from tests.made.rooms.quick import MadeScene, quick_scene
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 RUNS = 7
@@ -103,7 +103,7 @@ def _processes(code: str) -> list[float]:
     return _timed(run, 5)
 
 
-def _masks_a_frame(made: MadeScene, most: int) -> list[Instance]:
+def _masks_a_frame(made: SyntheticScene, most: int) -> list[Instance]:
     """The `most` largest masks of every frame."""
     largest = sorted(made.instances, key=lambda item: -int(item.mask.sum()))
     kept: dict[int, list[Instance]] = {}

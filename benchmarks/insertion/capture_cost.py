@@ -1,6 +1,6 @@
 """What a reconstruction costs, stage by stage: `python -m benchmarks.insertion.capture_cost --frames 100 50 --out DIR`.
 
-A made video of 100 frames is reconstructed from so many of its frames. Printed: CPU seconds of each stage (all
+A synthetic video of 100 frames is reconstructed from so many of its frames. Printed: CPU seconds of each stage (all
 processes; the machine may be shared), and how far the poses of all its frames are from the truth. With `--degrees 380`
 the walk is a loop.
 """
@@ -16,9 +16,9 @@ from benchmarks.insertion.pose_errors import pose_errors
 from estimator.capture.capture import CaptureOptions, reconstruct
 from estimator.capture.frame_poses import read_frame_poses
 from estimator.capture.work_folder import STAMPS, WorkFolder
-from tests.made.rooms.kinds import KINDS
-from tests.made.rooms.world import World
-from tests.made.videos import Lens, filmed, orbit, room, times_of, write_video
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.world import World
+from tests.synthetic.videos import Lens, orbit, recorded, room, times_of, write_video
 
 __all__ = ["main"]
 
@@ -41,11 +41,11 @@ def main() -> None:
     lens = Lens(width, height, 500.0 * width / 640)
     walk = orbit(KINDS[options.kind].radius, options.length, options.seed, options.degrees)
     world = room(options.kind, options.seed, walk)
-    film = (options.kind, options.seed, options.size, options.length, f"{options.degrees:g}")
-    file = options.out / f"{'-'.join(map(str, film))}.mp4"
+    video = (options.kind, options.seed, options.size, options.length, f"{options.degrees:g}")
+    file = options.out / f"{'-'.join(map(str, video))}.mp4"
     if not file.is_file():
         options.out.mkdir(parents=True, exist_ok=True)
-        write_video(file, (frame.colour for frame in filmed(world, lens)), times_of(options.length, 20.0))
+        write_video(file, (frame.colour for frame in recorded(world, lens)), times_of(options.length, 20.0))
     for wanted in options.frames:
         print(json.dumps(_run(file, world, lens, wanted or None, options.out / f"work-{wanted}")))
 

@@ -1,8 +1,8 @@
-"""What `insert-object` costs a frame, and its peak memory for short and long films.
+"""What `insert-object` costs a frame, and its peak memory for short and long videos.
 
-`python -m benchmarks.insertion.frame_cost --out DIR [--size 640x480 --lengths 60 240] [--model FILE]`. A made room is
-filmed along a path to and fro; the work folder comes from the truth, not from a reconstruction. The command runs once
-for each length; seconds a frame are the difference of the processor seconds over that of the frames.
+`python -m benchmarks.insertion.frame_cost --out DIR [--size 640x480 --lengths 60 240] [--model FILE]`. A synthetic
+room is recorded along a path to and fro; the work folder comes from the truth, not from a reconstruction. The command
+runs once for each length; seconds a frame are the difference of the processor seconds over that of the frames.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
-from tests.made.rooms.knobs import Knobs
-from tests.made.rooms.quick import quick_scene
-from tests.made.rooms.scene_files import write_scene
-from tests.made.rooms.similarity import similarity_between
-from tests.made.rooms.world import Pinhole, World
-from tests.made.videos import Lens, filmed, room, times_of, write_video
+from tests.synthetic.rooms.knobs import Knobs
+from tests.synthetic.rooms.quick import quick_scene
+from tests.synthetic.rooms.scene_files import write_scene
+from tests.synthetic.rooms.similarity import similarity_between
+from tests.synthetic.rooms.world import Pinhole, World
+from tests.synthetic.videos import Lens, recorded, room, times_of, write_video
 
-__all__ = ["made_work", "main"]
+__all__ = ["main", "synthetic_work"]
 
 COMMAND = "import sys; from insertion.command import main; sys.exit(main(sys.argv[1:]))"
 #: Different frames of the path, and every how many one is of the reconstruction.
@@ -41,7 +41,7 @@ def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--size", default="640x480", help="WIDTHxHEIGHT")
-    parser.add_argument("--lengths", type=int, nargs=2, default=[60, 240], help="frames of the two films")
+    parser.add_argument("--lengths", type=int, nargs=2, default=[60, 240], help="frames of the two videos")
     parser.add_argument("--model", type=Path, default=Path("data/models/rocking_horse.glb"))
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
@@ -51,7 +51,7 @@ def main() -> None:
     for length in options.lengths:
         folder = options.out / f"{options.size}-{length}"
         if not (folder / FILE_NAME).is_file():
-            made_work(room("sitting room", 7, frames=PATH), lens, length, folder)
+            synthetic_work(room("sitting room", 7, frames=PATH), lens, length, folder)
         cpu, memory, record = run(folder, options.model)
         spent.append(cpu)
         drawn = [frame["silhouette"] for frame in record["frames"] if frame["silhouette"] is not None]
@@ -62,10 +62,10 @@ def main() -> None:
     print(f"{options.size}: {(spent[1] - spent[0]) / frames:.3f} CPU s a frame")
 
 
-def made_work(world: World, lens: Lens, length: int, folder: Path) -> None:
-    """A work folder with a film of `length` frames, to and fro along the world's path."""
+def synthetic_work(world: World, lens: Lens, length: int, folder: Path) -> None:
+    """A work folder with a video of `length` frames, to and fro along the world's path."""
     folder.mkdir(parents=True, exist_ok=True)
-    pictures = [frame.colour for frame in filmed(world, lens)]
+    pictures = [frame.colour for frame in recorded(world, lens)]
     there = list(range(len(pictures)))
     cycle = there + there[-2:0:-1]
     order = [cycle[k % len(cycle)] for k in range(length)]

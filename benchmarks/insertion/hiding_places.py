@@ -1,4 +1,4 @@
-"""Places in a made room where furniture hides a part of an object from some cameras of a path."""
+"""Places in a synthetic room where furniture hides a part of an object from some cameras of a path."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray
-from tests.made.rooms.furnish import turn_about_z
-from tests.made.rooms.render import Renderer
-from tests.made.rooms.solids import Mesh
-from tests.made.rooms.world import World
+from tests.synthetic.rooms.furnish import turn_about_z
+from tests.synthetic.rooms.render import Renderer
+from tests.synthetic.rooms.solids import Mesh
+from tests.synthetic.rooms.world import World
 
 __all__ = ["hiding_place"]
 

@@ -57,13 +57,13 @@ def detail(picture: Picture, mask: BoolArray) -> float:
 def flicker(
     ours: Sequence[Picture], true: Sequence[Picture], parts: Sequence[IntArray], masks: Sequence[BoolArray]
 ) -> tuple[float, float]:
-    """Change from frame to frame of the object less that of the true one, in grey levels: root mean square over a film.
+    """Change from frame to frame of the object less that of the true one, in grey levels (rms over a video).
 
     The first is that of the whole object's mean, the second that of its faces. Ours is scaled beforehand by one factor
-    for the whole film, for each face one of its own, so that a constant error of the light does not count.
-    parts : (h, w) number of the face, 0 without; masks : (h, w) where both films show the object.
+    for the whole video, for each face one of its own, so that a constant error of the light does not count.
+    parts : (h, w) number of the face, 0 without; masks : (h, w) where both videos show the object.
     """
-    greys = [[picture.astype(np.float64).mean(axis=-1) for picture in film] for film in (ours, true)]
+    greys = [[picture.astype(np.float64).mean(axis=-1) for picture in video] for video in (ours, true)]
     whole = _changes(greys[0], greys[1], list(masks), LEAST_PIXELS)
     steps = [_changes(greys[0], greys[1], [(part == k) & m for part, m in zip(parts, masks, strict=True)], LEAST_PART)
              for k in range(1, max(int(part.max()) for part in parts) + 1)]  # fmt: skip

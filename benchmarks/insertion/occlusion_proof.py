@@ -1,8 +1,8 @@
 """The edge along which furniture hides an object: `python -m benchmarks.insertion.occlusion_proof --out DIR`.
 
-In made rooms the object stands where furniture hides a part of it in some frames of a walk. The model has every second
-frame of the walk; masks come with all of its frames, with every fourth, or with none. What is hidden is compared with
-the room in which the mesh really stands. One line of JSON a room and setting, in DIR/occlusion.jsonl.
+In synthetic rooms the object stands where furniture hides a part of it in some frames of a walk. The model has every
+second frame of the walk; masks come with all of its frames, with every fourth, or with none. What is hidden is
+compared with the room in which the mesh really stands. One line of JSON a room and setting, in DIR/occlusion.jsonl.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.insertion.hiding_places import hiding_place
 from benchmarks.insertion.likeness import LEAST_PIXELS, edge_errors
-from benchmarks.insertion.made_films import standing
+from benchmarks.insertion.synthetic_videos import standing
 from estimator.records.scene import View
 from insertion.composite.boxes import object_box
 from insertion.composite.layers import object_layer
@@ -32,15 +32,15 @@ from insertion.render.renderer import ObjectRenderer
 from insertion.scene.carried_masks import MaskCarrier
 from insertion.scene.cloud import Cloud, front_points, observations_of
 from metric_base.arrays import BoolArray, FloatArray
-from tests.made.insertions import write_glb
-from tests.made.rooms.kinds import KINDS
-from tests.made.rooms.knobs import Knobs
-from tests.made.rooms.quick import MadeScene, quick_scene
-from tests.made.rooms.render import Renderer
-from tests.made.rooms.shapes import solid
-from tests.made.rooms.similarity import Similarity, similarity_between
-from tests.made.rooms.world import World
-from tests.made.videos import orbit, room
+from tests.synthetic.insertions import write_glb
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.knobs import Knobs
+from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
+from tests.synthetic.rooms.render import Renderer
+from tests.synthetic.rooms.shapes import solid
+from tests.synthetic.rooms.similarity import Similarity, similarity_between
+from tests.synthetic.rooms.world import World
+from tests.synthetic.videos import orbit, room
 
 __all__ = ["main"]
 
@@ -80,7 +80,7 @@ class HiddenObject:
     """A room with an object that furniture hides; whole, seen : its true outlines (h, w) in every frame of the walk."""
 
     world: World
-    made: MadeScene
+    made: SyntheticScene
     to_scene: Similarity
     body: Body
     whole: tuple[BoolArray, ...]

@@ -1,4 +1,4 @@
-"""How true places are in made rooms: `python -m benchmarks.insertion.place_accuracy`.
+"""How true places are in synthetic rooms: `python -m benchmarks.insertion.place_accuracy`.
 
 For each room: the error of the heights of the support planes that are a floor or a table, the error of up, and the
 distance between what a click shows and where the object is put, at pixels that look at a level surface. Clicks at
@@ -20,9 +20,9 @@ from insertion.places.locate import place_at_point
 from insertion.places.place import NoPlace
 from insertion.staging.stage import Stage
 from metric_base.arrays import FloatArray
-from tests.made.insertions import FilmedRoom, film_room, stage_of
-from tests.made.rooms.render import Renderer
-from tests.made.rooms.solids import Mesh
+from tests.synthetic.insertions import RecordedRoom, stage_of, video_room
+from tests.synthetic.rooms.render import Renderer
+from tests.synthetic.rooms.solids import Mesh
 
 __all__ = ["main"]
 
@@ -55,11 +55,11 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     for kind, seed in ROOMS:
         with tempfile.TemporaryDirectory() as name:
-            room = film_room(kind, seed, Path(name), views=5, noise=options.noise)
+            room = video_room(kind, seed, Path(name), views=5, noise=options.noise)
             print(_row(f"{kind} {seed}", room, stage_of(room)), flush=True)
 
 
-def _row(name: str, room: FilmedRoom, stage: Stage) -> str:
+def _row(name: str, room: RecordedRoom, stage: Stage) -> str:
     up = room.to_scene.rotation @ [0.0, 0.0, 1.0]
     tilt = np.degrees(np.arccos(np.clip(stage.supports.up.vector @ up, -1, 1)))
     heights = _plane_errors(room, stage)
@@ -72,7 +72,7 @@ def _row(name: str, room: FilmedRoom, stage: Stage) -> str:
     )
 
 
-def _plane_errors(room: FilmedRoom, stage: Stage) -> list[float]:
+def _plane_errors(room: RecordedRoom, stage: Stage) -> list[float]:
     """Millimetres between each plane and the nearest true level: the floor, or a face of a thing that looks up."""
     tops = np.concatenate([np.zeros(1), *(_levels(thing.mesh) for thing in room.world.objects)])
     errors = []
@@ -92,7 +92,7 @@ def _levels(mesh: Mesh) -> FloatArray:
     return np.asarray(corners[level, 0, 2])
 
 
-def _clicks(room: FilmedRoom, stage: Stage) -> Clicks:
+def _clicks(room: RecordedRoom, stage: Stage) -> Clicks:
     generator = np.random.default_rng(0)
     space = Space(stage.scene, stage.cloud, stage.supports, 0.05 * room.to_scene.scale, 0.1 * room.to_scene.scale)
     clicks = Clicks([])
@@ -109,7 +109,7 @@ def _clicks(room: FilmedRoom, stage: Stage) -> Clicks:
 
 
 def _click(
-    clicks: Clicks, space: Space, room: FilmedRoom, view: View, points: FloatArray, ids: FloatArray,
+    clicks: Clicks, space: Space, room: RecordedRoom, view: View, points: FloatArray, ids: FloatArray,
     pixel: tuple[float, float],
 ) -> None:  # fmt: skip
     """One click; points : (h, w, 3) of the room; ids : (h, w) of things."""
@@ -139,7 +139,7 @@ def _click(
         clicks.errors.append(1000 * float(np.linalg.norm(foot - _true_foot(room, view, pixel, near))))
 
 
-def _points(depth: FloatArray, view: View, room: FilmedRoom) -> FloatArray:
+def _points(depth: FloatArray, view: View, room: RecordedRoom) -> FloatArray:
     """(h, w, 3) points of the room in metres from its exact depths (h, w)."""
     focal, centre = view.camera.params[0], view.camera.params[-2:]
     rows, columns = np.indices(depth.shape)
@@ -149,7 +149,7 @@ def _points(depth: FloatArray, view: View, room: FilmedRoom) -> FloatArray:
     return room.to_scene.inverse(scene).reshape(*depth.shape, 3)
 
 
-def _true_foot(room: FilmedRoom, view: View, pixel: tuple[float, float], near: FloatArray) -> FloatArray:
+def _true_foot(room: RecordedRoom, view: View, pixel: tuple[float, float], near: FloatArray) -> FloatArray:
     """(3,) where the ray through the pixel meets the level of the (n, 3) points around it."""
     from insertion.scene.rays import ray_through
 

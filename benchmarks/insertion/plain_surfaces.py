@@ -1,6 +1,6 @@
 """What filling plain surfaces adds to the depth of a view, and how true it is.
 
-`python -m benchmarks.insertion.plain_surfaces`: made rooms whose textures are faint, five views with true poses;
+`python -m benchmarks.insertion.plain_surfaces`: synthetic rooms whose textures are faint, five views with true poses;
 printed for the middle one: the share of pixels with
 swept and with filled depth, and the median, the 90th percentile and the share above 2 % of their errors.
 """
@@ -14,7 +14,7 @@ from estimator.capture.dense.pinhole_views import PinholeView
 from estimator.capture.dense.plane_filling import fill_planes
 from estimator.capture.dense.plane_sweep import swept_depth
 from metric_base.arrays import BoolArray, FloatArray
-from tests.made.videos import Lens, MadeFrame, filmed, orbit, room
+from tests.synthetic.videos import Lens, SyntheticFrame, orbit, recorded, room
 
 __all__ = ["main"]
 
@@ -27,7 +27,7 @@ def main() -> None:
     """Print a row for each room."""
     for kind, seed, texture in ROOMS:
         world = room(kind, seed, orbit(2.0, 5, seed, degrees=22.0))
-        frames = list(filmed(world, LENS, texture=texture))
+        frames = list(recorded(world, LENS, texture=texture))
         views = [_view(frame) for frame in frames]
         swept = swept_depth(views[2], [views[k] for k in (0, 1, 3, 4)], 0.8, 7.0)
         filled = fill_planes(swept, views[2].grey)
@@ -36,7 +36,7 @@ def main() -> None:
         print(f"| {kind}, texture {texture:g} | {_cells(known, error)} | {_cells(new, error)} |", flush=True)
 
 
-def _view(frame: MadeFrame) -> PinholeView:
+def _view(frame: SyntheticFrame) -> PinholeView:
     matrix = np.array([[LENS.focal, 0, LENS.width / 2 - 0.5], [0, LENS.focal, LENS.height / 2 - 0.5], [0, 0, 1.0]])
     grey = cv2.cvtColor(frame.colour, cv2.COLOR_RGB2GRAY).astype(np.float32)
     return PinholeView(grey, frame.colour, matrix, frame.pose.rotation, frame.pose.translation)

@@ -11,9 +11,9 @@ from estimator.capture.frame_poses import FramePose, FramePoses
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
-from tests.made.rooms.similarity import Similarity, similarity_between
-from tests.made.rooms.world import Pose
-from tests.made.videos import Lens
+from tests.synthetic.rooms.similarity import Similarity, similarity_between
+from tests.synthetic.rooms.world import Pose
+from tests.synthetic.videos import Lens
 
 __all__ = ["pose_errors"]
 

@@ -1,7 +1,7 @@
 """The page docs/evidence/insertion.md: `python -m benchmarks.insertion.proof --work DIR [--traced DIR ...]`.
 
-DIR holds `films.jsonl` of `benchmarks.insertion.film_proof` and `occlusion.jsonl` of
-`benchmarks.insertion.occlusion_proof`; the last row of each film, room and setting counts. Traced folders are those of
+DIR holds `videos.jsonl` of `benchmarks.insertion.video_proof` and `occlusion.jsonl` of
+`benchmarks.insertion.occlusion_proof`; the last row of each video, room and setting counts. Traced folders are those of
 `benchmarks.insertion.traced_room`, whose figures of light are taken over.
 """
 
@@ -35,11 +35,11 @@ def main() -> None:
 
 def _page(work: Path, traced: Sequence[Path]) -> str:
     template = Path(__file__).with_name("proof_page.md").read_text(encoding="utf-8")
-    films = {row["condition"]: row for row in _rows(work / "films.jsonl")}
+    videos = {row["condition"]: row for row in _rows(work / "videos.jsonl")}
     places = {(row["room"], row["setting"]): row for row in _rows(work / "occlusion.jsonl")}
     light = [_light_row(folder) for folder in traced] if traced else _kept_light_rows()
     parts = {
-        "FILMS": [_film_row(row) for row in films.values()],
+        "VIDEOS": [_video_row(row) for row in videos.values()],
         "OCCLUSION": _occlusion_rows(places),
         "LIGHT": light,
     }
@@ -52,7 +52,7 @@ def _rows(file: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
-def _film_row(row: dict[str, Any]) -> str:
+def _video_row(row: dict[str, Any]) -> str:
     poses, heights = row["poses"], row["height_ratio"]
     edge = "" if row.get("edge_px") is None else f"{row['edge_px']:.1f} ({row['edge_p90_px']:.1f})"
     cells = [

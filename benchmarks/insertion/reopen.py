@@ -68,8 +68,8 @@ def main() -> None:
     for name, read in readers.items():
         try:
             print(f"| {name} | {read(meant)} |", flush=True)
-        except ModuleNotFoundError as fault:
-            print(f"| {name} | not tried: {fault.name} is not installed |")
+        except ModuleNotFoundError as error:
+            print(f"| {name} | not tried: {error.name} is not installed |")
 
 
 def _meant(folder: Path, scene: Path) -> Meant:
@@ -189,14 +189,14 @@ def _by_usd(meant: Meant) -> str:
         share = (local[:, :2] / -local[:, 2:] - low) / (high - low)
         return np.asarray(share * [1, -1] * [width, height] + [0, height])
 
-    faults = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
+    errors = UsdValidation.ValidationContext(UsdValidation.ValidationRegistry().GetOrLoadAllValidators()).Validate(
         stage
     )
     units = f"metersPerUnit {UsdGeom.GetStageMetersPerUnit(stage):g}, upAxis {UsdGeom.GetStageUpAxis(stage)}, "
     units += f"{stage.GetTimeCodesPerSecond():.4g} time codes a second"
-    names = sorted({fault.GetName() for fault in faults})
+    names = sorted({error.GetName() for error in errors})
     return (
-        f"{units}; height {np.ptp(corners[:, 1]):.4f} m; {_compared(meant, pixels)}; validators: {names or 'no fault'}"
+        f"{units}; height {np.ptp(corners[:, 1]):.4f} m; {_compared(meant, pixels)}; validators: {names or 'no error'}"
     )
 
 

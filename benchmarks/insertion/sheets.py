@@ -1,4 +1,4 @@
-"""Contact sheets of insertions: `python -m benchmarks.insertion.sheets --films DIR [--traced DIR ...] --out DIR`.
+"""Contact sheets of insertions: `python -m benchmarks.insertion.sheets --videos DIR [--traced DIR ...] --out DIR`.
 
 Each cell is a part of a frame at its real size: inserted on the left, really there on the right. With `--blind KEY` the
 two are in random order, and the order is written to the file KEY, for a person who guesses first.
@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.insertion.made_films import pictures_of
+from benchmarks.insertion.synthetic_videos import pictures_of
 
-__all__ = ["main", "pairs_of_films", "pairs_of_traced", "write_pairs"]
+__all__ = ["main", "pairs_of_traced", "pairs_of_videos", "write_pairs"]
 
 Picture = NDArray[np.uint8]
 Pair = tuple[str, Picture, Picture]
@@ -31,7 +31,7 @@ CHANGED = 25
 def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--films", type=Path, help="the folder of `benchmarks.insertion.film_proof`")
+    parser.add_argument("--videos", type=Path, help="the folder of `benchmarks.insertion.video_proof`")
     parser.add_argument("--traced", type=Path, nargs="*", default=[], help="of `benchmarks.insertion.traced_room`")
     parser.add_argument("--blind", type=Path, metavar="KEY", help="random order; the order is written here")
     parser.add_argument("--seed", type=int, help="of the random order; by default another one each time")
@@ -39,7 +39,7 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     groups = {
-        "films": pairs_of_films(options.films) if options.films else [],
+        "videos": pairs_of_videos(options.videos) if options.videos else [],
         "traced": pairs_of_traced(options.traced),
     }
     generator, key = np.random.default_rng(options.seed), {}
@@ -56,15 +56,15 @@ def main() -> None:
         options.blind.write_text(json.dumps(key) + "\n")
 
 
-def pairs_of_films(folder: Path) -> list[Pair]:
-    """Name, inserted and really there of every film: the frame that shows most of the object."""
+def pairs_of_videos(folder: Path) -> list[Pair]:
+    """Name, inserted and really there of every video: the frame that shows most of the object."""
     pairs = []
-    for film in sorted(path.parent for path in folder.glob("*/true.mp4")):
-        bare, ours, true = (pictures_of(film / f"{name}.mp4") for name in ("bare", "ours", "true"))
+    for video in sorted(path.parent for path in folder.glob("*/true.mp4")):
+        bare, ours, true = (pictures_of(video / f"{name}.mp4") for name in ("bare", "ours", "true"))
         changed = [np.abs(a.astype(int) - b).max(axis=-1) > CHANGED for a, b in zip(true, bare, strict=True)]
         frame = int(np.argmax([mask.sum() for mask in changed]))
         box = _box_about(changed[frame])
-        pairs.append((film.name, ours[frame][box], true[frame][box]))
+        pairs.append((video.name, ours[frame][box], true[frame][box]))
     return pairs
 
 

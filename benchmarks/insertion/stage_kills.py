@@ -26,7 +26,7 @@ from metric_base.terminal import print_table
 __all__ = ["main"]
 
 ROOT = Path(__file__).resolve().parents[2]
-FILM = ROOT / "data" / "scenes" / "demo_video"
+VIDEO = ROOT / "data" / "scenes" / "demo_video"
 STAGES = ("frames", "features", "matches", "model", "poses", "dense", "instances")
 #: Two runs of the mapper give the same scale up to this share.
 SAME = 1e-4
@@ -51,7 +51,7 @@ def main() -> None:
 
 
 def _start(work: Path, frames: int) -> subprocess.Popen[bytes]:
-    words = [FILM / "video.mp4", "--instances", FILM / "instances.json", "--frames", frames, "--dense", "auto"]
+    words = [VIDEO / "video.mp4", "--instances", VIDEO / "instances.json", "--frames", frames, "--dense", "auto"]
     command = [sys.executable, "-c", COMMAND, *map(str, words), "--work", str(work), "--json"]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
 

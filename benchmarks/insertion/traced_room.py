@@ -30,15 +30,15 @@ from insertion.scene.footage import PictureFootage, Stills
 from insertion.staging.insert import Placed, insert_objects
 from insertion.staging.options import ObjectRequest
 from insertion.staging.stage import Stage, make_stage
-from tests.made.insertions import write_glb
-from tests.made.rooms.furnish import furnished_room
-from tests.made.rooms.knobs import Knobs
-from tests.made.rooms.materials import look_of
-from tests.made.rooms.quick import MadeScene, quick_scene
-from tests.made.rooms.shapes import solid
-from tests.made.rooms.similarity import Similarity, similarity_between
-from tests.made.rooms.solids import Mesh, join
-from tests.made.rooms.world import Pinhole, World
+from tests.synthetic.insertions import write_glb
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.knobs import Knobs
+from tests.synthetic.rooms.materials import look_of
+from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
+from tests.synthetic.rooms.shapes import solid
+from tests.synthetic.rooms.similarity import Similarity, similarity_between
+from tests.synthetic.rooms.solids import Mesh, join
+from tests.synthetic.rooms.world import Pinhole, World
 
 SIZE, FOCAL = (240, 180), 187.5
 SAMPLES = 24
@@ -48,7 +48,7 @@ EXPOSED = 0.18
 
 @dataclass(frozen=True, slots=True)
 class TracedRoom:
-    """A made room under square area lights: side (m), watts, place (x, y, z with z up), what it shines at.
+    """A synthetic room under square area lights: side (m), watts, place (x, y, z with z up), what it shines at.
 
     place : x, y on the floor in metres and the heading in degrees of the object; colours : linear, of the lights, white
     without.
@@ -189,7 +189,7 @@ def _job(
     }
 
 
-#: From the made world (z up) to the job's frame (y up), as `write_glb` turns it.
+#: From the synthetic world (z up) to the job's frame (y up), as `write_glb` turns it.
 TO_JOB = np.array([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]], dtype=np.float64)
 
 
@@ -233,7 +233,7 @@ def _developed(file: Path, out: Path) -> NDArray[np.uint8]:
     return np.rint(linear_to_srgb(linear * EXPOSED / np.mean(bare))).astype(np.uint8)
 
 
-def _stage(made: MadeScene, to_scene: Similarity, out: Path) -> Stage:
+def _stage(made: SyntheticScene, to_scene: Similarity, out: Path) -> Stage:
     views = tuple(_named(view) for view in made.scene.views)
     scene = replace(made.scene, path=out, views=views)
     stills = Stills(scene)
@@ -275,7 +275,7 @@ def _true_pictures(
 
 
 def _to_world(frame: MetricFrame, to_scene: Similarity) -> NDArray[np.float64]:
-    """(4, 4) from the metric frame of the insertion to the made world."""
+    """(4, 4) from the metric frame of the insertion to the synthetic world."""
     matrix = np.eye(4)
     matrix[:3, :3] = to_scene.rotation.T @ frame.rotation.T
     matrix[:3, 3] = to_scene.inverse(frame.origin[None])[0]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_tree.training.composition import BORDERS_PX, random_background
-from tests.made.product_pictures import things
+from tests.synthetic.product_pictures import things
 
 Picture = NDArray[np.uint8]
 Mask = NDArray[np.bool_]

@@ -37,11 +37,11 @@ FAN = (10, 5, 4, 2)
 BATCH = 10_000
 
 
-class MadeTaxonomy:
+class SyntheticTaxonomy:
     """Leaves `kind<number>` of a tree of five levels, matched by name."""
 
     def __init__(self) -> None:
-        self._categories = list(_made_categories())
+        self._categories = list(_synthetic_categories())
         self._ids = {category.name: category.node_id for category in self._categories if category.level == 5}
 
     def categories(self) -> list[Category]:
@@ -54,8 +54,8 @@ class MadeTaxonomy:
 
 
 @cache
-def made_taxonomy() -> MadeTaxonomy:
-    return MadeTaxonomy()
+def synthetic_taxonomy() -> SyntheticTaxonomy:
+    return SyntheticTaxonomy()
 
 
 def main() -> None:
@@ -76,7 +76,7 @@ def main() -> None:
     for rows in arguments.rows:
         folder = Path(tempfile.mkdtemp(prefix="growth-"))
         try:
-            raw = _made_raw(folder / "raw.jsonl", rows)
+            raw = _synthetic_raw(folder / "raw.jsonl", rows)
             found = _in_a_process_of_its_own(rows, folder, arguments)
             print(
                 f"{rows:9d} {raw / 1e6:9.1f} {found['wall']:8.1f} {found['cpu']:8.1f} {found['parent_mb']:11.0f}"
@@ -103,7 +103,12 @@ def _measured(folder: Path, workers: int, dask: bool) -> dict[str, float]:
     options = Options(version="0.0.0", created="2026-01-01", heldout=False)
     with _scheduler(workers, dask) as scheduler, executor_of(workers, scheduler) as executor:
         build = build_release(
-            [folder / "raw.jsonl"], folder / "release", options, taxonomy=made_taxonomy, declared={}, executor=executor
+            [folder / "raw.jsonl"],
+            folder / "release",
+            options,
+            taxonomy=synthetic_taxonomy,
+            declared={},
+            executor=executor,
         )
     wall = time.perf_counter() - started
     own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
@@ -139,7 +144,7 @@ class _scheduler:  # noqa: N801 - used like a function
             self._cluster.close()
 
 
-def _made_raw(path: Path, rows: int) -> int:
+def _synthetic_raw(path: Path, rows: int) -> int:
     """Write the raw items; bytes written."""
     generator = np.random.default_rng(0)
     typical = np.exp(generator.normal(6, 1, (CATEGORIES, 3)))
@@ -151,12 +156,12 @@ def _made_raw(path: Path, rows: int) -> int:
             form = generator.random(n)
             for row in range(n):
                 number = first + row - (row % 100 == 99)  # one in a hundred repeats the id before it
-                file.write(_made_item(number, int(kind[row]), sizes[row].tolist(), form[row]).line())
+                file.write(_synthetic_item(number, int(kind[row]), sizes[row].tolist(), form[row]).line())
                 file.write("\n")
     return path.stat().st_size
 
 
-def _made_item(number: int, kind: int, sizes: list[float], form: float) -> RawItem:
+def _synthetic_item(number: int, kind: int, sizes: list[float], form: float) -> RawItem:
     if form < 0.001:
         sizes = [size * 10 for size in sizes]
     words = {"width": sizes[0], "depth": None if form < 0.2 else sizes[1], "height": sizes[2]}
@@ -171,7 +176,7 @@ def _made_item(number: int, kind: int, sizes: list[float], form: float) -> RawIt
     )
 
 
-def _made_categories() -> Iterator[Category]:
+def _synthetic_categories() -> Iterator[Category]:
     paths: dict[str, tuple[str, ...]] = {"top": ("top",)}
     yield Category(node_id="top", name="top", synset=None, parent_id=None, level=1, path=("top",))
     sizes = [CATEGORIES]

@@ -25,7 +25,7 @@ from metric_tree.cutouts.backend import RGB, Auto, Foreground
 from metric_tree.cutouts.network import Network
 from metric_tree.cutouts.plain import Plain
 from metric_tree.cutouts.quality import assessment
-from tests.made.product_pictures import KINDS, ProductPicture, pictured, things
+from tests.synthetic.product_pictures import KINDS, ProductPicture, pictured, things
 
 __all__ = ["Score", "intersection_over_union", "scores"]
 

@@ -90,7 +90,7 @@ def _measured(tree: Tree, written_things: Mapping[str, FloatArray]) -> tuple[lis
 
 
 def main() -> None:
-    """Print the shares and the axes at fault."""
+    """Print the shares and the axes in error."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("release", nargs="?", help="version or folder of a release (default: shipped)")
     parser.add_argument("--list", choices=LISTS, default="first", help="which list (default: %(default)s)")
@@ -100,9 +100,9 @@ def main() -> None:
     axes, unknown = _measured(open_tree(arguments.release), written)
     shown = [one for one in axes if arguments.all or one.is_off or one.is_wide]
     print_table(
-        ["thing", "node", "axis", "written 5/50/95 % mm", "prior 5/50/95 % mm", "fault"],
+        ["thing", "node", "axis", "written 5/50/95 % mm", "prior 5/50/95 % mm", "error"],
         [
-            (one.name, one.node_id, one.axis, _sizes(one.written), _sizes(one.prior), _fault(one))
+            (one.name, one.node_id, one.axis, _sizes(one.written), _sizes(one.prior), _error(one))
             for one in sorted(shown, key=lambda one: one.name)
         ],
     )
@@ -115,7 +115,7 @@ def _sizes(values: tuple[float, float, float]) -> str:
     return " / ".join(f"{value:.3g}" if value < 1000 else f"{value:.0f}" for value in values)
 
 
-def _fault(one: Axis) -> str:
+def _error(one: Axis) -> str:
     return " ".join(word for word, holds in (("off", one.is_off), ("wide", one.is_wide)) if holds)
 
 

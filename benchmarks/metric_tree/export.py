@@ -2,8 +2,8 @@
 
     python -m benchmarks.metric_tree.export --out DIR [--pictures 1000] [--cutouts 200] [--jobs 1] [--tree REF]
 
-Cut-outs are rendered things (`tests.made.product_pictures`), put into a copy of a release, so that the command runs
-as it does for a user; their sizes come from the release's priors.
+Cut-outs are rendered things (`tests.synthetic.product_pictures`), put into a copy of a release, so that the command
+runs as it does for a user; their sizes come from the release's priors.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ from estimator.results.categories import meanings
 from metric_tree.release import MANIFEST, publish_release
 from metric_tree.schema import IMAGES
 from metric_tree.tree import Tree, open_tree
-from tests.made.product_pictures import things
-from tests.made.rooms.shapes import CATEGORIES
+from tests.synthetic.product_pictures import things
+from tests.synthetic.rooms.shapes import CATEGORIES
 
 #: Pictures on the sheet, and the width of each.
 SHEET, WIDTH = (4, 6), 400

@@ -30,7 +30,7 @@ from metric_tree.build.clean import NodeClass
 from metric_tree.build.ingest import block_of, blocks, raw_files
 from metric_tree.build.steps import Options, Steps, shipped_curated, shipped_taxonomy
 from metric_tree.build.tables import evidence_counts
-from metric_tree.build.work_folder import Here, WorkFolder
+from metric_tree.build.work_folder import SerialExecutor, WorkFolder
 from metric_tree.commands.build import executor_of
 from metric_tree.tree import Tree, open_tree
 from taxonomy.categories import Taxonomy
@@ -111,7 +111,7 @@ def counted(
         WorkFolder.open(Path(folder) / "work", "counts") as work,
         executor_of(workers, None) as executor,
     ):
-        steps = Steps(options, taxonomy, declared, None, executor or Here(), None, work)
+        steps = Steps(options, taxonomy, declared, None, executor or SerialExecutor(), None, work)
         own = block_of(shipped_curated() if curated is None else curated, "curated ranges")
         counts = steps.ingest(chain(blocks(raw_files(raw)), [own]))
         classes, dropped = steps.clean()

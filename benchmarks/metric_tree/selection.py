@@ -1,4 +1,4 @@
-"""Our 43 categories against the paper's 43 by scale error: made rooms in which only these are detected.
+"""Our 43 categories against the paper's 43 by scale error: synthetic rooms in which only these are detected.
 
     python -m benchmarks.metric_tree.selection --cache DIR [--raw RAW] [--seeds 400 401 ...]
 
@@ -25,10 +25,10 @@ from estimator.results.reports import Options
 from metric_base.arrays import FloatArray
 from metric_tree.training.selection import candidates, choose, paper_selection
 from metric_tree.tree import Node, Tree
-from tests.made.rooms.furnish import furnished_room
-from tests.made.rooms.kinds import KINDS
-from tests.made.rooms.quick import quick_scene
-from tests.made.rooms.sizes import Sizes
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.quick import quick_scene
+from tests.synthetic.rooms.sizes import Sizes
 
 THEIRS = "the paper's 43"
 

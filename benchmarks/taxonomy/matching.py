@@ -201,7 +201,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--calibrate", action="store_true", help="write the reliability of each rule")
     parser.add_argument("--speed", action="store_true", help="measure distinct strings per CPU second")
-    parser.add_argument("--development", action="store_true", help="list the faults of the development half only")
+    parser.add_argument("--development", action="store_true", help="list the errors of the development half only")
     parser.add_argument("--titles", nargs="+", type=Path, metavar="RAW", help="what titles alone say, of raw items")
     arguments = parser.parse_args()
     if arguments.titles:
@@ -214,7 +214,7 @@ def main() -> None:
     elif arguments.speed:
         print(f"{strings_per_second():.0f} distinct strings per CPU second")
     elif arguments.development:
-        list_faults(development)
+        list_errors(development)
     else:
         show(strings)
 
@@ -225,7 +225,7 @@ def calibrate(development: Sequence[Labelled]) -> None:
     write_reliability(counts, titles=False)
 
 
-def list_faults(development: Sequence[Labelled]) -> None:
+def list_errors(development: Sequence[Labelled]) -> None:
     for one in development:
         found = one.finding(default_matcher())
         matched = found.concept if found.settled else None

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.release import publish_release
 from metric_tree.schema import TABLES
 from metric_tree.tree import Tree, open_tree
@@ -54,7 +54,7 @@ def verdict(tree: Tree, word: str, expected: set[str]) -> tuple[str, str]:
     """`right`, `wrong` or `none` for a word, and the node that it was taken for."""
     try:
         node = tree.find(word)
-    except InputFault:
+    except InputError:
         return ("none" if expected else "right, unknown"), ""
     if not expected:
         return "taken, expected nothing", node.node_id

@@ -11,13 +11,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from crawler.fetch.fail_fast import FailFastFrontier, storage_errors
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier, has_no_result
 from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
 from crawler.fetch.segments import write_segments
-from crawler.fetch.watched import WatchedFrontier, storage_faults
 from crawler.page.page import web_address
 from crawler.sites import use_site
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["Crawl", "Summary", "run_crawl"]
 
@@ -76,7 +76,7 @@ class Summary:
     sites: Mapping[str, Mapping[str, float]]
 
     @property
-    def fault(self) -> str | None:
+    def error(self) -> str | None:
         """Why nothing came home, where that is so; None for a crawl that did its work, or was interrupted."""
         refused = PRIVATE in self.failed
         if self.pages or self.reason == "shutdown" or (self.frontier["done"] and not refused):
@@ -97,9 +97,9 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
 
     Raises
     ------
-    StorageFault
+    StorageError
         The frontier, a segment or a picture can no longer be written, or the server of a shared frontier is gone.
-    InputFault
+    InputError
         The folder holds a crawl already and `resume` was not asked for, the spider is unknown, or nothing says where
         to begin. Nothing is written then.
     """
@@ -113,14 +113,14 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
     for url in crawl.start:
         web_address(url, "--start-url")
     place = crawl.redis or str(crawl.folder / "frontier.sqlite")
-    with storage_faults(place):
-        frontier = WatchedFrontier(_frontier(crawl, spider), place)
+    with storage_errors(place):
+        frontier = FailFastFrontier(_frontier(crawl, spider), place)
     options = settings(contact=crawl.contact, cache=crawl.cache, private=crawl.private, delay=crawl.delay)
     options |= {"LOG_INSTALL_ROOT_HANDLER": False, LIMIT_SETTING: crawl.limit}
     process = CrawlerProcess(options | dict(crawl.overrides))
     crawler = process.create_crawler(spider)
     crawler.frontier = frontier
-    frontier.on_fault = partial(close_crawl, crawler, "storage")
+    frontier.on_error = partial(close_crawl, crawler, "storage")
     started = time.monotonic()
     _heartbeat(frontier, crawl.folder, crawler, progress)
     failures: list[Any] = []
@@ -138,8 +138,8 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
     _write(frontier, crawl.folder)
     summary = _summary(crawler.stats.get_stats(), frontier, time.monotonic() - started)
     frontier.close()
-    if frontier.fault is not None:
-        raise frontier.fault
+    if frontier.error is not None:
+        raise frontier.error
     return summary
 
 
@@ -147,13 +147,13 @@ def _frontier(crawl: Crawl, spider: Any) -> Any:
     """The crawl's frontier, which knows where to begin; what was refused and may be allowed now waits again."""
     path = crawl.folder / "frontier.sqlite"
     if path.exists() and not crawl.resume and not has_no_result(stored_counts(path)):
-        raise InputFault(f"{crawl.folder}: expected a free folder, or --resume; found a crawl")
+        raise InputError(f"{crawl.folder}: expected a free folder, or --resume; found a crawl")
     if not path.exists() and not crawl.redis:
-        _origin_of(crawl, spider, {})  # a fault is found before a file is made
+        _origin_of(crawl, spider, {})  # an error is found before a file is made
     frontier = _open_frontier(crawl, path)
     try:
         _begin(frontier, crawl, spider)
-    except InputFault:
+    except InputError:
         frontier.close()
         raise
     return frontier
@@ -179,7 +179,7 @@ def _origin_of(crawl: Crawl, spider: Any, before: Mapping[str, Any]) -> dict[str
         "category": crawl.category or before.get("category", ""),
     }
     if not spider.origins(**begun):
-        raise InputFault(f"{crawl.spider}: expected {spider.required_options()}, to begin with; found none")
+        raise InputError(f"{crawl.spider}: expected {spider.required_options()}, to begin with; found none")
     return begun
 
 
@@ -193,7 +193,7 @@ def _open_frontier(crawl: Crawl, path: Path) -> Any:
 
 
 def _heartbeat(
-    frontier: WatchedFrontier, folder: Path, crawler: Any, progress: Callable[[Mapping[str, Any]], None] | None
+    frontier: FailFastFrontier, folder: Path, crawler: Any, progress: Callable[[Mapping[str, Any]], None] | None
 ) -> None:
     """Once a second the progress, once a minute a segment, while the reactor runs."""
     from scrapy import signals
@@ -218,7 +218,7 @@ def _heartbeat(
     crawler.signals.connect(end, signals.spider_closed, weak=False)
 
 
-def _write(frontier: WatchedFrontier, folder: Path) -> None:
+def _write(frontier: FailFastFrontier, folder: Path) -> None:
     frontier.watch(partial(write_segments, frontier, folder), 0)
 
 

@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from crawler.fetch.frontier import REFUSALS, Outcome, Task, task_key
 from crawler.fetch.frontier_sqlite import SqliteFrontier
-from metric_base.faults import InputFault, StorageFault
+from metric_base.errors import InputError, StorageError
 
 __all__ = ["LEASE_SECONDS", "NoRedis", "RedisFrontier"]
 
@@ -26,7 +26,7 @@ __all__ = ["LEASE_SECONDS", "NoRedis", "RedisFrontier"]
 LEASE_SECONDS = 180.0
 
 
-class NoRedis(InputFault):
+class NoRedis(InputError):
     """A Redis server that does not answer."""
 
 
@@ -145,13 +145,13 @@ class RedisFrontier:
 
         Raises
         ------
-        StorageFault
+        StorageError
             The server no longer knows the crawl: it was started again without its data, and nothing left is not done.
         """
         if self._redis.zcard(self._keys["queue"]) or self._redis.zcard(self._keys["leases"]):
             return False
         if self._is_begun and not self._redis.exists(self._keys["origin"]):
-            raise StorageFault(
+            raise StorageError(
                 f"{self._url}: expected the crawl's tasks, found a server that has lost them;"
                 " --resume with what the crawl began with goes on"
             )

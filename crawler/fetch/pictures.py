@@ -9,7 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal, cast
 
-from metric_base.faults import StorageFault
+from metric_base.errors import StorageError
 from metric_base.files import whole_file
 
 __all__ = ["SCHEMA", "Picture", "Refusal", "decode_picture", "picture"]
@@ -114,4 +114,4 @@ def _store(path: Path, body: bytes) -> None:
         with whole_file(path) as work:
             work.write_bytes(body)
     except OSError as error:
-        raise StorageFault(f"{path}: expected room for a picture, found: {error.strerror}") from None
+        raise StorageError(f"{path}: expected room for a picture, found: {error.strerror}") from None

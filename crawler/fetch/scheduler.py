@@ -15,12 +15,12 @@ from scrapy.spidermiddlewares.httperror import HttpError
 from scrapy.statscollectors import StatsCollector
 from twisted.python.failure import Failure
 
+from crawler.fetch.fail_fast import FULL, FailFastFrontier
 from crawler.fetch.frontier import Outcome, Task, task_key
 from crawler.fetch.pictures import Picture
-from crawler.fetch.watched import FULL, WatchedFrontier
 from crawler.items import RawItem
 from crawler.page.budget import SlowPage
-from metric_base.faults import StorageFault
+from metric_base.errors import StorageError
 
 __all__ = ["KEY", "LIMIT_SETTING", "SITES", "CommitMiddleware", "FrontierScheduler", "close_crawl", "frontier_of"]
 
@@ -43,9 +43,9 @@ _SETTLED = "frontier_settled"
 _LASTING = ("depth", "retry_times", "redirect_times", "redirect_urls", "bans", "item")
 
 
-def frontier_of(crawler: Crawler) -> WatchedFrontier:
+def frontier_of(crawler: Crawler) -> FailFastFrontier:
     """The frontier that `crawler.fetch.crawl` hangs on a crawler; settings are copied deep, a connection cannot be."""
-    frontier: WatchedFrontier = crawler.frontier
+    frontier: FailFastFrontier = crawler.frontier
     return frontier
 
 
@@ -60,7 +60,7 @@ def close_crawl(crawler: Crawler, reason: str) -> None:
 class FrontierScheduler(BaseScheduler):
     """Requests come from the frontier and go back to it; nothing waits in memory, so memory does not grow."""
 
-    def __init__(self, frontier: WatchedFrontier) -> None:
+    def __init__(self, frontier: FailFastFrontier) -> None:
         self._frontier = frontier
         self._spider: Spider | None = None
 
@@ -144,12 +144,12 @@ class CommitMiddleware:
                     pictures.append((part.identity, part.line()))
                 else:
                     self._count(f"dropped/{part}", 1, response.url)
-        except StorageFault as fault:
-            self._frontier.fail(fault)
+        except StorageError as error:
+            self._frontier.fail(error)
         except Exception as error:  # noqa: BLE001 - whatever a page does to its reader costs that page, not the crawl
             failure = "too slow" if isinstance(error, SlowPage) else f"unreadable: {type(error).__name__}"
             items, pictures, tasks = [], [], []
-        if KEY in response.meta and not response.meta.get(_SETTLED) and self._frontier.fault is None:
+        if KEY in response.meta and not response.meta.get(_SETTLED) and self._frontier.error is None:
             most = max(self._limit - self._accepted, 0) if self._limit else None
             outcome = Outcome(response.meta[KEY], items, tasks, failure, pictures, most)
             self._settle(outcome, _is_picture(response), response.url)
@@ -159,7 +159,7 @@ class CommitMiddleware:
     def _settle(self, outcome: Outcome, is_picture: bool, url: str) -> None:
         """Commit, count, and end the crawl with the last item that was asked for."""
         new = self._frontier.commit(outcome)
-        if self._frontier.fault is not None:
+        if self._frontier.error is not None:
             return
         if outcome.failure is None:
             _remember(getattr(self._crawler.spider, "known", None), list(outcome.tasks))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from crawler.sites import GENERIC, SITES, Site
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 if TYPE_CHECKING:
     from scrapy import Spider
@@ -16,7 +16,7 @@ __all__ = ["SPIDERS", "UnknownSpider", "spider_class"]
 SPIDERS = (*(site.name for site in SITES), "wikidata", GENERIC.name)
 
 
-class UnknownSpider(InputFault):
+class UnknownSpider(InputError):
     """A name that no spider has."""
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Sequence
 
 from crawler.imports.declaration import Table
-from metric_base.faults import FieldFault, InputFault, Words
+from metric_base.errors import FieldError, InputError, Unquoted
 
 __all__ = ["FIELD", "MissingColumn", "expect_columns"]
 
@@ -17,7 +17,7 @@ FIELD = re.compile(r"\{([^{}|]+)(?:\|(\w+))?\}")
 _GIVEN = frozenset({"file", "row"})
 
 
-class MissingColumn(InputFault):
+class MissingColumn(InputError):
     """A file lacks a declared column: another table, or a later form of it, that would yield nothing or nonsense."""
 
 
@@ -26,14 +26,14 @@ def expect_columns(table: Table, header: Sequence[str]) -> None:
 
     Raises
     ------
-    FieldFault
+    FieldError
         One is missing: it names those that are missing and those that there are.
     """
     known = _GIVEN.union(table.read, header)
     missing = sorted({column for column in _named_columns(table) if column not in known})
     if missing:
         present = ", ".join(map(repr, header))[:200]
-        raise FieldFault("columns", ", ".join(map(repr, missing)), Words(present))
+        raise FieldError("columns", ", ".join(map(repr, missing)), Unquoted(present))
 
 
 def _named_columns(table: Table) -> Iterator[str]:

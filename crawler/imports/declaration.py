@@ -185,7 +185,7 @@ class Table(_Declared, frozen=True, kw_only=True):
 
 
 def expect_inside(path: str, field: str) -> None:
-    """FieldFault for a path, or a pattern of paths, that leads out of the folder that it is relative to."""
+    """FieldError for a path, or a pattern of paths, that leads out of the folder that it is relative to."""
     parts = PurePosixPath(path.replace("\\", "/"))
     outside = parts.is_absolute() or ".." in parts.parts or ":" in path or "\0" in path
     expect(not outside, field, "a path inside the source's folder", path)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from crawler.imports.sources import Source, SourceFile
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import whole_file
 
 __all__ = ["CACHE_VARIABLE", "NoInput", "download"]
@@ -28,7 +28,7 @@ MAX_MEMBER = 1 << 30
 _PUBLIC = ".public"
 
 
-class NoInput(InputFault):
+class NoInput(InputError):
     """The files of a source are neither here nor available for download."""
 
 
@@ -45,7 +45,7 @@ def download(source: Source) -> Path:
     import pooch
     import requests
 
-    pooch.get_logger().setLevel("WARNING")  # a fault is one line, not two
+    pooch.get_logger().setLevel("WARNING")  # an error is one line, not two
     store = _store(source)
     for file in source.files:
         try:

@@ -12,7 +12,7 @@ from crawler.imports.declaration import REASONS
 from crawler.imports.sources import Source
 from crawler.items import BadRawItem, RawItem
 from crawler.text.catalogue_lengths import AXES, extents_mm
-from metric_base.faults import in_file
+from metric_base.errors import in_file
 
 __all__ = ["Reading", "Refusal", "Refused", "item", "year"]
 
@@ -22,7 +22,7 @@ DIGITS = 3
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """A row that is not imported: its place in the table, its reason code, the field at fault and its text."""
+    """A row that is not imported: its place in the table, its reason code, the field in error and its text."""
 
     source: str
     row: str

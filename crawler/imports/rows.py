@@ -12,7 +12,7 @@ from typing import Any
 
 from crawler.imports.columns import MissingColumn, expect_columns
 from crawler.imports.declaration import Table
-from metric_base.faults import InputFault, in_file
+from metric_base.errors import InputError, in_file
 
 __all__ = ["BadTable", "Row", "flat", "record_rows", "rows", "yaml_document"]
 
@@ -27,7 +27,7 @@ csv.field_size_limit(min(sys.maxsize, 2**31 - 1))
 MAX_BYTES, MOST_LEAVES = 1 << 31, 100_000
 
 
-class BadTable(InputFault):
+class BadTable(InputError):
     """A file that does not hold the table it should: the message names file, what was expected and found."""
 
 

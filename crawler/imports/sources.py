@@ -10,7 +10,7 @@ import msgspec
 
 from crawler.imports.declaration import Table, expect_inside
 from crawler.items import Kind
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.folders import data_folder
 from metric_base.input_files import read_text
 from metric_base.schema import BadDeclaration, expect, toml_record
@@ -106,7 +106,7 @@ class Source(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     reader: str = ""
     #: Traps of the set and what is done about each.
     traps: tuple[str, ...] = ()
-    #: Faults of the set that are mended on the way, each with its mending.
+    #: Errors of the set that are mended on the way, each with its mending.
     repairs: tuple[str, ...] = ()
     #: Why no row of the set is an object's size, where that is so.
     excluded: str = ""
@@ -167,8 +167,8 @@ def _read_lists(source: Source, folder: Path) -> None:
         if rule.listed:
             try:
                 texts = read_text(folder / rule.listed, may_be_empty=True).split("\n")
-            except InputFault as fault:
-                raise BadDeclaration(str(fault)) from None
+            except InputError as error:
+                raise BadDeclaration(str(error)) from None
             msgspec.structs.force_setattr(rule, "texts", frozenset(filter(None, texts)))
 
 
@@ -183,7 +183,7 @@ def declared_sources(folder: Path | None = None) -> dict[str, Source]:
     Raises
     ------
     BadDeclaration
-        The folder has no declaration, or one is at fault.
+        The folder has no declaration, or one is invalid.
     """
     own = sources(folder) if folder is not None else ()
     if folder is not None and not own:

@@ -16,7 +16,7 @@ from w3lib.encoding import html_to_unicode
 
 from crawler.page.sniffing import other_content
 from crawler.text.vocabulary import Language, language_of
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = [
     "MAXIMUM_BYTES",
@@ -52,7 +52,7 @@ _LINKS = etree.XPath("//a/@href", smart_strings=False)
 _LINKED_DATA = etree.XPath("//script[contains(@type, 'ld+json')]/text()", smart_strings=False)
 
 
-class BadPage(InputFault):
+class BadPage(InputError):
     """A file that is no page that can be read."""
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from crawler.text.numbers import NUMBER, Decimal, number
 from crawler.text.units import UNIT_WORDS, millimetres, unit
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["AXES", "Measure", "UnreadableLength", "extents_mm", "length_mm", "measures", "words_mm"]
 
@@ -55,7 +55,7 @@ INCHES_PER_FOOT = 12
 _MISSING = frozenset({"", "-", "–", "--", "na", "n/a", "nan", "none", "null", "?", "unknown", "not available"})
 
 
-class UnreadableLength(InputFault):
+class UnreadableLength(InputError):
     """A text that states something, but no single length."""
 
 

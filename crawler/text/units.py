@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["MILLIMETRES", "UNIT_WORDS", "UnknownUnit", "millimetres", "unit"]
 
 
-class UnknownUnit(InputFault):
+class UnknownUnit(InputError):
     """A unit of length that the table does not hold."""
 
 

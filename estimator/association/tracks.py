@@ -2,7 +2,7 @@
 
 Two ways are kept. `shared_tracks`, the default, joins masks by the points they share among those both views see; it
 needs no length and never joins two masks of one frame. `incremental_tracks` is the paper's Algorithm 1 with its two
-faults repaired: it stops when the nearest pair is too far (the paper's test is reversed), and objects that a frame does
+errors repaired: it stops when the nearest pair is too far (the paper's test is reversed), and objects that a frame does
 not show stay.
 """
 

@@ -23,7 +23,7 @@ from estimator.records.result import ScaleResult, UpReport
 from estimator.results.categories import Meaning, meanings
 from estimator.results.reports import Answer, Options, result_of
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.folders import data_folder
 from metric_base.input_files import read_text
 from metric_base.statistics import mixture_log_density
@@ -107,7 +107,7 @@ def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], 
     of the same source among our data says.
     """
     if not folder.is_dir():
-        raise InputFault.at(folder, "--paper-lists", "the authors' folder scale_metrics", Words("no such folder"))
+        raise InputError.at(folder, "--paper-lists", "the authors' folder scale_metrics", Unquoted("no such folder"))
     lists = {}
     for stem, name in _list_names().items():
         path = folder / f"{stem}.csv"
@@ -118,7 +118,7 @@ def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], 
         if path.is_file():
             lists[node.node_id] = _list(path)
     if not lists:
-        raise InputFault.at(folder, "--paper-lists", "files such as car.csv", Words("none that the tree knows"))
+        raise InputError.at(folder, "--paper-lists", "files such as car.csv", Unquoted("none that the tree knows"))
     return lists
 
 
@@ -140,7 +140,7 @@ def _list(path: Path) -> tuple[tuple[str, ...], FloatArray]:
             [[float(cell) for cell in line.split(",")] for line in read_text(path).split("\n") if line.strip()]
         )
     except ValueError:
-        raise InputFault.at(path, "rows", "numbers apart by commas, as many in each line", Words("others")) from None
+        raise InputError.at(path, "rows", "numbers apart by commas, as many in each line", Unquoted("others")) from None
     sizes = rows * (25.4 if path.stem == "diningchair" else 1.0)
     if sizes.shape[1] == 1:
         return ("height",), sizes

@@ -20,7 +20,7 @@ from estimator.capture.work_folder import WorkFolder, content_digest
 from estimator.reconstructions.cameras import CAMERA_MODELS
 from estimator.reconstructions.colmap import read_colmap
 from estimator.records.scene import Camera, Scene
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.input_files import read_json
 from metric_base.progress import progress_bar
 
@@ -47,11 +47,11 @@ class CaptureOptions:
 
     def __post_init__(self) -> None:
         if self.frames is not None and self.frames < 2:
-            raise InputFault.at("--frames", "number", "2 or more", self.frames)
+            raise InputError.at("--frames", "number", "2 or more", self.frames)
         if self.focal_px is not None and not 1 < self.focal_px < 1e6:
-            raise InputFault.at("--focal", "focal length", "pixels of the source, more than 1", self.focal_px)
+            raise InputError.at("--focal", "focal length", "pixels of the source, more than 1", self.focal_px)
         if self.camera_model not in CAMERA_MODELS:
-            raise InputFault.at("--camera-model", "model", "one of COLMAP's, such as SIMPLE_RADIAL", self.camera_model)
+            raise InputError.at("--camera-model", "model", "one of COLMAP's, such as SIMPLE_RADIAL", self.camera_model)
 
 
 def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> None:
@@ -62,8 +62,8 @@ def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> None:
     Raises
     ------
     CaptureFailure
-        The capture cannot be used, with a code and what to film instead.
-    InputFault
+        The capture cannot be used, with a code and what to record instead.
+    InputError
         The video or the pictures cannot be read.
     """
     source = source_of(path)

@@ -9,7 +9,7 @@ from typing import Any
 from estimator.capture.frames import Frames
 from estimator.capture.mapping.gates import SMEARED, UNDETERMINED, UNSTEADY, UNSURE
 from estimator.reconstructions.checked_files import json_array
-from metric_base.faults import InputFault, in_file
+from metric_base.errors import InputError, in_file
 from metric_base.files import whole_file
 from metric_base.input_files import read_json
 
@@ -48,7 +48,7 @@ def read_cautions(folder: Path) -> tuple[str, ...]:
 
     Raises
     ------
-    InputFault
+    InputError
         The file is damaged.
     """
     file = folder / CAUTIONS_FILE
@@ -57,7 +57,7 @@ def read_cautions(folder: Path) -> tuple[str, ...]:
     with in_file(file):
         rows = json_array(read_json(file))
     if not all(isinstance(row, str) for row in rows):
-        raise InputFault.at(file, "cautions", "sentences", rows)
+        raise InputError.at(file, "cautions", "sentences", rows)
     return tuple(rows)
 
 

@@ -14,7 +14,7 @@ __all__ = ["DEFAULT_FRAMES", "Motion", "chosen_frames", "motion_of"]
 
 Grey = NDArray[np.uint8]
 
-#: Frames by default. Of a made video of 100 frames, 45 give all poses as well as 100 do, for 0.4 of the time
+#: Frames by default. Of a synthetic video of 100 frames, 45 give all poses as well as 100 do, for 0.4 of the time
 #: (`python -m benchmarks.insertion.capture_cost --frames 100 45`).
 DEFAULT_FRAMES = 50
 #: More only where the picture would move on by more than this share of its longer side from frame to frame, for

@@ -18,7 +18,7 @@ import numpy as np
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault, in_file
+from metric_base.errors import InputError, in_file
 from metric_base.input_files import read_json
 
 __all__ = ["FILE_NAME", "FramePose", "FramePoses", "PoseOrigin", "read_frame_poses", "write_frame_poses"]
@@ -114,24 +114,24 @@ def read_frame_poses(file: Path) -> FramePoses:
 
     Raises
     ------
-    InputFault
+    InputError
         The file is missing, is of another kind or version, or a value in it is wrong.
     """
     file = file / FILE_NAME if file.is_dir() else file
     with in_file(file):
         document = json_object(read_json(file))
     if document.get("schema") != SCHEMA:
-        raise InputFault.at(file, "schema", SCHEMA, document.get("schema"))
+        raise InputError.at(file, "schema", SCHEMA, document.get("schema"))
     try:
         camera = _camera(document["camera"])
         with in_file(file):
             frames = tuple(_pose(json_object(row, "frames")) for row in json_array(document["frames"], "frames"))
         return FramePoses(Path(document["source"]), camera, int(document["turned_deg"]), frames)
-    except (KeyError, TypeError, ValueError) as fault:
-        if isinstance(fault, InputFault):
+    except (KeyError, TypeError, ValueError) as error:
+        if isinstance(error, InputError):
             raise
-        raise InputFault.at(
-            file, "frames", "the fields of docs/reference/formats.md", f"{type(fault).__name__}: {fault}"
+        raise InputError.at(
+            file, "frames", "the fields of docs/reference/formats.md", f"{type(error).__name__}: {error}"
         ) from None
 
 

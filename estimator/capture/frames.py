@@ -16,7 +16,7 @@ from estimator.capture.pictures import PICTURE_SUFFIXES, PictureFolder, foreign_
 from estimator.capture.smear import edge_sharpness
 from estimator.capture.video import VIDEO_SUFFIXES, Video, VideoFrame
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import read_json
 from metric_base.pictures import write_picture
 from metric_base.progress import progress_bar
@@ -96,7 +96,7 @@ def source_of(path: Path) -> Source:
 
     Raises
     ------
-    InputFault
+    InputError
         It cannot be read.
     """
     return PictureFolder(path) if path.is_dir() else Video(path)
@@ -154,7 +154,7 @@ def _motion(video: Video) -> Motion:
 
     motion = motion_of(pictures())
     if not len(motion.step):
-        raise InputFault.at(video.path, "video", "at least one frame that can be decoded", Words("none"))
+        raise InputError.at(video.path, "video", "at least one frame that can be decoded", Unquoted("none"))
     return motion
 
 

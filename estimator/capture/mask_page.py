@@ -18,7 +18,7 @@ import numpy as np
 
 from estimator.geometry.measurement import MIN_BOX_VIEWS
 from estimator.records.scene import Scene
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.files import whole_file
 
 __all__ = ["Drawing", "MaskPage", "frames_to_draw", "instances_document"]
@@ -93,8 +93,8 @@ class MaskPage:
         self._secret = secrets.token_urlsafe(12)
         try:
             self._server = _QuietServer((LOOPBACK, port), _handler(self))
-        except OSError as fault:
-            raise InputFault.at("--draw", "port", "one that is free", Words(fault.strerror or str(port))) from None
+        except OSError as error:
+            raise InputError.at("--draw", "port", "one that is free", Unquoted(error.strerror or str(port))) from None
         self._server.daemon_threads = True
         self.url = f"http://{LOOPBACK}:{self._server.server_address[1]}/{self._secret}/"
 
@@ -175,10 +175,10 @@ def _kept(page: MaskPage, body: BufferedIOBase, length: int) -> tuple[int, dict[
     """Keep the drawing of a request; the status and the words of the answer."""
     try:
         page.save(json.loads(body.read(length)))
-    except (ValueError, RecursionError) as fault:
-        return 400, {"error": str(fault)}
-    except OSError as fault:
-        return 500, {"error": f"the drawing cannot be kept: {fault.strerror or fault}"}
+    except (ValueError, RecursionError) as error:
+        return 400, {"error": str(error)}
+    except OSError as error:
+        return 500, {"error": f"the drawing cannot be kept: {error.strerror or error}"}
     return 200, {}
 
 

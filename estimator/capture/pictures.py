@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.video import VideoFrame
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import folder_entries
 from metric_base.pictures import read_picture
 
@@ -45,7 +45,7 @@ class PictureFolder:
 
     Raises
     ------
-    InputFault
+    InputError
         No picture in it can be read.
     """
 
@@ -59,7 +59,7 @@ class PictureFolder:
         if not self.files:
             foreign = foreign_files(path)
             words = f"{foreign[0]}; convert it to JPEG" if foreign else "none"
-            raise InputFault.at(path, "pictures", ", ".join(sorted(PICTURE_SUFFIXES)), Words(words))
+            raise InputError.at(path, "pictures", ", ".join(sorted(PICTURE_SUFFIXES)), Unquoted(words))
         self.n_frames = len(self.files)
         described = [_size_and_focal(file) for file in self.files]
         self.width, self.height, _ = described[0]
@@ -89,8 +89,8 @@ def _size_and_focal(file: Path) -> tuple[int, int, float | None]:
         with Image.open(file) as picture:
             exif = picture.getexif()
             width, height = picture.size
-    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as fault:
-        raise InputFault.at(file, "picture", "a picture that can be read", Words(type(fault).__name__)) from None
+    except (UnidentifiedImageError, OSError, ValueError, Image.DecompressionBombError) as error:
+        raise InputError.at(file, "picture", "a picture that can be read", Unquoted(type(error).__name__)) from None
     if exif.get(_ORIENTATION, 1) in (5, 6, 7, 8):
         width, height = height, width
     return width, height, _focal_px(exif.get_ifd(_EXIF_IFD).get(_FOCAL_35MM), width, height)
@@ -110,5 +110,5 @@ def _colour(file: Path) -> NDArray[np.uint8]:
 
     picture = read_picture(file, cv2.IMREAD_COLOR)
     if picture is None:
-        raise InputFault.at(file, "picture", "a picture that OpenCV reads", Words("something else"))
+        raise InputError.at(file, "picture", "a picture that OpenCV reads", Unquoted("something else"))
     return np.ascontiguousarray(picture[:, :, ::-1])

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from estimator.capture.frames import FRAMES_FILE, is_capture
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 
 if TYPE_CHECKING:
     from estimator.capture.mapping.failures import Failure
@@ -32,23 +32,23 @@ def prepare_capture(options: Namespace) -> Failure | None:
 
     Raises
     ------
-    InputFault
+    InputError
         A video that cannot be read, an option that does not fit, or no instances.
     """
     if options.scene is None or not is_capture(options.scene):
         options.dense = _dense_of(options)
         for name in _CAPTURE_OPTIONS:
             if getattr(options, name.strip("-").replace("-", "_")) is not None:
-                words = Words(str(options.scene or options.objects))
-                raise InputFault.at("arguments", name, "a video or a folder of pictures as SCENE", words)
+                words = Unquoted(str(options.scene or options.objects))
+                raise InputError.at("arguments", name, "a video or a folder of pictures as SCENE", words)
         return None
     if options.draw is not None and not 0 <= options.draw < 1 << 16:
-        raise InputFault.at("--draw", "port", "a number from 0 to 65535", options.draw)
+        raise InputError.at("--draw", "port", "a number from 0 to 65535", options.draw)
     if options.work is None:
-        raise InputFault.at(options.scene, "--work", "a folder for frames, reconstruction and result", Words("none"))
+        raise InputError.at(options.scene, "--work", "a folder for frames, reconstruction and result", Unquoted("none"))
     for file in (options.instances, options.categories, options.detector_labels):
         if file is not None and not file.exists():  # said now rather than after the reconstruction
-            raise InputFault.at(file, "file", "a readable file", Words("no such file"))
+            raise InputError.at(file, "file", "a readable file", Unquoted("no such file"))
     return _prepare(options)
 
 
@@ -81,7 +81,7 @@ def _dense_of(options: Namespace) -> str | None:
     """The cloud to measure from: in a work folder none but one that is named.
 
     The dense points of a work folder are for what is drawn. They have been better and worse than the sparse ones
-    (docs/evidence/films.md), on too few scenes to be the default.
+    (docs/evidence/videos.md), on too few scenes to be the default.
     """
     if options.dense not in (None, "auto"):
         return str(options.dense)
@@ -191,4 +191,4 @@ def _draw(options: Namespace, work: WorkFolder) -> None:
 def _say_what_is_missing(options: Namespace, work: WorkFolder) -> NoReturn:
     ways = "--instances FILE, --detector MODEL, or --draw to draw the things on a page in a browser"
     words = f"none; the frames are in {work.path / 'frames'}"
-    raise InputFault.at(options.scene, "instances", ways, Words(words))
+    raise InputError.at(options.scene, "instances", ways, Unquoted(words))

@@ -1,7 +1,7 @@
-"""The focal length that a telephone writes into its films: an entry of QuickTime's metadata, of the film or of a track.
+"""The focal length that a telephone writes into its videos, in QuickTime's metadata.
 
 The layout is that of Apple's "QuickTime File Format", chapter "Metadata": atoms `meta` with `keys` and `ilst`. FFmpeg
-shows the entries of the film alone; the lens is one of the video track.
+shows the entries of the video alone; the lens is one of the video track.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def _atoms(data: bytes) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _metadata(contents: bytes) -> Iterator[bytes]:
-    """The atoms `meta` of the film and of its tracks."""
+    """The atoms `meta` of the video and of its tracks."""
     for kind, content in _atoms(contents):
         if kind == b"meta":
             yield content

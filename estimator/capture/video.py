@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.capture.hdr import CURVES, standard_range
 from estimator.capture.quicktime import stated_focal_35mm
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 
 __all__ = ["VIDEO_SUFFIXES", "Video", "VideoFrame"]
 
@@ -26,7 +26,7 @@ READ_ALONE = {"protocol_whitelist": "file", "format_whitelist": "mov,mp4,m4a,3gp
 #: Largest frame, and the widest and narrowest shape of its pixels.
 MAX_PIXELS, MAX_ASPECT = 1 << 26, 8
 #: Width in millimetres of a picture of 4:3 whose diagonal is that of 35 mm film. Telephones state the focal
-#: lengths of their photographs, which have this shape, and their films are as wide.
+#: lengths of their photographs, which have this shape, and their videos are as wide.
 WIDTH_35MM = 34.61
 #: Threads of the decoder; two cores are the reference machine.
 THREADS = 2
@@ -46,11 +46,11 @@ class Video:
 
     width, height : of the upright frames; turned_deg : the clockwise rotation that the container asks for, applied to
     every frame; n_frames : how many the container states, 0 where it does not; hdr : the name of its HDR curve or None;
-    focal_px : what the container states of the camera, None without; stabilisation crops a film by a tenth or so.
+    focal_px : what the container states of the camera, None without; stabilisation crops a video by a tenth or so.
 
     Raises
     ------
-    InputFault
+    InputError
         The file is missing, is no video, or PyAV is not installed.
     """
 
@@ -60,7 +60,7 @@ class Video:
             stream = _stream(path, container)
             first = next(_decode(path, container, stream), None)
             if first is None:
-                raise InputFault.at(path, "video", "at least one frame that can be decoded", Words("none"))
+                raise InputError.at(path, "video", "at least one frame that can be decoded", Unquoted("none"))
             rate = stream.average_rate or stream.guessed_rate
             self.n_frames = int(stream.frames) or _stated_frames(container, stream, rate)
             self.rate = float(rate) if rate else 0.0
@@ -68,7 +68,7 @@ class Video:
             self.hdr = CURVES.get(int(first.color_trc))
             self._aspect = float(stream.sample_aspect_ratio or Fraction(1))
             if not 1 / MAX_ASPECT <= self._aspect <= MAX_ASPECT:
-                raise InputFault.at(path, "video", f"pixels of a shape below {MAX_ASPECT}:1", self._aspect)
+                raise InputError.at(path, "video", f"pixels of a shape below {MAX_ASPECT}:1", self._aspect)
             self.height, self.width = self._upright(first).shape[:2]
         stated = stated_focal_35mm(path)
         self.focal_px = None if stated is None else stated / WIDTH_35MM * max(self.width, self.height)
@@ -99,15 +99,17 @@ def _open_video(path: Path) -> Any:
         import av
     except ImportError:
         expected = "PyAV (pip install 'metric-tree[video]')"
-        raise InputFault.at(path, "video", expected, Words("not installed")) from None
+        raise InputError.at(path, "video", expected, Unquoted("not installed")) from None
     if not path.is_file():
-        raise InputFault.at(path, "video", "a file", Words("a folder or a device" if path.exists() else "no such file"))
+        raise InputError.at(
+            path, "video", "a file", Unquoted("a folder or a device" if path.exists() else "no such file")
+        )
     try:
         # named as a file, so that a colon in its name is no protocol; a playlist in it leads nowhere else
         return av.open(f"file:{path}", metadata_errors="replace", container_options=READ_ALONE)
-    except (av.error.FFmpegError, OSError) as fault:
-        words = getattr(fault, "strerror", None) or str(fault)
-        raise InputFault.at(path, "video", "a video that FFmpeg reads", Words(words)) from None
+    except (av.error.FFmpegError, OSError) as error:
+        words = getattr(error, "strerror", None) or str(error)
+        raise InputError.at(path, "video", "a video that FFmpeg reads", Unquoted(words)) from None
 
 
 def _stream(path: Path, container: Any) -> Any:
@@ -117,13 +119,13 @@ def _stream(path: Path, container: Any) -> Any:
     for stream in container.streams.video:
         if not stream.disposition & av.stream.Disposition.attached_pic:
             if stream.codec_context is None:
-                raise InputFault.at(path, "video", "a codec that FFmpeg decodes", Words("another"))
+                raise InputError.at(path, "video", "a codec that FFmpeg decodes", Unquoted("another"))
             if stream.width * stream.height > MAX_PIXELS:
-                size = Words(f"{stream.width} x {stream.height}")
-                raise InputFault.at(path, "video", f"frames of at most {MAX_PIXELS:,} pixels", size)
+                size = Unquoted(f"{stream.width} x {stream.height}")
+                raise InputError.at(path, "video", f"frames of at most {MAX_PIXELS:,} pixels", size)
             stream.thread_type, stream.thread_count = "AUTO", THREADS
             return stream
-    raise InputFault.at(path, "video", "a video stream", Words("none"))
+    raise InputError.at(path, "video", "a video stream", Unquoted("none"))
 
 
 def _decode(path: Path, container: Any, stream: Any) -> Iterator[Any]:
@@ -141,7 +143,7 @@ def _decode(path: Path, container: Any, stream: Any) -> Iterator[Any]:
             return
         size = size or (frame.width, frame.height)
         if (frame.width, frame.height) != size:
-            raise InputFault.at(path, "video", f"frames of one size, {size}", (frame.width, frame.height))
+            raise InputError.at(path, "video", f"frames of one size, {size}", (frame.width, frame.height))
         yield frame
 
 

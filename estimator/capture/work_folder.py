@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.files import whole_file
 
 __all__ = ["WorkFolder", "content_digest"]
@@ -41,7 +41,7 @@ class WorkFolder:
 
         Raises
         ------
-        InputFault
+        InputError
             Another run holds it, or it cannot be made.
         """
         try:
@@ -50,14 +50,14 @@ class WorkFolder:
                 try:
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError:
-                    raise InputFault.at(
-                        self.path, "--work", "a folder of its own", Words("one in use by another run")
+                    raise InputError.at(
+                        self.path, "--work", "a folder of its own", Unquoted("one in use by another run")
                     ) from None
                 self._clear_leftovers()
                 yield
-        except OSError as fault:
-            words = fault.strerror or "an error"
-            raise InputFault.at(self.path, "--work", "a folder that can be written", Words(words)) from None
+        except OSError as error:
+            words = error.strerror or "an error"
+            raise InputError.at(self.path, "--work", "a folder that can be written", Unquoted(words)) from None
 
     def stage(self, name: str, inputs: Mapping[str, Any], outputs: Sequence[str], make: Callable[[Path], None]) -> str:
         """Make the outputs of a stage unless they are there, made from the same inputs; their digest.

@@ -82,23 +82,23 @@ def consistency(scene: Scene) -> Consistency:
 def contradictions(measures: Consistency) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """What the measures say against a reconstruction: sentences of doubt, and sentences that rule it out."""
     doubts: list[str] = []
-    faults: list[str] = []
+    errors: list[str] = []
     if measures.reprojection_share > DOUBTFUL_ERROR:
         sentence = f"the points miss their own observations by {measures.reprojection_px:.1f} pixels (median)"
-        (faults if measures.reprojection_share > WRONG_ERROR else doubts).append(sentence)
+        (errors if measures.reprojection_share > WRONG_ERROR else doubts).append(sentence)
     elif measures.misses > DOUBTFUL_MISSES:
         sentence = (
             f"{measures.misses:.0%} of the observations are more than {WRONG_ERROR:.0%} of the image off their points"
         )
-        (faults if measures.misses > WRONG_MISSES else doubts).append(f"{sentence}: parts of the model do not fit")
+        (errors if measures.misses > WRONG_MISSES else doubts).append(f"{sentence}: parts of the model do not fit")
     if measures.behind > DOUBTFUL_BEHIND:
         sentence = f"{measures.behind:.0%} of the observed points are behind their camera"
-        (faults if measures.behind > WRONG_BEHIND else doubts).append(sentence)
+        (errors if measures.behind > WRONG_BEHIND else doubts).append(sentence)
     if measures.depth_ratio > DOUBTFUL_DEPTHS:
         doubts.append(f"the depths in a view span a factor {measures.depth_ratio:.0f}")
     if measures.groups > 1:
         doubts.append(f"the views fall into {measures.groups} groups that share no point: each may have its own scale")
-    return tuple(doubts), tuple(faults)
+    return tuple(doubts), tuple(errors)
 
 
 def _errors_and_depths(view: View, points: FloatArray, keypoints: FloatArray) -> tuple[FloatArray, FloatArray]:

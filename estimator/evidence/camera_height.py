@@ -12,7 +12,7 @@ from estimator.evidence.source import silent
 from estimator.geometry.planes import floor_of
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.statistics import robust_sigma
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class CameraHeight:
     def __post_init__(self) -> None:
         if not (LOWEST_M <= self.metres <= HIGHEST_M and 0 < self.sd < self.metres):
             expected = f"a height of {LOWEST_M:g} to {HIGHEST_M:g} metres with a smaller standard deviation"
-            raise InputFault.at(KIND, "metres", expected, (self.metres, self.sd))
+            raise InputError.at(KIND, "metres", expected, (self.metres, self.sd))
 
     @classmethod
     def of(cls, text: str) -> CameraHeight:
@@ -63,7 +63,7 @@ class CameraHeight:
             metres, sd = (float(part) for part in text.replace("±", "+-").split("+-"))
         except ValueError:
             expected = f"METRES+-SD, or one of {', '.join(PRESETS)}"
-            raise InputFault.at("--camera-height", "value", expected, text) from None
+            raise InputError.at("--camera-height", "value", expected, text) from None
         return cls(metres, sd)
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.pictures import read_picture
 
 __all__ = ["SUFFIXES", "read_depth"]
@@ -23,13 +23,13 @@ def read_depth(file: Path, png_metres: float = 0.001) -> FloatArray:
 
     Raises
     ------
-    InputFault
+    InputError
         The file is not a map of one channel.
     """
     reader = {".npy": _npy, ".pfm": _pfm}.get(file.suffix.lower())
     depth = _png(file) * png_metres if reader is None else reader(file)
     if depth.ndim != 2 or not 0 < depth.size <= MOST_PIXELS:
-        raise InputFault.at(file, "shape", "(h, w), one channel", depth.shape)
+        raise InputError.at(file, "shape", "(h, w), one channel", depth.shape)
     return depth
 
 
@@ -39,9 +39,9 @@ def _npy(file: Path) -> FloatArray:
         # np.load would open a .npz or a pickle under this name too.
         values = np.lib.format.open_memmap(file, mode="r")
         return np.asarray(np.squeeze(values), dtype=float)
-    except Exception as fault:  # noqa: BLE001 - NumPy raises a dozen kinds for damaged headers
-        words = Words(str(fault) or type(fault).__name__)
-        raise InputFault.at(file, "array", "a NumPy array of numbers", words) from None
+    except Exception as error:  # noqa: BLE001 - NumPy raises a dozen kinds for damaged headers
+        words = Unquoted(str(error) or type(error).__name__)
+        raise InputError.at(file, "array", "a NumPy array of numbers", words) from None
 
 
 def _pfm(file: Path) -> FloatArray:
@@ -52,10 +52,10 @@ def _pfm(file: Path) -> FloatArray:
         start = file.read_bytes().index(parts[3], len(kind)) + len(parts[3]) + 1
         order = "<f4" if scale < 0 else ">f4"
         values = np.frombuffer(file.read_bytes(), dtype=order, count=width * height, offset=start)
-    except (IndexError, ValueError, OverflowError) as fault:
-        raise InputFault.at(file, "map", "a PFM of one channel", Words(str(fault))) from None
+    except (IndexError, ValueError, OverflowError) as error:
+        raise InputError.at(file, "map", "a PFM of one channel", Unquoted(str(error))) from None
     if kind != b"Pf" or min(width, height) < 1:
-        raise InputFault.at(file, "kind", "Pf, one channel", Words(kind.decode("ascii", "replace")))
+        raise InputError.at(file, "kind", "Pf, one channel", Unquoted(kind.decode("ascii", "replace")))
     return np.asarray(values.reshape(height, width)[::-1], dtype=float)
 
 
@@ -65,6 +65,6 @@ def _png(file: Path) -> FloatArray:
 
     values = read_picture(file, cv2.IMREAD_UNCHANGED)
     if values is None or values.dtype != np.uint16:
-        actual = Words("no picture" if values is None else str(values.dtype))
-        raise InputFault.at(file, "picture", "a PNG of 16 bits", actual)
+        actual = Unquoted("no picture" if values is None else str(values.dtype))
+        raise InputError.at(file, "picture", "a PNG of 16 bits", actual)
     return np.where(values > 0, values.astype(float), np.nan)

@@ -19,7 +19,7 @@ from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
-from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 
 if TYPE_CHECKING:
     from estimator.geometry.measurement import Measurements
@@ -100,7 +100,7 @@ def _table_positions(file: Path, scene: Scene) -> dict[int, FloatArray]:
     columns = next((kind for kind in (("lat", "lon", "alt"), ("x", "y", "z")) if {"name", *kind} <= names), None)
     if columns is None:
         expected = "columns name, lat, lon, alt, or name, x, y, z"
-        raise InputFault.at(file, "header", expected, Words(", ".join(sorted(names)) or "none"))
+        raise InputError.at(file, "header", expected, Unquoted(", ".join(sorted(names)) or "none"))
     values: dict[int, list[float]] = {}
     for number, record in records:
         cells = {(key or "").strip().lower(): value for key, value in record.items()}
@@ -112,13 +112,13 @@ def _table_positions(file: Path, scene: Scene) -> dict[int, FloatArray]:
 
 
 def _numbers(cells: Iterable[Any]) -> list[float]:
-    """Three finite numbers; FieldFault where they are not."""
+    """Three finite numbers; FieldError where they are not."""
     try:
         numbers = [float(cell) for cell in cells]
     except (TypeError, ValueError):
-        raise FieldFault("", "three numbers after the name", list(cells)) from None
+        raise FieldError("", "three numbers after the name", list(cells)) from None
     if not all(abs(number) < FARTHEST_M for number in numbers):
-        raise FieldFault("", f"finite numbers below {FARTHEST_M:g}", numbers)
+        raise FieldError("", f"finite numbers below {FARTHEST_M:g}", numbers)
     return numbers
 
 

@@ -16,7 +16,7 @@ from estimator.reconstructions.known_lengths import KnownLength
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
-from metric_base.faults import FieldFault, in_file
+from metric_base.errors import FieldError, in_file
 from metric_base.input_files import read_json
 from metric_base.statistics import robust_sigma
 
@@ -71,7 +71,7 @@ def rig_baselines(file: Path) -> tuple[RigBaseline, ...]:
 
     Raises
     ------
-    InputFault
+    InputError
         The file is damaged, or no camera has a translation.
     """
     with in_file(file):
@@ -79,7 +79,7 @@ def rig_baselines(file: Path) -> tuple[RigBaseline, ...]:
             item for entry in json_array(read_json(file), "rigs") for item in _baselines_of(json_object(entry))
         ]
         if not baselines:
-            raise FieldFault("cam_from_rig_translation", "three numbers at a camera of one rig or more", None)
+            raise FieldError("cam_from_rig_translation", "three numbers at a camera of one rig or more", None)
     return tuple(baselines)
 
 
@@ -88,7 +88,7 @@ def _baselines_of(rig: dict[str, Any]) -> list[RigBaseline]:
     prefixes = [camera.get("image_prefix") for camera in cameras]
     references = [prefix for prefix, camera in zip(prefixes, cameras, strict=True) if camera.get("ref_sensor")]
     if len(references) != 1 or not all(isinstance(prefix, str) and prefix for prefix in prefixes):
-        raise FieldFault("cameras", "an image_prefix each, and one ref_sensor", prefixes)
+        raise FieldError("cameras", "an image_prefix each, and one ref_sensor", prefixes)
     stated = [
         (str(prefix), _length(camera["cam_from_rig_translation"]))
         for prefix, camera in zip(prefixes, cameras, strict=True)
@@ -101,10 +101,10 @@ def _length(translation: object) -> float:
     try:
         x, y, z = (float(part) for part in json_array(translation, "cam_from_rig_translation"))
     except (TypeError, ValueError):
-        raise FieldFault("cam_from_rig_translation", "three numbers", translation) from None
+        raise FieldError("cam_from_rig_translation", "three numbers", translation) from None
     length = math.hypot(x, y, z)
     if not 0 < length < math.inf:
-        raise FieldFault("cam_from_rig_translation", "a translation that is not 0", translation)
+        raise FieldError("cam_from_rig_translation", "a translation that is not 0", translation)
     return length
 
 

@@ -18,7 +18,7 @@ from estimator.instances.image_files import image_file, image_folders
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.pictures import read_picture
 
 if TYPE_CHECKING:
@@ -55,18 +55,18 @@ class Marker:
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.metres) and self.metres > 0):
-            raise InputFault.at("--marker", "metres", "a positive side", self.metres)
+            raise InputError.at("--marker", "metres", "a positive side", self.metres)
         if _dictionary_name(self.dictionary) is None:
             expected = "a dictionary of OpenCV, such as DICT_4X4_50 or APRILTAG_36h11"
-            raise InputFault.at("--marker", "dictionary", expected, self.dictionary)
+            raise InputError.at("--marker", "dictionary", expected, self.dictionary)
         if self.board is not None:
             self._check_board(*self.board)
 
     def _check_board(self, columns: int, rows: int, side: float) -> None:
         if not (2 <= columns <= MAX_SQUARES and 2 <= rows <= MAX_SQUARES):
-            raise InputFault.at("--marker", "board", f"2 to {MAX_SQUARES} columns and rows", (columns, rows))
+            raise InputError.at("--marker", "board", f"2 to {MAX_SQUARES} columns and rows", (columns, rows))
         if not 0 < side < self.metres:
-            raise InputFault.at("--marker", "board", "markers smaller than their squares", (self.metres, side))
+            raise InputError.at("--marker", "board", "markers smaller than their squares", (self.metres, side))
 
     @classmethod
     def of(cls, text: str) -> Marker:
@@ -82,11 +82,11 @@ class Marker:
                 return cls(parts[1], float(parts[3]), (columns, rows, float(parts[4])))
             if len(parts) == 2:
                 return cls(parts[0], float(parts[1]))
-        except ValueError as fault:
-            if isinstance(fault, InputFault):
+        except ValueError as error:
+            if isinstance(error, InputError):
                 raise
         expected = "DICT:METRES or charuco:DICT:COLUMNSxROWS:SQUARE:MARKER"
-        raise InputFault.at("--marker", "value", expected, text)
+        raise InputError.at("--marker", "value", expected, text)
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
         """One row for each marker that two views or more show; its corners are triangulated."""

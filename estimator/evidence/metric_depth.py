@@ -15,7 +15,7 @@ from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.statistics import robust_sigma
 
 if TYPE_CHECKING:
@@ -46,7 +46,7 @@ class MetricDepth:
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
         """The median over views of each view's median ratio; silent without maps of its views."""
         if not self.folder.is_dir():
-            raise InputFault.at(self.folder, "--metric-depth", "a folder of depth maps", "no such folder")
+            raise InputError.at(self.folder, "--metric-depth", "a folder of depth maps", "no such folder")
         ratios = []
         for view in scene.views:
             file = _file(self.folder, view.name)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 
 if TYPE_CHECKING:
     from estimator.evidence.source import EvidenceSource
@@ -41,20 +41,20 @@ def up_direction(options: argparse.Namespace) -> tuple[float, float, float] | No
 
     Raises
     ------
-    InputFault
+    InputError
         It is no direction, or there is no scene to look at.
     """
     if options.up is None:
         return None
     if options.objects is not None:
-        raise InputFault("--up: expected a SCENE; found --objects")
+        raise InputError("--up: expected a SCENE; found --objects")
     from estimator.geometry.up import given_up
 
     try:
         x, y, z = (float(part) for part in options.up.split(","))
         given_up((x, y, z))
     except ValueError:
-        raise InputFault.at("--up", "direction", "X,Y,Z, three finite numbers, not all 0", options.up) from None
+        raise InputError.at("--up", "direction", "X,Y,Z, three finite numbers, not all 0", options.up) from None
     return x, y, z
 
 
@@ -63,7 +63,7 @@ def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:
 
     Raises
     ------
-    InputFault
+    InputError
         A value cannot be read, or there is no scene to look at.
     """
     values = [options.camera_height, options.gps, options.metric_depth, *options.marker, *options.baseline]
@@ -73,11 +73,11 @@ def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:
         obstacle = "--objects" if options.objects is not None else f"--method {options.method}"
         expected = "a SCENE and --method default or height"
         names = "--camera-height, --gps, --marker, --metric-depth, --baseline"
-        raise InputFault.at(names, "evidence", expected, Words(obstacle))
+        raise InputError.at(names, "evidence", expected, Unquoted(obstacle))
     if options.gps not in {None, "exif"} and not Path(options.gps).is_file():
-        raise InputFault(f"--gps: expected exif, or a CSV file; found no file {options.gps}")
+        raise InputError(f"--gps: expected exif, or a CSV file; found no file {options.gps}")
     if options.metric_depth is not None and not options.metric_depth.is_dir():
-        raise InputFault(f"--metric-depth: expected a folder of depth maps; found no folder {options.metric_depth}")
+        raise InputError(f"--metric-depth: expected a folder of depth maps; found no folder {options.metric_depth}")
     from estimator.evidence.camera_height import CameraHeight
     from estimator.evidence.gps import Gps
     from estimator.evidence.marker import Marker
@@ -106,5 +106,5 @@ def _baselines(text: str) -> tuple[EvidenceSource, ...]:
         length = 0.0
     if not 0 < length < float("inf"):
         expected = "A:B:METRES, two folders of pictures and their distance, or COLMAP's rig_config.json"
-        raise InputFault.at("--baseline", "value", expected, text)
+        raise InputError.at("--baseline", "value", expected, text)
     return (RigBaseline(first, second, length),)

@@ -22,7 +22,7 @@ class EvidenceSource(Protocol):
 
         Raises
         ------
-        InputFault
+        InputError
             A file that the user named cannot be read.
         """
         ...

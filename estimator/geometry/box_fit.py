@@ -37,8 +37,8 @@ STEPS, ENOUGH, DAMPING = 15, 1e-3, 1e-2
 # Furthest that one step goes, in sizes, natural logs and radians.
 MOST_STEP = 0.4
 # The errors of length, width and height are so many times what the fit states, beside a part of their own: things are
-# no cuboids, and edges err alike in neighbouring views. Robust spreads in hard made rooms, seeds 1000 to 1002, with
-# boxes of `tests.made.rooms.detections`.
+# no cuboids, and edges err alike in neighbouring views. Robust spreads in hard synthetic rooms, seeds 1000 to 1002,
+# with boxes of `tests.synthetic.rooms.detections`.
 SIGMA_TIMES, OWN_SIGMA = 2.2, (0.09, 0.13, 0.06)
 # The height of a support plane under a thing is good to this share of the thing's height.
 FOOT_SHARE = 0.03

@@ -3,7 +3,7 @@
 Extents decide a scale more than anything but the outliers, so the rule is stated once, with its bias, and all methods
 that are compared use it. Percentiles alone are short where a side fades out (a bottle's wall from top to bottom loses 3
 % of its height) and long where noise thickens a face; both are corrected by stated functions. `python -m
-benchmarks.estimator.geometry extents` prints what is left on made shapes.
+benchmarks.estimator.geometry extents` prints what is left on synthetic shapes.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ MAX_FADE = 0.05
 # 1 and 3 %,
 # and as well at 0.4 %.
 LEAST_OVERSHOOT, MOST_OVERSHOOT, HALF_WAY = 0.6, 2.1, 0.3
-# Few points do not reach the edges: on made shapes what is missing is about one part in n.
+# Few points do not reach the edges: on synthetic shapes what is missing is about one part in n.
 MISSING_SHARE = 1.0
 # Points that say where an edge is; more cost time and change the third digit.
 MAX_POINTS = 4000
-# One standard deviation of an edge, as a share of the extent, from the rule on made shapes: what remains with many
+# One standard deviation of an edge, as a share of the extent, from the rule on synthetic shapes: what remains with many
 # points, and what few points add, share / sqrt(n).
 RULE_SIGMA = 0.015
 SAMPLING_SIGMA = 0.25
-# ... and that few points cannot tell a stray from an edge: share / n. In made rooms 20 points are off by a sixth, 100
-# by a fifteenth.
+# ... and that few points cannot tell a stray from an edge: share / n. In synthetic rooms 20 points are off by a sixth,
+# 100 by a fifteenth.
 STRAY_SIGMA = 3.0
 # ... and that a fading edge is placed half a fade beyond its outer quantile, and is off by about as much.
 FADE_SIGMA = 0.6

@@ -14,9 +14,9 @@ from estimator.association.mask_agreement import mask_agreement, mask_contradict
 from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.association.tracks import Track, incremental_tracks, shared_tracks
 from estimator.geometry.box_fit import boxed_object
+from estimator.geometry.canonical_frame import SortedScene, sorted_scene
 from estimator.geometry.fragments import without_fragments
 from estimator.geometry.noise import depth_noise, sight_moment
-from estimator.geometry.own_frame import SortedScene, sorted_scene
 from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
 from estimator.geometry.standing import stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
@@ -75,7 +75,7 @@ PAPER = MeasurementOptions(
 class Measurements:
     """The result of the geometry. `objects[i]` belongs to `tracks[i]`; `timings` in seconds by stage.
 
-    `faults` rule the masks out: they are not of these views.
+    `errors` rule the masks out: they are not of these views.
     """
 
     objects: tuple[MeasuredObject, ...]
@@ -84,7 +84,7 @@ class Measurements:
     tracks: tuple[Track, ...]
     timings: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
-    faults: tuple[str, ...] = ()
+    errors: tuple[str, ...] = ()
 
 
 def measure_objects(
@@ -92,8 +92,8 @@ def measure_objects(
 ) -> Measurements:
     """The objects of a scene in scene units, one for every track, by labels, tracks, up, planes and dimensions.
 
-    A copy of the scene in another frame or order gives the same, but for rounding (`own_frame`). ValueError for a scene
-    without views.
+    A copy of the scene in another frame or order gives the same, but for rounding (`canonical_frame`). ValueError for
+    a scene without views.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def _measure(
         clouds = [sparse_labels(scene, instances)]
         if options.dense and scene.dense is not None:
             clouds.append(dense_labels(scene, instances))
-        doubts, faults = mask_contradictions(mask_agreement(clouds[0], instances))
+        doubts, errors = mask_contradictions(mask_agreement(clouds[0], instances))
     with _stopwatch(timings, "association"):
         if options.association == "shared":
             tracks = shared_tracks(instances, clouds)
@@ -166,7 +166,7 @@ def _measure(
         if not options.fragments:
             objects = without_fragments(objects)
     warnings = doubts if contradiction is None else (*doubts, contradiction)
-    return Measurements(objects, up, planes, tracks, warnings=warnings, faults=faults)
+    return Measurements(objects, up, planes, tracks, warnings=warnings, errors=errors)
 
 
 def _in_world(
@@ -185,7 +185,7 @@ def _in_world(
     objects = tuple(replace(thing, id=str(number + 1)) for number, (_, thing) in enumerate(pairs))
     tracks = tuple(track for track, _ in pairs)
     warnings = (*inner.warnings, *_warnings(up, planes, options))
-    return Measurements(objects, up, planes, tracks, timings, warnings, inner.faults)
+    return Measurements(objects, up, planes, tracks, timings, warnings, inner.errors)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

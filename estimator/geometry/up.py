@@ -14,7 +14,7 @@ import numpy as np
 
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["BELIEVED_SIGMAS", "Up", "camera_up", "combine_up", "given_up", "tilts", "up_contradiction"]
 
@@ -84,12 +84,12 @@ def given_up(vector: Sequence[float] | FloatArray) -> Up:
 
     Raises
     ------
-    InputFault
+    InputError
         It is not three finite numbers, or all are 0.
     """
     direction = np.asarray(vector, dtype=float)
     if direction.shape != (3,) or not np.isfinite(direction).all() or not direction.any():
-        raise InputFault.at("up", "direction", "three finite numbers, not all 0", tuple(vector))
+        raise InputError.at("up", "direction", "three finite numbers, not all 0", tuple(vector))
     direction = direction / np.abs(direction).max()  # its square may be no number
     return Up(direction / np.linalg.norm(direction), "given", GIVEN_DEG)
 

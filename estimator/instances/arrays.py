@@ -10,14 +10,14 @@ import numpy as np
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["MasksByImage", "instances_of_masks"]
 
 #: The masks of each image by its file name: category, mask (h, w) bool, and a score from 0 to 1 where there is one.
 MasksByImage = Mapping[str, Iterable[tuple[str, BoolArray] | tuple[str, BoolArray, float]]]
 
-#: What a fault names in place of a file.
+#: What an error names in place of a file.
 SOURCE = Path("masks")
 
 
@@ -40,13 +40,13 @@ def _instance(
 ) -> Instance | None:
     """The instance of an entry with mask (h, w), None of an empty one.
 
-    InputFault if the mask is not bool (h, w), or the score is not from 0 to 1.
+    InputError if the mask is not bool (h, w), or the score is not from 0 to 1.
     """
     category, mask, score = entry if len(entry) == 3 else (*entry, 1.0)
     mask = np.asarray(mask)
     if mask.ndim != 2 or mask.dtype != bool or not mask.size:
-        raise InputFault.at(SOURCE, f"image {name!r}", "masks of shape (h, w), bool", (mask.shape, str(mask.dtype)))
+        raise InputError.at(SOURCE, f"image {name!r}", "masks of shape (h, w), bool", (mask.shape, str(mask.dtype)))
     if not 0 <= score <= 1:
-        raise InputFault.at(SOURCE, f"image {name!r}", "scores from 0 to 1", score)
+        raise InputError.at(SOURCE, f"image {name!r}", "scores from 0 to 1", score)
     crop = mask_crop(mask, scene.views[row].camera)
     return None if crop is None else Instance(number, row, category, crop[0], crop[1], float(score))

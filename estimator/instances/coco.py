@@ -13,7 +13,7 @@ from estimator.instances.label_names import label_names
 from estimator.instances.masks import box_mask, coco_mask, picture_size
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
-from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_json
 
 __all__ = ["category_names", "entries_by_id", "ignored_categories", "read_coco"]
@@ -50,7 +50,7 @@ def read_coco(
     frame, annotations, warnings = _document(scene, file, categories, read_json(file) if document is None else document)
     with in_file(file):
         if not annotations:
-            raise FieldFault("annotations", "at least one", 0)
+            raise FieldError("annotations", "at least one", 0)
         instances = [_instance(row, annotation, frame, scene) for row, annotation in enumerate(annotations)]
     names = [image.file_name for image in frame.images.values()]
     warnings = [*warnings, *_warnings(file, annotations, frame, scene, instances)]
@@ -78,7 +78,7 @@ def _document(
         return _own_frame(file, annotations, scene)
     if not named.is_file():
         expected = "a dataset that names categories and images (--categories), or entries with file_name and category"
-        raise InputFault.at(file, "categories", expected, Words(f"no file {named.name} beside it"))
+        raise InputError.at(file, "categories", expected, Unquoted(f"no file {named.name} beside it"))
     with in_file(named):
         return _frame(named, json_object(read_json(named)), scene), annotations, []
 
@@ -102,7 +102,7 @@ def _own_frame(file: Path, annotations: list[Any], scene: Scene) -> tuple[CocoFr
                 key = _key("category_id", entry.get("category_id"))
                 name = coco[key] if isinstance(key, int) and 0 < key < len(coco) else ""
                 if not name:
-                    raise FieldFault("category", "a name, or a category_id of COCO's 91", entry.get("category_id"))
+                    raise FieldError("category", "a name, or a category_id of COCO's 91", entry.get("category_id"))
             category = _text("category", name)
         images.setdefault(image, CocoImage(image, None, rows.row(image)))
         categories[category] = category
@@ -156,7 +156,7 @@ def _frame(file: Path, document: dict[str, Any], scene: Scene) -> CocoFrame:
 
 
 def category_names(document: dict[str, Any]) -> dict[Hashable, str]:
-    """The names by id of a dataset's `categories`; FieldFault where one has none."""
+    """The names by id of a dataset's `categories`; FieldError where one has none."""
     names = {}
     for field, key, category in entries_by_id("categories", document):
         with at_field(field):
@@ -165,7 +165,7 @@ def category_names(document: dict[str, Any]) -> dict[Hashable, str]:
 
 
 def entries_by_id(part: str, document: dict[str, Any]) -> list[tuple[str, Hashable, dict[str, Any]]]:
-    """Field, id and object of each entry of a part of a dataset; FieldFault where an id is there twice."""
+    """Field, id and object of each entry of a part of a dataset; FieldError where an id is there twice."""
     entries, seen = [], set()
     for number, value in enumerate(json_array(document.get(part), part)):
         field = f"{part}[{number}]"
@@ -173,7 +173,7 @@ def entries_by_id(part: str, document: dict[str, Any]) -> list[tuple[str, Hashab
         with at_field(field):
             key = _key("id", entry.get("id"))
             if key in seen:
-                raise FieldFault("id", "each id once", Words(f"{key!r} twice"))
+                raise FieldError("id", "each id once", Unquoted(f"{key!r} twice"))
         seen.add(key)
         entries.append((field, key, entry))
     return entries
@@ -181,13 +181,13 @@ def entries_by_id(part: str, document: dict[str, Any]) -> list[tuple[str, Hashab
 
 def _key(field: str, value: object) -> Hashable:
     if isinstance(value, bool) or not isinstance(value, int | str):
-        raise FieldFault(field, "a number", value)
+        raise FieldError(field, "a number", value)
     return value
 
 
 def _text(field: str, value: object) -> str:
     if not isinstance(value, str) or not value.strip():
-        raise FieldFault(field, "a name", value)
+        raise FieldError(field, "a name", value)
     return value
 
 
@@ -198,12 +198,12 @@ def _instance(row: int, entry: object, frame: CocoFrame, scene: Scene) -> Instan
         image_id = _key("image_id", annotation.get("image_id"))
         category_id = _key("category_id", annotation.get("category_id"))
         if image_id not in frame.images:
-            raise FieldFault("image_id", f"an image of {frame.file.name}", image_id)
+            raise FieldError("image_id", f"an image of {frame.file.name}", image_id)
         if category_id not in frame.categories:
-            raise FieldFault("category_id", f"a category of {frame.file.name}", category_id)
+            raise FieldError("category_id", f"a category of {frame.file.name}", category_id)
         score = 1.0 if annotation.get("score") is None else annotation["score"]
         if isinstance(score, bool) or not isinstance(score, int | float) or not 0 <= score <= 1:
-            raise FieldFault("score", "a number from 0 to 1", score)
+            raise FieldError("score", "a number from 0 to 1", score)
         image = frame.images[image_id]
         if image.view is None or annotation.get("iscrowd"):
             return None

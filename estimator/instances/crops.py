@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.records.scene import Camera, Instance, Scene
 from metric_base.arrays import BoolArray, IntArray
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 
 __all__ = ["ViewNames", "differs_in_aspect", "joined_instances", "mask_crop"]
 
@@ -54,14 +54,14 @@ def joined_instances(
 ) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances that are there, and warnings with one more for images that match no view.
 
-    names : the image files that the masks speak of. InputFault where none of them is a view.
+    names : the image files that the masks speak of. InputError where none of them is a view.
     """
     rows = ViewNames(scene)
     lost = [name for name in names if rows.row(name) is None]
     if names and len(lost) == len(names):
         expected = f"names of the model's views, such as {scene.views[0].name!r}"
-        raise InputFault.at(
-            file, "image names", expected, Words(f"{lost[0]!r} and {len(lost) - 1} others, none of them")
+        raise InputError.at(
+            file, "image names", expected, Unquoted(f"{lost[0]!r} and {len(lost) - 1} others, none of them")
         )
     instances = tuple(instance for instance in entries if instance is not None)
     told_lost = (f"{file}: {len(lost)} of {len(names)} images match no view, such as {lost[0]!r}",) if lost else ()

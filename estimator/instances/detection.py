@@ -11,7 +11,7 @@ from estimator.instances.crops import mask_crop
 from estimator.instances.detector import MIN_SCORE, Detections, Detector, Picture
 from estimator.instances.image_files import image_file
 from estimator.records.scene import Instance, Scene, View
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.pictures import read_picture
 from metric_base.progress import progress
 
@@ -25,22 +25,22 @@ def detect_instances(scene: Scene, images: Path, detector: Detector) -> tuple[tu
 
     Raises
     ------
-    InputFault
+    InputError
         The folder is not there, holds none of the views' pictures, or nothing is detected in any.
     """
     if not images.is_dir():
-        raise InputFault.at(images, "--images", "a folder with the scene's pictures", Words("no such folder"))
+        raise InputError.at(images, "--images", "a folder with the scene's pictures", Unquoted("no such folder"))
     files = [(row, view, _picture_file(images, view)) for row, view in enumerate(scene.views)]
     there = [(row, view, file) for row, view, file in files if file is not None]
     if not there:
         expected = f"pictures by the names of the model's views, such as {scene.views[0].name!r}"
-        raise InputFault.at(images, "--images", expected, Words("none of them"))
+        raise InputError.at(images, "--images", expected, Unquoted("none of them"))
     instances: list[Instance] = []
     for row, view, file in progress(there, "detecting"):
         instances += _instances(row, view, detector(_picture(file)), detector)
     if not instances:
         expected = f"a detection of score {MIN_SCORE} or more in one of {len(there)} pictures"
-        raise InputFault.at(detector.path, "detections", expected, Words("none"))
+        raise InputError.at(detector.path, "detections", expected, Unquoted("none"))
     lost = len(files) - len(there)
     return tuple(instances), ((f"{images}: {lost} of {len(files)} views have no picture",) if lost else ())
 
@@ -50,7 +50,7 @@ def _instances(row: int, view: View, seen: Detections, detector: Detector) -> It
         name = detector.labels[label] if 0 <= label < len(detector.labels) else ""
         if not name:
             expected = f"a number with a name (1 to {len(detector.labels) - 1}; name them with --detector-labels)"
-            raise InputFault.at(detector.path, "label", expected, int(label))
+            raise InputError.at(detector.path, "label", expected, int(label))
         crop = mask_crop(mask, view.camera)
         if crop is not None:
             yield Instance(
@@ -72,5 +72,5 @@ def _picture(file: Path) -> Picture:
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     picture = read_picture(file, flags)
     if picture is None:
-        raise InputFault.at(file, "picture", "a picture that OpenCV reads", Words("something else"))
+        raise InputError.at(file, "picture", "a picture that OpenCV reads", Unquoted("something else"))
     return np.ascontiguousarray(picture[:, :, ::-1])

@@ -33,7 +33,7 @@ from estimator.instances.one_stage import (
 )
 from estimator.instances.registry import RegisteredDetector, download, registry_entry, registry_entry_of
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-from metric_base.faults import FieldFault, InputFault, Words, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, in_file
 from metric_base.input_files import read_text
 
 __all__ = ["Detections", "Detector", "InputForm", "load_detector"]
@@ -101,7 +101,7 @@ class Detector:
 
     Raises
     ------
-    InputFault
+    InputError
         It is no ONNX graph, or not of the signature.
     """
 
@@ -111,7 +111,7 @@ class Detector:
         for node in self._session.get_inputs():
             sides = [side for side in node.shape if isinstance(side, int)]
             if not all(0 < side <= MAX_SIDE for side in sides):
-                raise InputFault.at(path, "input", f"sides of 1 to {MAX_SIDE:,} pixels", Words(str(node.shape)))
+                raise InputError.at(path, "input", f"sides of 1 to {MAX_SIDE:,} pixels", Unquoted(str(node.shape)))
         self._one_stage = one_stage_form(self._session.get_outputs())
         if self._one_stage is not None:
             named = class_names(self._session.get_modelmeta().custom_metadata_map)
@@ -122,7 +122,7 @@ class Detector:
         rank = len(self._input.shape)
         if len(self._session.get_inputs()) != 1 or rank not in (3, 4):
             inputs = ", ".join(f"{node.name} {node.shape}" for node in self._session.get_inputs())
-            raise InputFault.at(path, "input", "one picture (3, H, W), as torchvision exports it", Words(inputs))
+            raise InputError.at(path, "input", "one picture (3, H, W), as torchvision exports it", Unquoted(inputs))
         self._batched = rank == 4
         with in_file(path):
             self._outputs = _output_names(self._session.get_outputs())
@@ -132,7 +132,7 @@ class Detector:
 
         Raises
         ------
-        InputFault
+        InputError
             The graph fails on it, or answers in other shapes than the signature's.
         """
         if self._one_stage is not None:
@@ -164,9 +164,9 @@ class Detector:
             boxes, labels, scores, masks = one_stage_detections(
                 form, answers, (width, height), (fed.shape[3], fed.shape[2]), factor, shift, MIN_SCORE
             )
-        except (IndexError, ValueError, StopIteration, MemoryError, cv2.error) as fault:
-            shapes = Words(f"{[answer.shape for answer in answers]}: {fault}")
-            raise InputFault.at(self.path, "outputs", f"those of {form}", shapes) from None
+        except (IndexError, ValueError, StopIteration, MemoryError, cv2.error) as error:
+            shapes = Unquoted(f"{[answer.shape for answer in answers]}: {error}")
+            raise InputError.at(self.path, "outputs", f"those of {form}", shapes) from None
         self._expect_few(len(scores))
         self._expect_shares(scores)
         if masks is not None:
@@ -182,16 +182,16 @@ class Detector:
     def _expect_few(self, count: int) -> None:
         if count > MAX_DETECTIONS:
             expected = f"at most {MAX_DETECTIONS:,} of score {MIN_SCORE} or more in a picture"
-            raise InputFault.at(self.path, "detections", expected, Words(f"{count:,}"))
+            raise InputError.at(self.path, "detections", expected, Unquoted(f"{count:,}"))
 
     def _expect_shares(self, scores: NDArray[Any]) -> None:
-        """InputFault unless scores (n,) are from 0 to 1, but for rounding."""
+        """InputError unless scores (n,) are from 0 to 1, but for rounding."""
         wrong = ~((scores > -SCORE_SLACK) & (scores < 1 + SCORE_SLACK))
         if wrong.any():
-            raise InputFault.at(self.path, "scores", "numbers from 0 to 1", float(scores[wrong][0]))
+            raise InputError.at(self.path, "scores", "numbers from 0 to 1", float(scores[wrong][0]))
 
     def _answers(self, outputs: list[str] | None, feeds: dict[str, Any]) -> list[NDArray[Any]]:
-        """What the graph answers, arrays of any shape; its fault is the file's. feeds : arrays by input name."""
+        """What the graph answers, arrays of any shape; its error is the file's. feeds : arrays by input name."""
         import onnxruntime
 
         options = onnxruntime.RunOptions()
@@ -202,10 +202,10 @@ class Detector:
         try:
             with _bounded_memory():
                 return [np.asarray(answer) for answer in self._session.run(outputs, feeds, options)]
-        except Exception as fault:  # noqa: BLE001 - onnxruntime's errors have no common base that it exports
-            line = (str(fault).splitlines() or ["an error"])[0]
+        except Exception as error:  # noqa: BLE001 - onnxruntime's errors have no common base that it exports
+            line = (str(error).splitlines() or ["an error"])[0]
             shape = next(iter(feeds.values())).shape
-            raise InputFault.at(self.path, "run", f"an answer to a picture of shape {shape}", Words(line)) from None
+            raise InputError.at(self.path, "run", f"an answer to a picture of shape {shape}", Unquoted(line)) from None
         finally:
             limit.cancel()
 
@@ -216,9 +216,9 @@ class Detector:
         shapes = (boxes.shape, labels.shape, scores.shape, masks.shape)
         if boxes.shape != (n, 4) or labels.shape != (n,) or scores.shape != (n,) or masks.shape[:2] != (n, 1):
             expected = "boxes (n, 4), labels (n,), scores (n,), masks (n, 1, H, W)"
-            raise InputFault.at(self.path, "outputs", expected, Words(str(shapes)))
+            raise InputError.at(self.path, "outputs", expected, Unquoted(str(shapes)))
         if n and not all(0 < side <= MAX_SIDE for side in masks.shape[2:]):
-            raise InputFault.at(self.path, "masks", f"sides of 1 to {MAX_SIDE:,} pixels", masks.shape)
+            raise InputError.at(self.path, "masks", f"sides of 1 to {MAX_SIDE:,} pixels", masks.shape)
         self._expect_shares(scores)
         return boxes, labels, scores, masks
 
@@ -256,13 +256,13 @@ def load_detector(ref: str | Path, labels: Path | None = None) -> Detector:
 
     Raises
     ------
-    InputFault
+    InputError
         There is no such file or name, or the download is not to be had; the message says how to get a detector.
     """
     is_file = Path(ref).is_file()
     if is_file and Path(ref).stat().st_size > MAX_GRAPH_BYTES:
-        size = Words(f"{Path(ref).stat().st_size:,}")
-        raise InputFault.at(ref, "--detector", f"at most {MAX_GRAPH_BYTES:,} bytes", size)
+        size = Unquoted(f"{Path(ref).stat().st_size:,}")
+        raise InputError.at(ref, "--detector", f"at most {MAX_GRAPH_BYTES:,} bytes", size)
     entry = registry_entry_of(Path(ref)) if is_file else registry_entry(str(ref))
     path = Path(ref) if is_file or entry is None else download(entry)
     if labels is not None:
@@ -291,7 +291,7 @@ def _names(file: Path) -> tuple[str, ...]:
     """The names of a file of labels, one a line, behind that of the background."""
     lines = read_text(file, MAX_LABEL_BYTES).splitlines()
     if len(lines) > MAX_LABELS:
-        raise InputFault.at(file, "labels", f"at most {MAX_LABELS:,} lines", Words(f"{len(lines):,}"))
+        raise InputError.at(file, "labels", f"at most {MAX_LABELS:,} lines", Unquoted(f"{len(lines):,}"))
     return ("", *(line.strip() for line in lines))
 
 
@@ -328,14 +328,14 @@ def _session(path: Path) -> Any:
         import onnxruntime
     except ImportError:
         expected = "onnxruntime (pip install 'metric-tree[images]')"
-        raise InputFault.at(path, "detector", expected, Words("not installed")) from None
+        raise InputError.at(path, "detector", expected, Unquoted("not installed")) from None
     options = onnxruntime.SessionOptions()
     options.log_severity_level = FATAL
     try:
         return onnxruntime.InferenceSession(str(path), options, providers=onnxruntime.get_available_providers())
-    except Exception as fault:  # noqa: BLE001 - its errors have no common base that it exports
-        line = (str(fault).splitlines() or ["an error"])[0]
-        raise InputFault.at(path, "detector", "an ONNX graph that onnxruntime loads", Words(line)) from None
+    except Exception as error:  # noqa: BLE001 - its errors have no common base that it exports
+        line = (str(error).splitlines() or ["an error"])[0]
+        raise InputError.at(path, "detector", "an ONNX graph that onnxruntime loads", Unquoted(line)) from None
 
 
 def _output_names(outputs: Sequence[Any]) -> list[str]:
@@ -349,7 +349,7 @@ def _output_names(outputs: Sequence[Any]) -> list[str]:
     if len(outputs) < len(wanted) or set(by_kind) != set(wanted):
         actual = ", ".join(f"{node.name} {node.shape} {node.type}" for node in outputs)
         expected = "the outputs of Mask R-CNN as torchvision exports it, of YOLO or of RT-DETR"
-        raise FieldFault("outputs", expected, Words(actual))
+        raise FieldError("outputs", expected, Unquoted(actual))
     return [by_kind[kind] for kind in wanted]
 
 

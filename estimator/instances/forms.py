@@ -11,7 +11,7 @@ from estimator.instances.mask_files import LABELS, MASK_SUFFIXES, read_mask_file
 from estimator.instances.panoptic import is_panoptic, read_panoptic
 from estimator.instances.yolo import NAME_FILES, read_yolo
 from estimator.records.scene import Instance, Scene
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import folder_entries, read_json
 
 __all__ = ["FORMS", "holds_instances", "read_instance_files"]
@@ -36,7 +36,7 @@ def read_instance_files(scene: Scene, place: Path, names: Path | None = None) ->
 
     Raises
     ------
-    InputFault
+    InputError
         The place is in no form that is read, or what it holds is damaged.
     """
     return _read_folder(scene, place, names) if place.is_dir() else _read_file(scene, place, names)
@@ -65,7 +65,9 @@ def _read_folder(scene: Scene, folder: Path, names: Path | None) -> Instances:
         return read_mask_files(scene, folder, masks, names)
     if any(entry.suffix == ".txt" for entry in entries) or (folder / "labels").is_dir():
         return read_yolo(scene, folder, names)
-    raise InputFault.at(folder, "instances", FORMS, Words(", ".join(entry.name for entry in entries[:5]) or "nothing"))
+    raise InputError.at(
+        folder, "instances", FORMS, Unquoted(", ".join(entry.name for entry in entries[:5]) or "nothing")
+    )
 
 
 def _warn_of_names(read: Instances, names: Path | None, place: Path) -> Instances:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from estimator.records.scene import Scene, View
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import is_file
 
 __all__ = ["image_file", "image_folders"]
@@ -23,11 +23,11 @@ def image_folders(scene: Scene, named: Path | None = None) -> tuple[Path, ...]:
 
     Raises
     ------
-    InputFault
+    InputError
         What the user named is no folder.
     """
     if named is not None and not named.is_dir():
-        raise InputFault.at(named, "--images", "a folder", Words("a file" if named.exists() else "nothing"))
+        raise InputError.at(named, "--images", "a folder", Unquoted("a file" if named.exists() else "nothing"))
     starts = [path.resolve() for path in (scene.path, scene.model_path) if path is not None]
     places = [
         place / name for start in starts for place in (start, *list(start.parents)[:_LEVELS_UP]) for name in IMAGES

@@ -26,7 +26,7 @@ from estimator.instances.masks import picture_size
 from estimator.reconstructions.checked_files import json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
-from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import folder_entries, read_bytes, read_json
 
 __all__ = ["CATEGORIES", "read_label_images", "read_png"]
@@ -46,7 +46,7 @@ def read_label_images(scene: Scene, folder: Path) -> tuple[tuple[Instance, ...],
     objects = len(set(names.values())) < len(names)
     files = [file for file in folder_entries(folder) if file.suffix == ".png"]
     if not files:
-        raise InputFault.at(folder, "pictures", "at least one <image>.png", 0)
+        raise InputError.at(folder, "pictures", "at least one <image>.png", 0)
     rows = ViewNames(scene)
     instances: list[Instance | None] = []
     for file in files:
@@ -63,12 +63,12 @@ def _names(file: Path) -> dict[int, str]:
     with in_file(file):
         for key, name in json_object(read_json(file)).items():
             if not (key.isascii() and key.isdecimal() and len(key) <= MAX_DIGITS and int(key) < 1 << 16):
-                raise FieldFault("value", "a pixel value from 0 to 65535", key)
+                raise FieldError("value", "a pixel value from 0 to 65535", key)
             if not isinstance(name, str) or not name.strip():
-                raise FieldFault(f"value {key}", "a name", name)
+                raise FieldError(f"value {key}", "a name", name)
             names[int(key)] = name
         if not names:
-            raise FieldFault("document", "at least one value", 0)
+            raise FieldError("document", "at least one value", 0)
     return names
 
 
@@ -111,7 +111,7 @@ def _pixel_values(file: Path) -> NDArray[np.uint16]:
     """(h, w) values of a PNG of one channel, 8 or 16 bits."""
     picture = read_png(file)
     if picture.ndim != 2:
-        raise InputFault.at(file, "channels", "1, the value of the instance", picture.shape[2])
+        raise InputError.at(file, "channels", "1, the value of the instance", picture.shape[2])
     values: NDArray[np.uint16] = picture.astype(np.uint16)
     return values
 
@@ -121,7 +121,7 @@ def read_png(file: Path) -> NDArray[Any]:
 
     Raises
     ------
-    InputFault
+    InputError
         It is damaged, or larger than a picture is.
     """
     import cv2
@@ -130,7 +130,7 @@ def read_png(file: Path) -> NDArray[Any]:
     _check_png(file, data)
     picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     if picture is None:
-        raise InputFault.at(file, "pixels", "a PNG that can be decoded", Words("damaged data"))
+        raise InputError.at(file, "pixels", "a PNG that can be decoded", Unquoted("damaged data"))
     return np.asarray(picture)
 
 
@@ -138,15 +138,15 @@ def _check_png(file: Path, data: bytes) -> None:
     """Header, size and checksums, so that the decoder neither prints complaints nor allocates what a lie asks for."""
     place, kind = len(_SIGNATURE), b""
     if not data.startswith(_SIGNATURE):
-        raise InputFault.at(file, "signature", "a PNG", data[:8])
+        raise InputError.at(file, "signature", "a PNG", data[:8])
     while kind != b"IEND":
         if place + _CHUNK.size > len(data):
-            raise InputFault.at(file, "end", "an IEND chunk", Words("the end of the file"))
+            raise InputError.at(file, "end", "an IEND chunk", Unquoted("the end of the file"))
         size, kind = _CHUNK.unpack_from(data, place)
         end = place + _CHUNK.size + size
         if data[end : end + 4] != zlib.crc32(data[place + 4 : end]).to_bytes(4, "big"):
-            raise InputFault.at(
-                file, f"chunk {kind!r}", "a matching checksum", Words("another, or the end of the file")
+            raise InputError.at(
+                file, f"chunk {kind!r}", "a matching checksum", Unquoted("another, or the end of the file")
             )
         if kind == b"IHDR":
             with in_file(file), at_field("size"):

@@ -14,7 +14,7 @@ from estimator.instances.masks import box_mask, coco_mask, picture_size
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
-from metric_base.faults import FieldFault, at_field, in_file
+from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_json
 from metric_base.pictures import decode_picture
 
@@ -36,7 +36,7 @@ def read_labelme(scene: Scene, files: list[Path], source: Path) -> tuple[tuple[I
 
     Raises
     ------
-    InputFault
+    InputError
         A file is damaged, or a shape is not what its type says.
     """
     rows = ViewNames(scene)
@@ -67,7 +67,7 @@ def _instances(scene: Scene, row: int, document: dict[str, Any]) -> list[Instanc
             shape = json_object(value, "")
             label = shape.get("label")
             if not isinstance(label, str) or not label.strip():
-                raise FieldFault("label", "a name", label)
+                raise FieldError("label", "a name", label)
             mask = _mask(shape, size)
             if mask is not None:
                 group = shape.get("group_id")
@@ -102,7 +102,7 @@ def _mask(shape: dict[str, Any], size: tuple[int, int]) -> BoolArray | None:
         return _stored_mask(shape.get("mask"), points[0], size)
     if kind in ("point", "points", "line", "linestrip"):
         return None
-    raise FieldFault("shape_type", "a polygon, rectangle, circle or mask with its points", kind)
+    raise FieldError("shape_type", "a polygon, rectangle, circle or mask with its points", kind)
 
 
 def _stored_mask(text: object, corner: np.ndarray[Any, Any], size: tuple[int, int]) -> BoolArray:
@@ -115,7 +115,7 @@ def _stored_mask(text: object, corner: np.ndarray[Any, Any], size: tuple[int, in
         data = b""
     crop = decode_picture(data, cv2.IMREAD_GRAYSCALE)
     if crop is None:
-        raise FieldFault("mask", "a PNG in base64", text)
+        raise FieldError("mask", "a PNG in base64", text)
     whole = np.zeros((size[1], size[0]), dtype=bool)
     left, top = np.clip(np.rint(corner), 0, size).astype(int)
     part = whole[top : top + crop.shape[0], left : left + crop.shape[1]]
@@ -128,7 +128,7 @@ def _points(value: object) -> np.ndarray[Any, np.dtype[np.float64]]:
     try:
         points = np.array(json_array(value, "points"), dtype=np.float64).reshape(-1, 2)
     except (TypeError, ValueError, OverflowError):
-        raise FieldFault("points", "pairs of numbers", value) from None
+        raise FieldError("points", "pairs of numbers", value) from None
     if not (np.abs(points) < 1e9).all():
-        raise FieldFault("points", "finite numbers", value)
+        raise FieldError("points", "finite numbers", value)
     return points

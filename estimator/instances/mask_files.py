@@ -22,7 +22,7 @@ from estimator.reconstructions.cameras import MAX_PIXELS
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
-from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_bytes, read_json
 
 __all__ = ["LABELS", "MASK_SUFFIXES", "read_mask_files"]
@@ -49,7 +49,7 @@ def read_mask_files(
 
     Raises
     ------
-    InputFault
+    InputError
         A file is damaged, holds Python objects, or its labels are not as many as its masks.
     """
     stated = labels_file or folder / LABELS
@@ -86,7 +86,7 @@ def _names(masks: _Masks, labels: dict[str, Any], image: str, stem: str) -> list
         return [None] * len(masks.masks)
     if not isinstance(stated, list) or len(stated) != len(masks.masks):
         count = len(stated) if isinstance(stated, list) else stated
-        raise FieldFault("labels", f"{len(masks.masks)}, as many as masks", count)
+        raise FieldError("labels", f"{len(masks.masks)}, as many as masks", count)
     named = [label if isinstance(label, str) else labels.get(str(label)) for label in stated]
     return [label if isinstance(label, str) and label.strip() else None for label in named]
 
@@ -99,13 +99,13 @@ def _read(file: Path) -> _Masks:
     if masks.ndim == 4 and masks.shape[1] == 1:  # (n, 1, h, w), as SAM's predictor returns them
         masks = masks[:, 0]
     if masks.ndim != 3 or masks.dtype.kind not in "buif" or len(masks) > MAX_MASKS or masks[0:1].size > MAX_PIXELS:
-        raise FieldFault("masks", "(n, h, w) of numbers or truth values", (masks.shape, str(masks.dtype)))
+        raise FieldError("masks", "(n, h, w) of numbers or truth values", (masks.shape, str(masks.dtype)))
     labels, scores = arrays.get("labels", np.empty(0)), arrays.get("scores", np.empty(0))
     numbers = (
         [float(min(max(score, 0.0), 1.0)) for score in scores.ravel().tolist()] if scores.dtype.kind in "fiu" else []
     )
     if numbers and len(numbers) != len(masks):
-        raise FieldFault("scores", f"{len(masks)}, as many as masks", len(numbers))
+        raise FieldError("scores", f"{len(masks)}, as many as masks", len(numbers))
     return _Masks(list(masks), labels.ravel().tolist(), numbers)
 
 
@@ -118,14 +118,14 @@ def _arrays(data: bytes, suffix: str) -> Iterator[tuple[str, np.ndarray[Any, Any
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
         if size > MAX_MASK_BYTES:
-            raise FieldFault("size", f"at most {MAX_MASK_BYTES:,} bytes unpacked", size)
+            raise FieldError("size", f"at most {MAX_MASK_BYTES:,} bytes unpacked", size)
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             yield from ((name, arrays[name]) for name in arrays.files)
-    except FieldFault:
+    except FieldError:
         raise
-    except Exception as fault:  # noqa: BLE001 - NumPy and zipfile raise a dozen kinds for damaged data
-        raise FieldFault(
-            "arrays", "NumPy arrays of numbers or text", Words(str(fault) or type(fault).__name__)
+    except Exception as error:  # noqa: BLE001 - NumPy and zipfile raise a dozen kinds for damaged data
+        raise FieldError(
+            "arrays", "NumPy arrays of numbers or text", Unquoted(str(error) or type(error).__name__)
         ) from None
 
 
@@ -136,7 +136,7 @@ def _sam_masks(entries: list[Any]) -> _Masks:
             entry = json_object(value, "")
             runs = entry.get("segmentation")
             if not isinstance(runs, dict):
-                raise FieldFault("segmentation", "run lengths (output_mode='coco_rle')", Words(type(runs).__name__))
+                raise FieldError("segmentation", "run lengths (output_mode='coco_rle')", Unquoted(type(runs).__name__))
             masks.append(coco_mask(runs, (1, 1)))
             labels.append(next((entry[key] for key in ("label", "category", "class_name") if key in entry), None))
             score = entry.get("score", entry.get("predicted_iou", 1.0))

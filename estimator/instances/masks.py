@@ -10,7 +10,7 @@ import numpy as np
 from estimator.reconstructions.cameras import MAX_PIXELS, MAX_SIDE_PX
 from estimator.reconstructions.checked_files import json_object
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-from metric_base.faults import FieldFault, Words, at_field
+from metric_base.errors import FieldError, Unquoted, at_field
 
 __all__ = ["box_mask", "coco_mask", "picture_size"]
 
@@ -28,7 +28,7 @@ def picture_size(size: object) -> tuple[int, int]:
         whole = all(isinstance(side, int) and not isinstance(side, bool) for side in size)
         if whole and 0 < first <= MAX_SIDE_PX and 0 < second <= MAX_SIDE_PX and first * second <= MAX_PIXELS:
             return first, second
-    raise FieldFault("", f"two whole numbers from 1 to {MAX_SIDE_PX}", size)
+    raise FieldError("", f"two whole numbers from 1 to {MAX_SIDE_PX}", size)
 
 
 def coco_mask(segmentation: object, size: tuple[int, int]) -> BoolArray:
@@ -41,7 +41,7 @@ def coco_mask(segmentation: object, size: tuple[int, int]) -> BoolArray:
     lengths = _run_lengths(runs.get("counts"))
     if (lengths < 0).any() or lengths.sum() != width * height:
         expected = f"runs that add up to {height} x {width} pixels"
-        raise FieldFault("segmentation counts", expected, Words(str(lengths.sum())))
+        raise FieldError("segmentation counts", expected, Unquoted(str(lengths.sum())))
     return _mask_of_runs(lengths, width, height)
 
 
@@ -50,7 +50,7 @@ def box_mask(box: object, size: tuple[int, int]) -> BoolArray:
     numbers = _numbers(box)
     if numbers is None or numbers.shape != (4,) or (numbers[2:] <= 0).any():
         expected = "a bbox of x, y and a positive width and height, or a segmentation"
-        raise FieldFault("bbox", expected, box)
+        raise FieldError("bbox", expected, box)
     width, height = size
     corner = numbers[:2] + numbers[2:]
     left, top, right, bottom = np.clip(np.rint([*numbers[:2], *corner]), 0, [width, height, width, height]).astype(int)
@@ -60,7 +60,7 @@ def box_mask(box: object, size: tuple[int, int]) -> BoolArray:
 
 
 def _polygon_mask(polygons: list[object], size: tuple[int, int]) -> BoolArray:
-    """(h, w) mask of polygons for a picture of `size` (width, height); FieldFault names a bad polygon."""
+    """(h, w) mask of polygons for a picture of `size` (width, height); FieldError names a bad polygon."""
     from pycocotools import mask as coco  # a quarter of a second, and run lengths do without
 
     width, height = size
@@ -68,13 +68,13 @@ def _polygon_mask(polygons: list[object], size: tuple[int, int]) -> BoolArray:
     for number, polygon in enumerate(polygons):
         corners = _numbers(polygon)
         if corners is None or len(corners) < 6 or len(corners) % 2:
-            actual = Words(f"{len(polygon)} values" if isinstance(polygon, list) else type(polygon).__name__)
-            raise FieldFault(f"polygon {number}", "at least three pairs of finite numbers", actual)
+            actual = Unquoted(f"{len(polygon)} values" if isinstance(polygon, list) else type(polygon).__name__)
+            raise FieldError(f"polygon {number}", "at least three pairs of finite numbers", actual)
         # corners beyond the picture are moved to its border, so that no outline is endless
         outlines.append(np.clip(corners.reshape(-1, 2), -1.0, [width + 1.0, height + 1.0]))
     length = sum(_perimeter(outline) for outline in outlines)
     if length > MAX_OUTLINE_PX:
-        raise FieldFault("polygons", f"outlines of at most {MAX_OUTLINE_PX} pixels", int(length))
+        raise FieldError("polygons", f"outlines of at most {MAX_OUTLINE_PX} pixels", int(length))
     runs = coco.frPyObjects([outline.ravel().tolist() for outline in outlines], height, width)
     spelled = coco.merge(runs)["counts"].decode("ascii")
     return _mask_of_runs(_spelled_lengths(spelled), width, height)
@@ -108,7 +108,7 @@ def _run_lengths(counts: object) -> IntArray:
         return _spelled_lengths(counts)
     numbers = _numbers(counts)
     if numbers is None or (numbers != np.floor(numbers)).any() or (np.abs(numbers) > MAX_PIXELS).any():
-        raise FieldFault("segmentation counts", "whole numbers or COCO's compressed text", counts)
+        raise FieldError("segmentation counts", "whole numbers or COCO's compressed text", counts)
     return numbers.astype(np.int64)
 
 
@@ -119,12 +119,12 @@ def _spelled_lengths(text: str) -> IntArray:
     """
     letters = np.array([ord(letter) for letter in text], dtype=np.int64) - 48
     if not len(letters) or (letters < 0).any() or (letters > 63).any() or letters[-1] & 0x20:
-        raise FieldFault("segmentation counts", "COCO's compressed run lengths", text)
+        raise FieldError("segmentation counts", "COCO's compressed run lengths", text)
     ends = np.flatnonzero((letters & 0x20) == 0)
     starts = np.concatenate([[0], ends[:-1] + 1])
     sizes = ends - starts + 1
     if sizes.max() > _MAX_LETTERS:
-        raise FieldFault("segmentation counts", f"numbers of at most {_MAX_LETTERS} letters", text)
+        raise FieldError("segmentation counts", f"numbers of at most {_MAX_LETTERS} letters", text)
     places = np.arange(len(letters)) - np.repeat(starts, sizes)
     values = np.add.reduceat((letters & 0x1F) << (5 * places), starts)
     values -= np.where(letters[ends] & 0x10, 1 << (5 * sizes), 0)

@@ -13,7 +13,7 @@ from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.label_images import read_png
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Instance, Scene
-from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import is_file
 
 __all__ = ["is_panoptic", "read_panoptic"]
@@ -34,7 +34,7 @@ def read_panoptic(scene: Scene, file: Path, document: Any) -> tuple[tuple[Instan
 
     Raises
     ------
-    InputFault
+    InputError
         The file or a PNG of it is damaged, or the PNG of a view is missing.
     """
     rows = ViewNames(scene)
@@ -49,7 +49,7 @@ def read_panoptic(scene: Scene, file: Path, document: Any) -> tuple[tuple[Instan
                 annotation = json_object(value, "")
                 name = images.get(annotation.get("image_id"), annotation.get("file_name"))
                 if not isinstance(name, str) or not name:
-                    raise FieldFault("image_id", "an image of the file", annotation.get("image_id"))
+                    raise FieldError("image_id", "an image of the file", annotation.get("image_id"))
                 row = rows.row(name)
                 names.append(name)
                 if row is not None:
@@ -71,14 +71,14 @@ def _instances(
 ) -> list[Instance | None]:
     stated = annotation.get("file_name")
     if not isinstance(stated, str) or Path(stated).name != stated:
-        raise FieldFault("file_name", "the name of a PNG", stated)
+        raise FieldError("file_name", "the name of a PNG", stated)
     folders = (file.parent / place.format(stem=file.stem) for place in FOLDERS)
     picture = next((path for folder in folders if is_file(path := folder / stated)), None)
     if picture is None:
-        raise InputFault.at(file, "file_name", f"{file.stem}/{stated} beside the file", Words("no such file"))
+        raise InputError.at(file, "file_name", f"{file.stem}/{stated} beside the file", Unquoted("no such file"))
     colours = read_png(picture)
     if colours.ndim != 3:
-        raise InputFault.at(picture, "channels", "3, the number of a segment in base 256", 1)
+        raise InputError.at(picture, "channels", "3, the number of a segment in base 256", 1)
     blue, green, red = (colours[..., channel].astype(np.int64) for channel in range(3))
     numbers = red + 256 * green + 65536 * blue
     instances: list[Instance | None] = []
@@ -87,7 +87,7 @@ def _instances(
             segment = json_object(value, "")
             category = segment.get("category_id")
             if not isinstance(category, int | str) or category not in categories:
-                raise FieldFault("category_id", "a category of the file", category)
+                raise FieldError("category_id", "a category of the file", category)
             if segment.get("iscrowd") or category not in things:
                 continue
             crop = mask_crop(numbers == segment.get("id"), scene.views[row].camera)

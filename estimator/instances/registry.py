@@ -8,7 +8,7 @@ import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.folders import data_folder
 
 __all__ = [
@@ -47,7 +47,7 @@ def registry(file: Path | None = None) -> tuple[RegisteredDetector, ...]:
 
     Raises
     ------
-    InputFault
+    InputError
         An entry lacks an address or a sha256: a file that nobody can check is none to run.
     """
     path = file or data_folder() / "detectors.toml"
@@ -55,7 +55,7 @@ def registry(file: Path | None = None) -> tuple[RegisteredDetector, ...]:
     for name, entry in entries.items():
         if not entry.get("urls") or not _SHA256.fullmatch(entry.get("sha256", "")):
             expected = "an address and a sha256 of 64 hexadecimal digits"
-            raise InputFault.at(path, name, expected, Words(f"{entry.get('urls')}, {entry.get('sha256')}"))
+            raise InputError.at(path, name, expected, Unquoted(f"{entry.get('urls')}, {entry.get('sha256')}"))
     rows = ({**entry, "urls": tuple(entry["urls"])} for entry in entries.values())
     return tuple(
         RegisteredDetector(name, *(row[field] for field in _FIELDS)) for name, row in zip(entries, rows, strict=True)
@@ -63,12 +63,12 @@ def registry(file: Path | None = None) -> tuple[RegisteredDetector, ...]:
 
 
 def registry_entry(name: str) -> RegisteredDetector:
-    """The detector of a name; InputFault where there is no such name."""
+    """The detector of a name; InputError where there is no such name."""
     for entry in registry():
         if entry.name == name:
             return entry
-    raise InputFault.at(
-        name, "--detector", f"an ONNX file, or a name of the registry; {how_to_get_one()}", Words("neither")
+    raise InputError.at(
+        name, "--detector", f"an ONNX file, or a name of the registry; {how_to_get_one()}", Unquoted("neither")
     )
 
 
@@ -84,23 +84,23 @@ def download(entry: RegisteredDetector) -> Path:
 
     Raises
     ------
-    InputFault
+    InputError
         No address gives it, or what comes is another file.
     """
     try:
         import pooch
     except ImportError:
         expected = "pooch for downloads (pip install 'metric-tree[build]')"
-        raise InputFault.at(entry.name, "--detector", expected, Words("not installed")) from None
+        raise InputError.at(entry.name, "--detector", expected, Unquoted("not installed")) from None
     kept = pooch.create(pooch.os_cache("metric-tree") / "detectors", "", env=CACHE_VARIABLE).abspath
-    faults = []
+    errors = []
     for url in entry.urls:
         try:
             return Path(pooch.retrieve(url, f"sha256:{entry.sha256}", f"{entry.name}.onnx", kept))
-        except (OSError, ValueError) as fault:  # no network (requests' errors are OSErrors), or another checksum
-            faults.append((str(fault).splitlines() or [type(fault).__name__])[0])
+        except (OSError, ValueError) as error:  # no network (requests' errors are OSErrors), or another checksum
+            errors.append((str(error).splitlines() or [type(error).__name__])[0])
     expected = f"a download of {' or '.join(entry.urls)} with sha256 {entry.sha256}"
-    raise InputFault.at(entry.name, "--detector", expected, Words("; ".join(faults)))
+    raise InputError.at(entry.name, "--detector", expected, Unquoted("; ".join(errors)))
 
 
 def how_to_get_one() -> str:

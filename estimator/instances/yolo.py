@@ -14,7 +14,7 @@ import numpy as np
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.instances.masks import box_mask, coco_mask
 from estimator.records.scene import Instance, Scene
-from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import folder_entries, read_text
 
 __all__ = ["NAME_FILES", "read_yolo", "yolo_names"]
@@ -34,13 +34,13 @@ def read_yolo(
 
     Raises
     ------
-    InputFault
+    InputError
         There are no names, or a line is no box and no polygon.
     """
     named = names_file or _names_file(folder)
     if named is None:
-        raise InputFault.at(
-            folder, "names", f"{' or '.join(NAME_FILES)} in it or above it, or --categories", Words("none")
+        raise InputError.at(
+            folder, "names", f"{' or '.join(NAME_FILES)} in it or above it, or --categories", Unquoted("none")
         )
     categories = yolo_names(named)
     files = [
@@ -80,7 +80,7 @@ def yolo_names(file: Path) -> dict[int, str]:
         elif part and not part.startswith("#"):
             names[len(names)] = part.removeprefix("-").strip().strip("'\"")
     if not names:
-        raise InputFault.at(file, "names", "a list or a mapping of class names", Words("none"))
+        raise InputError.at(file, "names", "a list or a mapping of class names", Unquoted("none"))
     return names
 
 
@@ -93,19 +93,19 @@ def _instance(scene: Scene, row: int, identity: str, line: str, categories: dict
     try:
         numbers = np.array([float(word) for word in line.split()])
     except ValueError:
-        raise FieldFault("", "numbers", line) from None
+        raise FieldError("", "numbers", line) from None
     if not (np.abs(numbers) < 1e9).all() or len(numbers) < _BOX:
-        raise FieldFault("", "class x y w h, or class and at least three corners", line)
+        raise FieldError("", "class x y w h, or class and at least three corners", line)
     category = categories.get(int(numbers[0]), "")
     if not category:
-        raise FieldFault("class", f"0 to {max(categories)}, as the names have it", int(numbers[0]))
+        raise FieldError("class", f"0 to {max(categories)}, as the names have it", int(numbers[0]))
     camera = scene.views[row].camera
     size = (camera.width, camera.height)
     is_box = len(numbers) in (_BOX, _BOX_AND_SCORE)
     has_score = len(numbers) % 2 == 0
     score = float(numbers[-1]) if has_score else 1.0
     if not 0 <= score <= 1:
-        raise FieldFault("score", "a number from 0 to 1", score)
+        raise FieldError("score", "a number from 0 to 1", score)
     if is_box:
         x, y, w, h = numbers[1:5] * (*size, *size)
         mask = box_mask([x - w / 2, y - h / 2, w, h], size)

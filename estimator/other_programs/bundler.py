@@ -14,7 +14,7 @@ from estimator.other_programs.posed_views import FLIP, observed_views, picture_s
 from estimator.reconstructions.cameras import make_camera
 from estimator.records.scene import Scene, View
 from metric_base.arrays import FloatArray
-from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
 
 __all__ = ["read_bundler"]
@@ -28,22 +28,22 @@ def read_bundler(file: Path) -> Scene:
 
     Raises
     ------
-    InputFault
+    InputError
         The file is damaged, or its list of pictures or a picture is missing.
     """
     head, _, body = read_text(file).partition("\n")
     if head.strip() != _HEADER:
-        raise InputFault.at(file, "header", _HEADER, head)
+        raise InputError.at(file, "header", _HEADER, head)
     try:
         numbers = np.array(body.split(), dtype=np.float64)
-    except ValueError as fault:
-        raise InputFault.at(file, "content", "numbers", Words(str(fault))) from None
+    except ValueError as error:
+        raise InputError.at(file, "content", "numbers", Unquoted(str(error))) from None
     names = _names(file)
     with in_file(file):
         reader = _Numbers(numbers)
         n_views, n_points = (reader.whole("counts") for _ in range(2))
         if n_views != len(names):
-            raise FieldFault("number of cameras", f"{len(names)}, as many as the list names", n_views)
+            raise FieldError("number of cameras", f"{len(names)}, as many as the list names", n_views)
         cameras = reader.take(n_views * _CAMERA_NUMBERS, "cameras").reshape(n_views, _CAMERA_NUMBERS)
         views: list[View] = []
         row_of = np.full(n_views, -1, dtype=np.int64)
@@ -52,7 +52,7 @@ def read_bundler(file: Path) -> Scene:
                 row_of[row] = len(views)
                 views.append(_view(file, names[row], cameras[row]))
         if not views:
-            raise FieldFault("cameras", "at least one with a focal length", 0)
+            raise FieldError("cameras", "at least one with a focal length", 0)
         points, seen = _points(reader, n_points)
     rows = row_of[np.clip(seen[:, 0].astype(np.int64), 0, n_views - 1)]
     kept = rows >= 0
@@ -76,10 +76,10 @@ class _Numbers:
         self.values, self.place = values, 0
 
     def take(self, count: int, field: str) -> FloatArray:
-        """The next n = `count` numbers, (n,); FieldFault if they are missing or not finite."""
+        """The next n = `count` numbers, (n,); FieldError if they are missing or not finite."""
         part = self.values[self.place : self.place + count]
         if len(part) < count or not np.isfinite(part).all():
-            raise FieldFault(field, f"{count} finite numbers", Words(f"{len(part)} in the rest of the file"))
+            raise FieldError(field, f"{count} finite numbers", Unquoted(f"{len(part)} in the rest of the file"))
         self.place += count
         return part
 
@@ -87,7 +87,7 @@ class _Numbers:
         """The next number, a count of things that the rest of the file has room for."""
         value = float(self.take(1, field)[0])
         if not (value.is_integer() and 0 <= value <= len(self.values)):
-            raise FieldFault(field, "a count that the file has room for", value)
+            raise FieldError(field, "a count that the file has room for", value)
         return int(value)
 
 
@@ -117,6 +117,6 @@ def _names(file: Path) -> list[str]:
         if path.is_file():
             lines = [line.strip() for line in read_text(path).splitlines()]
             return [line.split(" 0 ")[0].strip() for line in lines if line]
-    raise InputFault.at(
-        file, "pictures", f"their names in {file.stem}.list.txt or list.txt beside it", Words("no list")
+    raise InputError.at(
+        file, "pictures", f"their names in {file.stem}.list.txt or list.txt beside it", Unquoted("no list")
     )

@@ -23,7 +23,7 @@ from estimator.reconstructions.cameras import make_camera, projected_views
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
 from metric_base.arrays import FloatArray
-from metric_base.faults import FieldFault, at_field, in_file
+from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_json
 
 __all__ = ["read_meshroom"]
@@ -45,7 +45,7 @@ def read_meshroom(file: Path) -> Scene:
 
     Raises
     ------
-    InputFault
+    InputError
         The file is damaged, or has a lens that COLMAP has no model for.
     """
     with in_file(file):
@@ -61,7 +61,7 @@ def read_meshroom(file: Path) -> Scene:
                     row_of[str(entry.get("viewId"))] = len(views)
                     views.append(_view(entry, pose, cameras))
         if not views:
-            raise FieldFault("poses", "at least one view with a pose", 0)
+            raise FieldError("poses", "at least one view with a pose", 0)
         landmarks = _entries(document, "structure") if "structure" in document else []
         points = matrix_of([entry.get("X") for entry in landmarks], (len(landmarks), 3), "structure X")
         points = points if len(points) else points_beside(file, PLY_FILES)
@@ -85,7 +85,7 @@ def _cameras(document: dict[str, Any]) -> dict[str, Camera]:
     try:
         numbers = tuple(int(part) for part in version) if isinstance(version, list) else (0,)
     except (TypeError, ValueError):
-        raise FieldFault("version", "three numbers", version) from None
+        raise FieldError("version", "three numbers", version) from None
     cameras = {}
     for entry in _entries(document, "intrinsics"):
         with at_field(f"intrinsic {entry.get('intrinsicId')}"):
@@ -102,7 +102,7 @@ def _camera(entry: dict[str, Any], centred: bool) -> Camera:
         focal_mm, ratio = number_of(entry, "focalLength"), number_of(entry, "pixelRatio", 1.0)
         sensor_mm = number_of(entry, "sensorWidth")
         if not sensor_mm > 0:
-            raise FieldFault("sensorWidth", "millimetres above 0", sensor_mm)
+            raise FieldError("sensorWidth", "millimetres above 0", sensor_mm)
         focal_x = focal_mm * size[0] / sensor_mm
         focal = np.array([focal_x, focal_x * ratio])
     centre = matrix_of(
@@ -115,7 +115,7 @@ def _camera(entry: dict[str, Any], centred: bool) -> Camera:
     if kind in FISHEYES and len(values) == 4:
         return make_camera("OPENCV_FISHEYE", size, [*focal, *centre, *values])
     if kind not in MODELS or len(values) > len(MODELS[kind]):
-        raise FieldFault("type", f"one of {', '.join((*MODELS, *FISHEYES))}", kind)
+        raise FieldError("type", f"one of {', '.join((*MODELS, *FISHEYES))}", kind)
     names = MODELS[kind]
     return pinhole_camera(size, (focal[0], focal[1]), (centre[0], centre[1]), dict(zip(names, values, strict=False)))
 
@@ -123,12 +123,12 @@ def _camera(entry: dict[str, Any], centred: bool) -> Camera:
 def _view(entry: dict[str, Any], pose: dict[str, Any], cameras: dict[str, Camera]) -> View:
     camera = cameras.get(str(entry.get("intrinsicId")))
     if camera is None:
-        raise FieldFault("intrinsicId", "an intrinsic of the file", entry.get("intrinsicId"))
+        raise FieldError("intrinsicId", "an intrinsic of the file", entry.get("intrinsicId"))
     transform = json_object(json_object(pose.get("pose"), "pose").get("transform"), "pose transform")
     rotation = matrix_of(transform.get("rotation"), (3, 3), "rotation").T  # column by column
     name = entry.get("path")
     if not isinstance(name, str) or not name:
-        raise FieldFault("path", "a name", name)
+        raise FieldError("path", "a name", name)
     return posed_view(
         name.replace("\\", "/").rpartition("/")[2], camera, rotation, matrix_of(transform.get("center"), (3,), "center")
     )

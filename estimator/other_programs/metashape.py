@@ -15,7 +15,7 @@ from estimator.other_programs.posed_views import brown_camera, matrix_of, points
 from estimator.reconstructions.cameras import make_camera, projected_views
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
-from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
 
 __all__ = ["read_metashape"]
@@ -34,13 +34,13 @@ def read_metashape(file: Path) -> Scene:
 
     Raises
     ------
-    InputFault
+    InputError
         The file is damaged, of another kind, or has a lens that COLMAP has no model for.
     """
     with in_file(file):
         chunk = _root(read_text(file, MAX_BYTES)).find("chunk")
         if chunk is None:
-            raise FieldFault("document", "a chunk with cameras", None)
+            raise FieldError("document", "a chunk with cameras", None)
         cameras = {sensor.get("id", ""): sensor for sensor in chunk.iterfind("sensors/sensor")}
         whole = _transform(chunk.find("transform"))  # of files that state it for all cameras
         components = {
@@ -54,7 +54,7 @@ def read_metashape(file: Path) -> Scene:
                 with at_field(f"camera {entry.get('label')!r}"):
                     views.append(_view(entry, transform, cameras, components, whole))
         if not views:
-            raise FieldFault("cameras", "at least one that is aligned", n_cameras)
+            raise FieldError("cameras", "at least one that is aligned", n_cameras)
     points = points_beside(file, (f"{file.stem}.ply", *PLY_FILES))
     warnings = [f"{file}: it states no observations, so points are projected into every view that could see them"]
     if lost := n_cameras - len(views):
@@ -64,11 +64,11 @@ def read_metashape(file: Path) -> Scene:
 
 def _root(text: str) -> ET.Element:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise FieldFault("XML", "a document without entities of its own", Words("a DOCTYPE"))
+        raise FieldError("XML", "a document without entities of its own", Unquoted("a DOCTYPE"))
     try:
         return ET.fromstring(text)  # noqa: S314 - it has no entities
-    except (ET.ParseError, ValueError) as fault:
-        raise FieldFault("XML", "a valid document", Words(str(fault))) from None
+    except (ET.ParseError, ValueError) as error:
+        raise FieldError("XML", "a valid document", Unquoted(str(error))) from None
 
 
 def _transform(node: ET.Element | None) -> FloatArray:
@@ -95,13 +95,13 @@ def _view(
     """The view of a camera; components, whole : (4, 4) transforms, the second of cameras without a component."""
     sensor = sensors.get(entry.get("sensor_id", ""))
     if sensor is None:
-        raise FieldFault("sensor_id", "a sensor of the file", entry.get("sensor_id"))
+        raise FieldError("sensor_id", "a sensor of the file", entry.get("sensor_id"))
     pose = components.get(entry.get("component_id", ""), whole) @ matrix_of(
         (transform.text or "").split(), (4, 4), "transform"
     )
     scale = np.cbrt(np.linalg.det(pose[:3, :3]))  # the component's
     if not scale > 0:
-        raise FieldFault("transform", "a rotation, a scale above 0 and a position", Words("another matrix"))
+        raise FieldError("transform", "a rotation, a scale above 0 and a position", Unquoted("another matrix"))
     return posed_view(entry.get("label", ""), _camera(sensor), (pose[:3, :3] / scale).T, pose[:3, 3])
 
 
@@ -110,22 +110,22 @@ def _camera(sensor: ET.Element) -> Camera:
     calibrations = [node for node in sensor.iterfind("calibration") if node.find("f") is not None]
     adjusted = [node for node in calibrations if node.get("class") == "adjusted"] or calibrations
     if resolution is None or not adjusted:
-        raise FieldFault("sensor", "a resolution and an adjusted calibration", None)
+        raise FieldError("sensor", "a resolution and an adjusted calibration", None)
     try:
         size = (int(resolution.get("width", "")), int(resolution.get("height", "")))
     except ValueError:
-        raise FieldFault("resolution", "whole numbers of pixels", Words(str(resolution.attrib))) from None
+        raise FieldError("resolution", "whole numbers of pixels", Unquoted(str(resolution.attrib))) from None
     node = adjusted[-1]
     focal, skew = _number(node, "f"), _number(node, "b2", 0.0)
     centre = (size[0] / 2 + _number(node, "cx", 0.0), size[1] / 2 + _number(node, "cy", 0.0))
     focals = (focal + _number(node, "b1", 0.0), focal)
     if abs(skew) > MOST_SKEW * focal:
-        raise FieldFault("b2", f"a skew under {MOST_SKEW:g} of the focal length; fix b2 at 0 and align again", skew)
+        raise FieldError("b2", f"a skew under {MOST_SKEW:g} of the focal length; fix b2 at 0 and align again", skew)
     radial = {name: _number(node, name, 0.0) for name in ("k1", "k2", "k3", "k4")}
     if sensor.get("type") in FISHEYES:
         return make_camera("OPENCV_FISHEYE", size, [*focals, *centre, *radial.values()])
     if sensor.get("type", "frame") != "frame":
-        raise FieldFault(
+        raise FieldError(
             "sensor type",
             "frame or an equidistant fisheye (cut others into perspective views first)",
             sensor.get("type"),

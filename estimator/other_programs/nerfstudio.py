@@ -25,7 +25,7 @@ from estimator.reconstructions.cameras import make_camera, projected_views
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
-from metric_base.faults import FieldFault, at_field, in_file
+from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_json
 
 __all__ = ["read_nerfstudio"]
@@ -50,7 +50,7 @@ def read_nerfstudio(file: Path) -> Scene:
 
     Raises
     ------
-    InputFault
+    InputError
         The file is damaged, a pose is no rotation, or a size is not stated and its picture not there.
     """
     with in_file(file):
@@ -61,7 +61,7 @@ def read_nerfstudio(file: Path) -> Scene:
             with at_field(f"frames[{row}]"):
                 views.append(_view(file, document, json_object(entry, ""), world))
         if not views:
-            raise FieldFault("frames", "at least one", 0)
+            raise FieldError("frames", "at least one", 0)
     stated = document.get("ply_file_path")
     points = points_beside(file, ([stated] if isinstance(stated, str) else []) + list(PLY_FILES))
     points = (points - world[:, 3]) @ world[:, :3]  # R^-1 (x - t), R a rotation
@@ -78,7 +78,7 @@ def _world(document: dict[str, Any]) -> FloatArray:
         else matrix_of(np.array(applied, dtype=object).ravel()[:12].tolist(), (3, 4), "applied_transform")
     )
     if np.abs(matrix[:, :3] @ matrix[:, :3].T - np.eye(3)).max() > 1e-6:
-        raise FieldFault("applied_transform", "a rotation and a shift", matrix[:, :3].tolist())
+        raise FieldError("applied_transform", "a rotation and a shift", matrix[:, :3].tolist())
     return matrix
 
 
@@ -86,7 +86,7 @@ def _view(file: Path, document: dict[str, Any], frame: dict[str, Any], world: Fl
     """The view of a frame; world : (3, 4) what the file's world is turned and moved by."""
     name = frame.get("file_path")
     if not isinstance(name, str) or not name:
-        raise FieldFault("file_path", "a name", name)
+        raise FieldError("file_path", "a name", name)
     pose = matrix_of(
         np.array(frame.get("transform_matrix"), dtype=object).ravel()[:12].tolist(), (3, 4), "transform_matrix"
     )
@@ -109,7 +109,7 @@ def _camera(file: Path, entry: dict[str, Any], name: str) -> Camera:
             size[1] / 2 / tan(number_of(entry, "camera_angle_y") / 2) if "camera_angle_y" in entry else focal_x,
         )
     else:
-        raise FieldFault("fl_x", "a focal length, or camera_angle_x", None)
+        raise FieldError("fl_x", "a focal length, or camera_angle_x", None)
     centre = (number_of(entry, "cx", size[0] / 2), number_of(entry, "cy", size[1] / 2))
     distortion = {name: number_of(entry, name, 0.0) for name in _DISTORTION}
     model = entry.get("camera_model", "OPENCV")
@@ -118,7 +118,7 @@ def _camera(file: Path, entry: dict[str, Any], name: str) -> Camera:
             "OPENCV_FISHEYE", size, [*focal, *centre, *(distortion[name] for name in ("k1", "k2", "k3", "k4"))]
         )
     if model not in PINHOLES:
-        raise FieldFault(
+        raise FieldError(
             "camera_model", "OPENCV, OPENCV_FISHEYE or PINHOLE (cut a panorama into perspective views)", model
         )
     return pinhole_camera(size, focal, centre, distortion)

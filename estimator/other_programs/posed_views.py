@@ -13,7 +13,7 @@ from estimator.reconstructions.cameras import make_camera
 from estimator.reconstructions.ply import read_points
 from estimator.records.scene import MAX_COORDINATE, Camera, View
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import FieldFault, InputFault, Words
+from metric_base.errors import FieldError, InputError, Unquoted
 from metric_base.input_files import is_file
 
 __all__ = [
@@ -49,7 +49,7 @@ def pinhole_camera(
     """The simplest of COLMAP's models that holds the numbers.
 
     size : (width, height) in pixels; focal, centre : (x, y) in pixels; distortion : OpenCV's k1, k2, p1, p2, k3 ... k6,
-    those that are missing being zero. FieldFault for numbers that no camera has.
+    those that are missing being zero. FieldError for numbers that no camera has.
     """
     given = {name: value for name, value in distortion.items() if value}
     if not given:
@@ -68,22 +68,22 @@ def brown_camera(
 
     COLMAP has no k4: a rational function (FULL_OPENCV) takes its place, fitted over the picture by least squares in
     P N = 1 + c1 r^2 + c2 r^4 + c3 r^6 with the polynomial P and the denominator N of the same degree, weighted by r / N
-    of the round before (Sanathanan and Koerner 1963). FieldFault where it is off by more than `RATIONAL_SHARE`.
+    of the round before (Sanathanan and Koerner 1963). FieldError where it is off by more than `RATIONAL_SHARE`.
     """
     radial = [distortion.get(name, 0.0) for name in ("k1", "k2", "k3", "k4")]
     others = {name: distortion.get(name, 0.0) for name in ("p1", "p2")}
     if not radial[3]:
         return pinhole_camera(size, focal, centre, {**others, **dict(zip(("k1", "k2", "k3"), radial, strict=False))})
     if not max(map(abs, radial)) <= MOST_COEFFICIENT:
-        raise FieldFault("distortion", f"numbers up to {MOST_COEFFICIENT:g}", radial)
+        raise FieldError("distortion", f"numbers up to {MOST_COEFFICIENT:g}", radial)
     if not min(focal) > 0:
-        raise FieldFault("focal length", "above 0", list(focal))
+        raise FieldError("focal length", "above 0", list(focal))
     reach = [max(c, side - c) / f for c, side, f in zip(centre, size, focal, strict=True)]
     corner = np.hypot(reach[0], reach[1])
     tangents = np.linspace(0, WIDEST_TANGENT, 4000)
     beyond = np.flatnonzero(tangents * _polynomial(radial, tangents) >= corner)
     if not len(beyond):
-        raise FieldFault("distortion", "a lens whose picture ends", Words("a polynomial that turns back before it"))
+        raise FieldError("distortion", "a lens whose picture ends", Unquoted("a polynomial that turns back before it"))
     r = np.linspace(0, tangents[beyond[0]], 400)
     wanted, powers = _polynomial(radial, r), np.stack([r**2, r**4, r**6], axis=1)
     fitted: FloatArray = np.zeros(6)
@@ -93,7 +93,7 @@ def brown_camera(
         fitted = np.asarray(np.linalg.lstsq(rows, (wanted - 1) * weight, rcond=1e-14)[0], dtype=np.float64)
     ratio = (1 + powers @ fitted[:3]) / (1 + powers @ fitted[3:])
     if not np.abs((ratio - wanted) * r * max(focal)).max() <= RATIONAL_SHARE * max(size):
-        raise FieldFault("k4", "a polynomial that COLMAP's FULL_OPENCV can follow", radial[3])
+        raise FieldError("k4", "a polynomial that COLMAP's FULL_OPENCV can follow", radial[3])
     names = ("k1", "k2", "k3", "k4", "k5", "k6")
     return pinhole_camera(size, focal, centre, {**others, **dict(zip(names, fitted.tolist(), strict=True))})
 
@@ -107,12 +107,12 @@ def posed_view(name: str, camera: Camera, rotation: FloatArray, centre: FloatArr
     """A view without observations.
 
     rotation : (3, 3) world to camera, camera axes right, down, forward; centre : (3,) of the camera in the world.
-    FieldFault where the matrix is no rotation.
+    FieldError where the matrix is no rotation.
     """
     if not (np.abs(rotation) < 2).all() or not (np.abs(centre) < MAX_COORDINATE).all():
-        raise FieldFault("pose", f"finite numbers below {MAX_COORDINATE:g}", Words("others"))
+        raise FieldError("pose", f"finite numbers below {MAX_COORDINATE:g}", Unquoted("others"))
     if np.abs(rotation @ rotation.T - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(rotation) < 0:
-        raise FieldFault("pose", "a rotation and a position", Words("a matrix that is no rotation"))
+        raise FieldError("pose", "a rotation and a position", Unquoted("a matrix that is no rotation"))
     return View(name, camera, rotation, -rotation @ centre, np.empty((0, 2)), np.empty(0, np.int64))
 
 
@@ -139,7 +139,7 @@ def picture_size(file: Path, name: str) -> tuple[int, int]:
 
     Raises
     ------
-    InputFault
+    InputError
         The picture is not there, or is none.
     """
     from PIL import Image
@@ -147,13 +147,13 @@ def picture_size(file: Path, name: str) -> tuple[int, int]:
     path = picture_file(file, name)
     if path is None:
         expected = f"the picture {Path(name).name!r} beside the file or in images/, for its size is not stated"
-        raise InputFault.at(file, "pictures", expected, Words("none"))
+        raise InputError.at(file, "pictures", expected, Unquoted("none"))
     try:
         with Image.open(path) as picture:
             width, height = picture.size
             return int(width), int(height)
     except (OSError, ValueError, Image.DecompressionBombError):
-        raise InputFault.at(path, "picture", "a picture", Words("something else")) from None
+        raise InputError.at(path, "picture", "a picture", Unquoted("something else")) from None
 
 
 def points_beside(file: Path, names: Iterable[str]) -> FloatArray:
@@ -173,16 +173,16 @@ def number_of(entry: Mapping[str, object], name: str, default: float | None = No
     except (ValueError, OverflowError):
         number = np.nan
     if not np.isfinite(number):
-        raise FieldFault(name, "a number", value)
+        raise FieldError(name, "a number", value)
     return number
 
 
 def matrix_of(values: object, shape: tuple[int, ...], field: str) -> FloatArray:
-    """The values as an array of `shape`, such as (3, 4); FieldFault if they are not that many finite numbers."""
+    """The values as an array of `shape`, such as (3, 4); FieldError if they are not that many finite numbers."""
     try:
         matrix = np.array(cast(Any, values), dtype=np.float64).reshape(shape)
     except (TypeError, ValueError, OverflowError):
         matrix = np.empty(0)
     if matrix.shape != shape or not np.isfinite(matrix).all():
-        raise FieldFault(field, f"{' x '.join(map(str, shape))} finite numbers", Words("others"))
+        raise FieldError(field, f"{' x '.join(map(str, shape))} finite numbers", Unquoted("others"))
     return matrix

@@ -1,7 +1,7 @@
 """RealityCapture's "Internal/External camera parameters", a CSV file, with points in a PLY file beside it.
 
 Columns `#name, x, y, alt, heading, pitch, roll, f, px, py, k1 ... k4, t1, t2`: the position; heading, pitch and roll in
-degrees about up, right and forward; focal length and principal point in millimetres of a film 36 mm wide.
+degrees about up, right and forward; focal length and principal point in millimetres of a video 36 mm wide.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from estimator.other_programs.posed_views import (
 from estimator.reconstructions.cameras import projected_views
 from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scene import Scene, View
-from metric_base.faults import FieldFault, at_field, in_file
+from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import read_text
 
 __all__ = ["is_realitycapture", "read_realitycapture"]
@@ -48,19 +48,19 @@ def read_realitycapture(file: Path) -> Scene:
 
     Raises
     ------
-    InputFault
+    InputError
         The file is damaged, or a picture is missing.
     """
     with in_file(file):
         names, records = csv_records(file, _without_count(read_text(file)))
         if not set(names) >= set(COLUMNS):
-            raise FieldFault("columns", ", ".join(COLUMNS), names)
+            raise FieldError("columns", ", ".join(COLUMNS), names)
         views: list[View] = []
         for line, row in records:
             with at_field(f"line {line}"):
                 views.append(_view(file, {name: value for name, value in row.items() if isinstance(name, str)}))
         if not views:
-            raise FieldFault("lines", "at least one camera", 0)
+            raise FieldError("lines", "at least one camera", 0)
     points = points_beside(file, (f"{file.stem}.ply", *PLY_FILES))
     warning = f"{file}: it states no observations, so points are projected into every view that could see them"
     return Scene(file.parent, "realitycapture", projected_views(views, points), points, None, (warning,), file.parent)
@@ -69,7 +69,7 @@ def read_realitycapture(file: Path) -> Scene:
 def _view(file: Path, row: dict[str, str]) -> View:
     name = row["#name"].strip() if row["#name"] else ""
     if not name:
-        raise FieldFault("#name", "a name", row["#name"])
+        raise FieldError("#name", "a name", row["#name"])
     size = picture_size(file, name)
     pixels = max(size) / FILM_MM
     focal = number_of(row, "f") * pixels

@@ -20,8 +20,8 @@ from estimator.reconstructions.truth import read_truth
 from estimator.records.curve import Curve
 from estimator.records.result import ScaleResult, Verdict
 from metric_base.arrays import FloatArray
+from metric_base.errors import InputError
 from metric_base.escaping import visible
-from metric_base.faults import InputFault
 from metric_base.files import whole_file
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ MAX_TICKS = 10
 def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
     """Draw the figure into a file whose ending names the format (`.png`, `.pdf`, `.svg`), whole or not at all."""
     if file.suffix.lower() not in FORMATS:
-        raise InputFault.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
+        raise InputError.at(file, "--figure", f"a name that ends in {', '.join(FORMATS)}", file.suffix)
     drawn = figure(estimate)
     with whole_file(file, "--figure") as temporary:
         drawn.savefig(temporary, format=file.suffix[1:].lower(), dpi=130)

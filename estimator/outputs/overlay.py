@@ -22,7 +22,7 @@ from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ObjectReport
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.files import OutputNames, whole_folder
 from metric_base.pictures import read_picture, write_picture
 
@@ -42,15 +42,15 @@ def view_pictures(scene: Scene, images: Path | None = None) -> list[Path | None]
 
     Raises
     ------
-    InputFault
+    InputError
         There is no picture of any view.
     """
     folders = image_folders(scene, images)
     files = [image_file(folders, view) for view in scene.views]
     if not any(files):
         places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"
-        raise InputFault.at(
-            scene.path, "--overlay", "the pictures of the views (name their folder with --images)", Words(places)
+        raise InputError.at(
+            scene.path, "--overlay", "the pictures of the views (name their folder with --images)", Unquoted(places)
         )
     return files
 
@@ -58,7 +58,7 @@ def view_pictures(scene: Scene, images: Path | None = None) -> list[Path | None]
 def write_overlays(estimate: SceneEstimate, folder: Path, images: Path | None = None) -> int:
     """Draw every frame whose picture is found into a new folder, under its own name; how many there are.
 
-    InputFault where the folder exists, or no picture of the scene is found in `images` beside or above the model.
+    InputError where the folder exists, or no picture of the scene is found in `images` beside or above the model.
     """
     import cv2
 
@@ -69,7 +69,7 @@ def write_overlays(estimate: SceneEstimate, folder: Path, images: Path | None = 
             if file is not None:
                 picture = read_picture(file, cv2.IMREAD_COLOR)
                 if picture is None:
-                    raise InputFault.at(file, "picture", "one that OpenCV reads", Words("something else"))
+                    raise InputError.at(file, "picture", "one that OpenCV reads", Unquoted("something else"))
                 name = estimate.scene.views[row].name
                 target = names.path(name if Path(name).suffix.lower() in _WRITTEN else f"{name}.png")
                 write_picture(target, overlay(estimate, row, picture[..., ::-1])[..., ::-1])

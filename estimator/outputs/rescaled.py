@@ -19,7 +19,7 @@ from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_re
 from estimator.reconstructions.ply import ply_layout, read_visibility, visibility_bytes
 from estimator.records.scene import Scene
 from metric_base.arrays import IntArray
-from metric_base.faults import InputFault, in_file
+from metric_base.errors import InputError, in_file
 from metric_base.files import whole_folder
 from metric_base.input_files import read_bytes
 
@@ -32,12 +32,12 @@ TRANSFORM = "metric_transform.txt"
 def write_scaled(scene: Scene, scale: float, folder: Path) -> None:
     """The files of `scene` in a new `folder`, laid out as in the original, at `scale` metres per scene unit.
 
-    InputFault where the folder exists, the scene has no files, or the scale is not a positive number.
+    InputError where the folder exists, the scene has no files, or the scale is not a positive number.
     """
     if not (np.isfinite(scale) and scale > 0):
-        raise InputFault.at(folder, "scale", "a positive number", scale)
+        raise InputError.at(folder, "scale", "a positive number", scale)
     if scene.model_path is None:
-        raise InputFault.at(scene.path, "model", "a scene that was read from files", None)
+        raise InputError.at(scene.path, "model", "a scene that was read from files", None)
     with whole_folder(folder, "--write-scaled") as temporary:
         _write_all(scene, scene.model_path, scale, temporary)
 

@@ -12,7 +12,7 @@ import numpy as np
 from estimator.reconstructions.checked_files import ByteReader
 from estimator.reconstructions.colmap_binary import image_places, point_places
 from metric_base.arrays import IntArray
-from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
 
 __all__ = ["write_scaled_colmap"]
@@ -135,6 +135,6 @@ def _scaled_line(line: str, part: str, scale: float) -> str:
         for column in columns(words):
             words[column] = repr(float(words[column]) * scale)
     except (ValueError, IndexError):
-        record = Words(" ".join(words))
-        raise FieldFault("", "a record of COLMAP's text form", record) from None
+        record = Unquoted(" ".join(words))
+        raise FieldError("", "a record of COLMAP's text form", record) from None
     return " ".join(words)

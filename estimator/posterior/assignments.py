@@ -24,7 +24,7 @@ LOG_BOX = math.log(50.0)
 
 #: Of a cut side: weight, mean and standard deviation of ln(true / measured). A flag is often wrong, and smear along the
 #: ray lengthens sides that are cut: most are near their length, the others are short by any amount or, less often,
-#: long. Chosen on hard made rooms (docs/evidence/results.md).
+#: long. Chosen on hard synthetic rooms (docs/evidence/results.md).
 SHIFTS = ((0.6, 0.05, 0.15), (0.4, 0.3, 0.8))
 
 #: Of a dimension that is neither cut nor flagged: the probability that it is grossly wrong all the same (points of the

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
-from metric_base.faults import FieldFault, Words
+from metric_base.errors import FieldError, Unquoted
 
 __all__ = ["CAMERA_MODELS", "PINHOLES", "make_camera", "pixels_in_view", "project", "projected_views", "view_rays"]
 
@@ -55,23 +55,23 @@ _DIRECTIONS = 16
 def make_camera(model: str, size: tuple[int, int], params: Any) -> Camera:
     """A camera whose every number was checked.
 
-    size : (width, height) in pixels. FieldFault for an unknown model, a wrong number of parameters, sizes outside
+    size : (width, height) in pixels. FieldError for an unknown model, a wrong number of parameters, sizes outside
     1 ... MAX_SIDE_PX, numbers that are not finite, or a focal length that is not positive.
     """
     if model not in CAMERA_MODELS:
-        raise FieldFault("model", "one of COLMAP's, such as PINHOLE or OPENCV, and no panorama", model)
+        raise FieldError("model", "one of COLMAP's, such as PINHOLE or OPENCV, and no panorama", model)
     width, height = size
     if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX and width * height <= MAX_PIXELS):
-        raise FieldFault("size", f"sides of 1 to {MAX_SIDE_PX} pixels", Words(f"{width} x {height}"))
+        raise FieldError("size", f"sides of 1 to {MAX_SIDE_PX} pixels", Unquoted(f"{width} x {height}"))
     names = CAMERA_MODELS[model][1]
     values = np.asarray(params, dtype=np.float64)
     if values.shape != (len(names),):
-        raise FieldFault("parameters", f"{len(names)} numbers of {model}", Words(f"{values.size}"))
+        raise FieldError("parameters", f"{len(names)} numbers of {model}", Unquoted(f"{values.size}"))
     if not np.isfinite(values).all():
-        raise FieldFault("parameters", "finite numbers", values.tolist())
+        raise FieldError("parameters", "finite numbers", values.tolist())
     focal = values[: 1 if names[0] == "f" else 2]
     if (focal <= 0).any():
-        raise FieldFault("focal length", "more than 0", focal.tolist())
+        raise FieldError("focal length", "more than 0", focal.tolist())
     return Camera(model, width, height, values)
 
 

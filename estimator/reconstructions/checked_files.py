@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from metric_base.faults import FieldFault, InputFault, Words
+from metric_base.errors import FieldError, InputError, Unquoted
 from metric_base.input_files import read_bytes
 
 __all__ = ["ByteReader", "json_array", "json_object"]
@@ -24,14 +24,14 @@ _COUNT = struct.Struct("<Q")
 def json_object(value: object, field: str = "document") -> dict[str, Any]:
     """`value` if it is a JSON object."""
     if not isinstance(value, dict):
-        raise FieldFault(field, "an object", Words(_JSON_KINDS.get(type(value), "something else")))
+        raise FieldError(field, "an object", Unquoted(_JSON_KINDS.get(type(value), "something else")))
     return value
 
 
 def json_array(value: object, field: str = "document") -> list[Any]:
     """`value` if it is a JSON array."""
     if not isinstance(value, list):
-        raise FieldFault(field, "an array", Words(_JSON_KINDS.get(type(value), "something else")))
+        raise FieldError(field, "an array", Unquoted(_JSON_KINDS.get(type(value), "something else")))
     return value
 
 
@@ -60,11 +60,11 @@ class ByteReader:
         (count,) = self.take(layout, field)
         if count * smallest > self.remaining:
             expected = f"at most {self.remaining // smallest} (the rest of the file holds no more)"
-            raise InputFault.at(self.path, field, expected, count)
+            raise InputError.at(self.path, field, expected, count)
         return int(count)
 
     def rows(self, dtype: DTypeLike, n: int, field: str) -> NDArray[Any]:
-        """The next n records, (n,), as a view of the bytes, without a copy; InputFault if the file ends before."""
+        """The next n records, (n,), as a view of the bytes, without a copy; InputError if the file ends before."""
         record = np.dtype(dtype)
         self._need(n * record.itemsize, field)
         rows = np.frombuffer(self.data, dtype=record, count=n, offset=self.place)
@@ -75,19 +75,19 @@ class ByteReader:
         """The next zero-terminated UTF-8 string."""
         end = self.data.find(b"\0", self.place)
         if end < 0:
-            raise InputFault.at(self.path, field, "a name that ends in a zero byte", Words("the end of the file"))
+            raise InputError.at(self.path, field, "a name that ends in a zero byte", Unquoted("the end of the file"))
         raw = self.data[self.place : end]
         self.place = end + 1
         try:
             return raw.decode("utf-8")
         except UnicodeDecodeError:
-            raise InputFault.at(self.path, field, "UTF-8", raw) from None
+            raise InputError.at(self.path, field, "UTF-8", raw) from None
 
     def end(self) -> None:
-        """InputFault if bytes are left over: the counts before them cannot be trusted."""
+        """InputError if bytes are left over: the counts before them cannot be trusted."""
         if self.remaining:
-            raise InputFault.at(self.path, "end", "the end of the file", Words(f"{self.remaining} more bytes"))
+            raise InputError.at(self.path, "end", "the end of the file", Unquoted(f"{self.remaining} more bytes"))
 
     def _need(self, size: int, field: str) -> None:
         if size > self.remaining:
-            raise InputFault.at(self.path, field, f"{size} bytes", Words(f"{self.remaining} left in the file"))
+            raise InputError.at(self.path, field, f"{size} bytes", Unquoted(f"{self.remaining} left in the file"))

@@ -14,7 +14,7 @@ from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.reconstructions.colmap_text import read_text_model
 from estimator.records.scene import MAX_COORDINATE, Scene, View
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.schema import expect
 
 __all__ = ["colmap_folder", "model_suffix", "read_colmap"]
@@ -47,7 +47,7 @@ def model_suffix(folder: Path) -> str | None:
 def read_colmap(folder: Path, path: Path | None = None) -> Scene:
     """The model in `folder`; `path` is what the user named.
 
-    Poses are those of `images`, which the new five-file form keeps beside the rigs and frames. InputFault where
+    Poses are those of `images`, which the new five-file form keeps beside the rigs and frames. InputError where
     anything does not hold together.
     """
     suffix = model_suffix(folder) or ".bin"
@@ -74,7 +74,7 @@ def _check_unique(field: str, values: Iterable[object]) -> None:
     seen: set[object] = set()
     for value in values:
         if value in seen:
-            raise FieldFault(field, "each one once", Words(f"{value!r} twice"))
+            raise FieldError(field, "each one once", Unquoted(f"{value!r} twice"))
         seen.add(value)
 
 
@@ -84,11 +84,11 @@ def _point_rows(model: ColmapModel) -> Callable[[IntArray], IntArray]:
     if faulty.any():
         row = int(faulty.argmax())
         expected = f"finite coordinates below {MAX_COORDINATE:g}"
-        raise FieldFault(f"point {model.point_ids[row]}", expected, model.points[row].tolist())
+        raise FieldError(f"point {model.point_ids[row]}", expected, model.points[row].tolist())
     order = np.argsort(model.point_ids, kind="stable")
     ids = model.point_ids[order]
     if (ids[1:] == ids[:-1]).any():
-        raise FieldFault("point id", "each one once", Words(f"{ids[1:][ids[1:] == ids[:-1]][0]} twice"))
+        raise FieldError("point id", "each one once", Unquoted(f"{ids[1:][ids[1:] == ids[:-1]][0]} twice"))
     if len(ids) and (ids[0] < 0 or ids[-1] > MAX_ID_SPREAD * (len(ids) + 1)):
         return partial(_searched_rows, ids, order)
     table = np.full(int(ids[-1]) + 1 if len(ids) else 0, -1, dtype=np.int64)
@@ -111,7 +111,7 @@ def _searched_rows(sorted_ids: IntArray, order: IntArray, ids: IntArray) -> IntA
 
 
 def _view(image: ColmapImage, model: ColmapModel, rows_of: Callable[[IntArray], IntArray], suffix: str) -> View:
-    """The view of an image; `suffix` is that of the model's files, for faults; rows_of maps (m,) ids to rows (m,)."""
+    """The view of an image; `suffix` is that of the model's files, for errors; rows_of maps (m,) ids to rows (m,)."""
     with at_field(f"image {image.name!r}"):
         _check_pose(image, model, suffix)
         rows, keypoints = _observations(image, rows_of, suffix)
@@ -121,13 +121,13 @@ def _view(image: ColmapImage, model: ColmapModel, rows_of: Callable[[IntArray], 
 
 def _check_pose(image: ColmapImage, model: ColmapModel, suffix: str) -> None:
     if image.camera_id not in model.cameras:
-        camera = Words(f"{image.camera_id}, which cameras{suffix} lacks")
-        raise FieldFault("camera id", "a camera of the model", camera)
+        camera = Unquoted(f"{image.camera_id}, which cameras{suffix} lacks")
+        raise FieldError("camera id", "a camera of the model", camera)
     pose = np.concatenate([image.quaternion, image.translation])
     if not (np.abs(pose) < MAX_COORDINATE).all():
-        raise FieldFault("pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
+        raise FieldError("pose", f"finite numbers below {MAX_COORDINATE:g}", pose.tolist())
     if abs(np.linalg.norm(image.quaternion) - 1) > QUATERNION_TOLERANCE:
-        raise FieldFault("rotation", "a quaternion of length 1", image.quaternion.tolist())
+        raise FieldError("rotation", "a quaternion of length 1", image.quaternion.tolist())
 
 
 def _observations(
@@ -138,8 +138,8 @@ def _observations(
     ids, keypoints = image.point_ids[seen], image.keypoints[seen]
     rows = rows_of(ids)
     if (rows < 0).any():
-        point = Words(f"{ids[rows < 0][0]}, which points3D{suffix} lacks")
-        raise FieldFault("point id", "a point of the model", point)
+        point = Unquoted(f"{ids[rows < 0][0]}, which points3D{suffix} lacks")
+        raise FieldError("point id", "a point of the model", point)
     if not np.isfinite(keypoints).all():
-        raise FieldFault("keypoints", "finite pixels", Words("NaN or infinity"))
+        raise FieldError("keypoints", "finite pixels", Unquoted("NaN or infinity"))
     return rows, keypoints

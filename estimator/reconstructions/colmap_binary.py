@@ -16,7 +16,7 @@ from estimator.reconstructions.checked_files import ByteReader
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import InputFault, Words, at_field, in_file
+from metric_base.errors import InputError, Unquoted, at_field, in_file
 
 __all__ = ["image_places", "point_places", "read_binary_model"]
 
@@ -59,14 +59,14 @@ def point_places(reader: ByteReader) -> IntArray:
     length_at, record, length_of = _POINT.size - 8, _POINT.size, _TRACK_LENGTH.unpack_from
     for number in range(n):
         if place > last:
-            raise InputFault.at(
-                reader.path, f"point {number}", f"{record} bytes", Words(f"{max(len(data) - place, 0)} left")
+            raise InputError.at(
+                reader.path, f"point {number}", f"{record} bytes", Unquoted(f"{max(len(data) - place, 0)} left")
             )
         places[number] = place
         place += record + _TRACK_ELEMENT_BYTES * length_of(data, place + length_at)[0]
     if place > len(data):
-        overrun = Words(f"a track that ends {place - len(data)} bytes beyond it")
-        raise InputFault.at(reader.path, f"point {n - 1} track", "an end within the file", overrun)
+        overrun = Unquoted(f"a track that ends {place - len(data)} bytes beyond it")
+        raise InputError.at(reader.path, f"point {n - 1} track", "an end within the file", overrun)
     reader.place = place
     reader.end()
     return places
@@ -78,9 +78,9 @@ def _cameras(reader: ByteReader) -> dict[int, Camera]:
         camera_id, model_number, width, height = reader.take(_CAMERA, f"camera {number}")
         field = f"camera {camera_id}"
         if model_number not in _MODEL_NAMES:
-            raise InputFault.at(reader.path, f"{field} model", f"0 to {max(_MODEL_NAMES)}", model_number)
+            raise InputError.at(reader.path, f"{field} model", f"0 to {max(_MODEL_NAMES)}", model_number)
         if camera_id in cameras:
-            raise InputFault.at(reader.path, "camera id", "each one once", Words(f"{camera_id} twice"))
+            raise InputError.at(reader.path, "camera id", "each one once", Unquoted(f"{camera_id} twice"))
         model, n_params = _MODEL_NAMES[model_number]
         params = reader.rows("<f8", n_params, f"{field} parameters")
         with in_file(reader.path), at_field(field):

@@ -11,7 +11,7 @@ from estimator.reconstructions.cameras import make_camera
 from estimator.reconstructions.colmap_model import ColmapImage, ColmapModel
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
 
 __all__ = ["read_text_model"]
@@ -48,10 +48,10 @@ def _cameras(lines: Iterator[tuple[int, str]]) -> dict[int, Camera]:
         with at_field(f"line {number}"):
             words = line.split()
             if len(words) < 4:
-                raise FieldFault("", "camera id, model, width, height and parameters", line)
+                raise FieldError("", "camera id, model, width, height and parameters", line)
             camera_id, width, height = (_integer(word) for word in (words[0], words[2], words[3]))
             if camera_id in cameras:
-                raise FieldFault("", "each camera id once", Words(f"{camera_id} twice"))
+                raise FieldError("", "each camera id once", Unquoted(f"{camera_id} twice"))
             params = _numbers(words[4:])
             with at_field(f"camera {camera_id}"):
                 cameras[camera_id] = make_camera(words[1], (width, height), params)
@@ -67,7 +67,7 @@ def _images(lines: Iterator[tuple[int, str]]) -> tuple[ColmapImage, ...]:
         with at_field(f"line {number}"):
             words = line.split(maxsplit=_IMAGE_FIELDS - 1)
             if len(words) != _IMAGE_FIELDS:
-                raise FieldFault("", "id, quaternion, translation, camera id and name", line)
+                raise FieldError("", "id, quaternion, translation, camera id and name", line)
             image_id, camera_id = _integer(words[0]), _integer(words[8])
             pose = _numbers(words[1:8])
         following, row = next(lines, (number + 1, ""))
@@ -81,7 +81,7 @@ def _keypoints(row: str) -> tuple[FloatArray, IntArray]:
     """(m, 2) pixels and (m,) point ids of a line of triples."""
     values = _table([row])[0] if row else np.empty(0)
     if len(values) % 3:
-        raise FieldFault("", "keypoints as x, y, point id", Words(f"{len(values)} numbers"))
+        raise FieldError("", "keypoints as x, y, point id", Unquoted(f"{len(values)} numbers"))
     triples = values.reshape(-1, 3)
     return triples[:, :2], _whole(triples[:, 2])
 
@@ -101,15 +101,15 @@ def _table(lines: Sequence[str], columns: Sequence[int] | None = None) -> FloatA
     """(n, c) numbers of n lines of c columns, as doubles: whole numbers up to 2^53 stay exact."""
     try:
         return np.loadtxt(lines, dtype=np.float64, comments=None, usecols=columns, ndmin=2)
-    except ValueError as fault:
-        raise FieldFault("", "numbers", Words(str(fault))) from None
+    except ValueError as error:
+        raise FieldError("", "numbers", Unquoted(str(error))) from None
 
 
 def _whole(values: FloatArray) -> IntArray:
-    """The values (n,) as whole numbers; FieldFault names the first that is not one."""
+    """The values (n,) as whole numbers; FieldError names the first that is not one."""
     faulty = ~(np.abs(values) <= MAX_EXACT) | (values != np.floor(values))
     if faulty.any():
-        raise FieldFault("", "whole numbers", float(values[faulty.argmax()]))
+        raise FieldError("", "whole numbers", float(values[faulty.argmax()]))
     return values.astype(np.int64)
 
 

@@ -1,4 +1,4 @@
-"""Records of a file of comma-separated values, with every fault as one line that names the file."""
+"""Records of a file of comma-separated values, with every error as one line that names the file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import read_text
 
 __all__ = ["csv_records"]
@@ -19,13 +19,13 @@ def csv_records(file: Path, text: str | None = None) -> tuple[list[str], list[tu
 
     Raises
     ------
-    InputFault
+    InputError
         The file cannot be read, or a line is no record.
     """
     reader = csv.DictReader((read_text(file) if text is None else text).splitlines(), skipinitialspace=True)
     try:
         names = list(reader.fieldnames or ())
         return names, [(reader.line_num, record) for record in reader]
-    except csv.Error as fault:
+    except csv.Error as error:
         line = reader.line_num + 1
-        raise InputFault.at(file, f"line {line}", "comma-separated values", Words(str(fault))) from None
+        raise InputError.at(file, f"line {line}", "comma-separated values", Unquoted(str(error))) from None

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.records.scene import MAX_COORDINATE
 from metric_base.arrays import FloatArray
-from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
 
 __all__ = ["KnownLength", "parse_known_lengths"]
@@ -54,7 +54,7 @@ def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:
         return _lengths_of(Path(words[0]))
     with in_file("--known-length"):
         if len(words) != 3:
-            raise FieldFault("arguments", "A B metres, or a file", Words(" ".join(words)))
+            raise FieldError("arguments", "A B metres, or a file", Unquoted(" ".join(words)))
         with at_field("point"):
             a, b = (_numbers(word, 3) for word in words[:2])
         with at_field("metres"):
@@ -67,7 +67,7 @@ def _lengths_of(file: Path) -> tuple[KnownLength, ...]:
     with in_file(file):
         lengths = tuple(_line_length(number, line) for number, line in lines if line)
         if not lengths:
-            raise FieldFault("lengths", "at least one line", 0)
+            raise FieldError("lengths", "at least one line", 0)
     return lengths
 
 
@@ -80,12 +80,12 @@ def _length(numbers: FloatArray) -> KnownLength:
     """A known length of its seven numbers (7,): two points and metres."""
     a, b, metres = numbers[:3], numbers[3:6], float(numbers[6])
     if not MIN_METRES <= metres <= MAX_METRES:
-        raise FieldFault("metres", f"{MIN_METRES:g} to {MAX_METRES:g}", metres)
+        raise FieldError("metres", f"{MIN_METRES:g} to {MAX_METRES:g}", metres)
     if not np.linalg.norm(b - a) > 0:
-        raise FieldFault("points", "two points apart", a.tolist())
+        raise FieldError("points", "two points apart", a.tolist())
     sigma = float(numbers[7]) / metres if len(numbers) > 7 else DEFAULT_SIGMA
     if not 0 < sigma < 1:
-        raise FieldFault("sigma", "more than 0 and less than the length itself", sigma * metres)
+        raise FieldError("sigma", "more than 0 and less than the length itself", sigma * metres)
     return KnownLength(a, b, metres, sigma)
 
 
@@ -95,8 +95,8 @@ def _numbers(text: str, least: int, most: int | None = None) -> FloatArray:
     try:
         numbers = np.array([float(part) for part in parts])
     except ValueError:
-        raise FieldFault("", "numbers", text) from None
+        raise FieldError("", "numbers", text) from None
     if not least <= len(numbers) <= (most or least) or not (np.abs(numbers) < MAX_COORDINATE).all():
         many = f"{least}" if most is None else f"{least} or {most}"
-        raise FieldFault("", f"{many} finite numbers", text)
+        raise FieldError("", f"{many} finite numbers", text)
     return numbers

@@ -13,7 +13,7 @@ import numpy as np
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from metric_base.arrays import FloatArray
-from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_json
 
 __all__ = ["SCHEMA", "STATED_SIGMA", "parse_objects", "read_objects"]
@@ -81,7 +81,7 @@ class _Free(_Entry, kw_only=True):
     truncated: list[Literal["extent1", "extent2", "extent3"]] = []
 
 
-#: What a field should hold, in words, for a fault in it; any other is a length.
+#: What a field should hold, in words, for an error in it; any other is a length.
 _EXPECTED = {
     "category": "a name", "id": "text or a number", "extents": "one to three lengths", "truncated": "an array",
     "score": "a number from 0 to 1", "dimensions": "an object", "confidence": "an object", "sigma": "an object",
@@ -95,7 +95,7 @@ def read_objects(path: Path) -> tuple[MeasuredObject, ...]:
 
     Raises
     ------
-    InputFault
+    InputError
         The file cannot be read, or is of another schema, or a field is not what it must be.
     """
     return parse_objects(path, read_json(path))
@@ -106,17 +106,17 @@ def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
     with in_file(path):
         record = json_object(document)
         if record.get("schema") != SCHEMA:
-            raise FieldFault("schema", SCHEMA, record.get("schema"))
+            raise FieldError("schema", SCHEMA, record.get("schema"))
         objects = []
         seen: set[str] = set()
         entries = json_array(record.get("objects"), "objects")
         if len(entries) > MAX_OBJECTS:
-            raise FieldFault("objects", f"at most {MAX_OBJECTS:,}", len(entries))
+            raise FieldError("objects", f"at most {MAX_OBJECTS:,}", len(entries))
         for place, entry in enumerate(entries):
             with at_field(f"objects[{place}]"):
                 item = _object(place, json_object(entry, ""))
                 if item.id in seen:
-                    raise FieldFault(".id", "an id of its own", item.id)
+                    raise FieldError(".id", "an id of its own", item.id)
             seen.add(item.id)
             objects.append(item)
     return tuple(objects)
@@ -124,7 +124,7 @@ def parse_objects(path: Path, document: object) -> tuple[MeasuredObject, ...]:
 
 def _object(place: int, record: dict[str, Any]) -> MeasuredObject:
     if "dimensions" not in record and "extents" not in record and "category" in record:
-        raise FieldFault(".dimensions", "dimensions or extents", None)
+        raise FieldError(".dimensions", "dimensions or extents", None)
     entry: _Upright | _Free = _convert(record, _Upright if "dimensions" in record else _Free)
     names = entry.sigma.__struct_fields__
     extents = _sorted_extents(entry.extents) if isinstance(entry, _Free) else _numbers(entry.dimensions)
@@ -152,24 +152,24 @@ def _object(place: int, record: dict[str, Any]) -> MeasuredObject:
 
 
 def _convert(record: dict[str, Any], kind: type[_Upright | _Free]) -> _Upright | _Free:
-    """The record by its schema; FieldFault with the place of the first value that does not fit."""
+    """The record by its schema; FieldError with the place of the first value that does not fit."""
     try:
         entry = msgspec.convert(record, kind)
-    except msgspec.ValidationError as fault:
-        raise _field_fault(record, str(fault)) from None
+    except msgspec.ValidationError as error:
+        raise _field_error(record, str(error)) from None
     except UnicodeEncodeError:
-        raise FieldFault("", "text in Unicode", Words("half of a surrogate pair")) from None
+        raise FieldError("", "text in Unicode", Unquoted("half of a surrogate pair")) from None
     for field in ("dimensions", "confidence", "sigma"):
         numbers = getattr(entry, field, None)
         for name in () if numbers is None else numbers.__struct_fields__:
             value = getattr(numbers, name)
             if value is not None and math.isnan(value):  # no bound of a schema holds it back
-                raise FieldFault(f".{field}.{name}", "a positive number", value)
+                raise FieldError(f".{field}.{name}", "a positive number", value)
     return entry
 
 
-def _field_fault(record: dict[str, Any], message: str) -> FieldFault:
-    """Msgspec's message as a fault, with what was found in the place that it names."""
+def _field_error(record: dict[str, Any], message: str) -> FieldError:
+    """Msgspec's message as an error, with what was found in the place that it names."""
     match = _PLACE.search(message)
     field = match[1] if match else ""
     value: Any = record
@@ -178,14 +178,14 @@ def _field_fault(record: dict[str, Any], message: str) -> FieldFault:
     last = next((name for name in reversed(re.findall(r"\w+", field)) if not name.isdecimal()), "")
     if named := _NAMED.search(message):
         if last:  # an unknown name within an object of numbers
-            return FieldFault(field, f"some of {_names(last, record)}", named[1])
-        return FieldFault(f".{named[1]}", _EXPECTED[named[1]], None)
+            return FieldError(field, f"some of {_names(last, record)}", named[1])
+        return FieldError(f".{named[1]}", _EXPECTED[named[1]], None)
     if field.endswith("]"):
         expected = f"some of {_names(last, record)}" if last == "truncated" else "a positive number"
     else:
         expected = _EXPECTED.get(last, "a number of zero or more" if "confidence" in field else "a positive number")
     huge = isinstance(value, int) and value.bit_length() > 1000
-    return FieldFault(field, expected, Words("a number of hundreds of digits") if huge else value)
+    return FieldError(field, expected, Unquoted("a number of hundreds of digits") if huge else value)
 
 
 def _names(field: str, record: dict[str, Any]) -> str:
@@ -196,9 +196,9 @@ def _names(field: str, record: dict[str, Any]) -> str:
 def _sorted_extents(lengths: list[float]) -> FloatArray:
     """(3,) extents, longest first, NaN where there are fewer."""
     if not all(map(math.isfinite, lengths)):
-        raise FieldFault(".extents", "positive numbers", lengths)
+        raise FieldError(".extents", "positive numbers", lengths)
     if lengths != sorted(lengths, reverse=True):
-        raise FieldFault(".extents", "the longest first", lengths)
+        raise FieldError(".extents", "the longest first", lengths)
     return np.array(lengths + [math.nan] * (3 - len(lengths)))
 
 

@@ -19,7 +19,7 @@ from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.reconstructions.opensfm_tracks import read_observations
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import FieldFault, Words, at_field, in_file
+from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_json
 
 __all__ = ["largest_reconstruction", "read_opensfm"]
@@ -51,7 +51,7 @@ def read_opensfm(folder: Path) -> Scene:
         names, points = _points(json_object(document.get("points"), "points"))
         shots = json_object(document.get("shots"), "shots")
         if not shots:
-            raise FieldFault("shots", "at least one", 0)
+            raise FieldError("shots", "at least one", 0)
         views = tuple(_view(name, shot, cameras) for name, shot in shots.items())
     tracks = folder / TRACKS
     if tracks.is_file():
@@ -67,7 +67,7 @@ def largest_reconstruction(file: Path) -> tuple[dict[str, Any], tuple[str, ...]]
     with in_file(file):
         entries = json_array(read_json(file))
         if not entries:
-            raise FieldFault("document", "at least one reconstruction", 0)
+            raise FieldError("document", "at least one reconstruction", 0)
         documents = [json_object(entry, f"reconstruction {row}") for row, entry in enumerate(entries)]
     sizes = [(_length(document.get("shots")), _length(document.get("points"))) for document in documents]
     row = max(range(len(documents)), key=sizes.__getitem__)
@@ -93,7 +93,7 @@ def _camera(document: dict[str, Any]) -> Camera:
     projection = document.get("projection_type", "perspective")
     if not isinstance(projection, str) or projection not in PROJECTIONS:
         expected = f"one of {', '.join(PROJECTIONS)} (cut a panorama into perspective views first)"
-        raise FieldFault("projection_type", expected, projection)
+        raise FieldError("projection_type", expected, projection)
     width, height = (_whole(side, document.get(side)) for side in ("width", "height"))
     model, sources = PROJECTIONS[projection]
     side, half = max(width, height), {"x": width / 2, "y": height / 2}
@@ -107,7 +107,7 @@ def _camera(document: dict[str, Any]) -> Camera:
 
 
 def _points(documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
-    """Names and positions (n, 3) of the points; FieldFault names the first faulty one."""
+    """Names and positions (n, 3) of the points; FieldError names the first faulty one."""
     try:
         points = np.array([point["coordinates"] for point in documents.values()], dtype=np.float64)
     except (TypeError, KeyError, ValueError, OverflowError):
@@ -115,12 +115,12 @@ def _points(documents: dict[str, Any]) -> tuple[list[str], FloatArray]:
     if (documents and points.shape != (len(documents), 3)) or not (np.abs(points) < MAX_COORDINATE).all():
         name, coordinates = _faulty_point(documents)
         expected = f"coordinates of three finite numbers below {MAX_COORDINATE:g}"
-        raise FieldFault(f"point {name!r}", expected, coordinates)
+        raise FieldError(f"point {name!r}", expected, coordinates)
     return list(documents), points.reshape(-1, 3)
 
 
 def _faulty_point(documents: dict[str, Any]) -> tuple[str, object]:
-    """The first point that is at fault, looked for only when one is."""
+    """The first point that is invalid, looked for only when one is."""
     for name, document in documents.items():
         coordinates = document.get("coordinates") if isinstance(document, dict) else document
         if not (isinstance(coordinates, list) and len(coordinates) == 3 and all(map(_believable, coordinates))):
@@ -137,7 +137,7 @@ def _view(name: str, entry: object, cameras: dict[str, Camera]) -> View:
         shot = json_object(entry, "")
         camera = shot.get("camera")
         if not isinstance(camera, str) or camera not in cameras:
-            raise FieldFault("camera", "a camera of the reconstruction", camera)
+            raise FieldError("camera", "a camera of the reconstruction", camera)
         rotation, translation = (_triple(part, shot.get(part)) for part in ("rotation", "translation"))
     return View(
         name,
@@ -167,7 +167,7 @@ def _whole(field: str, value: object) -> int:
     if isinstance(value, float) and value.is_integer():
         value = int(value)
     if not isinstance(value, int) or isinstance(value, bool):
-        raise FieldFault(field, "a whole number of pixels", value)
+        raise FieldError(field, "a whole number of pixels", value)
     return value
 
 
@@ -175,12 +175,12 @@ def _number(field: str, value: object, default: float | None) -> float:
     if value is None and default is not None:
         return default
     if not isinstance(value, int | float) or isinstance(value, bool) or not _believable(value):
-        raise FieldFault(field, "a number", value)
+        raise FieldError(field, "a number", value)
     return float(value)
 
 
 def _triple(field: str, value: object) -> FloatArray:
-    """(3,) finite numbers of a list; FieldFault at `field` where they are not."""
+    """(3,) finite numbers of a list; FieldError at `field` where they are not."""
     if not (isinstance(value, list) and len(value) == 3 and all(map(_believable, value))):
-        raise FieldFault(field, "three finite numbers", Words(str(value)))
+        raise FieldError(field, "three finite numbers", Unquoted(str(value)))
     return np.array(value, dtype=np.float64)

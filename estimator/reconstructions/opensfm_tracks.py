@@ -12,7 +12,7 @@ from pyarrow import csv
 
 from estimator.records.scene import MAX_COORDINATE
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import read_bytes
 
 __all__ = ["read_observations"]
@@ -28,7 +28,7 @@ def read_observations(
 ) -> tuple[IntArray, IntArray, FloatArray]:
     """Rows of `images` (m,), rows of `tracks` (m,) and normalised positions (m, 2) of the observations of both.
 
-    Observations of other images or of tracks without a point are left out. InputFault for a file that is no table
+    Observations of other images or of tracks without a point are left out. InputError for a file that is no table
     of that kind.
     """
     table = _table(file)
@@ -40,7 +40,7 @@ def read_observations(
     if not good.all():
         row = int((~good).any(axis=1).argmax())
         expected = f"finite numbers below {MAX_COORDINATE:g}"
-        raise InputFault.at(file, "position", expected, positions[row].tolist())
+        raise InputError.at(file, "position", expected, positions[row].tolist())
     return image_rows[known], track_rows[known], positions
 
 
@@ -48,20 +48,20 @@ def _table(file: Path) -> pa.Table:
     head = read_bytes(file, most=_FIRST_BYTES)
     has_version = head.startswith(_VERSION)
     if has_version and not head.partition(b"\n")[2].strip():
-        raise InputFault.at(file, "observations", "at least one line", 0)
+        raise InputError.at(file, "observations", "at least one line", 0)
     try:
         return _observations_of(file, has_version, in_threads=True)
     except (pa.ArrowInvalid, KeyError):
         pass
-    try:  # threads report whichever fault they meet first; alone, the reader always reports the same one
+    try:  # threads report whichever error they meet first; alone, the reader always reports the same one
         return _observations_of(file, has_version, in_threads=False)
-    except (pa.ArrowInvalid, KeyError) as fault:
+    except (pa.ArrowInvalid, KeyError) as error:
         expected = "tab-separated image, track, feature, x, y, ..."
-        raise InputFault.at(file, "observations", expected, Words(str(fault))) from None
+        raise InputError.at(file, "observations", expected, Unquoted(str(error))) from None
 
 
 def _observations_of(file: Path, has_version: bool, in_threads: bool) -> pa.Table:
-    # By its name: Arrow's threads let go of a Python object only after a fault is told, and tracemalloc, stopped
+    # By its name: Arrow's threads let go of a Python object only after an error is told, and tracemalloc, stopped
     # meanwhile, crashes in them (CPython 128679).
     return csv.read_csv(
         str(file),

@@ -10,7 +10,7 @@ import numpy as np
 from estimator.reconstructions.checked_files import ByteReader
 from estimator.records.scene import MAX_COORDINATE, DenseCloud
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import FieldFault, InputFault, Words, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, in_file
 
 __all__ = ["dense_file", "ply_layout", "read_dense_cloud", "read_points", "read_visibility", "visibility_bytes"]
 
@@ -68,8 +68,8 @@ def read_dense_cloud(path: Path, n_views: int, bounds: FloatArray | None = None)
     if bounds is not None:
         good &= ((points > bounds[0]) & (points < bounds[1])).all(axis=1)
     if not good.any():
-        raise InputFault.at(
-            path, "vertices", "at least one point near the cameras", Words(f"{len(points)} without a position")
+        raise InputError.at(
+            path, "vertices", "at least one point near the cameras", Unquoted(f"{len(points)} without a position")
         )
     if good.all():
         return DenseCloud(points, offsets, views, path), ()
@@ -84,7 +84,7 @@ def read_dense_cloud(path: Path, n_views: int, bounds: FloatArray | None = None)
 def read_visibility(path: Path, n_points: int, n_views: int) -> tuple[IntArray, IntArray]:
     """Offsets (n + 1,) and views (m,) of COLMAP's `fused.ply.vis`: uint64 n; for each point uint32 k, k uint32.
 
-    The numbers are positions of the images in the model's file. InputFault where it does not fit the cloud or the
+    The numbers are positions of the images in the model's file. InputError where it does not fit the cloud or the
     model.
     """
     with in_file(path):
@@ -95,16 +95,16 @@ def _visibility(reader: ByteReader, n_points: int, n_views: int) -> tuple[IntArr
     """Offsets (n + 1,) and views (m,) of the bytes of a visibility file."""
     n = reader.count("number of points", 4)
     if n != n_points:
-        raise FieldFault("number of points", f"{n_points} as in the cloud", n)
+        raise FieldError("number of points", f"{n_points} as in the cloud", n)
     if reader.remaining % 4:
-        raise FieldFault("size", "whole numbers of 4 bytes", Words(f"{reader.remaining} bytes after the count"))
+        raise FieldError("size", "whole numbers of 4 bytes", Unquoted(f"{reader.remaining} bytes after the count"))
     words = reader.rows("<u4", reader.remaining // 4, "visibility")
     places = _list_places(words, n)
     listed = np.ones(len(words), dtype=bool)
     listed[places] = False
     views = words[listed]
     if len(views) and views.max() >= n_views:
-        raise FieldFault("image", f"positions below {n_views}, the number of images", int(views.max()))
+        raise FieldError("image", f"positions below {n_views}, the number of images", int(views.max()))
     return np.concatenate([[0], np.cumsum(words[places], dtype=np.int64)]), views.astype(
         np.int16 if n_views <= FEW_VIEWS else np.int32
     )
@@ -122,34 +122,34 @@ def _list_places(words: np.ndarray[tuple[int], np.dtype[np.uint32]], n: int) -> 
     lengths, end, place = memoryview(words.tobytes()).cast("I"), len(words), 0
     for row in range(n):
         if place >= end:
-            raise FieldFault(f"point {row}", "a list of images", Words("the end of the file"))
+            raise FieldError(f"point {row}", "a list of images", Unquoted("the end of the file"))
         places[row] = place
         place += 1 + lengths[place]
     if place != end:
-        raise FieldFault("size", f"{4 * place} bytes of lists", Words(f"{4 * end}"))
+        raise FieldError("size", f"{4 * place} bytes of lists", Unquoted(f"{4 * end}"))
     return places
 
 
 def ply_layout(data: bytes) -> PlyLayout:
-    """What the header promises; FieldFault where it is no header, or promises more bytes than there are."""
+    """What the header promises; FieldError where it is no header, or promises more bytes than there are."""
     end = data.find(b"end_header", 0, MAX_HEADER_BYTES)
     line_end = data.find(b"\n", end)
     if not data.startswith(b"ply") or end < 0 or line_end < 0:
-        raise FieldFault("header", "ply ... end_header", data[:20])
+        raise FieldError("header", "ply ... end_header", data[:20])
     lines = [line.split() for line in data[:end].decode("ascii", "replace").splitlines()[1:]]
     form = next((line[1] for line in lines if line[:1] == ["format"] and len(line) > 1), "")
     if form not in _BYTE_ORDERS:
-        raise FieldFault("format", f"one of {', '.join(_BYTE_ORDERS)}", form)
+        raise FieldError("format", f"one of {', '.join(_BYTE_ORDERS)}", form)
     elements = _elements([line for line in lines if line[:1] in (["element"], ["property"])])
     names = [name for name, _, _ in elements]
     if "vertex" not in names:
-        raise FieldFault("elements", "a vertex element", names)
+        raise FieldError("elements", "a vertex element", names)
     before, (_, count, properties) = elements[: names.index("vertex")], elements[names.index("vertex")]
     if any(kind is None for _, _, kinds in [*before, elements[len(before)]] for kind, _ in kinds):
-        raise FieldFault("vertex", "scalar properties", Words("a list property"))
+        raise FieldError("vertex", "scalar properties", Unquoted("a list property"))
     vertex = _record(form, properties)
     if not {"x", "y", "z"} <= set(vertex.names or ()):
-        raise FieldFault("vertex", "properties x, y and z", [name for _, name in properties])
+        raise FieldError("vertex", "properties x, y and z", [name for _, name in properties])
     if form == "ascii":
         skipped, smallest = sum(n for _, n, _ in before), 2 * len(properties)
     else:
@@ -157,7 +157,7 @@ def ply_layout(data: bytes) -> PlyLayout:
     body = line_end + 1
     left = len(data) - body - (0 if form == "ascii" else skipped) + (form == "ascii")
     if count * smallest > left:
-        raise FieldFault("number of vertices", f"at most {max(left, 0) // smallest} (the file's rest)", count)
+        raise FieldError("number of vertices", f"at most {max(left, 0) // smallest} (the file's rest)", count)
     return PlyLayout(form, vertex, count, body, skipped)
 
 
@@ -167,14 +167,14 @@ def _elements(lines: list[list[str]]) -> list[tuple[str, int, list[tuple[str | N
     for words in lines:
         if words[0] == "element":
             if len(words) != 3 or not words[2].isdecimal() or len(words[2]) > 18:
-                raise FieldFault("element", "a name and a count", " ".join(words))
+                raise FieldError("element", "a name and a count", " ".join(words))
             elements.append((words[1], int(words[2]), []))
         elif not elements or len(words) < 3:
-            raise FieldFault("property", "a type and a name within an element", " ".join(words))
+            raise FieldError("property", "a type and a name within an element", " ".join(words))
         elif words[1] == "list":
             elements[-1][2].append((None, words[-1]))
         elif words[1] not in _TYPES:
-            raise FieldFault(f"property {words[2]!r}", "a PLY type", words[1])
+            raise FieldError(f"property {words[2]!r}", "a PLY type", words[1])
         else:
             elements[-1][2].append((_TYPES[words[1]], words[2]))
     return elements
@@ -183,7 +183,7 @@ def _elements(lines: list[list[str]]) -> list[tuple[str, int, list[tuple[str | N
 def _record(form: str, properties: list[tuple[str | None, str]]) -> np.dtype[np.void]:
     names = [name for _, name in properties]
     if len(set(names)) != len(names):
-        raise FieldFault("properties", "each name once", names)
+        raise FieldError("properties", "each name once", names)
     return np.dtype([(name, _BYTE_ORDERS[form] + str(kind)) for kind, name in properties])
 
 
@@ -197,7 +197,7 @@ def _points(reader: ByteReader) -> FloatArray:
     """(n, 3) positions of the vertices in a file's bytes."""
     layout = ply_layout(reader.data)
     if not layout.count:
-        raise FieldFault("number of vertices", "at least one", 0)
+        raise FieldError("number of vertices", "at least one", 0)
     if layout.format == "ascii":
         return _ascii_points(reader.data, layout)
     reader.place = layout.body + layout.skipped
@@ -212,8 +212,8 @@ def _ascii_points(data: bytes, layout: PlyLayout) -> FloatArray:
     lines = data[layout.body :].decode("ascii", "replace").split("\n")[layout.skipped : layout.skipped + layout.count]
     try:
         points = np.loadtxt(lines, dtype=np.float64, usecols=[names.index(axis) for axis in "xyz"], ndmin=2)
-    except ValueError as fault:
-        raise FieldFault("vertices", f"{len(names)} numbers a line", Words(str(fault))) from None
+    except ValueError as error:
+        raise FieldError("vertices", f"{len(names)} numbers a line", Unquoted(str(error))) from None
     if len(points) != layout.count:
-        raise FieldFault("vertices", f"{layout.count} lines", Words(f"{len(points)}"))
+        raise FieldError("vertices", f"{layout.count} lines", Unquoted(f"{len(points)}"))
     return points

@@ -9,14 +9,14 @@ import numpy as np
 
 from estimator.reconstructions.cameras import make_camera
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
-from metric_base.faults import InputFault, at_field, in_file
+from metric_base.errors import InputError, at_field, in_file
 
 if TYPE_CHECKING:
     from pycolmap import Reconstruction
 
 __all__ = ["scene_of_reconstruction"]
 
-#: What a fault names in place of a file.
+#: What an error names in place of a file.
 SOURCE = Path("pycolmap.Reconstruction")
 
 #: What pycolmap answers for an observation without a point.
@@ -28,16 +28,16 @@ def scene_of_reconstruction(reconstruction: Reconstruction) -> Scene:
 
     Raises
     ------
-    InputFault
+    InputError
         It has no registered image, or a camera or a coordinate that no scene can have.
     """
     ids = sorted(reconstruction.reg_image_ids())
     if not ids:
-        raise InputFault.at(SOURCE, "images", "at least one registered image", 0)
+        raise InputError.at(SOURCE, "images", "at least one registered image", 0)
     point_ids = np.array(sorted(reconstruction.points3D), dtype=np.uint64)
     points = np.array([reconstruction.points3D[int(number)].xyz for number in point_ids], dtype=float).reshape(-1, 3)
     if not (np.abs(points) < MAX_COORDINATE).all():
-        raise InputFault.at(SOURCE, "points", f"finite coordinates below {MAX_COORDINATE:g}", "others")
+        raise InputError.at(SOURCE, "points", f"finite coordinates below {MAX_COORDINATE:g}", "others")
     cameras = {number: _camera(number, camera) for number, camera in reconstruction.cameras.items()}
     views = tuple(_view(reconstruction.images[number], cameras, point_ids) for number in ids)
     return Scene(path=SOURCE, format="memory", views=views, points=points)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.records.scene import MAX_COORDINATE
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.input_files import read_json
 
 __all__ = ["SceneTruth", "read_truth"]
@@ -28,7 +28,7 @@ def read_truth(folder: Path) -> SceneTruth:
     """The truth beside a scene, empty where there is none or it is of another form: it only decorates."""
     try:
         document = read_json(folder / TRUTH)
-    except InputFault:
+    except InputError:
         return SceneTruth()
     if not isinstance(document, dict):
         return SceneTruth()

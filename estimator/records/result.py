@@ -139,7 +139,7 @@ class ScaleResult:
     def save(self, path: Path, option: str | None = None) -> None:
         """Write the JSON beside `path` and rename it: never half a file.
 
-        InputFault where the system cannot write there and `option` says who named the place.
+        InputError where the system cannot write there and `option` says who named the place.
         """
         with whole_file(path, option) as work:
             work.write_text(self.json() + "\n", encoding="utf-8")

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["DOUBT", "EvidenceReport", "ScaleEvidence"]
 
@@ -35,13 +35,13 @@ class ScaleEvidence:
 
     def __post_init__(self) -> None:
         if (self.scale is None or self.sd_log is None) != (self.reason is not None):
-            raise InputFault.at(f"evidence {self.kind}", self.id, "a scale with its sd_log, or a reason", self.scale)
+            raise InputError.at(f"evidence {self.kind}", self.id, "a scale with its sd_log, or a reason", self.scale)
         if self.scale is not None and not (0 < self.scale < math.inf):
-            raise InputFault.at(f"evidence {self.kind}", self.id, "a positive scale", self.scale)
+            raise InputError.at(f"evidence {self.kind}", self.id, "a positive scale", self.scale)
         if self.sd_log is not None and not (0 < self.sd_log < math.inf):
-            raise InputFault.at(f"evidence {self.kind}", self.id, "a positive sd_log", self.sd_log)
+            raise InputError.at(f"evidence {self.kind}", self.id, "a positive sd_log", self.sd_log)
         if not 0 <= self.doubt < 1:
-            raise InputFault.at(f"evidence {self.kind}", self.id, "a doubt of at least 0, below 1", self.doubt)
+            raise InputError.at(f"evidence {self.kind}", self.id, "a doubt of at least 0, below 1", self.doubt)
 
 
 @dataclass(frozen=True, slots=True)

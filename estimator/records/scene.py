@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 
 __all__ = ["MAX_COORDINATE", "Camera", "DenseCloud", "Instance", "Scene", "View"]
 
@@ -34,9 +34,9 @@ class Camera:
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
-            raise InputFault.at("camera", "size", "a positive width and height", (self.width, self.height))
+            raise InputError.at("camera", "size", "a positive width and height", (self.width, self.height))
         if self.params.ndim != 1 or not np.isfinite(self.params).all():
-            raise InputFault.at("camera", "params", "a row of finite numbers", self.params.tolist())
+            raise InputError.at("camera", "params", "a row of finite numbers", self.params.tolist())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,10 +57,10 @@ class View:
     def __post_init__(self) -> None:
         if self.rotation.shape != (3, 3) or self.translation.shape != (3,):
             shapes = (self.rotation.shape, self.translation.shape)
-            raise InputFault.at(f"view {self.name!r}", "pose", "shapes (3, 3) and (3,)", shapes)
+            raise InputError.at(f"view {self.name!r}", "pose", "shapes (3, 3) and (3,)", shapes)
         if self.keypoints.shape != (len(self.point_index), 2):
             shown = (self.keypoints.shape, self.point_index.shape)
-            raise InputFault.at(f"view {self.name!r}", "keypoints", "shapes (m, 2) and (m,)", shown)
+            raise InputError.at(f"view {self.name!r}", "keypoints", "shapes (m, 2) and (m,)", shown)
 
     @property
     def centre(self) -> FloatArray:
@@ -86,10 +86,10 @@ class DenseCloud:
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
-            raise InputFault.at("dense cloud", "points", "shape (n, 3)", self.points.shape)
+            raise InputError.at("dense cloud", "points", "shape (n, 3)", self.points.shape)
         if self.visible_offsets is not None and len(self.visible_offsets) != len(self.points) + 1:
             shown = len(self.visible_offsets)
-            raise InputFault.at("dense cloud", "visible_offsets", f"{len(self.points) + 1} rows", shown)
+            raise InputError.at("dense cloud", "visible_offsets", f"{len(self.points) + 1} rows", shown)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,9 +143,9 @@ class Scene:
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] != 3:
-            raise InputFault.at(self.path, "points", "shape (n, 3)", self.points.shape)
+            raise InputError.at(self.path, "points", "shape (n, 3)", self.points.shape)
         for view in self.views:
             rows = view.point_index
             if len(rows) and (rows.min() < 0 or rows.max() >= len(self.points)):
-                shown = Words(f"rows {rows.min()} to {rows.max()}")
-                raise InputFault.at(self.path, f"view {view.name!r}", f"rows of {len(self.points)} points", shown)
+                shown = Unquoted(f"rows {rows.min()} to {rows.max()}")
+                raise InputError.at(self.path, f"view {view.name!r}", f"rows of {len(self.points)} points", shown)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.context import Where
 from metric_tree.prior import Prior
 from metric_tree.tree import DETECTORS, Node, Tree
@@ -35,7 +35,7 @@ class Meaning:
     broader: bool = False
 
     @property
-    def fault(self) -> str | None:
+    def error(self) -> str | None:
         """The reason without the names that may be meant: a warning lists them, once."""
         return None if self.reason is None else self.reason.partition(ADVICE)[0]
 
@@ -64,12 +64,12 @@ def meanings(
 def _meaning(tree: Tree, name: str, dims: tuple[str, ...] | None, where: Where | None, advice: bool) -> Meaning:
     try:
         node = tree.find(name, DETECTORS, advice=advice)
-    except InputFault as fault:
-        return Meaning(None, None, str(fault))
+    except InputError as error:
+        return Meaning(None, None, str(error))
     try:
         return Meaning(node, node.prior(dims, where), broader=_is_broader(tree, name, node))
-    except InputFault as fault:
-        return Meaning(node, None, str(fault))
+    except InputError as error:
+        return Meaning(node, None, str(error))
 
 
 def _is_broader(tree: Tree, name: str, node: Node) -> bool:

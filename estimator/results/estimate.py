@@ -86,7 +86,7 @@ def evidence_of(
     objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning]
 ) -> tuple[dict[int, ObjectEvidence], list[str | None]]:
     """The objects that can speak, by place, and per object the reason why it cannot, or None."""
-    reasons = [item.skipped or by_name[item.category].fault for item in objects]
+    reasons = [item.skipped or by_name[item.category].error for item in objects]
     stated: dict[int, ObjectEvidence] = {}
     for place, item in enumerate(objects):
         meaning = by_name[item.category]

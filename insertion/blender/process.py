@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.progress import progress_bar
 
 __all__ = ["VARIABLE", "blender_program", "run_blender"]
@@ -27,20 +27,20 @@ _SCRIPT = Path(__file__).with_name("script.py")
 
 
 def blender_program() -> list[str]:
-    """The words that run a script in Blender. Raises InputFault where there is no Blender."""
+    """The words that run a script in Blender. Raises InputError where there is no Blender."""
     stated = os.environ.get(VARIABLE)
     program = shutil.which(stated or "blender")
     if program is None:
         how = f"install Blender, or set {VARIABLE} to the Python of an environment with bpy (pip install bpy)"
         reason = f"found no program {stated!r}" if stated else "found no blender on PATH"
-        raise InputFault(f"--renderer blender: {reason}; {how}")
+        raise InputError(f"--renderer blender: {reason}; {how}")
     if "python" in Path(program).name:
         return [program, str(_SCRIPT)]
     return [program, "--background", "--factory-startup", "--python", str(_SCRIPT), "--"]
 
 
 def run_blender(job: Mapping[str, Any], folder: Path) -> None:
-    """Run one job (`script.py` says what is in it); `folder` takes its files. Raises InputFault if Blender fails."""
+    """Run one job (`script.py` says what is in it); `folder` takes its files. Raises InputError if Blender fails."""
     file = folder / "job.json"
     file.write_text(json.dumps(job), encoding="utf-8")
     # Blender's Python must not see our packages
@@ -48,7 +48,7 @@ def run_blender(job: Mapping[str, Any], folder: Path) -> None:
     status, log = _run([*blender_program(), str(file)], clean, folder, len(job["keys"]) if job.get("out") else 0)
     if status != 0 or "Traceback" in log:
         last = next((line for line in reversed(log.splitlines()) if line.strip()), "no word")
-        raise InputFault(f"--renderer blender: Blender ended with status {status}: {last.strip()}")
+        raise InputError(f"--renderer blender: Blender ended with status {status}: {last.strip()}")
 
 
 def _run(words: list[str], environment: Mapping[str, str], folder: Path, pictures: int) -> tuple[int, str]:

@@ -20,7 +20,7 @@ from insertion.scene.footage import Shot
 from insertion.scene.rays import camera_rays
 from insertion.staging.insert import Placed
 from insertion.staging.stage import Stage
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["export_blend", "traced_layers", "write_blend"]
 
@@ -52,7 +52,7 @@ def export_blend(folder: Path, stage: Stage, objects: Sequence[Placed]) -> list[
     """`scene.blend` in the folder if there is a Blender; what could not be written, one line each."""
     try:
         blender_program()
-    except InputFault:
+    except InputError:
         return [f"scene.blend is not written: there is no Blender (on PATH, or named by {VARIABLE})"]
     first = objects[0]
     height = float(first.model.extents[1]) * first.size.factor / stage.scale.metres_per_unit

@@ -47,7 +47,7 @@ class Look:
 
 
 class Looks:
-    """Looks of the pictures of one film, smooth in time; a still has its own look."""
+    """Looks of the pictures of one video, smooth in time; a still has its own look."""
 
     def __init__(self, smooth: bool) -> None:
         self._smooth = smooth

@@ -61,7 +61,7 @@ def camera_keys(shots: Sequence[Shot], frame: MetricFrame) -> list[CameraKey]:
 
 
 def frame_rate(shots: Sequence[Shot]) -> float:
-    """Pictures a second: the usual one of a film whose rate varies."""
+    """Pictures a second: the usual one of a video whose rate varies."""
     steps = np.diff(_times(shots))
     return float(1 / np.median(steps)) if len(steps) and np.median(steps) > 0 else STILLS_RATE
 

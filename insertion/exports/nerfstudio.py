@@ -13,7 +13,7 @@ from estimator.reconstructions.cameras import CAMERA_MODELS
 from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKey, keys_by_camera
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["POINTS_FILE", "write_transforms"]
 
@@ -32,12 +32,12 @@ def write_transforms(file: Path, keys: Sequence[CameraKey], pictures: str, point
     """Write the file, and the points (n, 3) of the metric frame as `sparse_pc.ply` beside it.
 
     pictures : folder of the pictures, relative to it. nerfstudio counts pixels as COLMAP does: the centre of the first
-    is (0.5, 0.5) (its issue 3048). Raises InputFault for a camera that it does not know.
+    is (0.5, 0.5) (its issue 3048). Raises InputError for a camera that it does not know.
     """
     lenses = keys_by_camera(keys)
     for camera, _ in lenses:
         if camera.model not in _MODELS:
-            raise InputFault(f"--export: transforms.json: expected one of {', '.join(_MODELS)}; found {camera.model}")
+            raise InputError(f"--export: transforms.json: expected one of {', '.join(_MODELS)}; found {camera.model}")
     alone = len(lenses) == 1
     document: dict[str, Any] = {
         **(_intrinsics(lenses[0][0]) if alone else {"camera_model": _MODELS[lenses[0][0].model]}),

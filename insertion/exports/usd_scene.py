@@ -17,7 +17,7 @@ from insertion.staging.insert import Placed
 
 __all__ = ["write_usd_scene"]
 
-#: A usual width of film, 36 mm. USD states lenses in tenths of a scene unit (UsdGeomCamera), here of a metre.
+#: A usual width of video, 36 mm. USD states lenses in tenths of a scene unit (UsdGeomCamera), here of a metre.
 APERTURE = 0.36
 #: Metres between which a camera sees anything.
 NEAR_M, FAR_M = 0.01, 1000.0

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import IntArray
-from metric_base.faults import Words, at_field
+from metric_base.errors import Unquoted, at_field
 from metric_base.schema import expect
 
 __all__ = ["Accessors"]
@@ -30,7 +30,7 @@ class Accessors:
     def values(self, number: object, columns: Sequence[int]) -> NDArray[np.float64]:
         """(n, k) numbers of an accessor, k one of `columns`, normalised integers as shares.
 
-        FieldFault where it is out of the file, or of another shape.
+        FieldError where it is out of the file, or of another shape.
         """
         raw, row = self._raw(number, columns)
         values = raw.astype(np.float64)
@@ -41,7 +41,7 @@ class Accessors:
     def indices(self, number: object) -> IntArray:
         """(n,) whole numbers of an accessor."""
         raw, _ = self._raw(number, (1,))
-        expect(np.issubdtype(raw.dtype, np.integer), "indices", "whole numbers", Words("others"))
+        expect(np.issubdtype(raw.dtype, np.integer), "indices", "whole numbers", Unquoted("others"))
         return np.asarray(raw[:, 0].astype(np.int64))
 
     def _raw(self, number: object, columns: Sequence[int]) -> tuple[NDArray[Any], dict[str, Any]]:
@@ -75,7 +75,7 @@ class Accessors:
         size = columns * dtype.itemsize
         stride = int(record.get("byteStride", size))
         needed = offset + stride * (count - 1) + size if count else 0
-        expect(stride >= size and needed <= len(data), "bufferView", f"{needed} bytes", Words(f"{len(data)}"))
+        expect(stride >= size and needed <= len(data), "bufferView", f"{needed} bytes", Unquoted(f"{len(data)}"))
         rows = np.ndarray((count, size), np.uint8, data, offset, (stride, 1))
         return np.ascontiguousarray(rows).view(dtype).reshape(count, columns)
 
@@ -84,7 +84,7 @@ class Accessors:
         count, places, new = int(sparse["count"]), sparse["indices"], sparse["values"]
         expect(0 < count <= len(values), "sparse.count", f"at most {len(values)}", count)
         at = self._view_values(places["bufferView"], places.get("byteOffset", 0), count, 1, self._dtype(places))[:, 0]
-        expect(bool((at < len(values)).all()), "sparse.indices", f"numbers below {len(values)}", Words("others"))
+        expect(bool((at < len(values)).all()), "sparse.indices", f"numbers below {len(values)}", Unquoted("others"))
         values = values.copy()
         values[at] = self._view_values(
             new["bufferView"], new.get("byteOffset", 0), count, values.shape[1], values.dtype

@@ -28,7 +28,7 @@ from insertion.models.gltf_files import (
 from insertion.models.gltf_materials import Materials
 from insertion.models.model import Model, Part
 from metric_base.arrays import FloatArray, IntArray
-from metric_base.faults import FieldFault, InputFault, Words, at_field, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect
 
@@ -52,9 +52,9 @@ MAX_METRES = 1e9
 
 
 def read_model(path: Path) -> Model:
-    """The model of a `.glb` or `.gltf` file. Raises InputFault for anything that cannot be read."""
+    """The model of a `.glb` or `.gltf` file. Raises InputError for anything that cannot be read."""
     if not path.is_file():
-        raise InputFault(
+        raise InputError(
             f"{path}: expected a glTF file (.glb or .gltf); found {'a folder' if path.is_dir() else 'none'}"
         )
     with in_file(path):
@@ -63,13 +63,15 @@ def read_model(path: Path) -> Model:
             check_header(header)
             with np.errstate(all="ignore"):  # absurd numbers are refused below
                 parts, warnings = _read(header, binary[8:], FolderResolver(path))  # a chunk begins with length and kind
-        except FieldFault:
+        except FieldError:
             raise
         except (
             ValueError, KeyError, IndexError, TypeError, AttributeError, ArithmeticError, OSError, SyntaxError,
             RecursionError, MemoryError,
-        ) as fault:  # fmt: skip
-            raise FieldFault("content", "a readable glTF 2.0 file", Words(f"{type(fault).__name__}: {fault}")) from None
+        ) as error:  # fmt: skip
+            raise FieldError(
+                "content", "a readable glTF 2.0 file", Unquoted(f"{type(error).__name__}: {error}")
+            ) from None
         _check_parts(parts)
     return Model(path.name, parts, tuple(warnings))
 
@@ -84,18 +86,18 @@ def _read(header: dict[str, Any], binary: bytes, resolver: FolderResolver) -> tu
 
 
 def _header(data: bytes) -> tuple[dict[str, Any], bytes]:
-    """The JSON of a file, and the binary chunk that follows it in a GLB; FieldFault where it cannot be read here."""
+    """The JSON of a file, and the binary chunk that follows it in a GLB; FieldError where it cannot be read here."""
     if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _MAGIC:
         length, kind = struct.unpack_from("<II", data, 12)
         whole = kind == _JSON and 20 + length <= len(data)
-        expect(whole, "chunk 0", f"JSON of {length} bytes", Words(f"a file of {len(data)} bytes"))
+        expect(whole, "chunk 0", f"JSON of {length} bytes", Unquoted(f"a file of {len(data)} bytes"))
         text, binary = data[20 : 20 + length], data[20 + length :]
     else:
         text, binary = data, b""
     try:
         header = json.loads(text, parse_constant=_no_number)
-    except (ValueError, RecursionError) as fault:
-        raise FieldFault("content", "glTF 2.0 (.glb or .gltf)", Words(f"neither: {fault}")) from None
+    except (ValueError, RecursionError) as error:
+        raise FieldError("content", "glTF 2.0 (.glb or .gltf)", Unquoted(f"neither: {error}")) from None
     asset = header.get("asset") if isinstance(header, dict) else None
     expect(isinstance(asset, dict), "asset", "the record of a glTF file", asset)
     version = str(header["asset"].get("version"))
@@ -107,14 +109,14 @@ def _header(data: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def _expect_known(required: Sequence[object]) -> None:
-    """FieldFault for an extension without which the file cannot be read, and that is not read here."""
+    """FieldError for an extension without which the file cannot be read, and that is not read here."""
     for name in map(str, required):
         undone = _COMPRESSED.get(name)
         if undone is not None:
             how = f"an uncompressed file (npx @gltf-transform/cli {undone} IN.glb OUT.glb makes one)"
-            expect(False, "extensionsRequired", how, Words(name))
+            expect(False, "extensionsRequired", how, Unquoted(name))
         known = name in _READ or name.startswith(_SHINE)
-        expect(known, "extensionsRequired", f"{', '.join(_READ)} or {_SHINE}...", Words(name))
+        expect(known, "extensionsRequired", f"{', '.join(_READ)} or {_SHINE}...", Unquoted(name))
 
 
 def _no_number(word: str) -> float:
@@ -124,33 +126,33 @@ def _no_number(word: str) -> float:
 
 def _check_parts(parts: tuple[Part, ...]) -> None:
     triangles = sum(len(part.faces) for part in parts)
-    expect(triangles > 0, "meshes", "at least one triangle", Words("none"))
+    expect(triangles > 0, "meshes", "at least one triangle", Unquoted("none"))
     expect(triangles <= MAX_TRIANGLES, "meshes", f"at most {MAX_TRIANGLES} triangles", triangles)
     finite = all((np.abs(part.vertices) < MAX_METRES).all() for part in parts)
-    expect(finite, "POSITION", f"finite numbers below {MAX_METRES:g}", Words("others"))
+    expect(finite, "POSITION", f"finite numbers below {MAX_METRES:g}", Unquoted("others"))
     for part in parts:
         _check_part(part)
     corners = np.concatenate([part.vertices for part in parts])
     extent = (corners.max(axis=0) - corners.min(axis=0)).max()
-    expect(extent > 0, "POSITION", "a body with an extent", Words("a single point"))
+    expect(extent > 0, "POSITION", "a body with an extent", Unquoted("a single point"))
 
 
 def _check_part(part: Part) -> None:
-    """FieldFault for corners without a normal or a texture coordinate, and for colours of another length."""
+    """FieldError for corners without a normal or a texture coordinate, and for colours of another length."""
     count, material = len(part.vertices), part.material
     inside = not len(part.faces) or (part.faces.min() >= 0 and part.faces.max() < count)
-    expect(bool(inside), "indices", f"numbers from 0 to {count - 1}", Words("others"))
+    expect(bool(inside), "indices", f"numbers from 0 to {count - 1}", Unquoted("others"))
     shaped = {"NORMAL": part.normals.shape == (count, 3), "TEXCOORD_0": part.uv.shape == (count, 2)}
     for field, whole in shaped.items():
-        expect(whole, field, "a value for each corner", Words("another number of them"))
+        expect(whole, field, "a value for each corner", Unquoted("another number of them"))
     values = {"NORMAL": part.normals, "TEXCOORD_0": part.uv}
     for field, numbers in values.items():
-        expect(bool(np.isfinite(numbers).all()), field, "finite numbers", Words("others"))
+        expect(bool(np.isfinite(numbers).all()), field, "finite numbers", Unquoted("others"))
     factors = np.array([material.metallic, material.roughness, material.alpha_cutoff or 0.0])
     sound = material.base_color.shape == (4,) and material.emissive.shape == (3,)
     colours = (material.base_color, material.emissive, factors)
     sound = sound and all((np.isfinite(colour) & (colour >= 0)).all() for colour in colours)
-    expect(bool(sound), "materials", "colours of four and three numbers from 0", Words("others"))
+    expect(bool(sound), "materials", "colours of four and three numbers from 0", Unquoted("others"))
 
 
 def _warnings(header: dict[str, Any]) -> list[str]:
@@ -221,7 +223,7 @@ def _part(primitive: dict[str, Any], accessors: Accessors, materials: Materials)
     count = len(vertices)
     corners = accessors.indices(primitive["indices"]) if "indices" in primitive else np.arange(count)
     inside = not len(corners) or int(corners.max()) < count
-    expect(inside, "indices", f"numbers from 0 to {count - 1}", Words("others"))
+    expect(inside, "indices", f"numbers from 0 to {count - 1}", Unquoted("others"))
     faces = _faces(corners, int(primitive.get("mode", _TRIANGLES)))
     material, coordinates = materials.material(primitive.get("material"))
     stated = attributes.get(f"TEXCOORD_{coordinates.number}")

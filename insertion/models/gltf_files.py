@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from metric_base.faults import FieldFault, Words, at_field
+from metric_base.errors import FieldError, Unquoted, at_field
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect
 
@@ -55,7 +55,7 @@ class FolderResolver:
     def __getitem__(self, name: str) -> bytes:
         """The bytes of a file, read once.
 
-        FieldFault for what is not a regular file in the folder; InputFault if all files together are too large.
+        FieldError for what is not a regular file in the folder; InputError if all files together are too large.
         """
         if name in self._read:
             return self._read[name]
@@ -65,9 +65,9 @@ class FolderResolver:
         except (OSError, ValueError, RuntimeError):  # a zero byte, a circle of links
             inside = False
         if not inside:
-            raise FieldFault("uri", "a file in the folder of the model", name)
+            raise FieldError("uri", "a file in the folder of the model", name)
         if not file.is_file():
-            raise FieldFault("uri", "a file beside the model", name)
+            raise FieldError("uri", "a file beside the model", name)
         self._read[name] = read_bytes(file, limit=MAX_BYTES - sum(map(len, self._read.values())))
         return self._read[name]
 
@@ -75,10 +75,10 @@ class FolderResolver:
 
 
 def check_header(header: dict[str, Any]) -> None:
-    """FieldFault where a count, a stride or the tree of nodes is none that a model has."""
+    """FieldError where a count, a stride or the tree of nodes is none that a model has."""
     for field in _LISTS:
         rows = header.get(field, [])
-        expect(isinstance(rows, list), field, "an array", Words(type(rows).__name__))
+        expect(isinstance(rows, list), field, "an array", Unquoted(type(rows).__name__))
         for number, row in enumerate(rows):
             expect(isinstance(row, dict), f"{field}[{number}]", "an object", row)
     for number, row in enumerate(header.get("accessors", [])):
@@ -106,7 +106,9 @@ def _check_nodes(header: dict[str, Any]) -> None:
     parents: dict[int, int] = {}
     for number, node in enumerate(nodes):
         for child in _indices(node.get("children", []), f"nodes[{number}].children", len(nodes)):
-            expect(child not in parents, f"nodes[{child}]", "one parent", Words(f"{parents.get(child)} and {number}"))
+            expect(
+                child not in parents, f"nodes[{child}]", "one parent", Unquoted(f"{parents.get(child)} and {number}")
+            )
             parents[child] = number
     drawn = [_drawn(header, node) for node in nodes]
     triangles, corners = (sum(counts[part] for counts in drawn) for part in (0, 1))
@@ -117,7 +119,7 @@ def _check_nodes(header: dict[str, Any]) -> None:
         way = [number]
         while way[-1] in parents and way[-1] not in depths:
             expect(
-                len(way) <= MAX_DEPTH, f"nodes[{number}]", f"at most {MAX_DEPTH} levels, in no circle", Words("more")
+                len(way) <= MAX_DEPTH, f"nodes[{number}]", f"at most {MAX_DEPTH} levels, in no circle", Unquoted("more")
             )
             way.append(parents[way[-1]])
         for step in reversed(way):
@@ -174,7 +176,7 @@ def image_bytes(header: dict[str, Any], number: int, buffers: list[bytes], resol
 
 
 def check_images(header: dict[str, Any], buffers: list[bytes], resolver: FolderResolver) -> None:
-    """FieldFault for a picture of a texture that cannot be read, or has too many pixels.
+    """FieldError for a picture of a texture that cannot be read, or has too many pixels.
 
     KTX2 pictures that stand beside a PNG or JPEG (KHR_texture_basisu) are not looked at.
     """
@@ -186,9 +188,11 @@ def check_images(header: dict[str, Any], buffers: list[bytes], resolver: FolderR
         with at_field(f"images[{number}]"):
             width, height = _picture_size(data)
             pixels = width * height
-            expect(pixels <= MAX_TEXTURE_PIXELS, "size", f"at most {MAX_TEXTURE_PIXELS:,} pixels", Words(f"{pixels:,}"))
+            expect(
+                pixels <= MAX_TEXTURE_PIXELS, "size", f"at most {MAX_TEXTURE_PIXELS:,} pixels", Unquoted(f"{pixels:,}")
+            )
             total += pixels
-    expect(total <= MAX_PIXELS, "images", f"at most {MAX_PIXELS:,} pixels in all", Words(f"{total:,}"))
+    expect(total <= MAX_PIXELS, "images", f"at most {MAX_PIXELS:,} pixels in all", Unquoted(f"{total:,}"))
 
 
 def _view(image: dict[str, Any], views: list[dict[str, Any]], buffers: list[bytes]) -> bytes:
@@ -207,8 +211,8 @@ def _data(uri: object, resolver: FolderResolver) -> bytes:
         return resolver[head]
     try:
         return base64.b64decode(text)
-    except ValueError as fault:
-        raise FieldFault("uri", "data in base64", Words(str(fault))) from None
+    except ValueError as error:
+        raise FieldError("uri", "data in base64", Unquoted(str(error))) from None
 
 
 def _picture_size(data: bytes) -> tuple[int, int]:
@@ -219,6 +223,6 @@ def _picture_size(data: bytes) -> tuple[int, int]:
             width, height = picture.size
             return width, height
     except Image.DecompressionBombError:
-        raise FieldFault("size", f"at most {MAX_TEXTURE_PIXELS:,} pixels", Words("far more")) from None
-    except (OSError, ValueError, SyntaxError) as fault:
-        raise FieldFault("picture", "a PNG, JPEG or WebP", Words(type(fault).__name__)) from None
+        raise FieldError("size", f"at most {MAX_TEXTURE_PIXELS:,} pixels", Unquoted("far more")) from None
+    except (OSError, ValueError, SyntaxError) as error:
+        raise FieldError("picture", "a PNG, JPEG or WebP", Unquoted(type(error).__name__)) from None

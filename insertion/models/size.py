@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from insertion.models.model import Model
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
@@ -36,7 +36,7 @@ def model_size(model: Model, request: str, tree: Tree | None = None, category: s
     """The size that `--size` asks for.
 
     request : `file` (the file's own metres), `height=0.9` (also `length=`, `width=`, metres), or `prior` (the median
-    height of the category in the tree). Raises InputFault for anything else.
+    height of the category in the tree). Raises InputError for anything else.
     """
     if request == "file":
         return Size(1.0, "file", _plausible(model))
@@ -44,7 +44,7 @@ def model_size(model: Model, request: str, tree: Tree | None = None, category: s
         return _prior_size(model, tree, category)
     stated = _STATED.match(request)
     if stated is None:
-        raise InputFault(
+        raise InputError(
             f"--size: expected file, prior, height=METRES, length=METRES or width=METRES; found {request!r}"
         )
     try:
@@ -52,14 +52,14 @@ def model_size(model: Model, request: str, tree: Tree | None = None, category: s
     except ValueError:
         metres = float("nan")
     if not 0 < metres <= LARGEST_M:
-        raise InputFault(f"--size {stated[1]}: expected metres above 0, {LARGEST_M:g} at most; found {stated[2]!r}")
+        raise InputError(f"--size {stated[1]}: expected metres above 0, {LARGEST_M:g} at most; found {stated[2]!r}")
     return Size(metres / _extent(model, stated[1]), request)
 
 
 def _extent(model: Model, name: str) -> float:
     extent = model.size_m[name]
     if extent <= 0:
-        raise InputFault(f"--size {name}: expected a model with a {name}; {model.name} has none")
+        raise InputError(f"--size {name}: expected a model with a {name}; {model.name} has none")
     return extent
 
 
@@ -74,12 +74,12 @@ def _plausible(model: Model) -> tuple[str, ...]:
 
 def _prior_size(model: Model, tree: Tree | None, category: str | None) -> Size:
     if tree is None or category is None:
-        raise InputFault("--size prior: expected --category NAME, a category of the tree; found none")
+        raise InputError("--size prior: expected --category NAME, a category of the tree; found none")
     node = tree.find(category)
     dims = tuple(node.dims or ())
     name = "height" if "height" in dims else next((d for d in dims if d in ("length", "width")), None)
     if name is None:
-        raise InputFault(
+        raise InputError(
             f"--size prior: expected a category with a known height, length or width; found {node.node_id}"
         )
     median_mm = float(node.prior((name,)).quantile(0.5)[0])

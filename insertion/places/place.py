@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["NoPlace", "Place"]
 
 
-class NoPlace(InputFault):
+class NoPlace(InputError):
     """There is nothing to stand on where the object was asked to stand; the message says why."""
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["At", "facing_of", "point_of"]
 
@@ -20,7 +20,7 @@ class At:
 
 
 def point_of(words: str) -> At | None:
-    """`frame=NAME_OR_INDEX,x=PX,y=PX`, or None for `auto`. Raises InputFault for anything else."""
+    """`frame=NAME_OR_INDEX,x=PX,y=PX`, or None for `auto`. Raises InputError for anything else."""
     if words == "auto":
         return None
     fields = dict(part.split("=", 1) for part in words.split(",") if "=" in part)
@@ -29,12 +29,12 @@ def point_of(words: str) -> At | None:
     except ValueError:
         x = y = math.nan
     if set(fields) != {"frame", "x", "y"} or not (math.isfinite(x) and math.isfinite(y)):
-        raise InputFault(f"--at: expected frame=NAME_OR_INDEX,x=PIXELS,y=PIXELS or auto; found {words!r}")
+        raise InputError(f"--at: expected frame=NAME_OR_INDEX,x=PIXELS,y=PIXELS or auto; found {words!r}")
     return At(fields["frame"], x, y)
 
 
 def facing_of(words: str) -> float | str:
-    """`camera`, `wall`, or degrees turned from the camera. Raises InputFault for anything else."""
+    """`camera`, `wall`, or degrees turned from the camera. Raises InputError for anything else."""
     if words in ("camera", "wall"):
         return words
     try:
@@ -42,5 +42,5 @@ def facing_of(words: str) -> float | str:
     except ValueError:
         degrees = math.nan
     if not math.isfinite(degrees):
-        raise InputFault(f"--facing: expected camera, wall or degrees; found {words!r}")
+        raise InputError(f"--facing: expected camera, wall or degrees; found {words!r}")
     return degrees

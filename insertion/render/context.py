@@ -7,14 +7,14 @@ import re
 from pathlib import Path
 from typing import Any
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["NoRenderer", "check_renderer", "gl_context", "shader"]
 
 _SHADERS = Path(__file__).parent / "shaders"
 
 
-class NoRenderer(InputFault):
+class NoRenderer(InputError):
     """No OpenGL context can be made on this machine; the message says what to install."""
 
 
@@ -28,10 +28,10 @@ def gl_context() -> Any:
     try:
         settings: Any = {"backend": "egl"}  # moderngl's stub types this word as a mapping
         return moderngl.create_context(standalone=True, require=330, **settings)
-    except Exception as fault:
-        reason = " ".join(str(fault).split())
+    except Exception as error:
+        reason = " ".join(str(error).split())
         message = f"no OpenGL without a display ({reason}); run: apt-get install libegl1 libgl1-mesa-dri"
-        raise NoRenderer(message) from fault
+        raise NoRenderer(message) from error
 
 
 def check_renderer() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimator.instances.image_files import image_file, image_folders
 from estimator.records.scene import Scene, View
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.pictures import read_picture
 
 __all__ = ["Footage", "PictureFootage", "Shot", "Stills"]
@@ -58,21 +58,21 @@ class Stills:
         self.rows = tuple(row for row, file in enumerate(self._files) if file is not None)
         if not self.rows:
             places = ", ".join(str(place) for place in folders) or "no folder `images` beside or above the model"
-            raise InputFault(
+            raise InputError(
                 f"{scene.path}: pictures: expected the pictures of its views (--images DIR); found none in {places}"
             )
 
     def picture(self, row: int) -> Picture:
-        """(h, w, 3) uint8 RGB of a view. Raises InputFault for a file that is no picture or has another shape."""
+        """(h, w, 3) uint8 RGB of a view. Raises InputError for a file that is no picture or has another shape."""
         import cv2
 
         file, camera = self._files[row], self.scene.views[row].camera
         pixels = None if file is None else read_picture(file, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
         if pixels is None:
-            raise InputFault(f"{file}: picture: expected one that OpenCV reads; found none")
+            raise InputError(f"{file}: picture: expected one that OpenCV reads; found none")
         if pixels.shape[:2] != (camera.height, camera.width):
             size = f"{pixels.shape[1]} x {pixels.shape[0]}"
-            raise InputFault(f"{file}: size: expected {camera.width} x {camera.height}, as its camera; found {size}")
+            raise InputError(f"{file}: size: expected {camera.width} x {camera.height}, as its camera; found {size}")
         return np.ascontiguousarray(pixels[..., ::-1])
 
 

@@ -12,7 +12,7 @@ from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, read
 from estimator.capture.video import VIDEO_SUFFIXES, Video
 from estimator.records.scene import Camera, Scene, View
 from insertion.scene.footage import Shot
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 __all__ = ["VideoFootage", "video_footage"]
 
@@ -54,7 +54,7 @@ def video_footage(work: Path, scene: Scene) -> VideoFootage | None:
     if poses.source.suffix.lower() not in VIDEO_SUFFIXES:
         return None
     if not poses.source.is_file():
-        raise InputFault(f"{work / FILE_NAME}: source: expected the video {poses.source}; it is not there any more")
+        raise InputError(f"{work / FILE_NAME}: source: expected the video {poses.source}; it is not there any more")
     return VideoFootage(Video(poses.source), poses, scene)
 
 

@@ -110,7 +110,7 @@ class _Run:
 
 
 def place_objects(stage: Stage, requests: Sequence[ObjectRequest], tree: Tree | None = None) -> list[Placed]:
-    """Every object at its place. Raises InputFault, or NoPlace with the reason."""
+    """Every object at its place. Raises InputError, or NoPlace with the reason."""
     return [_place_object(stage, request, tree) for request in requests]
 
 
@@ -120,13 +120,13 @@ def insert_objects(
     write: Writer,
     *,
     show_interval: bool = False,
-    film: bool = False,
+    video: bool = False,
     layers: LayerSink | None = None,
     tracer: Tracer | None = None,
 ) -> list[InsertionResult]:
     """Draw the objects into every picture of the footage and hand each to `write`, one at a time.
 
-    film : the pictures are one film, whose exposure and blur change slowly. Frames without a pose stay as they are.
+    video : the pictures are one video, whose exposure and blur change slowly. Frames without a pose stay as they are.
     layers : takes each frame as it was, and the coverage and depth of each object in it.
     tracer : draws the objects in place of the embedded renderer.
     """
@@ -135,7 +135,7 @@ def insert_objects(
     context = gl_context()
     running = [_Running(item, _renderer(context, stage, item)) for item in objects]
     with nullcontext(None) if tracer is None else tracer(stage, objects, running[0].renderer.environment) as traced:
-        run = _Run(stage, running, Looks(smooth=film), show_interval, layers, traced)
+        run = _Run(stage, running, Looks(smooth=video), show_interval, layers, traced)
         seconds["light"] = time.perf_counter() - started
         for shot, picture in progress(stage.footage.pictures(), "inserting", len(stage.footage.shots)):
             started = time.perf_counter()

@@ -9,7 +9,7 @@ import msgspec
 
 from insertion.places.request import At
 from insertion.records.result import ScaleUsed
-from metric_base.faults import InputFault, in_file
+from metric_base.errors import InputError, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect, json_record
 
@@ -62,16 +62,16 @@ class _Result(msgspec.Struct):
 def read_scale(folder: Path, stated: float | None) -> ScaleUsed:
     """The scale that `--scale` states, else that of `result.json` in the folder.
 
-    Raises InputFault where there is neither, or the result is not resolved.
+    Raises InputError where there is neither, or the result is not resolved.
     """
     if stated is not None:
         if not SMALLEST_SCALE < stated < 1 / SMALLEST_SCALE:
-            raise InputFault(f"--scale: expected metres per scene unit, above {SMALLEST_SCALE:g}; found {stated}")
+            raise InputError(f"--scale: expected metres per scene unit, above {SMALLEST_SCALE:g}; found {stated}")
         return ScaleUsed(stated, None, None, "option")
     file = folder / "result.json"
     if not file.is_file():
         how = f"--scale METRES_PER_UNIT, or {file} (estimate-scale {folder} --output {file})"
-        raise InputFault(f"{folder}: scale: expected {how}; found neither")
+        raise InputError(f"{folder}: scale: expected {how}; found neither")
     with in_file(file):
         result = json_record(read_bytes(file, limit=MAX_RESULT_BYTES), _Result)
         resolved = result.status == "resolved" and result.scale is not None

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, get_args
 import msgspec
 
 from insertion.study.page import ANSWERS_SCHEMA
-from metric_base.faults import InputFault, in_file
+from metric_base.errors import InputError, in_file
 from metric_base.input_files import folder_entries, read_bytes
 from metric_base.schema import expect, json_record
 
@@ -61,12 +61,12 @@ def read_answers(path: Path, warnings: list[str] | None = None) -> list[Answer]:
 
     Raises
     ------
-    InputFault
+    InputError
         No file, a file of another kind, a value that the page does not write, files of two studies, or two different
         files of one participant.
     """
     if not path.exists():
-        raise InputFault(f"{path}: expected a file of answers or a folder of them; found none")
+        raise InputError(f"{path}: expected a file of answers or a folder of them; found none")
     files = [one for one in folder_entries(path) if one.suffix == ".json"] if path.is_dir() else [path]
     documents = {file: _document(file) for file in files}
     _expect_one_study(path, documents)
@@ -74,10 +74,10 @@ def read_answers(path: Path, warnings: list[str] | None = None) -> list[Answer]:
     if warnings is not None:
         warnings += repeated
     if not answers:
-        raise InputFault(f"{path}: answers: expected at least one; found none")
+        raise InputError(f"{path}: answers: expected at least one; found none")
     steps, people = (len({getattr(answer, field) for answer in answers}) for field in ("step", "participant"))
     if steps * people > MAX_CELLS:
-        raise InputFault.at(path, "answers", f"at most {MAX_CELLS:,} steps times participants", steps * people)
+        raise InputError.at(path, "answers", f"at most {MAX_CELLS:,} steps times participants", steps * people)
     return answers
 
 
@@ -87,14 +87,14 @@ def _document(file: Path) -> _Answers:
 
 
 def _expect_one_study(path: Path, documents: Mapping[Path, _Answers]) -> None:
-    """InputFault for answers about different pictures, which are no curve together."""
+    """InputError for answers about different pictures, which are no curve together."""
     by_study: dict[tuple[str | None, str | None], list[Path]] = defaultdict(list)
     for file, document in documents.items():
         by_study[document.study, document.thing].append(file)
     if len(by_study) > 1:
         named = "; ".join(f"{len(files)} about {thing!r} such as {files[0].name}"
                           for (_, thing), files in list(by_study.items())[:3])  # fmt: skip
-        raise InputFault(f"{path}: study: expected the answers of one page; found {named}")
+        raise InputError(f"{path}: study: expected the answers of one page; found {named}")
 
 
 def _without_copies(documents: Mapping[Path, _Answers]) -> tuple[list[Answer], list[str]]:
@@ -110,5 +110,5 @@ def _without_copies(documents: Mapping[Path, _Answers]) -> tuple[list[Answer], l
         elif documents[first].answers == document.answers:
             copies.append(f"{file.name} has the same answers as {first.name} and counts once")
         else:
-            raise InputFault.at(file, "participant", f"one file each; {first.name} has other answers", participant)
+            raise InputError.at(file, "participant", f"one file each; {first.name} has other answers", participant)
     return answers, copies

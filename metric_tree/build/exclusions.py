@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.folders import taxonomy_directory
 from taxonomy.levels import table_rows
 
@@ -16,7 +16,7 @@ __all__ = ["BadExclusion", "Exclusions", "shipped_exclusions"]
 _COLUMNS = ("source", "node_id", "title", "reason")
 
 
-class BadExclusion(InputFault):
+class BadExclusion(InputError):
     """A row of the table of exclusions that cannot be used: file, line, expected, found."""
 
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.folders import taxonomy_directory
 from taxonomy.levels import table_rows
 
@@ -20,7 +20,7 @@ __all__ = ["BadFrequency", "stated_frequencies"]
 _COLUMNS = ("node_id", "child_id", "weight", "reason")
 
 
-class BadFrequency(InputFault):
+class BadFrequency(InputError):
     """A row of the table of frequencies that cannot be used: file, line, expected, found."""
 
 

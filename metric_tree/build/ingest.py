@@ -23,7 +23,7 @@ from typing import Any
 import pyarrow as pa
 
 from crawler.items import RawItem, bounded_lines, items_of_lines
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
 from metric_tree.build.exclusions import shipped_exclusions
 from taxonomy.categories import Match, Taxonomy
@@ -118,14 +118,14 @@ def raw_files(paths: Iterable[Path]) -> list[Path]:
 
     Raises
     ------
-    InputFault
+    InputError
         A path does not exist, or a folder holds no `*.jsonl` or `*.jsonl.gz` (what importers refused is passed over).
     """
     files: list[Path] = []
     for path in paths:
         inside = sorted(file for file in path.rglob("*") if _RAW.search(file.name)) if path.is_dir() else [path]
         if not inside or not all(file.is_file() for file in inside):
-            raise InputFault(f"{path}: expected raw items (*.jsonl, *.jsonl.gz); found none")
+            raise InputError(f"{path}: expected raw items (*.jsonl, *.jsonl.gz); found none")
         files += inside
     return files
 
@@ -140,7 +140,7 @@ def blocks(files: Iterable[Path]) -> Iterator[Block]:
                     yield Block(str(path), first, piece)
                     first += len(piece)
             except (OSError, EOFError, zlib.error) as error:
-                raise InputFault(f"{path}: expected gzip data; found {error}") from None
+                raise InputError(f"{path}: expected gzip data; found {error}") from None
 
 
 def block_of(items: Iterable[RawItem], name: str) -> Block:

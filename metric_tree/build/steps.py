@@ -29,7 +29,7 @@ import pyarrow as pa
 
 from crawler.imports.sources import Source, sources
 from crawler.items import RawItem
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import whole_file
 from metric_tree.build.clean import Cleaned, NodeClass, class_priors, clean_shard
 from metric_tree.build.frequencies import stated_frequencies
@@ -46,7 +46,7 @@ from metric_tree.build.tables import (
     prior_table,
     source_records,
 )
-from metric_tree.build.work_folder import Here, WorkFolder, fingerprint, sole_writer
+from metric_tree.build.work_folder import SerialExecutor, WorkFolder, fingerprint, sole_writer
 from metric_tree.context import ContextModel
 from metric_tree.fit.centre import shared_covariance
 from metric_tree.fit.contexts import class_contexts, learn_contexts
@@ -144,20 +144,20 @@ def build_release(
 
     Raises
     ------
-    InputFault
+    InputError
         Something is at `out` already or another process is writing it, there are no raw items, a line is none, or no
         item is of a private source.
     """
     if out.exists():
-        raise InputFault(f"{out}: expected a free path for a new release; found an existing one")
+        raise InputError(f"{out}: expected a free path for a new release; found an existing one")
     files = raw_files(raw)
     declared = {source.id: source for source in sources()} if declared is None else declared
     _expect_private(options.private, files)
     own = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
     key = fingerprint(files, repr((options, sorted(declared.items()), own, carried)))
-    with sole_writer(out), _empty_after_a_fault(log), WorkFolder.open(log / "work", key) as work:
-        steps = Steps(options, taxonomy, declared, carried, executor or Here(), progress, work)
+    with sole_writer(out), _empty_after_an_error(log), WorkFolder.open(log / "work", key) as work:
+        steps = Steps(options, taxonomy, declared, carried, executor or SerialExecutor(), progress, work)
         counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()
         report, tables, manifest = (steps.carry if carried else steps.fit)(classes, counts + dropped)
@@ -168,11 +168,11 @@ def build_release(
 
 
 @contextmanager
-def _empty_after_a_fault(log: Path) -> Iterator[None]:
-    """Remove the log's folder, if the input is at fault and nothing was logged."""
+def _empty_after_an_error(log: Path) -> Iterator[None]:
+    """Remove the log's folder, if the input is invalid and nothing was logged."""
     try:
         yield
-    except InputFault:
+    except InputError:
         with suppress(OSError):  # an earlier build's log is in it
             log.rmdir()
         raise
@@ -188,7 +188,7 @@ def _expect_private(private: Sequence[str], files: Iterable[Path]) -> None:
     missing = sorted(set(private) - present)
     if missing:
         known = ", ".join(sorted(present)) or "none"
-        raise InputFault(f"--own-use: expected sources of the raw items ({known}); found {', '.join(missing)}")
+        raise InputError(f"--own-use: expected sources of the raw items ({known}); found {', '.join(missing)}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.folders import code_folder, taxonomy_directory
 
-__all__ = ["Here", "WorkFolder", "fingerprint", "sole_writer"]
+__all__ = ["SerialExecutor", "WorkFolder", "fingerprint", "sole_writer"]
 
 _KEY = "fingerprint"
 
@@ -28,7 +28,7 @@ _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
-class Here(Executor):
+class SerialExecutor(Executor):
     """An executor that runs each call at once in this process."""
 
     def submit(self, fn: Callable[_P, _R], /, *args: _P.args, **kwargs: _P.kwargs) -> Future[_R]:
@@ -51,19 +51,19 @@ class WorkFolder:
 
         Raises
         ------
-        InputFault
+        InputError
             The folder holds something that is no build's work.
         """
         note = directory / _KEY
         if directory.exists() and (not note.is_file() or note.read_text(encoding="ascii") != key):
             if not note.is_file() and any(directory.iterdir()):
-                raise InputFault(f"{directory}: expected a build's work or nothing; found other files")
+                raise InputError(f"{directory}: expected a build's work or nothing; found other files")
             _remove(directory)
         directory.mkdir(parents=True, exist_ok=True)
         note.write_text(key, encoding="ascii")
         try:
             yield cls(directory)
-        except InputFault:  # another input is another build
+        except InputError:  # another input is another build
             _remove(directory)
             raise
         _remove(directory)
@@ -98,7 +98,7 @@ def sole_writer(out: Path) -> Iterator[None]:
 
     Raises
     ------
-    InputFault
+    InputError
         Another process writes the same output.
     """
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -107,7 +107,7 @@ def sole_writer(out: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise InputFault(
+            raise InputError(
                 f"{out}: another run is writing this output; wait until it ends, or choose another --out"
             ) from None
         try:

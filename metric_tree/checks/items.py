@@ -93,7 +93,7 @@ def _identity_findings(items: pa.Table, nodes: pa.Table, manifest: Mapping[str, 
 
 
 def _size_findings(items: pa.Table, sizes: FloatArray) -> Iterator[Finding]:
-    """Faults of single rows: sizes (n, 3) in mm that are absurd, in another order, or missing."""
+    """Errors of single rows: sizes (n, 3) in mm that are absurd, in another order, or missing."""
     ids = items["item_id"].to_pylist()
     extents = items["extents_mm"].to_pylist()
     low, high = PLAUSIBLE_MM
@@ -115,7 +115,7 @@ def _size_findings(items: pa.Table, sizes: FloatArray) -> Iterator[Finding]:
 def _class_findings(
     items: pa.Table, node_id: str, rows: NDArray[np.int64], sizes: FloatArray, extents: FloatArray
 ) -> Iterator[Finding]:
-    """Faults of the rows (k,) of one class: copies, outliers, shapes; sizes and extents (n, 3) in mm."""
+    """Errors of the rows (k,) of one class: copies, outliers, shapes; sizes and extents (n, 3) in mm."""
     if len(rows) < ENOUGH:
         return
     own = items.take(pa.array(rows))

@@ -45,8 +45,8 @@ def findings(directory: Path) -> list[Finding]:
     """All findings on a release, errors first."""
     try:
         release = open_release(directory)
-    except BadRelease as fault:
-        return [Finding("E101", str(directory), str(fault))]
+    except BadRelease as error:
+        return [Finding("E101", str(directory), str(error))]
     damaged = list(_file_findings(release))
     if any(finding.code != "E105" for finding in damaged):  # tables that cannot be trusted are not read further
         return sorted(damaged)

@@ -36,7 +36,7 @@ _MODULES = {"import": "import_", "list": "list_"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run `metric-tree`; the exit status is 0 done, 2 the input is at fault, 1 the program is."""
+    """Run `metric-tree`; the exit status is 0 done, 2 the input is invalid, 1 the program is."""
     words = list(sys.argv[1:] if argv is None else argv)
     if not words or words[0] not in VERBS:
         return _overview(words)

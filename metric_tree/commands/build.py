@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from crawler.imports.sources import declared_sources
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.progress import progress_bars
 from metric_base.terminal import print_json, print_table, warn
 from metric_tree.build.ingest import SHARDS, raw_files
@@ -173,7 +173,7 @@ def executor_of(workers: int, scheduler: str | None) -> Iterator[Executor | None
         try:
             client = Client(scheduler, timeout=SCHEDULER_TIMEOUT)
         except (OSError, TimeoutError, ValueError) as error:
-            raise InputFault(f"--scheduler: expected a Dask scheduler at {scheduler}; found {error}") from None
+            raise InputError(f"--scheduler: expected a Dask scheduler at {scheduler}; found {error}") from None
         with client:
             yield client.get_executor()
     elif workers > 1:
@@ -201,7 +201,7 @@ def _fold(text: str) -> tuple[int, int]:
 
 def _semantic(text: str) -> str:
     if not re.fullmatch(r"\d+\.\d+\.\d+([-+][0-9A-Za-z.-]+)?", text):
-        raise InputFault(f"--version: expected a semantic version such as 1.0.0; found {text!r}")
+        raise InputError(f"--version: expected a semantic version such as 1.0.0; found {text!r}")
     return text
 
 
@@ -215,4 +215,4 @@ def _creation_date(text: str | None) -> str:
             datetime.fromisoformat(text).isoformat() if "T" in text else datetime.fromisoformat(text).date().isoformat()
         )
     except ValueError:
-        raise InputFault(f"--created: expected an ISO date; found {text!r}") from None
+        raise InputError(f"--created: expected an ISO date; found {text!r}") from None

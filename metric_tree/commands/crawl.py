@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Crawl, then print the summary."""
     from crawler.fetch.crawl import Crawl, run_crawl
-    from metric_base.faults import InputFault
+    from metric_base.errors import InputError
 
     _check(arguments)
     crawl = Crawl(
@@ -82,27 +82,27 @@ def run(arguments: argparse.Namespace) -> int:
         sites = record.pop("sites")
         print_table(["crawl", ""], [(name, _shown(value)) for name, value in record.items() if name != "schema"])
         print_table(["site", ""], [(host, _shown(counts)) for host, counts in sites.items()])
-    if summary.fault:
-        raise InputFault(f"{crawl.folder}: {summary.fault}")
+    if summary.error:
+        raise InputError(f"{crawl.folder}: {summary.error}")
     return 0
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """The options that need no crawl to be found at fault."""
-    from metric_base.faults import InputFault
+    """The options that need no crawl to be found in error."""
+    from metric_base.errors import InputError
 
     if arguments.out.exists() and not arguments.out.is_dir():
-        raise InputFault(f"--out: expected a folder; found the file {arguments.out}")
+        raise InputError(f"--out: expected a folder; found the file {arguments.out}")
     contact, limit, delay = arguments.contact, arguments.limit, arguments.delay
     if not contact or not _CONTACT.fullmatch(contact) or not contact.isprintable():
         given = repr(contact) if contact else "none"
-        raise InputFault(f"--contact: expected a mail address or a page's URL, or {CONTACT_VARIABLE}; found {given}")
+        raise InputError(f"--contact: expected a mail address or a page's URL, or {CONTACT_VARIABLE}; found {given}")
     if arguments.worker and not re.fullmatch(r"[\w.-]*\w[\w.-]*", arguments.worker):
-        raise InputFault(f"--worker: expected a name of letters, digits, - and _; found {arguments.worker!r}")
+        raise InputError(f"--worker: expected a name of letters, digits, - and _; found {arguments.worker!r}")
     if limit is not None and limit < 1:
-        raise InputFault(f"--limit: expected 1 or more items; found {limit}")
+        raise InputError(f"--limit: expected 1 or more items; found {limit}")
     if not (math.isfinite(delay) and delay >= 0):
-        raise InputFault(f"--delay: expected 0 or more seconds; found {delay}")
+        raise InputError(f"--delay: expected 0 or more seconds; found {delay}")
 
 
 def _shown(value: object) -> str:

@@ -7,7 +7,7 @@ import os
 import sys
 from pathlib import Path
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.progress import progress_bar
 from metric_base.terminal import print_json, print_table
 from metric_tree.commands.build import executor_of
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Cut and print what came of it."""
     if arguments.out.exists():
-        raise InputFault(f"{arguments.out}: expected a free path for a new release; found an existing one")
+        raise InputError(f"{arguments.out}: expected a free path for a new release; found an existing one")
     release = open_release(release_directory(arguments.release))
     settings = _settings(arguments.backend, arguments.model, arguments.download)
     manifest = release.manifest
@@ -68,7 +68,7 @@ def _settings(name: str, model: str, download: bool) -> Settings:
         Network.load(model)
         at_hand = True
     if name == "rembg" and not at_hand:
-        raise InputFault(
+        raise InputError(
             f"--model {model}: expected rembg and its weights on this machine; found none"
             " (`--download` fetches them, `--backend plain` needs none)"
         )

@@ -7,7 +7,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.input_files import read_text
 from metric_base.terminal import print_json, print_table
 from metric_tree.tree import Tree, open_tree
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     raw = _raw_item(arguments.item, arguments.raw)
     if row is None and raw is None:
         where = " nor in the raw items" if arguments.raw else "; name the raw items to look further"
-        raise InputFault(
+        raise InputError(
             f"item: expected an item of {tree.name} {tree.version}; found {arguments.item!r} not there{where}"
         )
     explanation = {"schema": SCHEMA, "item": arguments.item, "words": _words(raw, row), "match": _match(raw, row)}
@@ -121,7 +121,7 @@ def _refusal(item_id: str, file: Path) -> dict[str, Any] | None:
         records = [json.loads(line) for line in lines]
         return next((one for one in records if f"{one['source']}:{one['source_id']}" == item_id), None)
     except (ValueError, KeyError, TypeError, RecursionError):
-        raise InputFault(f"{file}: expected refused items as a build writes them; found others") from None
+        raise InputError(f"{file}: expected refused items as a build writes them; found others") from None
 
 
 def _release_part(tree: Tree, row: dict[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.progress import progress
 from metric_base.terminal import print_json, print_table
 from metric_tree.tree import Node, Tree, open_tree
@@ -23,8 +23,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--out", type=Path, required=True, metavar="DIR", help="a folder that does not exist yet")
     add("--categories", metavar="FILE.csv|NAME,NAME", help="what `select --out` wrote, or names (default: select's)")
-    add("--pictures", type=int, default=1000, help="made pictures (default: %(default)s)")
-    add("--size", default="640x480", metavar="WxH", help="of a made picture in pixels (default: %(default)s)")
+    add("--pictures", type=int, default=1000, help="synthetic pictures (default: %(default)s)")
+    add("--size", default="640x480", metavar="WxH", help="of a synthetic picture in pixels (default: %(default)s)")
     add("--backgrounds", type=Path, metavar="DIR", help="pictures to paste on (default: made patches)")
     add("--val-share", type=float, default=0.1, help="share of items and pictures kept for validation")
     add("--coco", nargs=2, type=Path, action="append", default=[], metavar=("JSON", "IMAGES"), help="COCO or LVIS")
@@ -71,12 +71,12 @@ def _plan(arguments: argparse.Namespace) -> Any:
     except ValueError:
         width = height = 0
     if not (64 <= width <= 8192 and 64 <= height <= 8192):
-        raise InputFault(f"--size: expected WIDTHxHEIGHT from 64 to 8192; found {arguments.size!r}")
+        raise InputError(f"--size: expected WIDTHxHEIGHT from 64 to 8192; found {arguments.size!r}")
     if not 0 <= arguments.val_share < 1:
-        raise InputFault(f"--val-share: expected a share from 0 to under 1; found {arguments.val_share}")
+        raise InputError(f"--val-share: expected a share from 0 to under 1; found {arguments.val_share}")
     for name, least in (("pictures", 0), ("jobs", 1), ("seed", 0)):
         if getattr(arguments, name) < least:
-            raise InputFault(f"--{name}: expected {least} or more; found {getattr(arguments, name)}")
+            raise InputError(f"--{name}: expected {least} or more; found {getattr(arguments, name)}")
     backgrounds = background_files(arguments.backgrounds) if arguments.backgrounds else ()
     return Plan(arguments.pictures, (width, height), arguments.val_share, arguments.seed, backgrounds, arguments.jobs)
 
@@ -90,7 +90,7 @@ def _nodes(tree: Tree, categories: str | None) -> list[Node]:
         taken = [one.node for one in choose(ranked)]
         if not taken:
             count = f"none of {len(ranked)} candidates of {tree.name} {tree.version}"
-            raise InputFault(f"--categories: expected names, as select's rules chose no category; found {count}")
+            raise InputError(f"--categories: expected names, as select's rules chose no category; found {count}")
         return taken
     if not categories.endswith(".csv"):
         return [tree.find(name.strip()) for name in categories.split(",")]
@@ -98,13 +98,13 @@ def _nodes(tree: Tree, categories: str | None) -> list[Node]:
         reader = csv.DictReader(lines)
         rows = [(reader.line_num, row) for row in reader]
     if not rows or "node" not in rows[0][1]:
-        raise InputFault(f"{categories}: columns: expected node, as `metric-tree select --out` writes it; found none")
+        raise InputError(f"{categories}: columns: expected node, as `metric-tree select --out` writes it; found none")
     nodes = []
     for line, row in rows:
         try:
             nodes.append(tree.node(row["node"]))
-        except InputFault as fault:
-            raise InputFault(f"{categories}:{line}: {fault}") from None
+        except InputError as error:
+            raise InputError(f"{categories}:{line}: {error}") from None
     return nodes
 
 
@@ -112,9 +112,9 @@ def _see_coco(given: Iterable[tuple[Path, Path]]) -> None:
     """The annotation files and the folders of their pictures, asked before the work."""
     for file, images in given:
         if not file.is_file():
-            raise InputFault(f"--coco: expected a JSON file; found no file {file}")
+            raise InputError(f"--coco: expected a JSON file; found no file {file}")
         if not images.is_dir():
-            raise InputFault(f"--coco: expected a folder of pictures; found no folder {images}")
+            raise InputError(f"--coco: expected a folder of pictures; found no folder {images}")
 
 
 def _others(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, ...], Iterable[Any]]]:

@@ -27,7 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     from crawler.page.budget import SlowPage, processor_budget
     from crawler.page.page import saved_page, web_address
     from crawler.sites import item_of, use_site
-    from metric_base.faults import InputFault
+    from metric_base.errors import InputError
 
     url = web_address(arguments.url, "--url")
     if arguments.site:
@@ -36,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
         with processor_budget():
             line = item_of(saved_page(arguments.file, url)).line()
     except SlowPage as error:
-        raise InputFault(f"{arguments.file}: {error}") from None
+        raise InputError(f"{arguments.file}: {error}") from None
     if arguments.json:
         sys.stdout.write(f"{visible_json(line)}\n")
     else:

@@ -10,7 +10,7 @@ from crawler.imports import Import, import_items, readings
 from crawler.imports.overview import overview, summary, terms
 from crawler.imports.source_files import changed_files, source_folder, write_import, write_lines
 from crawler.imports.sources import Source, source, sources
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.progress import progress
 from metric_base.terminal import output_file, print_json, print_table, warn
 
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _chosen_sources(arguments: argparse.Namespace) -> Sequence[Source]:
     if arguments.all == bool(arguments.source):
         given = f"both, {arguments.source} and --all" if arguments.all else "neither"
-        raise InputFault(f"SOURCE: expected one source, or --all; found {given}")
+        raise InputError(f"SOURCE: expected one source, or --all; found {given}")
     return _declared_sources(arguments) if arguments.all else [source(arguments.source, arguments.sources)]
 
 
@@ -84,7 +84,7 @@ def _declared_sources(arguments: argparse.Namespace) -> Sequence[Source]:
     """All declared sources: the package's, or those of the folder that was given."""
     declared = sources(arguments.sources)
     if not declared:
-        raise InputFault(
+        raise InputError(
             f"--sources: expected a folder of declarations, SOURCE.toml; found none in {arguments.sources}"
         )
     return declared
@@ -94,7 +94,7 @@ def _see_places(arguments: argparse.Namespace) -> None:
     """The places to write to, asked before any source is read."""
     for option, folder in (("--out", arguments.out if arguments.all else None), ("--ship", arguments.ship)):
         if folder and folder.exists() and not folder.is_dir():
-            raise InputFault(f"{option}: expected a folder; found the file {folder}")
+            raise InputError(f"{option}: expected a folder; found the file {folder}")
     if arguments.summary:
         output_file(arguments.summary, "--summary")
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.terminal import print_json, print_table
 from metric_tree.context import Where, where_of
 from metric_tree.description import everyday_sentence, item_quantiles, shipped_evidence
@@ -87,7 +87,7 @@ def _images(node: Node, count: int | None, sheet: Path | None) -> list[dict[str,
     from metric_tree.report.contact_sheet import picture_rows, write_sheet
 
     if count is not None and count < 1:
-        raise InputFault(f"--images: expected a number from 1; found {count}")
+        raise InputError(f"--images: expected a number from 1; found {count}")
     wanted = count or SHEET_IMAGES
     rows = write_sheet(sheet, node, wanted) if sheet is not None else picture_rows(node, wanted)
     return [{name: row[name] for name in (*IMAGES.names, "extents_mm")} for row in rows]

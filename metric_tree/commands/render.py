@@ -9,7 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import whole_file
 from metric_base.progress import progress
 from metric_base.terminal import print_json, print_table
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     drawn = [item for item in items if (arguments.models / item.source_id).suffix == ".glb"]
     drawn = [item for item in drawn if (arguments.models / item.source_id).is_file()]
     if not drawn:
-        raise InputFault(f"{arguments.models}: expected models that the ids of {arguments.raw} name; found none")
+        raise InputError(f"{arguments.models}: expected models that the ids of {arguments.raw} name; found none")
     folder = arguments.out / "pictures"
     os.environ.setdefault(THREADS, "1")
     context = gl_context()

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from metric_base.faults import InputFault, in_file
+from metric_base.errors import InputError, in_file
 from metric_base.terminal import print_json, print_table
 
 if TYPE_CHECKING:
@@ -80,7 +80,7 @@ def _add_reviewer(parser: argparse.ArgumentParser, text: str) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do the action; 2 if a decision or a file is at fault."""
+    """Do the action; 2 if a decision or a file is invalid."""
     actions = {"list": _list, "blind": _blind, "record": _record, "agreement": _agreement}
     actions[arguments.action](arguments)
     return 0
@@ -125,7 +125,7 @@ def _blind(arguments: argparse.Namespace) -> None:
     from taxonomy.matching.decisions import decisions
 
     if arguments.limit is not None and arguments.limit < 1:
-        raise InputFault(f"--limit: expected a number from 1; found {arguments.limit}")
+        raise InputError(f"--limit: expected a number from 1; found {arguments.limit}")
     given = [d for d in decisions(arguments.folder) if d.what == arguments.what]
     read = {d.subject for d in given if d.reviewer == arguments.reviewer}
     names = {i.id: i.name for i in insertions().values()} if arguments.what == "insertion" else {}

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import refuse_input, whole_file
 from metric_base.terminal import output_file, print_json, print_table
 from metric_tree.training.selection import (
@@ -64,9 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.least_lists,
     )
     if not rules.most_divergence > 0:
-        raise InputFault(f"--most-divergence: expected a number above 0; found {rules.most_divergence}")
+        raise InputError(f"--most-divergence: expected a number above 0; found {rules.most_divergence}")
     if rules.count < 1:
-        raise InputFault(f"--count: expected 1 or more; found {rules.count}")
+        raise InputError(f"--count: expected 1 or more; found {rules.count}")
     if arguments.out:
         output_file(arguments.out)
     tree = open_tree(arguments.tree)

@@ -6,7 +6,7 @@ import argparse
 from collections import Counter
 from pathlib import Path
 
-from metric_base.terminal import INPUT_FAULT, print_json, print_table
+from metric_base.terminal import INPUT_ERROR, print_json, print_table
 from metric_tree.checks.release_files import CODES, findings
 from metric_tree.releases import release_directory
 
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
                 rows.append((finding.code, finding.subject, finding.message))
         counts = ", ".join(f"{code} {count}" for code, count in sorted(shown.items())) or "nothing found"
         print_table(["code", "subject", "finding"], rows, title=f"{directory}: {counts}")
-    return INPUT_FAULT if any(finding.is_error for finding in all_findings) else 0
+    return INPUT_ERROR if any(finding.is_error for finding in all_findings) else 0
 
 
 def _print_codes(as_json: bool) -> None:

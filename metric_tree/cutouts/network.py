@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.cutouts.backend import RGB, Foreground
 
 __all__ = ["MODELS", "Network", "has_weights"]
@@ -37,7 +37,7 @@ class Network:
 
         Raises
         ------
-        InputFault
+        InputError
             No such model or file, no network graph in it, or weights that are neither here nor available for download.
         """
         _check(model)
@@ -51,13 +51,13 @@ class Network:
                     session = rembg.new_session(model)
         except OSError as error:  # requests.ConnectionError is one
             first = str(error).splitlines()[0][:80]
-            raise InputFault(
+            raise InputError(
                 f"--model {model}: expected weights in the cache or a network to fetch them; found {first}"
                 "; `--backend plain` needs neither"
             ) from None
-        except Exception as error:  # noqa: BLE001 - onnxruntime's faults share no base
+        except Exception as error:  # noqa: BLE001 - onnxruntime's errors share no base
             first = str(error).splitlines()[0][:120]
-            raise InputFault(f"--model {model}: expected an ONNX network; found {first}") from None
+            raise InputError(f"--model {model}: expected an ONNX network; found {first}") from None
         return cls(session, f"rembg:{path.stem if path.suffix == '.onnx' else model}")
 
     def foreground(self, picture: RGB) -> Foreground:
@@ -74,7 +74,7 @@ def has_weights(model: str) -> bool:
 
     Raises
     ------
-    InputFault
+    InputError
         No such model or file.
     """
     _check(model)
@@ -98,9 +98,9 @@ def _homes() -> list[Path]:
 def _check(model: str) -> None:
     if Path(model).suffix == ".onnx":
         if not Path(model).is_file():
-            raise InputFault(f"--model: expected an ONNX file; found none at {model}")
+            raise InputError(f"--model: expected an ONNX file; found none at {model}")
     elif model not in MODELS:
-        raise InputFault(f"--model: expected one of {', '.join(MODELS)} or an ONNX file; found {model!r}")
+        raise InputError(f"--model: expected one of {', '.join(MODELS)} or an ONNX file; found {model!r}")
 
 
 def _rembg() -> Any:
@@ -110,7 +110,7 @@ def _rembg() -> Any:
         import onnxruntime  # noqa: F401 - without it rembg ends the program
         import rembg
     except ImportError:
-        raise InputFault(
+        raise InputError(
             "--backend rembg: expected rembg and onnxruntime; found none"
             " (pip install 'metric-tree[images]'); `--backend plain` needs neither"
         ) from None

@@ -21,9 +21,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from crawler.fetch.pictures import decode_picture
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import inside
-from metric_tree.build.work_folder import Here, WorkFolder, fingerprint, sole_writer
+from metric_tree.build.work_folder import SerialExecutor, WorkFolder, fingerprint, sole_writer
 from metric_tree.cutouts.backend import RGB, Auto, Backend, Settings
 from metric_tree.pictures import image_path
 from metric_tree.release import Release, link_file, publish_release, sha256
@@ -144,15 +144,15 @@ def cut_release(
 
     Raises
     ------
-    InputFault
+    InputError
         Something is at `out` already or another process is writing it, or the release has no pictures.
     """
     if out.exists():
-        raise InputFault(f"{out}: expected a free path for a new release; found an existing one")
+        raise InputError(f"{out}: expected a free path for a new release; found an existing one")
     images = release.table("images")
     paths = _files(release, images)
     if not paths:
-        raise InputFault(
+        raise InputError(
             f"{release.directory / 'images.parquet'}: expected pictures with files; found none (`build` takes those of"
             " a crawl, and with `--private SOURCE` those that may not be given on)"
         )
@@ -161,7 +161,9 @@ def cut_release(
         extras = work.directory / "extras"
         cuts: list[Cut] = []
         calls = ((batch, settings) for batch in _batches(paths))
-        for done in work.map("cut", _cut_batch, calls, executor or Here(), lambda r, _: _write_cuts(r, extras)):
+        for done in work.map(
+            "cut", _cut_batch, calls, executor or SerialExecutor(), lambda r, _: _write_cuts(r, extras)
+        ):
             cuts += done
             if progress is not None:
                 progress(len(cuts), len(paths))

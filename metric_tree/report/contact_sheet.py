@@ -17,7 +17,7 @@ from textwrap import wrap
 from typing import Any
 
 from crawler.fetch.pictures import decode_picture
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import refuse_input, whole_file
 from metric_base.terminal import output_file
 from metric_tree.pictures import image_path
@@ -88,17 +88,17 @@ def write_sheet(file: Path, node: Node, count: int) -> list[dict[str, Any]]:
 
     Raises
     ------
-    InputFault
+    InputError
         The node has no pictures of items with a size, or the file's name does not end in `.png`.
     """
     if file.suffix.lower() != ".png":
-        raise InputFault(f"--sheet: expected a name that ends in .png; found {file}")
+        raise InputError(f"--sheet: expected a name that ends in .png; found {file}")
     output_file(file, "--sheet")
     refuse_input(file, "--sheet", [node.tree.release.directory])
     rows = picture_rows(node, count)
     things = tiles(node.tree.release.directory, rows)
     if not things:
-        raise InputFault(f"{node.node_id}: expected pictures of items with a size; found none")
+        raise InputError(f"{node.node_id}: expected pictures of items with a size; found none")
     image = _sheet(things, f"{node.name}: {len(things)} of {node.images().num_rows} pictures, to one scale")
     with whole_file(file, "--sheet") as work:
         image.save(work, "PNG")

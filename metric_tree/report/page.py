@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.checks.finding import Finding
 from metric_tree.checks.release_files import CODES, findings
 from metric_tree.prior import Prior
@@ -59,12 +59,12 @@ def page(tree: Tree, against: Tree | None = None) -> str:
 
     Raises
     ------
-    InputFault
+    InputError
         The release's tree or its priors break the format, so that nothing can be counted in it.
     """
     noticed = findings(tree.release.directory)
     if (broken := next((one for one in noticed if one.code[:2] in BREAKING), None)) is not None:
-        raise InputFault(
+        raise InputError(
             f"{tree.release.directory}: {broken.code}: {broken.subject}: {broken.message} (metric-tree validate)"
         )
     lists = [coverage(tree, name) for name in vocabularies()]

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from metric_base.faults import FieldFault, at_field, in_file
+from metric_base.errors import FieldError, at_field, in_file
 from metric_base.input_files import MAX_JSON_BYTES, read_bytes
 from metric_tree.training.records import AnnotatedObject, AnnotatedPicture, BadAnnotations, coded_picture, run_lengths
 
@@ -62,7 +62,7 @@ def _object(line: str, blue: NDArray[np.int64], values: NDArray[np.int64]) -> An
         instance, part_level = int(columns[0]), int(columns[1])
     except ValueError:
         expected = "instance # part level # occluded # class names # name # attributes"
-        raise FieldFault("", expected, line) from None
+        raise FieldError("", expected, line) from None
     if part_level or not 1 <= instance <= len(values):
         return None
     names = dict.fromkeys(name.strip() for name in f"{columns[3]},{columns[4]}".split(",") if name.strip())

@@ -46,11 +46,11 @@ def picture(file: Path) -> AnnotatedPicture:
         seen = _classes(file, (height, width))
         whole = [one for one in annotation["object"] if int(one["parts"]["part_level"]) == 0]
         objects = [_object(one, (height, width), seen) for one in whole]
-    except (KeyError, TypeError, ValueError, IndexError, RecursionError) as fault:
-        if isinstance(fault, BadAnnotations):
+    except (KeyError, TypeError, ValueError, IndexError, RecursionError) as error:
+        if isinstance(error, BadAnnotations):
             raise
         expected = "annotation with imsize and objects of name, name_ndx, parts and polygon"
-        raise BadAnnotations.at(file, "annotation", expected, repr(fault)) from None
+        raise BadAnnotations.at(file, "annotation", expected, repr(error)) from None
     return AnnotatedPicture(file.with_suffix(".jpg"), width, height, tuple(one for one in objects if one is not None))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.tree import Node, Tree, UnknownName
 
 __all__ = ["Classes"]
@@ -21,7 +21,7 @@ class Classes:
 
     Raises
     ------
-    InputFault
+    InputError
         One node lies below another: its pictures would be of both classes.
     """
 
@@ -32,7 +32,7 @@ class Classes:
         for node in self.nodes:
             for above in _above(node):
                 if above.node_id in self._id:
-                    raise InputFault(
+                    raise InputError(
                         f"categories: expected none below another; found {node.node_id} below {above.node_id}"
                     )
                 self._above[above.node_id] = node.node_id
@@ -82,7 +82,7 @@ def _lookup(tree: Tree, name: str, lists: Iterable[str | None]) -> Node | None:
     for vocabulary in lists:
         try:
             return tree.find(name, vocabulary)
-        except (UnknownName, InputFault):
+        except (UnknownName, InputError):
             continue
     return None
 

@@ -42,24 +42,24 @@ def coco_pictures(file: Path, images: Path) -> Iterator[AnnotatedPicture]:
                 bool(annotation.get("iscrowd", 0)),
             )
             of_image.setdefault(annotation["image_id"], []).append(one)
-        except (KeyError, TypeError, ValueError) as fault:
+        except (KeyError, TypeError, ValueError) as error:
             expected = "category_id, image_id, segmentation, area and bbox"
-            raise BadAnnotations.at(file, f"annotations[{row}]", expected, repr(fault)) from None
+            raise BadAnnotations.at(file, f"annotations[{row}]", expected, repr(error)) from None
     for row, image in enumerate(document["images"]):
         try:
             name = image.get("file_name") or "/".join(image["coco_url"].split("/")[-2:])
             yield AnnotatedPicture(
                 images / name, int(image["width"]), int(image["height"]), tuple(of_image.get(image["id"], ()))
             )
-        except (KeyError, TypeError, ValueError, AttributeError) as fault:
-            raise BadAnnotations.at(file, f"images[{row}]", "id, file_name, width and height", repr(fault)) from None
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise BadAnnotations.at(file, f"images[{row}]", "id, file_name, width and height", repr(error)) from None
 
 
 def _document(file: Path) -> dict[str, Any]:
     try:
         document = json.loads(read_text(file, MAX_JSON_BYTES))
-    except (ValueError, RecursionError) as fault:
-        raise BadAnnotations.at(file, "document", "JSON", fault) from None
+    except (ValueError, RecursionError) as error:
+        raise BadAnnotations.at(file, "document", "JSON", error) from None
     for part in _PARTS:
         if not isinstance(document, dict) or not isinstance(document.get(part), list):
             raise BadAnnotations.at(file, part, "an array", "none")

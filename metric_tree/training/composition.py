@@ -1,4 +1,4 @@
-"""One made picture: cut-outs on a background at plausible relative sizes, with the exact mask of what stays visible.
+"""One synthetic picture: cut-outs on a background at plausible relative sizes, with exact masks.
 
 One scale (pixels per millimetre) holds for the whole picture, set by its first object; every other object takes its
 size from the tree and that scale, times a jitter that stands for its distance. What would be too small to see or would

@@ -1,4 +1,4 @@
-"""A COCO instance-segmentation data set on disk: made pictures and the user's own, written whole or not at all."""
+"""A COCO instance-segmentation data set on disk: synthetic pictures and the user's own, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import whole_folder
 from metric_base.pictures import read_picture
 from metric_tree.training.classes import Classes
@@ -26,7 +26,7 @@ __all__ = ["SPLITS", "Plan", "Summary", "background_files", "export_dataset"]
 
 SPLITS = ("train", "val")
 
-#: Quality of the made pictures' JPEG: COCO's own are about that.
+#: Quality of the synthetic pictures' JPEG: COCO's own are about that.
 JPEG_QUALITY = 92
 
 _SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".webp", ".bmp"})
@@ -71,31 +71,33 @@ def export_dataset(
 
     Raises
     ------
-    InputFault
+    InputError
         Something is at `out` already, or there is nothing to write.
     """
     if out.exists():
-        raise InputFault(f"{out}: expected a free path for a new data set; found something there")
+        raise InputError(f"{out}: expected a free path for a new data set; found something there")
     summary = Summary()
     matched = list(_matching_pictures(others, classes, plan))  # first: a damaged file is reported before the long work
     with whole_folder(out) as work:
         parts: dict[str, list[tuple[dict[str, Any], list[dict[str, Any]]]]] = {split: [] for split in SPLITS}
-        for split, image, annotations in progress(_made_pictures(work, cutouts, plan), plan.pictures if cutouts else 0):
+        for split, image, annotations in progress(
+            _synthetic_pictures(work, cutouts, plan), plan.pictures if cutouts else 0
+        ):
             parts[split].append((image, annotations))
         for split, records in matched:
             parts[split].append(records)
         if not any(parts.values()):
-            raise InputFault("export: expected cut-outs, or pictures with objects of the categories; found none")
+            raise InputError("export: expected cut-outs, or pictures with objects of the categories; found none")
         for split, entries in parts.items():
             _write(work / "annotations" / f"instances_{split}.json", entries, classes, plan, summary, split)
     summary.ambiguous = dict(sorted(classes.ambiguous.items()))
     return summary
 
 
-def _made_pictures(
+def _synthetic_pictures(
     work: Path, cutouts: Sequence[Cutout], plan: Plan
 ) -> Iterator[tuple[str, dict[str, Any], list[dict[str, Any]]]]:
-    """Made pictures with their annotations, each from its own number and the seed, whatever the processes."""
+    """Synthetic pictures with their annotations, each from its own number and the seed, whatever the processes."""
     if not cutouts or not plan.pictures:
         return
     groups = {
@@ -251,8 +253,8 @@ def _split(name: str, val_share: float) -> str:
 
 
 def background_files(folder: Path) -> tuple[Path, ...]:
-    """The pictures of a folder, in the order of their paths; InputFault if there are none."""
+    """The pictures of a folder, in the order of their paths; InputError if there are none."""
     files = tuple(path for path in sorted(folder.rglob("*")) if path.suffix.lower() in _SUFFIXES)
     if not files:
-        raise InputFault(f"{folder}: expected pictures to paste on; found none")
+        raise InputError(f"{folder}: expected pictures to paste on; found none")
     return files

@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 
 from metric_base.arrays import BoolArray, IntArray
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.pictures import read_picture
 
 __all__ = ["AnnotatedObject", "AnnotatedPicture", "BadAnnotations", "coded_picture", "run_lengths"]
 
 
-class BadAnnotations(InputFault):
+class BadAnnotations(InputError):
     """Annotations that cannot be read: file, field, expected, found."""
 
     @classmethod
     def at(cls, file: Path | str, field: str, expected: str, value: object) -> BadAnnotations:
-        """The fault in one line."""
+        """The error in one line."""
         return cls(f"{file}: {field}: expected {expected}; found {str(value)[:120]}")
 
 

@@ -42,7 +42,7 @@ __all__ = [
 #: Lists of data sets with instance masks that anyone can train on: the paper's three, and LVIS.
 TRAINING_LISTS = ("coco_80", "ade20k_150", "openimages_601", "lvis_v1")
 
-#: One standard deviation of a measured extent, natural log: what whole objects of made rooms are off by.
+#: One standard deviation of a measured extent, natural log: what whole objects of synthetic rooms are off by.
 MEASUREMENT_SD = 0.06
 
 #: The range of scales held possible before: three decades, from a millimetre to a metre a unit or the like. It shifts

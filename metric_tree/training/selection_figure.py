@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import whole_file
 from metric_tree.training.selection import TRAINING_LISTS, Candidate, Rules
 
@@ -35,13 +35,13 @@ def write_figure(
 
     Raises
     ------
-    InputFault
+    InputError
         The file's name does not end in one of `SUFFIXES`.
     """
     from matplotlib.figure import Figure
 
     if file.suffix.lower() not in SUFFIXES:
-        raise InputFault(f"--figure: expected a name that ends in {', '.join(SUFFIXES)}; found {file}")
+        raise InputError(f"--figure: expected a name that ends in {', '.join(SUFFIXES)}; found {file}")
     figure = Figure(figsize=(11, 8), layout="constrained")
     divergence, samples, lists, ranks = figure.subplots(2, 2).ravel()
     groups = _groups(ranked, taken, paper)

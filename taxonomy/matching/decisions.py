@@ -12,7 +12,7 @@ from typing import Literal
 
 import msgspec
 
-from metric_base.faults import InputFault, in_file
+from metric_base.errors import InputError, in_file
 from metric_base.files import whole_file
 from metric_base.folders import taxonomy_directory
 from metric_base.schema import expect, json_lines
@@ -48,7 +48,7 @@ WITHDRAWN = "withdrawn"
 _REVIEWERS = 2
 
 
-class BadDecision(InputFault):
+class BadDecision(InputError):
     """A decision that cannot be read or recorded: the message names file, line, field, expected and found."""
 
 

@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from metric_base.faults import InputFault, at_field, in_file
+from metric_base.errors import InputError, at_field, in_file
 from metric_base.folders import taxonomy_directory
 from metric_base.schema import expect, record_of, toml_table
 from taxonomy.matching.senses import DOMAINS
@@ -25,7 +25,7 @@ _FILE = "readings.toml"
 _DEFAULT = "default"
 
 
-class BadReading(InputFault):
+class BadReading(InputError):
     """The readings file is not what it must be: the message names source, field, expected and found."""
 
 

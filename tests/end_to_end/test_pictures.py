@@ -15,7 +15,7 @@ from pycocotools.coco import COCO
 
 from metric_tree.commands import main
 from metric_tree.tree import open_tree
-from tests.made.shop import EACH, PRODUCTS, PictureShop, size_mm
+from tests.synthetic.shop import EACH, PRODUCTS, PictureShop, size_mm
 
 ROOT = Path(__file__).resolve().parents[2]
 

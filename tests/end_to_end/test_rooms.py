@@ -1,4 +1,4 @@
-"""Made rooms through the real command: one through pycolmap, several quick ones."""
+"""Synthetic rooms through the real command: one through pycolmap, several quick ones."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from estimator.command import main
-from tests.made.rooms.furnish import furnished_room
-from tests.made.rooms.kinds import KINDS
-from tests.made.rooms.knobs import Knobs
-from tests.made.rooms.quick import quick_scene
-from tests.made.rooms.reconstruct import reconstruct
-from tests.made.rooms.render import NoOpenGL
-from tests.made.rooms.scene_files import write_scene
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.knobs import Knobs
+from tests.synthetic.rooms.quick import quick_scene
+from tests.synthetic.rooms.reconstruct import reconstruct
+from tests.synthetic.rooms.render import NoOpenGL
+from tests.synthetic.rooms.scene_files import write_scene
 
 #: An answer further off than this is no estimate of anything: the true interval's own half width is 20 % or so.
 ROUGH = 0.35

@@ -54,7 +54,7 @@ def test_the_page_has_every_table(tmp_path: Path) -> None:
         "methods": "rooms",
         "structured": "3/6%",
         "sameness": "3/1/60%",
-        "faults": "truncated: 0%",
+        "errors": "truncated: 0%",
         "tilted": "t",
         "budget": "rooms, masks",
         "dimensions": "6",

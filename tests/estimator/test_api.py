@@ -13,9 +13,9 @@ import pytest
 
 import estimator
 from estimator.records.scene import Instance, Scene
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.tree import Tree
-from tests.made import small_scene
+from tests.synthetic import small_scene
 
 ROOT = Path(__file__).resolve().parents[2]
 HEAVY = ["pycolmap", "cv2", "matplotlib", "sklearn", "scipy", "PIL", "pycocotools"]
@@ -63,7 +63,7 @@ def test_a_reconstruction_in_memory_is_the_scene_of_its_files(folder: Path, scen
 
 
 def test_an_empty_reconstruction_is_one_line() -> None:
-    with pytest.raises(InputFault, match="at least one registered image, found 0"):
+    with pytest.raises(InputError, match="at least one registered image, found 0"):
         estimator.read_scene(pycolmap.Reconstruction())
 
 
@@ -79,7 +79,7 @@ def test_masks_in_memory_are_the_instances_of_their_file(scene: Scene) -> None:
 
 @pytest.mark.parametrize("mask", [np.zeros((3, 4)), np.zeros(3, dtype=bool), np.zeros((0, 0), dtype=bool)])
 def test_a_mask_of_another_form_is_one_line(scene: Scene, mask: np.ndarray) -> None:
-    with pytest.raises(InputFault, match=r"masks of shape \(h, w\), bool"):
+    with pytest.raises(InputError, match=r"masks of shape \(h, w\), bool"):
         estimator.read_instances({scene.views[0].name: [("chair", mask)]}, scene)
 
 
@@ -89,9 +89,9 @@ def test_a_scale_without_a_file(folder: Path, mini: Tree) -> None:
     result = estimator.estimate_scale(scene, instances, mini, level=0.5)
     assert result.tree == (mini.name, mini.version)
     assert len(result.objects) == len(estimator.measure_objects(scene, instances).objects)
-    with pytest.raises(InputFault, match="level"):
+    with pytest.raises(InputError, match="level"):
         estimator.estimate_scale(scene, instances, mini, level=1.0)
-    with pytest.raises(InputFault, match="method"):
+    with pytest.raises(InputError, match="method"):
         estimator.estimate_scale(scene, instances, mini, method="best")
 
 

@@ -1,4 +1,4 @@
-"""`estimate-scale` as a user meets it: exit statuses, JSON by its schema, one line for a fault."""
+"""`estimate-scale` as a user meets it: exit statuses, JSON by its schema, one line for an error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pytest
 from estimator.command import main
 from estimator.reconstructions.objects_file import SCHEMA
 from metric_tree.tree import Tree
-from tests.made.small_scene import small_model
+from tests.synthetic.small_scene import small_model
 
 CHAIR = {"length": 1.24, "width": 1.20, "height": 2.10}  # half a metre a unit
 STOOL = {"length": 0.84, "width": 0.80, "height": 1.52}
@@ -201,7 +201,7 @@ def test_leave_one_class_out(tmp_path: Path, tree: Path, capsys: pytest.CaptureF
         (["--objects", "x.json", "--known-length", "0,0", "1,1,1", "2"], "--known-length"),
     ],
 )
-def test_a_fault_of_the_input_is_one_line(
+def test_an_error_of_the_input_is_one_line(
     words: list[str], expected: str, tree: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     status, out, err = _run(capsys, *words, "--tree", tree)
@@ -219,7 +219,7 @@ def test_a_missing_release_is_one_line(tmp_path: Path, capsys: pytest.CaptureFix
     assert err.count("\n") == 1
 
 
-def test_a_fault_of_the_program_is_one(
+def test_an_error_of_the_program_is_one(
     tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def broken(*_: object, **__: object) -> None:

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from estimator.reading import read_instances, read_instances_and_warnings, read_scene
-from metric_base.faults import InputFault
-from tests.made.small_scene import write_small_scene
+from metric_base.errors import InputError
+from tests.synthetic.small_scene import write_small_scene
 
 
 @pytest.fixture(scope="module")
@@ -33,16 +33,16 @@ def test_paths_may_be_text(small: Path) -> None:
 
 
 def test_no_such_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputFault, match="no such file or folder"):
+    with pytest.raises(InputError, match="no such file or folder"):
         read_scene(tmp_path / "nowhere")
     (tmp_path / "file").write_text("x", encoding="utf-8")
-    with pytest.raises(InputFault, match="file: scene: expected a reconstruction"):
+    with pytest.raises(InputError, match="file: scene: expected a reconstruction"):
         read_scene(tmp_path / "file")
 
 
 def test_what_is_in_a_folder_without_a_model_is_told(tmp_path: Path) -> None:
     (tmp_path / "holiday.mp4").write_bytes(b"x")
-    with pytest.raises(InputFault, match=r"found holiday\.mp4$"):
+    with pytest.raises(InputError, match=r"found holiday\.mp4$"):
         read_scene(tmp_path)
 
 
@@ -50,10 +50,10 @@ def test_missing_instances_are_one_readable_line(small: Path, tmp_path: Path) ->
     shutil.copytree(small / "colmap", tmp_path / "scene")
     (tmp_path / "scene" / "instances.json").unlink()
     with pytest.raises(
-        InputFault, match=r"--instances FILE, or --images DIR --detector MODEL .*, found none$"
-    ) as fault:
+        InputError, match=r"--instances FILE, or --images DIR --detector MODEL .*, found none$"
+    ) as error:
         read_instances(None, read_scene(tmp_path / "scene"))
-    assert len(str(fault.value).removeprefix(str(tmp_path))) < 200
+    assert len(str(error.value).removeprefix(str(tmp_path))) < 200
 
 
 def test_instances_json_comes_before_pictures(small: Path, tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_a_workspace_model_numbers_the_visibility(small: Path, tmp_path: Path) -
     assert {scene.views[row].name for row in scene.dense.visible_views} == {left[-1]}
     lists[1] = len(left)
     (workspace / "fused.ply.vis").write_bytes(np.uint64(60).tobytes() + lists.tobytes())
-    with pytest.raises(InputFault, match="the images of the model beside the cloud"):
+    with pytest.raises(InputError, match="the images of the model beside the cloud"):
         read_scene(tmp_path / "scene")
 
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator import Instance, ScaleResult, Scene, estimate_scale, read_instances, read_scene
-from tests.made.same_scene import annotated_twice, moved_scene, points_twice, shuffled
+from tests.synthetic.same_scene import annotated_twice, moved_scene, points_twice, shuffled
 
 DEMO = Path(__file__).resolve().parents[2] / "data" / "scenes" / "demo_room"
 #: The answer moves less than this; a turn of the world moves a sparse scene more, by the grid of its floor's search.

@@ -11,7 +11,7 @@ import pytest
 from estimator.command import main
 from estimator.reconstructions.objects_file import SCHEMA
 from metric_tree.commands import main as metric_tree_main
-from tests.made import minitree
+from tests.synthetic import minitree
 
 MODEL = {"region": 0.4, "year": 0.2, "own": 0.1, "kin": 0.5, "years": 12.0}
 #: Things are a tenth larger in the United States; B is a third of a tenth of that.

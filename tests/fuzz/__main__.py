@@ -3,7 +3,7 @@
     python -m tests.fuzz [MINUTES] [READER ...]         (make fuzz MINUTES=10)
     python -m tests.fuzz --table                        the totals of all runs
 
-Counts, for each reader: inputs, those taken, those refused with one line, faults of the program, hangs (over 5 s),
+Counts, for each reader: inputs, those taken, those refused with one line, internal errors, hangs (over 5 s),
 wrong answers (taken, with numbers that no scene has), and peak memory. Inputs that did harm are kept in `out/fuzz`,
 inputs that reach new code in `out/fuzz/reached`; each run adds a line to `tests/fuzz/runs.jsonl`.
 """
@@ -45,7 +45,7 @@ def main(words: list[str]) -> int:
             with RUNS.open("a", encoding="utf-8") as file:
                 file.write(json.dumps(runs[-1]) + "\n")
     print_table(COLUMNS, totals(runs))
-    return int(any(run.get(name) for run in runs for name in ("faults", "hangs", "wrong")))
+    return int(any(run.get(name) for run in runs for name in ("errors", "hangs", "wrong")))
 
 
 def one_run(name: str, temporary: Path, seconds: float) -> dict[str, Any]:
@@ -63,7 +63,7 @@ def one_run(name: str, temporary: Path, seconds: float) -> dict[str, Any]:
             status = -signal.SIGKILL
     counts: dict[str, Any] = json.loads(answer.read_text()) if answer.is_file() else {}
     if status:
-        counts["hangs" if status == -signal.SIGKILL else "faults"] = 1 + counts.get("faults", 0)
+        counts["hangs" if status == -signal.SIGKILL else "errors"] = 1 + counts.get("errors", 0)
         KEPT.mkdir(parents=True, exist_ok=True)
         (KEPT / f"{name}-end.txt").write_bytes(log.read_bytes()[-20_000:])
     return {"reader": name, "minutes": round(seconds / 60, 2), **counts}

@@ -15,7 +15,7 @@ from types import FrameType
 
 import numpy as np
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from tests.fuzz.mutations import mutated
 from tests.fuzz.readers import Reader
 
@@ -27,7 +27,7 @@ MEMORY = 4 << 30
 #: Inputs that did harm, each beside what happened.
 KEPT = Path("out") / "fuzz"
 #: What is counted of each reader.
-COUNTS = ("inputs", "taken", "refused", "faults", "hangs", "wrong")
+COUNTS = ("inputs", "taken", "refused", "errors", "hangs", "wrong")
 
 
 class Hang(BaseException):
@@ -92,7 +92,7 @@ def fuzz(reader: Reader, seeds: Path, seconds: float, most: int, seed: int) -> C
 
 
 def one_outcome(reader: Reader, folder: Path, seeds: Path) -> str:
-    """`taken`, `refused`, or `faults`, `hangs`, `wrong` with what was said."""
+    """`taken`, `refused`, or `errors`, `hangs`, `wrong` with what was said."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         raise Hang
@@ -101,14 +101,14 @@ def one_outcome(reader: Reader, folder: Path, seeds: Path) -> str:
     signal.setitimer(signal.ITIMER_VIRTUAL, HANG_SECONDS)  # of the processor: others may keep it busy
     try:
         reader.read(folder, seeds)
-    except InputFault as fault:
-        return "refused" if "\n" not in str(fault) and len(str(fault)) < 2000 else f"faults: {fault}"
+    except InputError as error:
+        return "refused" if "\n" not in str(error) and len(str(error)) < 2000 else f"errors: {error}"
     except Hang:
         return f"hangs: {traceback.format_exc()}"
-    except AssertionError as fault:
-        return f"wrong: {fault}\n{traceback.format_exc()}"
+    except AssertionError as error:
+        return f"wrong: {error}\n{traceback.format_exc()}"
     except Exception:  # noqa: BLE001 - what is looked for
-        return f"faults: {traceback.format_exc()}"
+        return f"errors: {traceback.format_exc()}"
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0)
         signal.signal(signal.SIGVTALRM, before)

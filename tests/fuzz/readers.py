@@ -14,11 +14,11 @@ from estimator.reconstructions.known_lengths import parse_known_lengths
 from estimator.reconstructions.objects_file import SCHEMA, read_objects
 from estimator.reconstructions.truth import read_truth
 from estimator.records.scene import Instance, Scene
-from tests.fuzz.film_readers import FILM_READERS, write_film_seeds
 from tests.fuzz.reader import Reader
+from tests.fuzz.video_readers import VIDEO_READERS, write_video_seeds
 from tests.fuzz.web_readers import WEB_READERS, write_web_seeds
-from tests.made.exports import EXPORTS, write_export
-from tests.made.small_scene import small_model, write_small_scene
+from tests.synthetic.exports import EXPORTS, write_export
+from tests.synthetic.small_scene import small_model, write_small_scene
 
 __all__ = ["READERS", "Reader", "write_seeds"]
 
@@ -98,7 +98,7 @@ READERS = (
     Reader("objects", "objects", ("objects.json",), _objects),
     Reader("known-lengths", "objects", ("lengths.txt",), _lengths),
     Reader("truth", "objects", ("truth.json",), _truth),
-    *FILM_READERS,
+    *VIDEO_READERS,
     *WEB_READERS,
 )
 
@@ -127,5 +127,5 @@ def write_seeds(folder: Path) -> None:
     (folder / "objects" / "lengths.txt").write_text("0 0 0 1 0 0 0.5\n0 0 0 0 2 0 1.0 0.01 # a desk\n")
     truth = {"metres_per_unit": 0.3, "objects": [{"track_id": 1, "truth_m": {"height": {"value": 0.7}, "edge": 0.2}}]}
     (folder / "objects" / "truth.json").write_text(json.dumps(truth))
-    write_film_seeds(folder, scene)
+    write_video_seeds(folder, scene)
     write_web_seeds(folder)

@@ -24,9 +24,9 @@ from metric_tree.release import MANIFEST, sha256
 from metric_tree.tree import Tree, UnknownName, open_tree
 from tests.crawler.page.shop_pages import MADE, OTHERS
 from tests.fuzz.reader import Reader
-from tests.made.hostile_pictures import shop_picture
-from tests.made.minitree import release
-from tests.made.raw_fixture import made_items
+from tests.synthetic.hostile_pictures import shop_picture
+from tests.synthetic.minitree import release
+from tests.synthetic.raw_fixture import synthetic_items
 
 __all__ = ["WEB_READERS", "write_web_seeds"]
 
@@ -141,7 +141,7 @@ def write_web_seeds(folder: Path) -> None:
         )
         body = text.encode("utf-16" if number == 0 else "utf-8")
         (folder / "pages" / f"page{number}").write_bytes(gzip.compress(body) if number == 1 else body)
-    lines = "".join(item.line() + "\n" for item in made_items(2))
+    lines = "".join(item.line() + "\n" for item in synthetic_items(2))
     (folder / "raw" / "made.jsonl").write_text(lines)
     (folder / "raw" / "packed.jsonl.gz").write_bytes(gzip.compress(lines.encode()))
     for part in ("site", "source"):

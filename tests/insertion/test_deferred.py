@@ -19,8 +19,8 @@ from insertion.render.context import gl_context
 from insertion.render.pinhole import Window
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from metric_base.arrays import FloatArray
-from tests.made.insertions import write_glb
-from tests.made.rooms.shapes import solid
+from tests.synthetic.insertions import write_glb
+from tests.synthetic.rooms.shapes import solid
 
 WINDOW = Window(150.0, 150.0, 60.0, 50.0, 0, 0, 121, 97)
 UP = np.array([0.0, -1.0, 0.0])

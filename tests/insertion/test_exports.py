@@ -25,15 +25,15 @@ from insertion.light.estimate import environment_at
 from insertion.staging.insert import Placed, place_objects
 from insertion.staging.options import ObjectRequest
 from insertion.staging.stage import Stage
-from tests.made.insertions import film_room, stage_of, write_glb
-from tests.made.rooms.shapes import solid
+from tests.synthetic.insertions import stage_of, video_room, write_glb
+from tests.synthetic.rooms.shapes import solid
 
 HEIGHT = 0.8
 
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[Stage, Placed]:
-    room = film_room("bedroom", 1001, tmp_path_factory.mktemp("room"), views=4)
+    room = video_room("bedroom", 1001, tmp_path_factory.mktemp("room"), views=4)
     stage = stage_of(room)
     model = write_glb(solid("chair", np.array([0.4, 0.4, HEIGHT])), room.folder / "chair.glb")
     return stage, place_objects(stage, [ObjectRequest(model, facing=30.0)])[0]

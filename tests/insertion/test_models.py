@@ -21,9 +21,9 @@ from insertion.models.accessors import Accessors
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
 from insertion.models.size import model_size
-from metric_base.faults import FieldFault, InputFault
-from tests.made.insertions import write_glb
-from tests.made.rooms.shapes import solid
+from metric_base.errors import FieldError, InputError
+from tests.synthetic.insertions import write_glb
+from tests.synthetic.rooms.shapes import solid
 
 #: The head of a PNG of 60,000 x 60,000.
 _HEAD = b"IHDR" + struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
@@ -105,7 +105,7 @@ def test_an_animation_is_ignored_with_a_word(chair: Path, tmp_path: Path) -> Non
     ],
 )
 def test_what_cannot_be_read_is_named(chair: Path, tmp_path: Path, changes: dict, words: str) -> None:
-    with pytest.raises(InputFault, match=words):
+    with pytest.raises(InputError, match=words):
         read_model(_with(chair, tmp_path / "bad.glb", **changes))
 
 
@@ -119,8 +119,8 @@ def test_a_damaged_file_is_refused_or_read(chair: Path, tmp_path: Path, cut: int
     file.write_bytes(bytes(data[: max(cut, 24)]) if len(noise) % 2 else bytes(data))
     try:
         bounds = read_model(file).bounds
-    except InputFault as fault:
-        bounds, words = np.zeros(1), str(fault)
+    except InputError as error:
+        bounds, words = np.zeros(1), str(error)
     else:
         words = str(file)
     assert np.isfinite(bounds).all()
@@ -132,7 +132,7 @@ def test_the_size_asked_for(chair: Path) -> None:
     assert model_size(model, "file").factor == 1.0
     assert model_size(model, "height=0.45").factor == pytest.approx(0.5)
     for words in ("height=0", "height=-1", "height=nan", "size=3", "tall", "prior"):
-        with pytest.raises(InputFault, match="--size"):
+        with pytest.raises(InputError, match="--size"):
             model_size(model, words)
 
 
@@ -225,5 +225,5 @@ def test_sparse_values_replace_others() -> None:
     }  # fmt: skip
     assert Accessors(header, [data]).values(0, (3,)).tolist() == [[0, 0, 0], [3, 0, 0], [0, 3, 0]]
     header["accessors"][0]["sparse"]["count"] = 9
-    with pytest.raises(FieldFault, match=r"sparse\.count"):
+    with pytest.raises(FieldError, match=r"sparse\.count"):
         Accessors(header, [data]).values(0, (3,))

@@ -11,7 +11,7 @@ import pytest
 from insertion.exports.write import LayerWriter
 from insertion.outputs import picture_writer, preview_place
 from insertion.scene.footage import Shot
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import refuse_input
 
 PICTURE = np.full((8, 9, 3), 90, dtype=np.uint8)
@@ -54,7 +54,7 @@ def test_a_disk_that_is_full_leaves_no_folder(tmp_path: Path, monkeypatch: pytes
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(InputFault, match="No space left on device"), picture_writer(tmp_path / "out") as write:
+    with pytest.raises(InputError, match="No space left on device"), picture_writer(tmp_path / "out") as write:
         write(SHOTS[2], PICTURE)
     assert list(tmp_path.iterdir()) == []
 
@@ -63,7 +63,7 @@ def test_an_output_is_no_input(tmp_path: Path, source: Path) -> None:
     refuse_input(tmp_path / "out.mp4", "--out", [source, None])
     link = tmp_path / "link.mp4"
     link.symlink_to(source)
-    with pytest.raises(InputFault, match="--out: expected another file than"):
+    with pytest.raises(InputError, match="--out: expected another file than"):
         refuse_input(link, "--out", [source])
-    with pytest.raises(InputFault, match="--preview: expected a picture"):
+    with pytest.raises(InputError, match="--preview: expected a picture"):
         preview_place(tmp_path / "preview.xyz")

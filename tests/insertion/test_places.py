@@ -1,4 +1,4 @@
-"""Where an object is put, by each of the ways to say it, in a made room with known things."""
+"""Where an object is put, by each of the ways to say it, in a synthetic room with known things."""
 
 from __future__ import annotations
 
@@ -17,43 +17,43 @@ from insertion.staging.insert import Placed, place_objects, space_for
 from insertion.staging.options import ObjectRequest
 from insertion.staging.preview import write_preview
 from insertion.staging.stage import Stage
-from metric_base.faults import InputFault
-from tests.made.insertions import FilmedRoom, film_room, stage_of, write_glb
-from tests.made.minitree import release
-from tests.made.rooms.kinds import KINDS
-from tests.made.rooms.shapes import solid
+from metric_base.errors import InputError
+from tests.synthetic.insertions import RecordedRoom, stage_of, video_room, write_glb
+from tests.synthetic.minitree import release
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.shapes import solid
 
 KIND = "sitting room"
 
 
 @pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> FilmedRoom:
-    return film_room(KIND, 1003, tmp_path_factory.mktemp("room"), views=5)
+def room(tmp_path_factory: pytest.TempPathFactory) -> RecordedRoom:
+    return video_room(KIND, 1003, tmp_path_factory.mktemp("room"), views=5)
 
 
 @pytest.fixture(scope="module")
-def stage(room: FilmedRoom) -> Stage:
+def stage(room: RecordedRoom) -> Stage:
     return stage_of(room)
 
 
 @pytest.fixture(scope="module")
-def cup(room: FilmedRoom) -> Path:
+def cup(room: RecordedRoom) -> Path:
     return write_glb(solid("cup", np.array([0.08, 0.08, 0.1])), room.folder / "cup.glb")
 
 
 @pytest.mark.parametrize("words", ["1,2", "0,0,0", "a,b,c", "1,2,nan"])
 def test_up_that_is_no_direction_is_one_line(words: str) -> None:
     options = parser().parse_args(["scene", "--scale", "1", "--up", words, "--model", "a.glb", "--out", "out"])
-    with pytest.raises(InputFault, match="--up: direction: expected X,Y,Z"):
+    with pytest.raises(InputError, match="--up: direction: expected X,Y,Z"):
         stage_of_arguments(options)
 
 
-def _foot(room: FilmedRoom, placed: Placed) -> np.ndarray:
-    """Where the object stands, in metres of the made room."""
+def _foot(room: RecordedRoom, placed: Placed) -> np.ndarray:
+    """Where the object stands, in metres of the synthetic room."""
     return np.asarray(room.to_scene.inverse(placed.place.position[None])[0])
 
 
-def test_on_a_category_is_on_its_top(room: FilmedRoom, stage: Stage, cup: Path) -> None:
+def test_on_a_category_is_on_its_top(room: RecordedRoom, stage: Stage, cup: Path) -> None:
     (placed,) = place_objects(stage, [ObjectRequest(cup, on="coffee table")])
     table = next(thing for thing in room.world.objects if thing.category == "coffee table")
     foot = _foot(room, placed)
@@ -63,7 +63,7 @@ def test_on_a_category_is_on_its_top(room: FilmedRoom, stage: Stage, cup: Path) 
     assert (foot[:2] < high[:2]).all()
 
 
-def test_the_last_word_of_a_category_is_enough(room: FilmedRoom, stage: Stage, cup: Path) -> None:
+def test_the_last_word_of_a_category_is_enough(room: RecordedRoom, stage: Stage, cup: Path) -> None:
     one, other = (place_objects(stage, [ObjectRequest(cup, on=name)])[0] for name in ("coffee table", "Table"))
     np.testing.assert_allclose(_foot(room, one), _foot(room, other))
 
@@ -72,7 +72,7 @@ def test_the_tree_knows_what_a_sofa_is(stage: Stage) -> None:
     assert {item.category for item in instances_named(stage.instances, "sofa")} == {"couch"}
 
 
-def test_a_top_that_is_no_plane_of_the_scene(room: FilmedRoom, stage: Stage, cup: Path) -> None:
+def test_a_top_that_is_no_plane_of_the_scene(room: RecordedRoom, stage: Stage, cup: Path) -> None:
     """Without the plane of the table's top, the thing's own points say where its top is."""
     placed = place_objects(stage, [ObjectRequest(cup, on="coffee table")])[0].place
     others = tuple(one for one in stage.supports.surfaces if one.number != placed.plane)
@@ -110,7 +110,7 @@ def test_on_what_is_not_there_is_refused(stage: Stage, cup: Path) -> None:
         place_objects(stage, [ObjectRequest(cup, on="piano")])
 
 
-def test_a_plane_and_metres_along_it(room: FilmedRoom, stage: Stage, cup: Path) -> None:
+def test_a_plane_and_metres_along_it(room: RecordedRoom, stage: Stage, cup: Path) -> None:
     """The lowest plane is the floor, and metres are metres whatever the scene's unit is."""
     one, other = (place_objects(stage, [ObjectRequest(cup, plane=0, xy_m=(x, 0.0))])[0] for x in (0.0, 0.3))
     feet = _foot(room, one), _foot(room, other)
@@ -124,7 +124,7 @@ def test_no_such_plane_or_point(stage: Stage, cup: Path, plane: int, xy: tuple[f
         place_objects(stage, [ObjectRequest(cup, plane=plane, xy_m=xy)])
 
 
-def test_facing_the_wall_is_square_to_the_room(room: FilmedRoom, stage: Stage, cup: Path) -> None:
+def test_facing_the_wall_is_square_to_the_room(room: RecordedRoom, stage: Stage, cup: Path) -> None:
     (placed,) = place_objects(stage, [ObjectRequest(cup, plane=0, facing="wall")])
     front = room.to_scene.rotation.T @ placed.front
     # walls run along x and y; within ten degrees
@@ -135,7 +135,7 @@ def test_facing_the_wall_is_square_to_the_room(room: FilmedRoom, stage: Stage, c
     assert front[axis] * inward[axis] > 0 or abs(inward[axis]) < 0.5
 
 
-def test_the_size_of_the_prior(room: FilmedRoom, stage: Stage, cup: Path, tmp_path: Path) -> None:
+def test_the_size_of_the_prior(room: RecordedRoom, stage: Stage, cup: Path, tmp_path: Path) -> None:
     import metric_tree
 
     tree = metric_tree.open(release(tmp_path / "tree").directory)

@@ -18,7 +18,7 @@ from insertion.render.context import gl_context
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.cloud import FrontPoints
 from metric_base.arrays import BoolArray, FloatArray
-from tests.made.rooms.shapes import solid
+from tests.synthetic.rooms.shapes import solid
 
 SIZE = (320, 240)
 LAMP = np.array([-2.0, 0.0, 1.0])

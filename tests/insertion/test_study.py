@@ -18,7 +18,7 @@ from insertion.study.page import ANSWERS_SCHEMA, STEPS, study_page
 from insertion.study.plan import FLAT, expected_intervals, plan_text
 from insertion.study.report import report_text
 from insertion.study_command import run_study
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 
 def _answers(observer: Observer, participants: int, repeats: int, seed: int) -> list[Answer]:
@@ -88,10 +88,10 @@ def test_a_file_that_is_there_twice_counts_once(tmp_path: Path) -> None:
     assert len(read_answers(tmp_path, warnings)) == len(STEPS)
     assert warnings == ["a.json has the same answers as a (1).json and counts once"]
     (tmp_path / "b.json").write_text(json.dumps(record | {"answers": rows[:3]}))
-    with pytest.raises(InputFault, match="participant: expected one file each"):
+    with pytest.raises(InputError, match="participant: expected one file each"):
         read_answers(tmp_path)
     (tmp_path / "b.json").write_text(json.dumps(record | {"participant": "q", "study": "t", "thing": "table"}))
-    with pytest.raises(InputFault, match=r"expected the answers of one page; found 2 about 'chair'.*1 about 'table'"):
+    with pytest.raises(InputError, match=r"expected the answers of one page; found 2 about 'chair'.*1 about 'table'"):
         read_answers(tmp_path)
 
 
@@ -126,7 +126,7 @@ def test_the_page_needs_no_network() -> None:
 def test_bad_answers_are_named(tmp_path: Path, document: dict, words: str) -> None:
     file = tmp_path / "answers.json"
     file.write_text(json.dumps(document))
-    with pytest.raises(InputFault, match=words):
+    with pytest.raises(InputError, match=words):
         read_answers(file)
 
 

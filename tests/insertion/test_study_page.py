@@ -12,7 +12,7 @@ import pytest
 from insertion.study.answers import read_answers
 from insertion.study.page import STEPS, study_page
 from insertion.study_command import run_study
-from tests.made.browser import Browser
+from tests.synthetic.browser import Browser
 
 
 def test_answers_are_saved_and_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,4 +1,4 @@
-"""An inserted object against the same mesh that stands in the made room itself."""
+"""An inserted object against the same mesh that stands in the synthetic room itself."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ import pytest
 from insertion.records.result import InsertionResult
 from insertion.staging.insert import Placed, insert_objects, place_objects, single_picture
 from insertion.staging.options import ObjectRequest
-from tests.made.insertions import FilmedRoom, added, film_room, stage_of, write_glb
-from tests.made.rooms.render import Renderer
-from tests.made.rooms.shapes import solid
+from tests.synthetic.insertions import RecordedRoom, added, stage_of, video_room, write_glb
+from tests.synthetic.rooms.render import Renderer
+from tests.synthetic.rooms.shapes import solid
 
 SIZE = np.array([0.42, 0.38, 0.75])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Inserted:
-    room: FilmedRoom
+    room: RecordedRoom
     placed: Placed
     result: InsertionResult
     pictures: dict[str, np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def room(tmp_path_factory: pytest.TempPathFactory) -> FilmedRoom:
-    return film_room("sitting room", 1003, tmp_path_factory.mktemp("room"))
+def room(tmp_path_factory: pytest.TempPathFactory) -> RecordedRoom:
+    return video_room("sitting room", 1003, tmp_path_factory.mktemp("room"))
 
 
-def _insert(room: FilmedRoom, scale_error: float = 1.0) -> Inserted:
+def _insert(room: RecordedRoom, scale_error: float = 1.0) -> Inserted:
     stage = stage_of(room, scale_error)
     model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
     (placed,) = place_objects(stage, [ObjectRequest(model)])
@@ -41,7 +41,7 @@ def _insert(room: FilmedRoom, scale_error: float = 1.0) -> Inserted:
 
 
 @pytest.fixture(scope="module")
-def inserted(room: FilmedRoom) -> Inserted:
+def inserted(room: RecordedRoom) -> Inserted:
     return _insert(room)
 
 
@@ -82,7 +82,7 @@ def test_the_silhouette_is_as_high_as_the_true_one(inserted: Inserted) -> None:
 
 
 @pytest.mark.parametrize("error", [0.8, 1.25])
-def test_a_wrong_scale_shows_in_full(room: FilmedRoom, inserted: Inserted, error: float) -> None:
+def test_a_wrong_scale_shows_in_full(room: RecordedRoom, inserted: Inserted, error: float) -> None:
     stage = stage_of(room, error)
     placed = place_objects(stage, [inserted.placed.request])[0]
     assert placed.body.unit * error == pytest.approx(inserted.placed.body.unit)

@@ -1,4 +1,4 @@
-"""Insertion into a made video: distortion, rotation, variable times and sound."""
+"""Insertion into a synthetic video: distortion, rotation, variable times and sound."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, writ
 from estimator.capture.video import Video
 from estimator.records.scene import Camera
 from insertion.command import main
-from tests.made.insertions import write_glb
-from tests.made.rooms.knobs import Knobs
-from tests.made.rooms.quick import quick_scene
-from tests.made.rooms.scene_files import write_scene
-from tests.made.rooms.shapes import solid
-from tests.made.rooms.similarity import similarity_between
-from tests.made.videos import Lens, filmed, room, times_of, write_video
+from tests.synthetic.insertions import write_glb
+from tests.synthetic.rooms.knobs import Knobs
+from tests.synthetic.rooms.quick import quick_scene
+from tests.synthetic.rooms.scene_files import write_scene
+from tests.synthetic.rooms.shapes import solid
+from tests.synthetic.rooms.similarity import similarity_between
+from tests.synthetic.videos import Lens, recorded, room, times_of, write_video
 
 FRAMES, TURNED = 7, 90
 LENS = Lens(k=-0.08)
@@ -50,7 +50,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("work")
     world = room("kitchen", 1002, frames=FRAMES)
     made = quick_scene(world, Knobs(depth_noise=0.002, stray=0.0), 3)
-    frames = list(filmed(world, LENS))
+    frames = list(recorded(world, LENS))
     times = times_of(FRAMES, variable=True, seed=4)
     write_video(folder / "video.mp4", [frame.colour for frame in frames], times, turned_deg=TURNED)
     _add_sound(folder / "video.mp4")

@@ -80,12 +80,12 @@ def test_a_missing_extra_is_one_line_and_2(capsys: pytest.CaptureFixture[str]) -
     assert capsys.readouterr().err == "metric-tree crawl: needs metric-tree[crawl]: pip install 'metric-tree[crawl]'\n"
 
 
-def test_a_module_of_our_own_that_is_missing_is_a_fault_of_the_program(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_module_of_our_own_that_is_missing_is_an_error_of_the_program(capsys: pytest.CaptureFixture[str]) -> None:
     def run() -> int:
         raise ModuleNotFoundError("No module named 'crawler.nowhere'", name="crawler.nowhere")
 
     assert exit_status("x", run) == 1
-    assert "fault of the program" in capsys.readouterr().err
+    assert "internal error" in capsys.readouterr().err
 
 
 def test_a_query_without_any_extra(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import OutputNames, inside, refuse_input, whole_file, whole_folder
 
 
@@ -31,7 +31,7 @@ def test_a_file_appears_at_the_end(tmp_path: Path) -> None:
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("items.jsonl", "a")]
 
 
-def test_a_fault_leaves_what_was_there(tmp_path: Path) -> None:
+def test_an_error_leaves_what_was_there(tmp_path: Path) -> None:
     path = tmp_path / "items.jsonl"
     path.write_text("before")
     with pytest.raises(RuntimeError):
@@ -68,12 +68,12 @@ def test_a_device_is_not_replaced() -> None:
     assert stat.S_ISCHR(Path("/dev/null").stat().st_mode)
 
 
-def test_a_place_that_cannot_be_written_is_a_fault_of_the_option(tmp_path: Path) -> None:
+def test_a_place_that_cannot_be_written_is_an_error_of_the_option(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x")
-    fault = "--output: expected a place that can be written"
-    with pytest.raises(InputFault, match=fault), whole_file(tmp_path / "file" / "out", "--output") as work:
+    error = "--output: expected a place that can be written"
+    with pytest.raises(InputError, match=error), whole_file(tmp_path / "file" / "out", "--output") as work:
         work.write_text("said")
-    with pytest.raises(InputFault, match=fault), whole_folder(tmp_path / "file" / "out", "--output"):
+    with pytest.raises(InputError, match=error), whole_folder(tmp_path / "file" / "out", "--output"):
         pass
 
 
@@ -82,7 +82,7 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path: Path) -> None:
         (work / "a").write_text("x")
         assert not (tmp_path / "out").exists()
     assert [one.name for one in (tmp_path / "out").iterdir()] == ["a"]
-    with pytest.raises(InputFault, match="not there yet"), whole_folder(tmp_path / "out"):
+    with pytest.raises(InputError, match="not there yet"), whole_folder(tmp_path / "out"):
         pass
     with pytest.raises(RuntimeError), whole_folder(tmp_path / "other"):
         raise RuntimeError
@@ -127,9 +127,9 @@ def test_a_file_of_a_folder_that_is_read_is_no_output(tmp_path: Path, name: str)
     file = tmp_path / name
     file.parent.mkdir(exist_ok=True)
     file.write_text('{"images": []}')
-    with pytest.raises(InputFault, match=r"--output: expected another file than .*, which is read; found .*"):
+    with pytest.raises(InputError, match=r"--output: expected another file than .*, which is read; found .*"):
         refuse_input(file, "--output", [None, tmp_path])
-    with pytest.raises(InputFault, match="which is read"):
+    with pytest.raises(InputError, match="which is read"):
         refuse_input(file, "--output", [file])
 
 

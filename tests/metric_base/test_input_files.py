@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from metric_base import input_files
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.input_files import folder_entries, read_bytes, read_json
 
 
@@ -32,13 +32,13 @@ def test_a_pipe_is_read_while_it_is_written(tmp_path: Path) -> None:
     writer.join(timeout=10)
 
 
-def test_a_pipe_without_a_writer_and_one_without_an_end_are_faults(
+def test_a_pipe_without_a_writer_and_one_without_an_end_are_errors(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(input_files, "PIPE_SECONDS", 0.1)
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    with pytest.raises(InputFault, match="zero bytes"):
+    with pytest.raises(InputError, match="zero bytes"):
         read_bytes(pipe)
     endless = os.open(pipe, os.O_RDWR)
     os.set_blocking(endless, False)
@@ -54,7 +54,7 @@ def test_a_pipe_without_a_writer_and_one_without_an_end_are_faults(
     writer = threading.Thread(target=write)
     writer.start()
     try:
-        with pytest.raises(InputFault, match="at most 100,000 bytes, found more"):
+        with pytest.raises(InputError, match="at most 100,000 bytes, found more"):
             read_bytes(pipe, limit=100_000)
     finally:
         stop.set()
@@ -64,25 +64,25 @@ def test_a_pipe_without_a_writer_and_one_without_an_end_are_faults(
 
 @pytest.mark.parametrize("path", ["/dev/zero", "/dev/random", "/dev/null"])
 def test_devices_are_not_read(path: str) -> None:
-    with pytest.raises(InputFault, match="expected a regular file or a pipe, found a device"):
+    with pytest.raises(InputError, match="expected a regular file or a pipe, found a device"):
         read_bytes(Path(path))
 
 
 def test_other_things_are_one_line(tmp_path: Path) -> None:
-    with pytest.raises(InputFault, match="a folder"):
+    with pytest.raises(InputError, match="a folder"):
         read_bytes(tmp_path)
-    with pytest.raises(InputFault, match="a name of a file"):
+    with pytest.raises(InputError, match="a name of a file"):
         read_bytes(Path("a\0b"))
     (tmp_path / "loop").symlink_to("loop")
-    with pytest.raises(InputFault, match="symbolic links"):
+    with pytest.raises(InputError, match="symbolic links"):
         read_bytes(tmp_path / "loop")
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(str(tmp_path / "s"))
-        with pytest.raises(InputFault, match="a readable file"):
+        with pytest.raises(InputError, match="a readable file"):
             read_bytes(tmp_path / "s")
     with (tmp_path / "huge").open("wb") as file:
         file.truncate(1 << 40)  # a hole: no byte of it is on the disk
-    with pytest.raises(InputFault, match="at most"):
+    with pytest.raises(InputError, match="at most"):
         read_json(tmp_path / "huge")
 
 
@@ -91,5 +91,5 @@ def test_folders_have_a_bound(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         (tmp_path / name).touch()
     assert [path.name for path in folder_entries(tmp_path)] == ["a", "b", "c"]
     monkeypatch.setattr(input_files, "MAX_ENTRIES", 2)
-    with pytest.raises(InputFault, match="at most 2 entries"):
+    with pytest.raises(InputError, match="at most 2 entries"):
         folder_entries(tmp_path)

@@ -118,12 +118,12 @@ sys.exit(exit_status("x", run))
 
 
 def test_the_statuses(capsys: pytest.CaptureFixture[str]) -> None:
-    def fault() -> int:
+    def error() -> int:
         raise RuntimeError("\x1b[2J")
 
     assert exit_status("x", lambda: 3) == 3
-    assert exit_status("x", fault) == 1
-    assert capsys.readouterr().err == "x: fault of the program: RuntimeError: \\x1b[2J\n"
+    assert exit_status("x", error) == 1
+    assert capsys.readouterr().err == "x: internal error: RuntimeError: \\x1b[2J\n"
     assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
 
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import metric_tree
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.regions import COUNTRIES, REGIONS, region_of
 from metric_tree.context import Context, ContextModel, Where, context_effect, where_of
 from metric_tree.prior import Prior
@@ -134,10 +134,10 @@ def test_a_context_is_read_from_a_text_or_a_mapping(text) -> None:
     ],
 )
 def test_what_is_no_context_is_one_line(asked, says: str) -> None:
-    with pytest.raises(InputFault, match="expected") as fault:
+    with pytest.raises(InputError, match="expected") as error:
         where_of(asked)
-    assert says in str(fault.value)
-    assert "\n" not in str(fault.value)
+    assert says in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_every_country_is_in_one_region() -> None:

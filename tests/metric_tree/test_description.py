@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.description import everyday_sentence, item_quantiles, shipped_evidence
 from metric_tree.tree import Tree
 
@@ -46,5 +46,5 @@ def test_quantiles_are_those_of_the_kind(mini: Tree) -> None:
 
 @pytest.mark.parametrize("kind", ["heirloom", "museum"])
 def test_a_kind_without_items_is_refused(mini: Tree, kind: str) -> None:
-    with pytest.raises(InputFault, match="--kind: expected"):
+    with pytest.raises(InputError, match="--kind: expected"):
         item_quantiles(mini.find("swivel chair"), kind, (0.5,))

@@ -15,9 +15,9 @@ from metric_tree.build.steps import PRIVATE_LICENCE, build_release
 from metric_tree.checks.release_files import findings
 from metric_tree.commands import main
 from metric_tree.pictures import image_path, picture_files
-from tests.made.picture_fixture import shop_picture
-from tests.made.raw_fixture import SOURCES, made_items, written
-from tests.made.small_taxonomy import small_taxonomy
+from tests.synthetic.picture_fixture import shop_picture
+from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written
+from tests.synthetic.small_taxonomy import small_taxonomy
 
 
 @pytest.fixture
@@ -28,7 +28,7 @@ def crawl(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "shipped_curated", tuple)
     folder = tmp_path / "crawl"
     folder.mkdir()
-    items = made_items(per_class=12)
+    items = synthetic_items(per_class=12)
     written(folder / "items-000000001-000000099.jsonl", items)
     chairs = [item for item in items if "chair" in item.category_path][:8]
     found = [

@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.prior import Prior, UnknownDimension
 from metric_tree.tree import Tree
-from tests.made import minitree
+from tests.synthetic import minitree
 
 AXES = ("length", "width", "height")
 
@@ -119,15 +119,15 @@ def test_row_and_back():
     ],
 )
 def test_a_damaged_row_is_told_in_one_line(field, value, message):
-    with pytest.raises(InputFault, match=message):
+    with pytest.raises(InputError, match=message):
         Prior.of_row(random_prior(1).row() | {field: value})
 
 
 @pytest.mark.parametrize("level", [0.0, 1.0, -1.0, float("nan")])
 def test_levels_outside_zero_and_one_are_refused(level):
-    with pytest.raises(InputFault, match="between 0 and 1"):
+    with pytest.raises(InputError, match="between 0 and 1"):
         random_prior(1).interval(level)
-    with pytest.raises(InputFault, match="between 0 and 1"):
+    with pytest.raises(InputError, match="between 0 and 1"):
         random_prior(1).quantile(level)
 
 
@@ -136,5 +136,5 @@ def test_a_prior_of_no_numbers_is_refused(tmp_path: Path) -> None:
     content["priors.parquet"][0]["means"] = [[float("nan")] * len(content["priors.parquet"][0]["dims"])]
     row = content["priors.parquet"][0]
     tree = Tree(minitree.release(tmp_path / "release", content))
-    with pytest.raises(InputFault, match="means"):
+    with pytest.raises(InputError, match="means"):
         tree.prior(row["node_id"], tuple(row["dims"]))

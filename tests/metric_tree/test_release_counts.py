@@ -13,15 +13,15 @@ from metric_tree.build.steps import Options, build_release
 from metric_tree.build.tables import evidence_counts
 from metric_tree.fit.evidence import EVIDENCE
 from metric_tree.tree import open_tree
-from tests.made.raw_fixture import SOURCES, made_items, written
-from tests.made.small_taxonomy import small_taxonomy
+from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written
+from tests.synthetic.small_taxonomy import small_taxonomy
 
 
 @pytest.fixture(scope="module")
 def raw(tmp_path_factory):
-    """Made items, one of them twice, one of a curated range, one of no known category; two refused rows beside."""
+    """Synthetic items, one of them twice, one of a curated range, one of no known category; two refused rows beside."""
     folder = tmp_path_factory.mktemp("counts")
-    items = made_items()
+    items = synthetic_items()
     items[0], items[4] = replace(items[0], year=2001, region="NO"), replace(items[4], year=None)
     items += [replace(items[0], source_id="again"), replace(items[1], source_id="odd", category_path=("gizmo",))]
     path = written(folder / "raw.jsonl", items)

@@ -8,7 +8,7 @@ import pytest
 from metric_tree import schema
 from metric_tree.release import MANIFEST, BadRelease, open_release
 from metric_tree.tree import open_tree
-from tests.made import minitree
+from tests.synthetic import minitree
 
 
 def test_a_release_is_written_whole(tmp_path: Path) -> None:
@@ -81,10 +81,10 @@ def test_a_tree_that_is_a_circle_is_one_line(tmp_path: Path) -> None:
 def test_damage_is_one_clear_line(tmp_path: Path, damage, message: str) -> None:
     minitree.release(tmp_path / "r")
     damage(tmp_path / "r")
-    with pytest.raises(BadRelease, match=message) as fault:
+    with pytest.raises(BadRelease, match=message) as error:
         open_release(tmp_path / "r")
-    assert "\n" not in str(fault.value)
-    assert str(tmp_path) in str(fault.value)
+    assert "\n" not in str(error.value)
+    assert str(tmp_path) in str(error.value)
 
 
 def test_a_table_altered_at_equal_size_is_noticed(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from metric_tree import AmbiguousName, BadRelease, NoPrior, Tree, UnknownName
 from metric_tree.releases import PATH_VARIABLE, release_directory, releases, version_key
-from tests.made import minitree
+from tests.synthetic import minitree
 
 
 def test_find_folds_names(mini: Tree) -> None:

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import pytest
 
-from tests.made.rooms.furnish import furnished_room
-from tests.made.rooms.quick import MadeScene, quick_scene
-from tests.made.rooms.render import NoOpenGL
-from tests.made.rooms.world import World
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
+from tests.synthetic.rooms.render import NoOpenGL
+from tests.synthetic.rooms.world import World
 
 
 @pytest.fixture(scope="session")
@@ -14,7 +14,7 @@ def room() -> World:
 
 
 @pytest.fixture(scope="session")
-def made(room: World) -> MadeScene:
+def made(room: World) -> SyntheticScene:
     try:
         return quick_scene(room, seed=1003)
     except NoOpenGL as missing:

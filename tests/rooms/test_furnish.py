@@ -5,13 +5,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tests.made.rooms.furnish import furnished_room
-from tests.made.rooms.kinds import KINDS
-from tests.made.rooms.knobs import Knobs
-from tests.made.rooms.layout import Footprint, apart
-from tests.made.rooms.render import Renderer
-from tests.made.rooms.street import street
-from tests.made.rooms.world import Placed, World
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.knobs import Knobs
+from tests.synthetic.rooms.layout import Footprint, apart
+from tests.synthetic.rooms.render import Renderer
+from tests.synthetic.rooms.street import street
+from tests.synthetic.rooms.world import Placed, World
 
 WORLDS = [(kind, seed) for kind in KINDS for seed in (1000, 1001)]
 

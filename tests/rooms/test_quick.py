@@ -11,13 +11,13 @@ from estimator.association.duplicates import overlap
 from estimator.association.point_labels import sparse_labels
 from estimator.reading import read_instances, read_scene
 from metric_base.arrays import FloatArray
-from tests.made.rooms.furnish import furnished_room
-from tests.made.rooms.knobs import HARD, Knobs, with_knobs
-from tests.made.rooms.quick import MadeScene, quick_scene
-from tests.made.rooms.scene_files import write_scene
-from tests.made.rooms.similarity import random_similarity, similarity_between
-from tests.made.rooms.street import street
-from tests.made.rooms.world import World
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.knobs import HARD, Knobs, with_knobs
+from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
+from tests.synthetic.rooms.scene_files import write_scene
+from tests.synthetic.rooms.similarity import random_similarity, similarity_between
+from tests.synthetic.rooms.street import street
+from tests.synthetic.rooms.world import World
 
 
 @given(st.integers(0, 2**32))
@@ -30,7 +30,7 @@ def test_alignment_finds_the_similarity(seed: int) -> None:
     assert np.allclose(change.inverse(change(points)), points, atol=1e-6)
 
 
-def test_observations_project_where_they_were_seen(made: MadeScene) -> None:
+def test_observations_project_where_they_were_seen(made: SyntheticScene) -> None:
     for view in made.scene.views:
         local = made.scene.points[view.point_index] @ view.rotation.T + view.translation
         assert np.all(local[:, 2] > 0)
@@ -40,14 +40,14 @@ def test_observations_project_where_they_were_seen(made: MadeScene) -> None:
         assert np.median(np.linalg.norm(pixels - view.keypoints, axis=1)) < 2
 
 
-def test_the_truth_is_the_scenes_scale(made: MadeScene, room: World) -> None:
+def test_the_truth_is_the_scenes_scale(made: SyntheticScene, room: World) -> None:
     true = np.array([pose.centre for pose in room.poses])
     here = np.array([view.centre for view in made.scene.views])
     ratio = np.linalg.norm(true[0] - true[-1]) / np.linalg.norm(here[0] - here[-1])
     assert made.truth.metres_per_unit == pytest.approx(ratio, rel=1e-6)
 
 
-def test_points_of_a_mask_lie_in_their_objects_box(made: MadeScene, room: World) -> None:
+def test_points_of_a_mask_lie_in_their_objects_box(made: SyntheticScene, room: World) -> None:
     """Sparse points, labelled by their own observations and carried back to metres, lie on what the masks name."""
     labels = sparse_labels(made.scene, made.instances)
     true = np.array([pose.centre for pose in room.poses])
@@ -63,7 +63,7 @@ def test_points_of_a_mask_lie_in_their_objects_box(made: MadeScene, room: World)
     assert np.mean(inside) > 0.95
 
 
-def test_dense_points_are_seen_by_the_views_that_their_visibility_names(made: MadeScene) -> None:
+def test_dense_points_are_seen_by_the_views_that_their_visibility_names(made: SyntheticScene) -> None:
     cloud = made.scene.dense
     assert cloud is not None
     assert cloud.visible_offsets is not None
@@ -97,7 +97,7 @@ def test_oncoming_cars_leave_fewer_points_than_parked_ones() -> None:
     assert points[True] / pixels[True] < 0.5 * points[False] / pixels[False]
 
 
-def test_files_read_back_as_the_scene_that_was_written(made: MadeScene, room: World, tmp_path: Path) -> None:
+def test_files_read_back_as_the_scene_that_was_written(made: SyntheticScene, room: World, tmp_path: Path) -> None:
     write_scene(made, room, tmp_path)
     again = read_scene(tmp_path)
     assert [view.name for view in again.views] == [view.name for view in made.scene.views]
@@ -113,7 +113,7 @@ def test_files_read_back_as_the_scene_that_was_written(made: MadeScene, room: Wo
     assert all(np.array_equal(a.mask, b.mask) for a, b in zip(found, made.instances, strict=True))
 
 
-def test_hard_rooms_have_the_faults_of_real_ones() -> None:
+def test_hard_rooms_have_the_errors_of_real_ones() -> None:
     """Points between surfaces, below the floor and fewer on bare faces; masks that are off at the border."""
     knobs = with_knobs(HARD, objects=5, views=8)
     world = furnished_room("study", 1101, knobs)
@@ -128,7 +128,7 @@ def test_hard_rooms_have_the_faults_of_real_ones() -> None:
     assert 0.5 < np.median(shares) < 0.99
 
 
-def heights(made: MadeScene, world: World) -> FloatArray:
+def heights(made: SyntheticScene, world: World) -> FloatArray:
     """(n,) heights of the dense points above the floor, in metres."""
     assert made.scene.dense is not None
     true = np.array([pose.centre for pose in world.poses])

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.made.rooms.masks import coco_dataset, instances_of
-from tests.made.rooms.render import Frame, NoOpenGL, Renderer
-from tests.made.rooms.solids import box, join
-from tests.made.rooms.world import Placed, World, pose_towards
+from tests.synthetic.rooms.masks import coco_dataset, instances_of
+from tests.synthetic.rooms.render import Frame, NoOpenGL, Renderer
+from tests.synthetic.rooms.solids import box, join
+from tests.synthetic.rooms.world import Placed, World, pose_towards
 
 
 def frames(world: World, *indices: int, colour: bool = False) -> list[Frame]:

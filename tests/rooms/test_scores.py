@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from sklearn.metrics import adjusted_rand_score
 
 from estimator.association.tracks import Track
-from tests.made.rooms.quick import MadeScene
-from tests.made.rooms.scores import Score, adjusted_rand_index, association_score, height_error, summary
-from tests.made.rooms.sizes import TYPICAL_MM, drawn_sizes, plausible_sizes
+from tests.synthetic.rooms.quick import SyntheticScene
+from tests.synthetic.rooms.scores import Score, adjusted_rand_index, association_score, height_error, summary
+from tests.synthetic.rooms.sizes import TYPICAL_MM, drawn_sizes, plausible_sizes
 
 labels = st.lists(st.tuples(st.sampled_from("abc"), st.sampled_from("abc")), min_size=2, max_size=30)
 
@@ -20,14 +20,14 @@ def test_rand_index_is_sklearns(pairs: list[tuple[str, str]]) -> None:
     assert adjusted_rand_index(first, second) == pytest.approx(adjusted_rand_score(first, second), abs=1e-9)
 
 
-def true_tracks(made: MadeScene) -> list[Track]:
+def true_tracks(made: SyntheticScene) -> list[Track]:
     rows: dict[str, list[int]] = {}
     for row, instance in enumerate(made.instances):
         rows.setdefault(str(instance.track), []).append(row)
     return [Track(tuple(members), name) for name, members in rows.items()]
 
 
-def test_true_tracks_score_full_and_a_split_and_a_merge_are_counted(made: MadeScene) -> None:
+def test_true_tracks_score_full_and_a_split_and_a_merge_are_counted(made: SyntheticScene) -> None:
     tracks = true_tracks(made)
     assert association_score(made.instances, tracks).ari == 1
     long = max(tracks, key=lambda track: len(track.members))
@@ -40,7 +40,7 @@ def test_true_tracks_score_full_and_a_split_and_a_merge_are_counted(made: MadeSc
     assert found.ari < 1
 
 
-def test_heights_at_the_true_scale_have_no_error(made: MadeScene) -> None:
+def test_heights_at_the_true_scale_have_no_error(made: SyntheticScene) -> None:
     true = made.truth
     heights = [thing.size[2] / true.metres_per_unit for thing in true.objects.values()]
     assert height_error(true.metres_per_unit, heights, list(true.objects), true) == pytest.approx(0, abs=1e-12)

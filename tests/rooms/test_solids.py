@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.made.rooms.furnish import tilted_solid
-from tests.made.rooms.shapes import CATEGORIES, solid
-from tests.made.rooms.sizes import TYPICAL_MM
+from tests.synthetic.rooms.furnish import tilted_solid
+from tests.synthetic.rooms.shapes import CATEGORIES, solid
+from tests.synthetic.rooms.sizes import TYPICAL_MM
 
 length = st.floats(0.01, 12.0)
 

@@ -1,4 +1,4 @@
-"""Inputs that broke release 1.0.0: none is a fault of the program, and none overwrites or hides anything."""
+"""Inputs that broke release 1.0.0: none is an internal error, and none overwrites or hides anything."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from estimator.command import main
 from estimator.instances.label_images import read_label_images
 from estimator.reading import read_scene
 from estimator.reconstructions.truth import read_truth
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 pytestmark = pytest.mark.shared
 
@@ -53,9 +53,9 @@ def test_an_overlay_never_leads_out_of_its_folder(tmp_path: Path, capsys: pytest
 def test_a_value_of_thousands_of_digits_is_one_line(name: str, tmp_path: Path) -> None:
     scene = read_scene(Path(__file__).resolve().parents[2] / "data" / "scenes" / "demo_room")
     shutil.copyfile(DAMAGED / name, tmp_path / "categories.json")
-    with pytest.raises(InputFault, match="a pixel value from 0 to 65535") as fault:
+    with pytest.raises(InputError, match="a pixel value from 0 to 65535") as error:
         read_label_images(scene, tmp_path)
-    assert len(str(fault.value)) < 400
+    assert len(str(error.value)) < 400
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from insertion.scene.footage import PictureFootage, Stills
 from insertion.staging.insert import place_objects
 from insertion.staging.options import ObjectRequest
 from insertion.staging.stage import make_stage
-from tests.made.insertions import write_glb
-from tests.made.rooms.shapes import solid
+from tests.synthetic.insertions import write_glb
+from tests.synthetic.rooms.shapes import solid
 
 #: The office's truth.json: metres per unit, and the bottle's height and diameter (0.294 +- 0.012).
 SCALE, TRACK, SIZE = 0.37897, "4", np.array([0.100, 0.100, 0.294])

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from taxonomy.wordnet import NoWordNet, WordNet, default_wordnet
-from tests.made.miniwordnet import write_wordnet
+from tests.synthetic.miniwordnet import write_wordnet
 
 
 @pytest.fixture(scope="session")

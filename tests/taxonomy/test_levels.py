@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.taxonomy.propose_levels import cut, explained, nested_cuts
-from metric_base.faults import FieldFault
+from metric_base.errors import FieldError
 from taxonomy.levels import BadLevels, InnerNode, Levels, frozen_levels, table_rows
 
 
@@ -50,7 +50,7 @@ def test_unspecified_items_of_a_family_hang_on_the_kind_that_claims_it():
     ],
 )
 def test_a_broken_rule_is_named(nodes, message):
-    with pytest.raises(FieldFault, match=message):
+    with pytest.raises(FieldError, match=message):
         Levels(nodes)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from taxonomy import wordnet as module
 from taxonomy.wordnet import ENVIRONMENT_VARIABLE, NoWordNet, UnknownSynset, WordNet
-from tests.made.miniwordnet import write_wordnet
+from tests.synthetic.miniwordnet import write_wordnet
 
 
 def test_senses_come_in_wordnets_order(mini_wordnet: WordNet) -> None:

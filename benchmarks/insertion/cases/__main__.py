@@ -1,9 +1,9 @@
 """The paper's ten cases as far as our scenes go: writes docs/evidence/cases.md.
 
-`python -m benchmarks.insertion.cases --out DIR [--case NAME ...] [--page docs/evidence]` films made rooms and streets,
-runs `estimate-scale` and `insert-object` on each and on real scenes beside the repository, and compares what is drawn
-with the truth. Outcomes are kept in DIR, so that a second run goes on where the first stopped; the page is written
-from all that are there. A case costs about a minute and a half of CPU.
+`python -m benchmarks.insertion.cases --out DIR [--case NAME ...] [--page docs/evidence]` records synthetic rooms and
+streets, runs `estimate-scale` and `insert-object` on each and on real scenes beside the repository, and compares what
+is drawn with the truth. Outcomes are kept in DIR, so that a second run goes on where the first stopped; the page is
+written from all that are there. A case costs about a minute and a half of CPU.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ def _outcome(case: Case, folder: Path) -> Outcome:
 
 
 def _row(case: Case, outcome: Outcome) -> str:
-    film, chosen = outcome.frames
-    cells = [case.name, case.model_file.stem, f"{film}, {chosen}" if chosen else f"{film}"]
+    video, chosen = outcome.frames
+    cells = [case.name, case.model_file.stem, f"{video}, {chosen}" if chosen else f"{video}"]
     if outcome.scale is None or outcome.interval is None:
         cells += [f"refused: {outcome.refusal}", "", ""]
     else:

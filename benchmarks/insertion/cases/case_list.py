@@ -1,4 +1,4 @@
-"""The ten cases of docs/evidence/cases.md: where each film comes from, and what is put into it."""
+"""The ten cases of docs/evidence/cases.md: where each video comes from, and what is put into it."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.made.rooms.cameras import drive
-from tests.made.rooms.knobs import Knobs
-from tests.made.rooms.street import STEP, street
-from tests.made.rooms.world import World
-from tests.made.videos import Lens, made_video, room
+from tests.synthetic.rooms.cameras import drive
+from tests.synthetic.rooms.knobs import Knobs
+from tests.synthetic.rooms.street import STEP, street
+from tests.synthetic.rooms.world import World
+from tests.synthetic.videos import Lens, room, synthetic_video
 
-__all__ = ["CASES", "SHARED", "Case", "film_of", "world_of"]
+__all__ = ["CASES", "SHARED", "Case", "video_of", "world_of"]
 
 ROOT = Path(__file__).resolve().parents[3]
 #: Real scenes and open models, beside the repository or above it.
@@ -22,20 +22,20 @@ SHARED = next(
 )
 SHIPPED = ROOT / "data" / "models" / "rocking_horse.glb"
 CC0 = "sweethome3d/BlendSwap-CC-0/"
-#: Frames of a made film and frames a second; a car at 40 km/h goes half a metre between frames.
+#: Frames of a synthetic video and frames a second; a car at 40 km/h goes half a metre between frames.
 FRAMES, RATE, METRES_A_FRAME = 48, 20.0, 0.55
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One film and one object.
+    """One video and one object.
 
-    name : of the row; film : `KIND:SEED` of a made world, `demo_video`, or a scene below SHARED; model : below the
+    name : of the row; video : `KIND:SEED` of a test world, `demo_video`, or a scene below SHARED; model : below the
     models of SHARED, or None for the shipped one; words : more arguments of insert-object; frames : to reconstruct.
     """
 
     name: str
-    film: str
+    video: str
     model: str | None = None
     words: tuple[str, ...] = ()
     frames: int = 16
@@ -48,8 +48,8 @@ class Case:
 
     @property
     def real(self) -> bool:
-        """Whether the film is a real scene, of which no picture may be published."""
-        return ":" not in self.film and self.film != "demo_video"
+        """Whether the video is a real scene, of which no picture may be published."""
+        return ":" not in self.video and self.video != "demo_video"
 
     @property
     def folder_name(self) -> str:
@@ -73,10 +73,10 @@ CASES = (
 
 
 def world_of(case: Case) -> World:
-    """The made world of a film, with its path."""
-    if case.film == "demo_video":
+    """The synthetic world of a video, with its path."""
+    if case.video == "demo_video":
         return room("sitting room", 7, frames=60)
-    kind, seed = case.film.rsplit(":", 1)
+    kind, seed = case.video.rsplit(":", 1)
     if kind != "street":
         return room(kind, int(seed), frames=FRAMES)
     world = street(int(seed), Knobs())
@@ -86,10 +86,10 @@ def world_of(case: Case) -> World:
     return replace(world, objects=things, poses=path)
 
 
-def film_of(case: Case, folder: Path) -> Path:
-    """The folder with `video.mp4`, `instances.json` and `truth.json` of a made film, filmed if it is not there."""
-    if case.film == "demo_video":
+def video_of(case: Case, folder: Path) -> Path:
+    """The folder with `video.mp4`, `instances.json` and `truth.json` of a synthetic video; recorded if missing."""
+    if case.video == "demo_video":
         return ROOT / "data" / "scenes" / "demo_video"
     if not (folder / "truth.json").is_file():
-        made_video(world_of(case), Lens(), folder, RATE)
+        synthetic_video(world_of(case), Lens(), folder, RATE)
     return folder

@@ -1,4 +1,4 @@
-"""One case from the film to the picture, through the commands themselves, with CPU seconds and errors."""
+"""One case from the video to the picture, through the commands themselves, with CPU seconds and errors."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.insertion.cases.case_list import SHARED, Case, film_of, world_of
+from benchmarks.insertion.cases.case_list import SHARED, Case, video_of, world_of
 from estimator.reading import read_scene
 from insertion.command import parser
 from insertion.models.model import Model
 from insertion.scene_arguments import requests_of, stage_of
 from insertion.staging.insert import Placed, place_objects
 from metric_base.arrays import BoolArray
-from tests.made.insertions import FilmedRoom, added
-from tests.made.rooms.render import Renderer
-from tests.made.rooms.similarity import Similarity
-from tests.made.rooms.solids import Mesh
-from tests.made.rooms.world import World
+from tests.synthetic.insertions import RecordedRoom, added
+from tests.synthetic.rooms.render import Renderer
+from tests.synthetic.rooms.similarity import Similarity
+from tests.synthetic.rooms.solids import Mesh
+from tests.synthetic.rooms.world import World
 
 __all__ = [
     "Outcome", "command", "drawn_heights", "fresh", "mesh_of", "placed_object", "ratio_of", "run_case", "true_heights",
@@ -45,7 +45,7 @@ LOOKED_AT = 16
 class Outcome:
     """A row of the table. Errors are shares; `inside` says whether the interval contains the true scale.
 
-    seconds : CPU of the stages by name; frames : of the film and those reconstructed; heights : frames that the size
+    seconds : CPU of the stages by name; frames : of the video and those reconstructed; heights : frames that the size
     error rests on; refusal : the message of a case that was refused.
     """
 
@@ -67,15 +67,15 @@ def run_case(case: Case, folder: Path) -> Outcome:
     """Estimate the scale, insert the object, compare. The output is `out.mp4`, or `out/` of a real scene."""
     if case.real:
         return _run_real(case, folder)
-    film, work = film_of(case, folder), folder / "work"
-    words = [film / "video.mp4", "--work", work, "--instances", film / "instances.json", "--frames", case.frames]
+    video, work = video_of(case, folder), folder / "work"
+    words = [video / "video.mp4", "--work", work, "--instances", video / "instances.json", "--frames", case.frames]
     started = time.time()
     code, record, estimate = command("estimator.command", [*words, "--json"])
-    length = len(json.loads((film / "truth.json").read_text(encoding="utf-8"))["frames"])
+    length = len(json.loads((video / "truth.json").read_text(encoding="utf-8"))["frames"])
     seconds = _stages(work, estimate, started)
     if code:
         return Outcome((length, 0), seconds, refusal=_refusal(record))
-    to_scene = work_similarity(film, work)
+    to_scene = work_similarity(video, work)
     true = 1 / to_scene.scale
     scale, interval = _scale_errors(record, true)
     chosen = len(read_scene(work).views)
@@ -93,7 +93,7 @@ def run_case(case: Case, folder: Path) -> Outcome:
 
 def _run_real(case: Case, folder: Path) -> Outcome:
     """A scene with its reconstruction given; its drawn height is compared with that at the true scale."""
-    scene = SHARED / "scenes" / case.film
+    scene = SHARED / "scenes" / case.video
     true = json.loads((scene / "truth.json").read_text(encoding="utf-8"))["metres_per_unit"]
     folder.mkdir(parents=True, exist_ok=True)
     code, record, seconds = command("estimator.command", [scene, "--json", "--output", folder / "result.json"])
@@ -125,12 +125,12 @@ def command(module: str, words: list[Any]) -> tuple[int, dict[str, Any], float]:
     return done.returncode, record, _child_seconds() - before
 
 
-def work_similarity(film: Path, work: Path) -> Similarity:
+def work_similarity(video: Path, work: Path) -> Similarity:
     """From true metres to the reconstruction of a work folder: its cameras' directions, then their centres.
 
     The centres of a straight drive alone would leave the turn about its line open.
     """
-    truth = json.loads((film / "truth.json").read_text(encoding="utf-8"))["frames"]
+    truth = json.loads((video / "truth.json").read_text(encoding="utf-8"))["frames"]
     views = read_scene(work).views
     rows = [truth[int(Path(view.name).stem)] for view in views]
     true = [np.array(row["rotation"]) for row in rows]
@@ -169,7 +169,7 @@ def true_heights(
     world: World, work: Path, to_scene: Similarity, placed: Placed, wanted: Mapping[int, float]
 ) -> dict[int, int]:
     """Rows of the same mesh at its true size at the same place, through the true cameras, where all of it is shown."""
-    room = FilmedRoom(world, read_scene(work), (), work, to_scene)
+    room = RecordedRoom(world, read_scene(work), (), work, to_scene)
     mesh = mesh_of(placed.model, placed.size.factor)
     alone = added(room, mesh, placed.place.position, placed.front, alone=True)
     rows = sorted(wanted)[:: max(1, len(wanted) // LOOKED_AT)]

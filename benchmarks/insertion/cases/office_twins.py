@@ -19,8 +19,8 @@ from benchmarks.insertion.cases.twins import share_words
 from estimator.reading import read_instances, read_scene
 from estimator.records.scene import View
 from metric_base.arrays import BoolArray, FloatArray
-from tests.made.insertions import write_glb
-from tests.made.rooms.solids import Mesh
+from tests.synthetic.insertions import write_glb
+from tests.synthetic.rooms.solids import Mesh
 
 __all__ = ["main"]
 

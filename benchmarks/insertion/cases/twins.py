@@ -1,7 +1,7 @@
 """An object beside its real self: `python -m benchmarks.insertion.cases.twins --out DIR`.
 
-DIR is that of `benchmarks.insertion.cases`, whose work folders are used. The very mesh of a thing in a made room is
-written as a GLB file in metres and placed next to the thing, as far from the camera as it and turned as it is; its
+DIR is that of `benchmarks.insertion.cases`, whose work folders are used. The very mesh of a thing in a synthetic room
+is written as a GLB file in metres and placed next to the thing, as far from the camera as it and turned as it is; its
 heights through the recovered cameras are compared with those of the same mesh at that place under the true cameras,
 and with those of the thing itself, corrected for distance.
 """
@@ -24,10 +24,10 @@ from insertion.staging.insert import Placed as Inserted
 from insertion.staging.insert import place_objects, resize
 from insertion.staging.stage import Stage
 from metric_base.arrays import FloatArray
-from tests.made.insertions import write_glb
-from tests.made.rooms.render import Renderer
-from tests.made.rooms.solids import Mesh
-from tests.made.rooms.world import Placed, World
+from tests.synthetic.insertions import write_glb
+from tests.synthetic.rooms.render import Renderer
+from tests.synthetic.rooms.solids import Mesh
+from tests.synthetic.rooms.world import Placed, World
 
 __all__ = ["main", "share_words"]
 
@@ -37,7 +37,7 @@ TWINS = (("kitchen", "chair-3"), ("bedroom", "suitcase-1"), ("study", "office_ch
 GAP, SAME_DEPTH = 0.12, 0.02
 #: Share of the floor there that is seen, and pixels to the picture's border.
 LEAST_SEEN, EDGE = 0.75, 4
-#: Every so many frames of the film are looked at.
+#: Every so many frames of the video are looked at.
 STEP = 3
 
 

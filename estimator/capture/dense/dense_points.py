@@ -8,7 +8,7 @@ from pathlib import Path
 from estimator.capture.dense.cuda import PYCOLMAP, patch_match_engine
 from estimator.capture.dense.dense_cloud import make_dense_cloud
 from estimator.capture.dense.patch_match import make_patch_match_cloud
-from estimator.capture.mapping.worker_process import WorkerFault
+from estimator.capture.mapping.worker_process import WorkerError
 from estimator.reconstructions.colmap import read_colmap
 from metric_base.progress import progress_bar
 
@@ -27,8 +27,8 @@ def make_dense_points(model: Path, pictures: Path, file: Path) -> int:
         try:
             with progress_bar("dense points, PatchMatch") as told_done:
                 return make_patch_match_cloud(model, pictures, file, engine, told_done)
-        except WorkerFault as fault:
-            _say(f"warning: PatchMatch failed, and the plane sweep on the CPU is used: {fault}")
+        except WorkerError as error:
+            _say(f"warning: PatchMatch failed, and the plane sweep on the CPU is used: {error}")
     else:
         _say("dense points by a plane sweep on the CPU: no CUDA device, or no COLMAP that was built with CUDA")
     with progress_bar("dense points, plane sweep") as told_done:

@@ -28,7 +28,7 @@ def make_patch_match_cloud(
 
     Raises
     ------
-    WorkerFault
+    WorkerError
         It ended without a result, as on a device without enough memory.
     """
     workspace = file.with_name("stereo.scratch")

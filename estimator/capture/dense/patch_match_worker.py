@@ -15,7 +15,7 @@ from estimator.reconstructions.pycolmap_library import pycolmap
 
 #: Longer side in pixels at which depth is computed.
 SIDE = 1000
-#: A point has to be seen by so many pixels of the depth maps: COLMAP's 5 leaves short films empty.
+#: A point has to be seen by so many pixels of the depth maps: COLMAP's 5 leaves short videos empty.
 LEAST_PIXELS = 3
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import View
 from metric_base.arrays import FloatArray
-from metric_base.faults import InputFault, Words
+from metric_base.errors import InputError, Unquoted
 
 __all__ = ["PinholeView", "pinhole_view"]
 
@@ -35,7 +35,7 @@ def pinhole_view(view: View, pictures: Path) -> PinholeView:
 
     Raises
     ------
-    InputFault
+    InputError
         The picture cannot be read.
     """
     import cv2
@@ -43,7 +43,7 @@ def pinhole_view(view: View, pictures: Path) -> PinholeView:
     camera = view.camera
     picture = cv2.imread(str(pictures / view.name), cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     if picture is None:
-        raise InputFault.at(pictures / view.name, "picture", "a picture that OpenCV reads", Words("none"))
+        raise InputError.at(pictures / view.name, "picture", "a picture that OpenCV reads", Unquoted("none"))
     factor = min(1.0, SIDE / max(camera.width, camera.height))
     width, height = round(camera.width * factor), round(camera.height * factor)
     focal = float(camera.params[0]) * factor

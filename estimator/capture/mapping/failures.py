@@ -1,4 +1,4 @@
-"""The named ways in which a capture cannot be used, each with what to film instead."""
+"""The named ways in which a capture cannot be used, each with what to record instead."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from dataclasses import dataclass
 
 __all__ = ["CODES", "TYPICAL_FOCAL", "CaptureFailure", "Failure", "failure"]
 
-#: Focal length over the longer side before anything is known: a telephone's main camera while filming. Its 24 to 28 mm
-#: (of 35 mm film) are 0.69 to 0.81 of the longer side of a photograph, and a film is cropped by a tenth or so.
+#: Focal length over the longer side before anything is known: a telephone's main camera while recording. Its 24 to 28
+#: mm (of 35 mm film) are 0.69 to 0.81 of the longer side of a photograph, and a video is cropped by a tenth or so.
 TYPICAL_FOCAL = 0.85
 
 #: What to do, by code; the message of a failure says first what was seen.
 ADVICE = {
-    "pure_rotation": "walk sideways or around the things while filming; turning on the spot shows no depth",
-    "static_camera": "move the camera: walk around the things, at least a step to each side",
-    "no_texture": "film things with visible detail, in good light; plain walls and floors cannot be matched",
-    "too_few_frames": "film for ten seconds or more, or take twenty pictures, each overlapping the next by two thirds",
+    "pure_rotation": "walk sideways or around the objects while recording; turning on the spot shows no depth",
+    "static_camera": "move the camera: walk around the objects, at least a step to each side",
+    "no_texture": "record objects with visible detail, in good light; plain walls and floors cannot be matched",
+    "too_few_frames": "record ten seconds or more, or take twenty pictures, each overlapping the next by two thirds",
     "motion_blur": "move more slowly, hold the camera steadily, and use more light",
-    "several_places": "film one place in one go, without cuts, and come back over what was seen before",
-    "drift": "film a loop that comes back to its start, sideways rather than straight ahead, and more slowly",
-    "implausible_focal_length": "give the focal length with --focal, do not zoom, and walk around the things",
+    "several_places": "record one place in one go, without cuts, and come back over what was seen before",
+    "drift": "record a loop that comes back to its start, sideways rather than straight ahead, and more slowly",
+    "implausible_focal_length": "give the focal length with --focal, do not zoom, and walk around the objects",
     "focal_length_changes": "do not zoom or let the telephone change lenses, and keep what moves out of the picture",
-    "focal_length_undetermined": "walk around the things or turn the camera as you walk, or give the focal length in "
+    "focal_length_undetermined": "walk around the objects or turn the camera as you walk, or give the focal length in "
     f"pixels with --focal (a telephone's main camera: about {TYPICAL_FOCAL} times the longer side of the picture)",
 }
 CODES = tuple(ADVICE)

@@ -1,4 +1,4 @@
-"""Whether the focal length stays the same along a film: each frame's own, with the points held."""
+"""Whether the focal length stays the same along a video: each frame's own, with the points held."""
 
 from __future__ import annotations
 

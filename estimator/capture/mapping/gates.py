@@ -39,11 +39,11 @@ LEAST_ANGLE_DEG = 1.5
 FOCAL_RANGE = (0.5, 2.0)
 #: A stated focal length widens that range to itself and so much more: what it is stated of may be cropped.
 STATED_MARGIN = 1.25
-#: `focal_deviation` from which the film does not determine the focal length. Made films of 320 pixels: walks round
-#: things 0.008 to 0.009, straight ahead or sideways with a hand that sways by 2 degrees 0.02, by 0.3 degrees 0.07,
-#: with none 0.5 and more. The errors are as large: 0.003, 0.01, 0.07, and 0.4 to 0.8.
+#: `focal_deviation` from which the video does not determine the focal length. Synthetic videos of 320 pixels: walks
+#: round things 0.008 to 0.009, straight ahead or sideways with a hand that sways by 2 degrees 0.02, by 0.3 degrees
+#: 0.07, with none 0.5 and more. The errors are as large: 0.003, 0.01, 0.07, and 0.4 to 0.8.
 UNDETERMINED = 0.1
-#: `focal_spread` from which a film was zoomed. Films without a zoom have 0.0007 at most, real hand-held ones 0.001; a
+#: `focal_spread` from which a video was zoomed. Videos without a zoom have 0.0007 at most, real hand-held ones 0.001; a
 #: zoom of 15 % has 0.0096, and its shared focal length is wrong by 16 %.
 ZOOMED = 0.006
 #: `focal_spread` from which the result says so: with all furniture moving by 1 and 3 cm a frame it is 0.0020 and
@@ -98,7 +98,7 @@ def focal_is_determined(shape: ModelShape) -> bool:
 
 
 def focal_undetermined() -> Failure:
-    """The refusal of a film that leaves the focal length open."""
+    """The refusal of a video that leaves the focal length open."""
     return failure(
         "focal_length_undetermined", "the camera moves almost without turning, and then any focal length fits"
     )

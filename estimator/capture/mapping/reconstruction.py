@@ -49,7 +49,7 @@ class Lens:
     """What is known of the camera: COLMAP's model, and the focal length in pixels of the frames or None.
 
     fixed : the focal length is given by the user and not refined; width, height : of the frames; rough : the focal
-    length is that of the camera's photographs, and its films may be cropped: a start that is never held.
+    length is that of the camera's photographs, and its videos may be cropped: a start that is never held.
     """
 
     model: str

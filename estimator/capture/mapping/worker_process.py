@@ -11,12 +11,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["WorkerFault", "start_worker", "wait_for_worker"]
+__all__ = ["WorkerError", "start_worker", "wait_for_worker"]
 
 COLMAP_WORKER = "estimator.capture.mapping.colmap_worker"
 
 
-class WorkerFault(RuntimeError):
+class WorkerError(RuntimeError):
     """A step of the reconstruction ended without a result; the message says how, and where its log is."""
 
 
@@ -44,7 +44,7 @@ def wait_for_worker(
 
     Raises
     ------
-    WorkerFault
+    WorkerError
         It ended without a result.
     """
     result: Any = None
@@ -62,7 +62,7 @@ def wait_for_worker(
             process.kill()
             process.wait()
     if status != 0 or result is None:
-        raise WorkerFault(f"the reconstruction step {step!r} {_ending(status)}: {_last_line(log)}")
+        raise WorkerError(f"the reconstruction step {step!r} {_ending(status)}: {_last_line(log)}")
     return result
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from crawler.fetch.addresses import is_literal, is_public
-from tests.crawler.fetch.test_crawl_faults import CONTACT, ROOT
-from tests.made.made_site import MadeSite, Shop
+from tests.crawler.fetch.test_crawl_errors import CONTACT, ROOT
+from tests.synthetic.synthetic_site import Shop, SyntheticSite
 
 
 @pytest.mark.parametrize("address", ["93.184.216.34", "2606:2800:220:1:248:1893:25c8:1946", "8.8.8.8"])
@@ -62,7 +62,7 @@ def crawl(base: str, out: Path, host: str) -> tuple[int, Any, str]:
 
 @pytest.mark.parametrize("host", ["rebinding.example", "127.1", "[::ffff:127.0.0.1]"])
 def test_a_name_that_leads_home_is_refused_at_the_connection(tmp_path: Path, host: str) -> None:
-    with MadeSite(Shop(products=3, faults=False)) as site:
+    with SyntheticSite(Shop(products=3, errors=False)) as site:
         status, summary, message = crawl(site.base, tmp_path / "out", host)
         assert not site.fetched
     assert (status, summary["failed"]) == (2, {"private address": 1})

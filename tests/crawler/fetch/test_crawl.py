@@ -15,12 +15,12 @@ from typing import Any
 
 import pytest
 
-from tests.made.made_site import PICTURES, MadeSite, Shop, expected, fault
+from tests.synthetic.synthetic_site import PICTURES, Shop, SyntheticSite, error, expected
 
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def command(site: MadeSite, out: Path, *words: str) -> list[str]:
+def command(site: SyntheticSite, out: Path, *words: str) -> list[str]:
     code = "from metric_tree.commands import main; raise SystemExit(main())"
     fixed = [
         "crawl",
@@ -35,7 +35,7 @@ def command(site: MadeSite, out: Path, *words: str) -> list[str]:
     return [sys.executable, "-c", code, *fixed, "--delay", "0", "--private", "--json", *words]
 
 
-def crawl(site: MadeSite, out: Path, *words: str, status: int = 0) -> Any:
+def crawl(site: SyntheticSite, out: Path, *words: str, status: int = 0) -> Any:
     done = subprocess.run(
         command(site, out, *words), cwd=ROOT, capture_output=True, text=True, timeout=240, check=False
     )
@@ -52,14 +52,14 @@ def sizes(out: Path) -> dict[str, tuple[float, ...]]:
 
 
 @pytest.mark.slow
-def test_a_shop_with_faults_is_brought_home(tmp_path: Path) -> None:
+def test_a_shop_with_errors_is_brought_home(tmp_path: Path) -> None:
     shop = Shop(products=250)
-    with MadeSite(shop) as site:
+    with SyntheticSite(shop) as site:
         summary = crawl(site, tmp_path / "out")
         assert sizes(tmp_path / "out") == expected(shop)
         assert len(items(tmp_path / "out")) == len(expected(shop))
         assert not any(path.startswith("/private/") for path in site.fetched)
-    cases = [fault(number, shop) for number in range(shop.products)]
+    cases = [error(number, shop) for number in range(shop.products)]
     assert summary["reason"] == "finished"
     assert summary["frontier"]["waiting"] == summary["frontier"]["leased"] == 0
     assert summary["failed"]["http 500"] == cases.count("lasting_500")
@@ -82,9 +82,9 @@ def test_a_shop_with_faults_is_brought_home(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
     kills = 3  # ten are a command of their own: python -m benchmarks.kills crawl
-    shop = Shop(products=80 * kills, faults=False, delay=0.1)
+    shop = Shop(products=80 * kills, errors=False, delay=0.1)
     generator = random.Random(4)
-    with MadeSite(shop) as site:
+    with SyntheticSite(shop) as site:
         for number in range(kills):
             words = ["--resume"] if number else []
             process = subprocess.Popen(command(site, tmp_path / "out", *words), cwd=ROOT, stdout=subprocess.DEVNULL)
@@ -103,7 +103,7 @@ def test_kills_lose_nothing_and_repeat_nothing(tmp_path: Path) -> None:
 
 
 def test_a_folder_with_a_crawl_is_not_overwritten(tmp_path: Path) -> None:
-    with MadeSite(Shop(products=3, faults=False)) as site:
+    with SyntheticSite(Shop(products=3, errors=False)) as site:
         crawl(site, tmp_path / "out")
         message = crawl(site, tmp_path / "out", status=2)
         assert "expected a free folder, or --resume; found a crawl" in message
@@ -111,7 +111,7 @@ def test_a_folder_with_a_crawl_is_not_overwritten(tmp_path: Path) -> None:
 
 
 def test_a_limit_stops_and_a_resume_goes_on(tmp_path: Path) -> None:
-    with MadeSite(Shop(products=60, faults=False)) as site:
+    with SyntheticSite(Shop(products=60, errors=False)) as site:
         assert crawl(site, tmp_path / "out", "--limit", "20")["reason"] == "limit"
         assert len(items(tmp_path / "out")) == 20
         crawl(site, tmp_path / "out", "--resume")
@@ -120,7 +120,7 @@ def test_a_limit_stops_and_a_resume_goes_on(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_crawl_with_a_cache_asks_whether_pages_changed(tmp_path: Path) -> None:
-    with MadeSite(Shop(products=30, faults=False)) as site:
+    with SyntheticSite(Shop(products=30, errors=False)) as site:
         cache = ["--cache", str(tmp_path / "cache")]
         crawl(site, tmp_path / "first", *cache)
         assert not site.unchanged
@@ -132,7 +132,7 @@ def test_a_crawl_with_a_cache_asks_whether_pages_changed(tmp_path: Path) -> None
         assert {path: site.unchanged[path] for path in pages} == pages  # each was asked for, and none was sent
         assert sizes(tmp_path / "second") == sizes(tmp_path / "first") == expected(site.shop)
         unchanged = site.unchanged.copy()
-        site.shop = Shop(products=30, faults=False, sizes=(10,))  # every product's page is another now
+        site.shop = Shop(products=30, errors=False, sizes=(10,))  # every product's page is another now
         crawl(site, tmp_path / "third", *cache)
         sent_again = [path for path in site.unchanged - unchanged if path.startswith("/item")]
         assert sent_again == []
@@ -140,7 +140,7 @@ def test_a_crawl_with_a_cache_asks_whether_pages_changed(tmp_path: Path) -> None
 
 
 def test_pictures_are_stored_once_and_named_by_their_items(tmp_path: Path) -> None:
-    with MadeSite(Shop(products=20, faults=False)) as site:
+    with SyntheticSite(Shop(products=20, errors=False)) as site:
         summary = crawl(site, tmp_path / "out", "--pictures")
         asked = {path for path in site.fetched if path.startswith("/picture/")}
     files = [path for path in (tmp_path / "out" / "pictures").rglob("*.png") if path.is_file()]
@@ -155,8 +155,8 @@ def test_pictures_are_stored_once_and_named_by_their_items(tmp_path: Path) -> No
 @pytest.mark.slow
 def test_two_workers_share_a_frontier_and_one_is_killed(tmp_path: Path, redis_url: str) -> None:
     environment = os.environ | {"METRIC_TREE_LEASE_SECONDS": "3"}
-    shop = Shop(products=120, faults=False, delay=0.2)
-    with MadeSite(shop) as site:
+    shop = Shop(products=120, errors=False, delay=0.2)
+    with SyntheticSite(shop) as site:
         words = ["--redis", redis_url]
         one, two = (
             subprocess.Popen(

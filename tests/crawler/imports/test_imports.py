@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from crawler.imports.rows import BadTable
-from tests.crawler.imports.made_up import made_up, reasons, sizes
+from tests.crawler.imports.invented_tables import made_up, reasons, sizes
 
 
 def test_semicolons_decimal_commas_and_missing_axes(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from crawler.imports.downloads import NoInput
 from crawler.imports.rows import BadTable
 from crawler.imports.source_files import source_folder
 from crawler.imports.sources import source
-from tests.crawler.imports.made_up import made_up, reasons, sizes
+from tests.crawler.imports.invented_tables import made_up, reasons, sizes
 
 #: Lists of lists of the same list: a few lines that stand for a billion values.
 _ALIASES = "".join(f"{two}: &{two} [{', '.join([f'*{one}'] * 10)}]\n" for one, two in pairwise("abcdefghi"))

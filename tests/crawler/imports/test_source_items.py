@@ -12,7 +12,7 @@ from crawler.imports.rows import BadTable
 from crawler.imports.source_files import source_folder
 from crawler.imports.sources import source
 from crawler.items import RawItem
-from tests.crawler.imports.made_up import HEAD, made_up
+from tests.crawler.imports.invented_tables import HEAD, made_up
 
 REPEATED = """
 [[tables]]

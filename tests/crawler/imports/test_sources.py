@@ -11,7 +11,7 @@ import pytest
 from crawler.imports.declaration import REASONS
 from crawler.imports.sources import OPEN_LICENCES, BadDeclaration, Source, UnknownSource, source, sources
 from crawler.items import BadRawItem, RawItem, raw_items
-from metric_base.faults import FieldFault
+from metric_base.errors import FieldError
 
 ROOT = Path(__file__).resolve().parents[3]
 SHA = "0" * 64
@@ -85,7 +85,7 @@ def test_a_declaration_is_read(tmp_path: Path) -> None:
         ('title = "Made-up lamps"', "title = ", "found"),
     ],
 )
-def test_a_fault_of_a_declaration_is_named_at_the_door(tmp_path: Path, old: str, new: str, field: str) -> None:
+def test_an_error_of_a_declaration_is_named_at_the_door(tmp_path: Path, old: str, new: str, field: str) -> None:
     assert old in DECLARATION
     with pytest.raises(BadDeclaration, match=f"lamps.toml: .*{re.escape(field)}"):
         declared(tmp_path, DECLARATION.replace(old, new))
@@ -163,7 +163,7 @@ def test_the_page_of_sources_lists_every_source_and_reason() -> None:
 
 def test_a_region_is_a_country_or_one_of_the_list() -> None:
     assert RawItem(source="a", source_id="1", region="europe").region == "europe"
-    with pytest.raises(FieldFault, match="region: expected two letters"):
+    with pytest.raises(FieldError, match="region: expected two letters"):
         RawItem(source="a", source_id="1", region="Central Europe")
 
 
@@ -174,7 +174,7 @@ def test_fields_of_measured_things_are_in_a_line_only_where_they_are_set() -> No
         source="a", source_id="1", scene="room/1", statistic="mean", relative_sd=0.04, attribution="A. Nyone"
     )
     assert RawItem.from_line(full.line()) == full
-    with pytest.raises(FieldFault, match="statistic: expected one of max, mean, median, min"):
+    with pytest.raises(FieldError, match="statistic: expected one of max, mean, median, min"):
         RawItem(source="a", source_id="1", statistic="sd")  # type: ignore[arg-type]
 
 

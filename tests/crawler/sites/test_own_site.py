@@ -14,8 +14,8 @@ from crawler.fetch.frontier import task_key
 from crawler.sites import canonical_url, site_of, use_site
 from metric_base.schema import BadDeclaration
 from metric_tree.commands import main
-from tests.crawler.fetch.test_crawl_faults import ROOT, items, words
-from tests.made.made_site import MadeSite, Shop
+from tests.crawler.fetch.test_crawl_errors import ROOT, items, words
+from tests.synthetic.synthetic_site import Shop, SyntheticSite
 
 FOLDER = ROOT / "data" / "examples" / "site"
 
@@ -58,7 +58,7 @@ def test_its_addresses_are_its_own() -> None:
         ('name = "lamps"\nhosts = ["a"]\ncolour = "red"', "colour: expected a known field"),
     ],
 )
-def test_a_fault_of_the_declaration_is_one_line(tmp_path: Path, text: str, line: str) -> None:
+def test_an_error_of_the_declaration_is_one_line(tmp_path: Path, text: str, line: str) -> None:
     path = tmp_path / "site.toml"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(BadDeclaration, match=r"site\.toml: ") as caught:
@@ -70,7 +70,7 @@ def test_a_fault_of_the_declaration_is_one_line(tmp_path: Path, text: str, line:
 def test_a_crawl_of_a_site_of_ones_own(tmp_path: Path) -> None:
     declaration = tmp_path / "made.toml"
     declaration.write_text('name = "made"\nhosts = ["127\\\\.0\\\\.0\\\\.1"]\n', encoding="utf-8")
-    with MadeSite(Shop(products=5, faults=False)) as site:
+    with SyntheticSite(Shop(products=5, errors=False)) as site:
         more = ["--private", "--site", str(declaration), "--start-url", f"{site.base}/list/0"]
         done = subprocess.run(
             words("made", tmp_path / "out", *more), cwd=ROOT, capture_output=True, text=True, timeout=180, check=False

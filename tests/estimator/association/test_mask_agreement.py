@@ -7,7 +7,7 @@ import pytest
 
 from estimator.association.mask_agreement import mask_agreement, mask_contradictions
 from estimator.association.point_labels import sparse_labels
-from tests.made.shapes import box, floor, made_scene, orbit
+from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
 @pytest.fixture(scope="module")
@@ -19,12 +19,12 @@ def made():
         box("bottle", (0.3, 0.3, 0.5), (0, 0.9, 0)),
         box("table", (0.7, 0.4, 0.3), (0, -1.0, 0)),
     ]
-    return made_scene(things, orbit(8, 3.0, 1.6, size=(200, 150), focal=150.0), dense=1500, sparse=1500)
+    return synthetic_scene(things, orbit(8, 3.0, 1.6, size=(200, 150), focal=150.0), dense=1500, sparse=1500)
 
 
 def verdict(made, instances):
-    doubts, faults = mask_contradictions(mask_agreement(sparse_labels(made.scene, instances), instances))
-    return len(doubts), len(faults)
+    doubts, errors = mask_contradictions(mask_agreement(sparse_labels(made.scene, instances), instances))
+    return len(doubts), len(errors)
 
 
 def test_masks_of_the_views_agree(made):

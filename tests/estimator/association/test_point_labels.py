@@ -15,7 +15,7 @@ from estimator.association.point_labels import (
     visible_rows,
 )
 from estimator.records.scene import DenseCloud, Instance
-from tests.made.shapes import box, floor, made_scene, orbit
+from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def made():
         box("chair", (0.4, 0.4, 0.8), (0.9, -0.5, 0), 20),
         box(None, (4, 0.1, 2.5), (0, 1.0, 0)),
     ]
-    return made_scene(things, orbit(8, 3.0, 1.4, arc=120, size=(200, 150), focal=160.0), dense=16_000, noise=0.001)
+    return synthetic_scene(things, orbit(8, 3.0, 1.4, arc=120, size=(200, 150), focal=160.0), dense=16_000, noise=0.001)
 
 
 def tracks_of(made):
@@ -115,7 +115,7 @@ def test_no_instances_and_no_points(made):
 
 def test_a_stray_far_behind_its_mask_is_left_out():
     """A point three mask diagonals behind the rest, seen in the mask, is not of the thing."""
-    made = made_scene(
+    made = synthetic_scene(
         [box("cup", (0.3, 0.3, 0.3), (0, 0, 0))], orbit(2, 2.0, 0.8, arc=20, size=(160, 120), focal=120.0), 2000
     )
     view, instance = made.scene.views[0], made.instances[0]

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from estimator.association.point_labels import PointLabels, _indicator, dense_labels, sparse_labels
 from estimator.association.tracks import _merge_by_points, incremental_tracks, shared_tracks, voted_category
 from estimator.records.scene import Instance
-from tests.made.shapes import box, cylinder, floor, made_scene, orbit
+from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
 
 PIXEL = np.ones((1, 1), dtype=bool)
 
@@ -105,7 +105,9 @@ def table():
     things = [floor(6), box("table", (1.2, 0.7, 0.7), (0, 0, 0))]
     things += [cylinder("bottle", (0.09, 0.09, 0.3), (-0.4 + 0.2 * k, -0.15 + 0.3 * (k % 2), 0.7)) for k in range(5)]
     things += [box("chair", (0.45, 0.45, 0.9), (-0.9 + 0.6 * k, -0.8, 0), 10 * k) for k in range(4)]
-    return made_scene(things, orbit(10, 3.2, 1.9, arc=300, size=(240, 180), focal=190.0), dense=24_000, sparse=1500)
+    return synthetic_scene(
+        things, orbit(10, 3.2, 1.9, arc=300, size=(240, 180), focal=190.0), dense=24_000, sparse=1500
+    )
 
 
 @pytest.mark.parametrize("cloud", ["sparse", "dense"])

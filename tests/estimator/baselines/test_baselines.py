@@ -1,4 +1,4 @@
-"""The baselines do what the paper and its predecessor say they do, faults included."""
+"""The baselines do what the paper and its predecessor say they do, errors included."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from estimator.command import main
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scene import Camera, Instance, Scene, View
 from estimator.results.reports import Options
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.tree import Tree
 
 
@@ -112,7 +112,7 @@ def test_authors_lists(tmp_path: Path, mini: Tree) -> None:
 
 
 def test_authors_lists_missing(tmp_path: Path, mini: Tree) -> None:
-    with pytest.raises(InputFault, match="--paper-lists"):
+    with pytest.raises(InputError, match="--paper-lists"):
         authors_lists(tmp_path / "nowhere", mini)
 
 

@@ -1,4 +1,4 @@
-"""A made video from file to scale by the real command, killed at every stage; poses and scale held to the truth."""
+"""A synthetic video from file to scale by the real command, killed at every stage; poses and scale checked."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from estimator.capture.frame_poses import read_frame_poses
 from estimator.command import main
 from estimator.reading import read_scene
 from metric_base.arrays import FloatArray
-from tests.made.detectors import hue_graph
-from tests.made.rooms.masks import coco_dataset
-from tests.made.rooms.render import NoOpenGL
-from tests.made.rooms.similarity import similarity_between
-from tests.made.rooms.world import Pinhole, Pose
-from tests.made.videos import Lens, filmed, orbit, room, times_of, write_video
+from tests.synthetic.detectors import hue_graph
+from tests.synthetic.rooms.masks import coco_dataset
+from tests.synthetic.rooms.render import NoOpenGL
+from tests.synthetic.rooms.similarity import similarity_between
+from tests.synthetic.rooms.world import Pinhole, Pose
+from tests.synthetic.videos import Lens, orbit, recorded, room, times_of, write_video
 
 LENS = Lens(320, 240, 250.0, k=-0.06)
 FRAMES = 26
@@ -38,8 +38,8 @@ STAGES = ("frames", "features", "matches", "model", "poses")
 
 
 @dataclass(frozen=True)
-class Film:
-    """A made video with its truth."""
+class Video:
+    """A synthetic video with its truth."""
 
     file: Path
     instances: Path
@@ -48,39 +48,39 @@ class Film:
 
 
 @pytest.fixture(scope="module")
-def film(tmp_path_factory: pytest.TempPathFactory) -> Film:
-    """Filmed upright, stored turned, with variable frame rate and a lens that distorts."""
-    folder = tmp_path_factory.mktemp("film")
+def video(tmp_path_factory: pytest.TempPathFactory) -> Video:
+    """Recorded upright, stored turned, with variable frame rate and a lens that distorts."""
+    folder = tmp_path_factory.mktemp("video")
     world = room("sitting room", 7, orbit(2.05, FRAMES, 7, degrees=50.0))
     try:
-        frames = list(filmed(world, LENS))
-    except NoOpenGL as fault:
-        pytest.skip(str(fault))
+        frames = list(recorded(world, LENS))
+    except NoOpenGL as error:
+        pytest.skip(str(error))
     times = times_of(FRAMES, variable=True)
     write_video(folder / "room.mp4", [frame.colour for frame in frames], times, turned_deg=90)
     seen = replace(world, camera=Pinhole(LENS.width, LENS.height, LENS.focal))
     names = [f"{k:06d}.jpg" for k in range(FRAMES)]
     (folder / "things.json").write_text(json.dumps(coco_dataset(seen, [frame.ids for frame in frames], names)))
-    return Film(folder / "room.mp4", folder / "things.json", times, tuple(frame.pose for frame in frames))
+    return Video(folder / "room.mp4", folder / "things.json", times, tuple(frame.pose for frame in frames))
 
 
 @pytest.fixture(scope="module")
-def work(film: Film, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def work(video: Video, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The work folder of a run that was killed with SIGKILL as each stage began, and then left alone."""
     folder = tmp_path_factory.mktemp("work") / "w"
-    command = [sys.executable, "-c", COMMAND, *_words(film, folder)]
+    command = [sys.executable, "-c", COMMAND, *_words(video, folder)]
     for stage in STAGES:
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         _wait_for(process, folder / f".{stage}.part")
         process.send_signal(signal.SIGKILL)
         process.wait()
         assert not (folder / "stamps" / f"{stage}.json").exists()
-    assert main(_words(film, folder)) == 0
+    assert main(_words(video, folder)) == 0
     return folder
 
 
-def _words(film: Film, folder: Path) -> list[str]:
-    words = [film.file, "--work", folder, "--instances", film.instances, "--frames", CHOSEN, "--json"]
+def _words(video: Video, folder: Path) -> list[str]:
+    words = [video.file, "--work", folder, "--instances", video.instances, "--frames", CHOSEN, "--json"]
     return [str(word) for word in words]
 
 
@@ -93,33 +93,35 @@ def _wait_for(process: subprocess.Popen[bytes], place: Path) -> None:
 
 
 @pytest.mark.slow
-def test_nothing_is_made_twice_and_nothing_is_left_over(film: Film, work: Path) -> None:
+def test_nothing_is_made_twice_and_nothing_is_left_over(video: Video, work: Path) -> None:
     stamps = {file.name: file.stat().st_mtime_ns for file in (work / "stamps").iterdir()}
     assert set(stamps) == {f"{stage}.json" for stage in (*STAGES, "instances")}
-    assert main(_words(film, work)) == 0
+    assert main(_words(video, work)) == 0
     assert {file.name: file.stat().st_mtime_ns for file in (work / "stamps").iterdir()} == stamps
     assert [entry for entry in work.iterdir() if entry.name.endswith(".part")] == []
     expected = {"frames", "frames.json", "sparse", "frame_poses.json", "instances.json", "result.json"}
     assert expected <= {entry.name for entry in work.iterdir()}
 
 
-def test_times_size_and_rotation_are_the_videos(film: Film, work: Path) -> None:
+def test_times_size_and_rotation_are_the_videos(video: Video, work: Path) -> None:
     frames = json.loads((work / "frames.json").read_text())
     assert (frames["size"], frames["turned_deg"]) == ([LENS.width, LENS.height], 90)
-    np.testing.assert_allclose(frames["times_s"], film.times, atol=1e-4)
+    np.testing.assert_allclose(frames["times_s"], video.times, atol=1e-4)
     assert len(frames["chosen"]) == CHOSEN == len(list((work / "frames").iterdir()))
 
 
-def test_every_frame_has_its_pose(film: Film, work: Path) -> None:
+def test_every_frame_has_its_pose(video: Video, work: Path) -> None:
     """Camera centres within 6 mm of the truth over a path of 1.8 m, projections within a pixel, directions in 0.25°."""
     poses = read_frame_poses(work)
     assert [pose.index for pose in poses.frames] == list(range(FRAMES))
-    np.testing.assert_allclose([pose.time_s for pose in poses.frames if pose.time_s is not None], film.times, atol=1e-4)
+    np.testing.assert_allclose(
+        [pose.time_s for pose in poses.frames if pose.time_s is not None], video.times, atol=1e-4
+    )
     origins = [pose.origin for pose in poses.frames]
     assert (origins.count("reconstructed"), origins.count("localised")) == (CHOSEN, FRAMES - CHOSEN)
     assert max(pose.check_px for pose in poses.frames if pose.check_px is not None) < 1.0
     centres = np.array([pose.centre for pose in poses.frames])
-    true = np.array([pose.centre for pose in film.poses])
+    true = np.array([pose.centre for pose in video.poses])
     to_scene = similarity_between(true, centres)
     error = np.linalg.norm(to_scene.inverse(centres) - true, axis=1)
     assert error.max() < 0.006
@@ -128,7 +130,7 @@ def test_every_frame_has_its_pose(film: Film, work: Path) -> None:
         np.array(
             [
                 pose.rotation.T @ truth.rotation
-                for pose, truth in zip(poses.frames, film.poses, strict=True)
+                for pose, truth in zip(poses.frames, video.poses, strict=True)
                 if pose.rotation is not None
             ]
         )
@@ -140,8 +142,8 @@ def test_every_frame_has_its_pose(film: Film, work: Path) -> None:
     assert poses.camera.params[3] == pytest.approx(LENS.k, abs=0.02)
 
 
-def test_the_instances_of_other_frames_are_left_out(film: Film, work: Path) -> None:
-    given, kept = (json.loads(file.read_text()) for file in (film.instances, work / "instances.json"))
+def test_the_instances_of_other_frames_are_left_out(video: Video, work: Path) -> None:
+    given, kept = (json.loads(file.read_text()) for file in (video.instances, work / "instances.json"))
     names = {file.name for file in (work / "frames").iterdir()}
     assert {image["file_name"] for image in kept["images"]} == names
     ids = {image["id"] for image in kept["images"]}
@@ -149,12 +151,12 @@ def test_the_instances_of_other_frames_are_left_out(film: Film, work: Path) -> N
     assert json.loads((work / "result.json").read_text())["warnings"] == []
 
 
-def test_the_scale_is_true(film: Film, work: Path) -> None:
+def test_the_scale_is_true(video: Video, work: Path) -> None:
     result = json.loads((work / "result.json").read_text())
     assert (result["schema"], result["status"]) == ("metric-tree/scale/1", "resolved")
     scene = read_scene(work)
     centres = np.array([view.centre for view in scene.views])
-    true = np.array([film.poses[int(Path(view.name).stem)].centre for view in scene.views])
+    true = np.array([video.poses[int(Path(view.name).stem)].centre for view in scene.views])
     metres_per_unit = 1 / similarity_between(true, centres).scale
     # this is a test of the chain: an interval of 90 % misses one room in ten, and may do so here by a tenth
     assert result["interval"]["low"] / 1.1 < metres_per_unit < 1.1 * result["interval"]["high"]
@@ -162,13 +164,13 @@ def test_the_scale_is_true(film: Film, work: Path) -> None:
 
 
 def test_a_detector_finds_the_things(
-    film: Film, work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    video: Video, work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A real network of one convolution, which knows the room's couch by its blue and its plant by its green."""
     shutil.copytree(work, tmp_path / "w")
     (tmp_path / "labels.txt").write_text("couch\npotted plant\n")
     words = [
-        film.file,
+        video.file,
         "--work",
         tmp_path / "w",
         "--frames",
@@ -204,9 +206,9 @@ def test_colmap_reads_the_model(work: Path) -> None:
     assert done.stdout.split() == [str(CHOSEN), "True"]
 
 
-def test_another_number_of_frames_is_another_reconstruction(film: Film, work: Path, tmp_path: Path) -> None:
+def test_another_number_of_frames_is_another_reconstruction(video: Video, work: Path, tmp_path: Path) -> None:
     shutil.copytree(work, tmp_path / "w")
-    words = [str(word) for word in (film.file, "--work", tmp_path / "w", "--frames", 5, "--json")]
+    words = [str(word) for word in (video.file, "--work", tmp_path / "w", "--frames", 5, "--json")]
     assert main(words) == 3  # five frames are refused, whatever stood in the folder before
     assert not (tmp_path / "w" / "sparse").exists()
 
@@ -259,7 +261,7 @@ def _copy_with_focal(file: Path, folder: Path, millimetres: int) -> None:
     ],
 )
 def test_what_does_not_fit_is_named(
-    film: Film,
+    video: Video,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
@@ -267,7 +269,7 @@ def test_what_does_not_fit_is_named(
     told: str,
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    Path("room.mp4").symlink_to(film.file)
+    Path("room.mp4").symlink_to(video.file)
     Path("empty.mp4").write_bytes(b"")
     assert main(words) == 2
     captured = capsys.readouterr()

@@ -1,4 +1,4 @@
-"""Dense points by plane sweep, held to the depth that the made room was rendered with."""
+"""Dense points by plane sweep, held to the depth that the synthetic room was rendered with."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from estimator.capture.dense.plane_filling import fill_planes
 from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
-from tests.made.rooms.render import NoOpenGL
-from tests.made.videos import Lens, MadeFrame, filmed, orbit, room
+from tests.synthetic.rooms.render import NoOpenGL
+from tests.synthetic.videos import Lens, SyntheticFrame, orbit, recorded, room
 
 LENS = Lens(240, 180, 190.0, k=-0.05)
 VIEWS = 5
 
 
-def _points(frame: MadeFrame, step: int) -> FloatArray:
+def _points(frame: SyntheticFrame, step: int) -> FloatArray:
     """World points of every `step`th pixel, by the true depth and the true lens."""
     import zlib  # noqa: F401 - before pycolmap
 
@@ -38,13 +38,13 @@ def _points(frame: MadeFrame, step: int) -> FloatArray:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path, list[MadeFrame]]:
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path, list[SyntheticFrame]]:
     """Five views with their true poses, and sparse points from the true depth of the middle one."""
     folder = tmp_path_factory.mktemp("dense")
     try:
-        frames = list(filmed(room("sitting room", 7, orbit(2.05, VIEWS, 7, degrees=22.0)), LENS))
-    except NoOpenGL as fault:
-        pytest.skip(str(fault))
+        frames = list(recorded(room("sitting room", 7, orbit(2.05, VIEWS, 7, degrees=22.0)), LENS))
+    except NoOpenGL as error:
+        pytest.skip(str(error))
     points = _points(frames[2], 12)
     points = points[np.isfinite(points).all(axis=1)]
     camera = Camera(
@@ -60,7 +60,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Scene, Path, list[Ma
 
 
 @pytest.mark.slow
-def test_dense_points_lie_on_the_room(made: tuple[Scene, Path, list[MadeFrame]]) -> None:
+def test_dense_points_lie_on_the_room(made: tuple[Scene, Path, list[SyntheticFrame]]) -> None:
     scene, folder, frames = made
     count = make_dense_cloud(scene, folder, folder / "dense.ply", lambda _done, _of: None)
     assert b"property uchar red" in (folder / "dense.ply").read_bytes()[:200]
@@ -84,7 +84,7 @@ def test_dense_points_lie_on_the_room(made: tuple[Scene, Path, list[MadeFrame]])
     assert np.quantile(error, 0.9) < 0.03
 
 
-def test_views_without_detail_give_no_cloud(made: tuple[Scene, Path, list[MadeFrame]], tmp_path: Path) -> None:
+def test_views_without_detail_give_no_cloud(made: tuple[Scene, Path, list[SyntheticFrame]], tmp_path: Path) -> None:
     scene, _, _ = made
     small = Camera("PINHOLE", 60, 45, np.array([47.5, 47.5, 30.0, 22.5]))
     scene = replace(scene, views=tuple(replace(view, camera=small) for view in scene.views[1:4]))

@@ -12,7 +12,7 @@ from estimator.capture.mapping.focal_spread import focal_spread
 from estimator.capture.mapping.gates import UNSTEADY
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Scene
-from tests.made.walk import made_walk
+from tests.synthetic.walk import synthetic_walk
 
 
 def _seen(scene: Scene, zoom: float, noise_px: float) -> Scene:
@@ -32,18 +32,18 @@ def _seen(scene: Scene, zoom: float, noise_px: float) -> Scene:
 
 
 def test_a_steady_lens_has_none(tmp_path: Path) -> None:
-    spread = focal_spread(_seen(made_walk(tmp_path).scene, 0.0, 0.3))
+    spread = focal_spread(_seen(synthetic_walk(tmp_path).scene, 0.0, 0.3))
     assert spread is not None
     assert spread < UNSTEADY / 3
 
 
 @pytest.mark.parametrize("zoom", [0.05, 0.3])
 def test_a_zoom_is_its_spread(tmp_path: Path, zoom: float) -> None:
-    scene = made_walk(tmp_path).scene
+    scene = synthetic_walk(tmp_path).scene
     true = np.std(np.linspace(0, np.log1p(zoom), len(scene.views)))
     assert focal_spread(_seen(scene, zoom, 0.3)) == pytest.approx(true, rel=0.05)
 
 
 def test_two_frames_say_nothing(tmp_path: Path) -> None:
-    scene = _seen(made_walk(tmp_path).scene, 0.3, 0.3)
+    scene = _seen(synthetic_walk(tmp_path).scene, 0.3, 0.3)
     assert focal_spread(replace(scene, views=scene.views[:2])) is None

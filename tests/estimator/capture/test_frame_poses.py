@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, write_frame_poses
 from estimator.records.scene import Camera
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 CAMERA = Camera("SIMPLE_RADIAL", 640, 480, np.array([500.0, 320.0, 240.0, 0.01]))
 
@@ -29,7 +29,7 @@ def _poses(seed: int, n: int) -> FramePoses:
         else FramePose(k, k / 30, None, "none")
         for k in range(n)
     ]
-    return FramePoses(Path("/films/room.mp4"), CAMERA, 90, tuple(frames))
+    return FramePoses(Path("/videos/room.mp4"), CAMERA, 90, tuple(frames))
 
 
 @given(st.integers(0, 10_000), st.integers(1, 12))
@@ -71,9 +71,9 @@ def test_what_is_wrong_is_named(tmp_path: Path, change: dict[str, object], word:
     file = tmp_path / FILE_NAME
     write_frame_poses(_poses(2, 3), file)
     file.write_text(json.dumps(json.loads(file.read_text()) | change))
-    with pytest.raises(InputFault, match=word) as fault:
+    with pytest.raises(InputError, match=word) as error:
         read_frame_poses(file)
-    assert str(file) in str(fault.value)
+    assert str(file) in str(error.value)
 
 
 def test_a_pose_agrees_with_its_origin(tmp_path: Path) -> None:
@@ -82,5 +82,5 @@ def test_a_pose_agrees_with_its_origin(tmp_path: Path) -> None:
     document = json.loads(file.read_text())
     document["frames"][1]["origin"] = "none"
     file.write_text(json.dumps(document))
-    with pytest.raises(InputFault, match="origin 'none'"):
+    with pytest.raises(InputError, match="origin 'none'"):
         read_frame_poses(file)

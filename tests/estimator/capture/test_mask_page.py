@@ -20,7 +20,7 @@ import metric_tree
 from estimator.capture.mask_page import MaskPage, frames_to_draw
 from estimator.capture.thing_names import ThingNames
 from estimator.records.scene import Camera, Scene, View
-from tests.made.browser import Browser
+from tests.synthetic.browser import Browser
 
 NAMES = [f"{k:06d}.jpg" for k in range(8)]
 

@@ -16,8 +16,8 @@ from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
-from tests.made.rooms.render import NoOpenGL
-from tests.made.videos import Lens, MadeFrame, filmed, orbit, room
+from tests.synthetic.rooms.render import NoOpenGL
+from tests.synthetic.videos import Lens, SyntheticFrame, orbit, recorded, room
 
 LENS = Lens(240, 180, 190.0)
 #: Names whose order is not that of the views.
@@ -49,7 +49,7 @@ def _rays() -> FloatArray:
     )
 
 
-def _maps(frame: MadeFrame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _maps(frame: SyntheticFrame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Depth (1, h, w) and normals (3, h, w), towards the camera, of a frame."""
     depth = np.nan_to_num(frame.depth, posinf=0).astype(np.float64)
     points = _rays() * depth[:, :, None]
@@ -60,15 +60,15 @@ def _maps(frame: MadeFrame) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[MadeFrame]]:
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[SyntheticFrame]]:
     """A COLMAP model of five views in `model`, their pictures and true maps in `pictures`."""
     folder = tmp_path_factory.mktemp("stereo")
     (folder / "model").mkdir()
     (folder / "pictures").mkdir()
     try:
-        frames = list(filmed(room("sitting room", 7, orbit(2.05, len(NAMES), 7, degrees=22.0)), LENS, noise=0.0))
-    except NoOpenGL as fault:
-        pytest.skip(str(fault))
+        frames = list(recorded(room("sitting room", 7, orbit(2.05, len(NAMES), 7, degrees=22.0)), LENS, noise=0.0))
+    except NoOpenGL as error:
+        pytest.skip(str(error))
     middle = frames[2]
     local = (_rays() * middle.depth[:, :, None])[2::12, 2::12].reshape(-1, 3)
     points = (local[np.isfinite(local).all(axis=1)] - middle.pose.translation) @ middle.pose.rotation
@@ -85,7 +85,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[MadeFrame
 
 
 @pytest.fixture
-def program(made: tuple[Path, list[MadeFrame]], monkeypatch: pytest.MonkeyPatch) -> Path:
+def program(made: tuple[Path, list[SyntheticFrame]], monkeypatch: pytest.MonkeyPatch) -> Path:
     """The program, first on the path, on a machine whose CUDA driver answers."""
     file = made[0] / "colmap"
     file.write_text(PROGRAM.format(python=sys.executable, built="with"))
@@ -96,7 +96,7 @@ def program(made: tuple[Path, list[MadeFrame]], monkeypatch: pytest.MonkeyPatch)
 
 
 def test_fused_points_lie_on_the_room_and_name_their_views(
-    made: tuple[Path, list[MadeFrame]], program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    made: tuple[Path, list[SyntheticFrame]], program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder, frames = made
     count = dense_points.make_dense_points(folder / "model", folder / "pictures", tmp_path / "dense.ply")
@@ -122,7 +122,7 @@ def test_fused_points_lie_on_the_room_and_name_their_views(
 
 
 def test_a_device_that_fails_leaves_the_work_to_the_plane_sweep(
-    made: tuple[Path, list[MadeFrame]],
+    made: tuple[Path, list[SyntheticFrame]],
     program: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],

@@ -10,7 +10,7 @@ from PIL import Image
 
 from estimator.capture.frames import is_capture, make_frames, read_frames, source_of
 from estimator.capture.pictures import PictureFolder
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 
 def _picture(file: Path, orientation: int = 1, focal_35mm: int | None = None, size: tuple[int, int] = (80, 60)) -> None:
@@ -86,7 +86,7 @@ def test_what_is_a_capture(tmp_path: Path) -> None:
     assert not is_capture(tmp_path)  # one picture is no reconstruction's worth
     _picture(tmp_path / "b.jpg")
     assert is_capture(tmp_path)
-    assert is_capture(tmp_path / "film.MP4")  # so that a missing video is named as one
+    assert is_capture(tmp_path / "video.MP4")  # so that a missing video is named as one
     assert not is_capture(tmp_path / "nothing")
     assert not is_capture(Path("data/scenes/demo_room"))
     (tmp_path / "reconstruction.json").write_text("[]")
@@ -95,10 +95,10 @@ def test_what_is_a_capture(tmp_path: Path) -> None:
 
 def test_pictures_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     (tmp_path / "IMG_1.HEIC").write_bytes(b"x")
-    with pytest.raises(InputFault, match=r"IMG_1\.HEIC; convert it to JPEG"):
+    with pytest.raises(InputError, match=r"IMG_1\.HEIC; convert it to JPEG"):
         PictureFolder(tmp_path)
     (tmp_path / "a.jpg").write_bytes(b"not a picture")
-    with pytest.raises(InputFault, match=r"a\.jpg: picture"):
+    with pytest.raises(InputError, match=r"a\.jpg: picture"):
         PictureFolder(tmp_path)
 
 
@@ -113,5 +113,5 @@ def test_pictures_that_are_left_out_are_named(tmp_path: Path) -> None:
     for name in ("a.jpg", "b.jpg"):
         (tmp_path / name).rename(tmp_path / f"{name}.HEIC")
     assert is_capture(tmp_path)
-    with pytest.raises(InputFault, match=r"found IMG_3\.HEIC; convert it to JPEG"):
+    with pytest.raises(InputError, match=r"found IMG_3\.HEIC; convert it to JPEG"):
         source_of(tmp_path)

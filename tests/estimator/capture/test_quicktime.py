@@ -1,4 +1,4 @@
-"""The focal length in a film's metadata: as PyAV writes it, and as a telephone does, in the video track."""
+"""The focal length in a video's metadata: as PyAV writes it, and as a telephone does, in the video track."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from estimator.capture.quicktime import KEY, stated_focal_35mm
 from estimator.capture.video import Video
-from tests.made.videos import times_of, write_video
+from tests.synthetic.videos import times_of, write_video
 
 
 def _film(file: Path) -> bytes:
@@ -33,11 +33,11 @@ def _metadata(value: bytes, number: int) -> bytes:
     return _atom(b"meta", handler + _atom(b"keys", struct.pack(">II", 0, 2) + keys) + _atom(b"ilst", item))
 
 
-def _with_track_metadata(film: bytes, meta: bytes) -> bytes:
-    """The film with an atom at the end of its first track; its table of contents is the last atom of the file."""
-    moov, trak = film.index(b"moov") - 4, film.index(b"trak") - 4
-    end = trak + int.from_bytes(film[trak : trak + 4], "big")
-    data = bytearray(film[:end] + meta + film[end:])
+def _with_track_metadata(video: bytes, meta: bytes) -> bytes:
+    """The video with an atom at the end of its first track; its table of contents is the last atom of the file."""
+    moov, trak = video.index(b"moov") - 4, video.index(b"trak") - 4
+    end = trak + int.from_bytes(video[trak : trak + 4], "big")
+    data = bytearray(video[:end] + meta + video[end:])
     for place in (moov, trak):
         data[place : place + 4] = struct.pack(">I", int.from_bytes(data[place : place + 4], "big") + len(meta))
     return bytes(data)
@@ -83,7 +83,7 @@ def test_an_entry_of_the_film_is_read(tmp_path: Path) -> None:
 
 @settings(max_examples=60)
 @given(place=st.integers(0, 3000), byte=st.integers(0, 255), kept=st.integers(0, 3000))
-def test_damage_is_no_fault(tmp_path_factory: pytest.TempPathFactory, place: int, byte: int, kept: int) -> None:
+def test_damage_is_no_error(tmp_path_factory: pytest.TempPathFactory, place: int, byte: int, kept: int) -> None:
     folder = tmp_path_factory.getbasetemp()
     whole = folder / "whole.mov"
     if not whole.is_file():

@@ -16,19 +16,19 @@ from estimator.capture.mapping.evidence import Evidence, ModelShape, Pair
 from estimator.capture.mapping.failures import CODES
 from estimator.capture.mapping.gates import UNDETERMINED, early_failure, model_failure
 from estimator.command import main
-from tests.made.refused_films import FRAMES, LENS, RARE_FILMS, REFUSED_FILMS
-from tests.made.rooms.render import NoOpenGL
-from tests.made.videos import MadeFrame, filmed, room, straight_ahead, times_of, write_video
+from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
+from tests.synthetic.rooms.render import NoOpenGL
+from tests.synthetic.videos import SyntheticFrame, recorded, room, straight_ahead, times_of, write_video
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("code", REFUSED_FILMS)
+@pytest.mark.parametrize("code", REFUSED_VIDEOS)
 def test_a_capture_that_cannot_be_used_is_named(code: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     try:
-        _film(REFUSED_FILMS[code](), tmp_path / "film.mp4")
-    except NoOpenGL as fault:
-        pytest.skip(str(fault))
-    words = [str(tmp_path / "film.mp4"), "--work", str(tmp_path / "w"), "--json"]
+        _film(REFUSED_VIDEOS[code](), tmp_path / "video.mp4")
+    except NoOpenGL as error:
+        pytest.skip(str(error))
+    words = [str(tmp_path / "video.mp4"), "--work", str(tmp_path / "w"), "--json"]
     for _ in range(2):  # a refusal is kept, too
         assert main(words) == 3
         captured = capsys.readouterr()
@@ -43,12 +43,12 @@ def test_a_capture_that_cannot_be_used_is_named(code: str, tmp_path: Path, capsy
 
 
 def test_a_focal_length_that_is_given_is_held(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Straight ahead no film determines it; with it, the film is used, and the result says what rests on it."""
+    """Straight ahead no video determines it; with it, the video is used, and the result says what rests on it."""
     try:
-        _film(filmed(room("sitting room", 7, straight_ahead(FRAMES, 0.9)), LENS), tmp_path / "film.mp4")
-    except NoOpenGL as fault:
-        pytest.skip(str(fault))
-    assert main([str(tmp_path / "film.mp4"), "--work", str(tmp_path / "w"), "--focal", "250"]) == 2
+        _film(recorded(room("sitting room", 7, straight_ahead(FRAMES, 0.9)), LENS), tmp_path / "video.mp4")
+    except NoOpenGL as error:
+        pytest.skip(str(error))
+    assert main([str(tmp_path / "video.mp4"), "--work", str(tmp_path / "w"), "--focal", "250"]) == 2
     assert "--instances FILE, --detector MODEL, or --draw" in capsys.readouterr().err
     report = json.loads((tmp_path / "w" / "reconstruction.json").read_text())
     assert report["focal_held"]
@@ -58,7 +58,7 @@ def test_a_focal_length_that_is_given_is_held(tmp_path: Path, capsys: pytest.Cap
     assert "the frames do not determine the focal length, and that of --focal is held" in caution
 
 
-def _film(frames: Iterable[MadeFrame], file: Path) -> None:
+def _film(frames: Iterable[SyntheticFrame], file: Path) -> None:
     pictures = [frame.colour for frame in frames]
     write_video(file, pictures, times_of(len(pictures), rate=10.0))
 
@@ -125,10 +125,10 @@ def test_what_is_used_with_a_caution(edges: list[float | None], spread: float | 
     frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
     model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": spread}
     report = {"pairs": {"edges": edges}, "model": model, "focal_held": False}
-    cautions = capture_cautions(Path("film.mp4"), frames, report, focal_given=False)
+    cautions = capture_cautions(Path("video.mp4"), frames, report, focal_given=False)
     assert len(cautions) == (words is not None)
-    assert all(f"film.mp4: {words}" in caution for caution in cautions)
+    assert all(f"video.mp4: {words}" in caution for caution in cautions)
 
 
 def test_every_code_of_the_contract_is_there() -> None:
-    assert set(CODES) == {*REFUSED_FILMS, *RARE_FILMS}
+    assert set(CODES) == {*REFUSED_VIDEOS, *RARE_VIDEOS}

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.capture.video import Video
-from metric_base.faults import InputFault
-from tests.made.videos import times_of, write_video
+from metric_base.errors import InputError
+from tests.synthetic.videos import times_of, write_video
 
 HEIGHT, WIDTH = 96, 160
 
@@ -95,9 +95,9 @@ def test_what_is_no_video_is_named(tmp_path: Path, content: bytes) -> None:
     write_video(tmp_path / "other.mp4", [np.zeros((48, 64, 3), dtype=np.uint8)] * 3, times_of(3))
     file = tmp_path / "video.mp4"
     file.write_bytes(content)
-    with pytest.raises(InputFault, match=r"video\.mp4: video: expected a video that FFmpeg reads"):
+    with pytest.raises(InputError, match=r"video\.mp4: video: expected a video that FFmpeg reads"):
         Video(file)
-    with pytest.raises(InputFault, match="no such file"):
+    with pytest.raises(InputError, match="no such file"):
         Video(tmp_path / "none.mp4")
 
 
@@ -111,5 +111,5 @@ def test_sound_alone_is_no_video(tmp_path: Path) -> None:
         frame.rate = 44100
         container.mux(stream.encode(frame))
         container.mux(stream.encode())
-    with pytest.raises(InputFault, match="a video stream"):
+    with pytest.raises(InputError, match="a video stream"):
         Video(file)

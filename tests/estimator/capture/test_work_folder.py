@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from estimator.capture.work_folder import WorkFolder, content_digest
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 #: Two stages, the second from the first; `KILL` names the moment at which the process kills itself.
 SCRIPT = """
@@ -94,7 +94,7 @@ def test_a_stage_is_made_once_and_again_when_its_input_or_output_changed(tmp_pat
 
 def test_one_run_at_a_time(tmp_path: Path) -> None:
     one, two = WorkFolder(tmp_path / "w"), WorkFolder(tmp_path / "w")
-    with one.lock(), pytest.raises(InputFault, match="in use by another run"), two.lock():
+    with one.lock(), pytest.raises(InputError, match="in use by another run"), two.lock():
         pass
     with two.lock():
         pass
@@ -102,7 +102,7 @@ def test_one_run_at_a_time(tmp_path: Path) -> None:
 
 def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
     (tmp_path / "w").write_text("")
-    with pytest.raises(InputFault, match="--work"), WorkFolder(tmp_path / "w").lock():
+    with pytest.raises(InputError, match="--work"), WorkFolder(tmp_path / "w").lock():
         pass
 
 

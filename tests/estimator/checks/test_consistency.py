@@ -7,19 +7,19 @@ import pytest
 
 from estimator import estimate_scale
 from estimator.checks.consistency import consistency, contradictions
-from tests.made.shapes import box, floor, made_scene, orbit
+from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
 @pytest.fixture(scope="module")
 def good():
     things = [floor(4), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))]
-    return made_scene(things, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=100, sparse=400).scene
+    return synthetic_scene(things, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=100, sparse=400).scene
 
 
 @pytest.fixture(scope="module")
 def good_scene():
     things = [floor(4), box("chair", (0.6, 0.4, 0.8), (0, 0, 0))]
-    made = made_scene(things, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=400, sparse=400)
+    made = synthetic_scene(things, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=400, sparse=400)
     return made.scene, made.instances
 
 
@@ -45,10 +45,10 @@ def test_the_median_error_is_that_of_the_keypoints(good):
     assert measures.reprojection_share == pytest.approx(measures.reprojection_px / 200)
 
 
-@pytest.mark.parametrize(("pixels", "doubts", "faults"), [(1.5, 1, 0), (10.0, 0, 1)])
-def test_keypoints_that_miss_are_doubted_and_then_rule_the_model_out(good, pixels, doubts, faults):
+@pytest.mark.parametrize(("pixels", "doubts", "errors"), [(1.5, 1, 0), (10.0, 0, 1)])
+def test_keypoints_that_miss_are_doubted_and_then_rule_the_model_out(good, pixels, doubts, errors):
     doubtful, ruled_out = contradictions(consistency(shaken(good, pixels)))
-    assert (len(doubtful), len(ruled_out)) == (doubts, faults)
+    assert (len(doubtful), len(ruled_out)) == (doubts, errors)
 
 
 def test_points_behind_the_cameras_rule_the_model_out(good):

@@ -1,4 +1,4 @@
-"""A walk through a made room, and what is measured of no object in it."""
+"""A walk through a synthetic room, and what is measured of no object in it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from estimator.geometry.measurement import Measurements, measure_objects
-from tests.made.walk import Walk, made_walk
+from tests.synthetic.walk import Walk, synthetic_walk
 
 
 @pytest.fixture
 def walk(tmp_path: Path) -> Walk:
-    return made_walk(tmp_path)
+    return synthetic_walk(tmp_path)
 
 
 @pytest.fixture

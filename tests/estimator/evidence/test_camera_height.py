@@ -9,16 +9,16 @@ import pytest
 
 from estimator.evidence.camera_height import PRESETS, CameraHeight
 from estimator.geometry.measurement import Measurements, measure_objects
-from metric_base.faults import InputFault
-from tests.made.evidence import (
+from metric_base.errors import InputError
+from tests.synthetic.evidence import (
     one,
 )
-from tests.made.walk import Walk, made_walk
+from tests.synthetic.walk import Walk, synthetic_walk
 
 
 @pytest.mark.parametrize("scale", [0.02, 0.4, 30.0])
 def test_camera_height(tmp_path: Path, scale: float) -> None:
-    walk = made_walk(tmp_path, height=1.5, scale=scale)
+    walk = synthetic_walk(tmp_path, height=1.5, scale=scale)
     row = one(CameraHeight(1.5, 0.15).observe(walk.scene, measure_objects(walk.scene, ())))
     assert row.scale == pytest.approx(scale, rel=0.02)
     assert row.sd_log == pytest.approx(0.1, abs=0.02)
@@ -38,5 +38,5 @@ def test_words_of_a_camera_height() -> None:
     for name, (metres, sd) in PRESETS.items():
         assert CameraHeight.of(name) == CameraHeight(metres, sd)
     for word in ("", "1.5", "tall", "1.5+-0", "-1+-0.1", "nan+-1", "1+-2", "1+-inf", "1e300+-1", "1e-300+-1e-301"):
-        with pytest.raises(InputFault, match=r"camera.height"):
+        with pytest.raises(InputError, match=r"camera.height"):
             CameraHeight.of(word)

@@ -14,17 +14,17 @@ from estimator.evidence.depth_files import read_depth
 from estimator.evidence.lengths import RigBaseline, rig_baselines
 from estimator.evidence.metric_depth import MetricDepth
 from estimator.geometry.measurement import Measurements
-from metric_base.faults import InputFault
-from tests.made.evidence import (
+from metric_base.errors import InputError
+from tests.synthetic.evidence import (
     RIG_M,
     one,
 )
-from tests.made.walk import Walk, with_rig
+from tests.synthetic.walk import Walk, with_rig
 
 
 def test_a_folder_without_depth_maps(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
     assert one(MetricDepth(tmp_path).observe(walk.scene, nothing)).scale is None
-    with pytest.raises(InputFault, match="no such folder"):
+    with pytest.raises(InputError, match="no such folder"):
         MetricDepth(tmp_path / "nowhere").observe(walk.scene, nothing)
 
 
@@ -35,7 +35,7 @@ def test_a_folder_without_depth_maps(walk: Walk, nothing: Measurements, tmp_path
 def test_damaged_depth_maps_are_one_line(tmp_path_factory: pytest.TempPathFactory, name: str, content: bytes) -> None:
     file = tmp_path_factory.mktemp("depth") / name
     file.write_bytes(content)
-    with pytest.raises(InputFault, match=name):
+    with pytest.raises(InputError, match=name):
         read_depth(file)
 
 
@@ -73,6 +73,6 @@ def test_the_baselines_of_colmaps_rig_configuration(walk: Walk, nothing: Measure
 )
 def test_a_rig_configuration_without_a_baseline_is_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / "rig_config.json").write_text(text, encoding="utf-8")
-    with pytest.raises(InputFault, match=r"rig_config\.json") as fault:
+    with pytest.raises(InputError, match=r"rig_config\.json") as error:
         rig_baselines(tmp_path / "rig_config.json")
-    assert "\n" not in str(fault.value)
+    assert "\n" not in str(error.value)

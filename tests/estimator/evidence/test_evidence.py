@@ -19,16 +19,16 @@ from estimator.geometry.measurement import Measurements, measure_objects
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import Options
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.tree import Tree, open_tree
-from tests.made import minitree
-from tests.made.evidence import (
+from tests.synthetic import minitree
+from tests.synthetic.evidence import (
     KINDS,
     RIG_M,
     objects_of,
     one,
 )
-from tests.made.walk import Walk, made_walk, with_rig
+from tests.synthetic.walk import Walk, synthetic_walk, with_rig
 
 
 def test_every_kind_is_a_source() -> None:
@@ -44,7 +44,7 @@ def test_every_kind_is_a_source() -> None:
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory: pytest.TempPathFactory) -> Walk:
-    return with_rig(made_walk(tmp_path_factory.mktemp("rig"), views=8), RIG_M)
+    return with_rig(synthetic_walk(tmp_path_factory.mktemp("rig"), views=8), RIG_M)
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def test_a_given_up_replaces_that_of_the_scene(walk: Walk, nothing: Measurements
 def test_an_up_that_is_no_direction(walk: Walk, mini: Tree, capsys: pytest.CaptureFixture[str]) -> None:
     from estimator.command import main
 
-    with pytest.raises(InputFault, match="up: direction"):
+    with pytest.raises(InputError, match="up: direction"):
         estimator.estimate_scale(walk.scene, (), mini, up=(0, 0, 0))
     for words in (["scene", "--up", "1,2"], ["scene", "--up", "-0,0,0"], ["--objects", "x.json", "--up", "0,0,1"]):
         assert main(words) == 2

@@ -12,13 +12,13 @@ from estimator.evidence.triangulation import triangulate
 from estimator.geometry.measurement import Measurements
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import Camera
-from metric_base.faults import InputFault
-from tests.made.evidence import (
+from metric_base.errors import InputError
+from tests.synthetic.evidence import (
     draw_marker,
     marker_picture,
     one,
 )
-from tests.made.walk import Walk
+from tests.synthetic.walk import Walk
 
 
 def test_a_small_marker_seen_aslant_is_not_too_large(walk: Walk, nothing: Measurements) -> None:
@@ -50,7 +50,7 @@ def test_pictures_without_a_marker(walk: Walk, nothing: Measurements, tmp_path: 
     ],
 )
 def test_words_of_a_marker(text: str) -> None:
-    with pytest.raises(InputFault, match="--marker"):
+    with pytest.raises(InputError, match="--marker"):
         Marker.of(text)
 
 

@@ -14,14 +14,14 @@ from estimator.evidence.alignment import align
 from estimator.evidence.gps import Gps, local_metres
 from estimator.evidence.marker import Marker
 from estimator.geometry.measurement import Measurements
-from metric_base.faults import InputFault
-from tests.made.evidence import (
+from metric_base.errors import InputError
+from tests.synthetic.evidence import (
     degrees_of,
     one,
     position_table,
     write_exif,
 )
-from tests.made.walk import Walk
+from tests.synthetic.walk import Walk
 
 
 def test_positions_in_metres(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
@@ -53,7 +53,7 @@ def test_positions_too_rough_for_their_path_are_mute(walk: Walk, nothing: Measur
 )
 def test_a_damaged_table_is_one_line(walk: Walk, nothing: Measurements, tmp_path: Path, text: str) -> None:
     (tmp_path / "path.csv").write_text(text, encoding="utf-8")
-    with pytest.raises(InputFault, match=r"path\.csv"):
+    with pytest.raises(InputError, match=r"path\.csv"):
         Gps(tmp_path / "path.csv").observe(walk.scene, nothing)
 
 
@@ -102,5 +102,5 @@ def test_damaged_exif_is_quiet(walk: Walk, nothing: Measurements, tmp_path: Path
 
 def test_no_position_is_outside_the_earth(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
     file = position_table(tmp_path / "path.csv", walk.scene, walk.metres + 1e300, "x y z")
-    with pytest.raises(InputFault, match="finite numbers below 1e\\+09"):
+    with pytest.raises(InputError, match="finite numbers below 1e\\+09"):
         Gps(file).observe(walk.scene, nothing)

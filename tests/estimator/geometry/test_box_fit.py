@@ -11,7 +11,7 @@ from estimator.geometry.box_fit import box_edges, fit_cuboid
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Instance, View
 from metric_base.arrays import FloatArray
-from tests.made.shapes import orbit
+from tests.synthetic.shapes import orbit
 
 SIZE = np.array([0.8, 0.5, 0.9])
 MIDDLE = np.array([0.1, -0.2, 0.45])

@@ -1,4 +1,4 @@
-"""The extent rule: invariance, bias on made shapes, honesty of its sigma; the footprint on L-shapes."""
+"""The extent rule: invariance, bias on synthetic shapes, honesty of its sigma; the footprint on L-shapes."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from estimator.geometry.extents import edges, extent_sigma
 from estimator.geometry.footprint import footprint_axes, smallest_rectangle_axes
-from tests.made.shapes import sampled_box, sampled_cylinder
+from tests.synthetic.shapes import sampled_box, sampled_cylinder
 
 
 def extents(points, noise=0.0):

@@ -1,4 +1,4 @@
-"""The door: from a made scene with masks to sizes, whatever the scene's unit and frame."""
+"""The door: from a synthetic scene with masks to sizes, whatever the scene's unit and frame."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 from estimator.records.scene import DenseCloud, Scene, View
-from tests.made.shapes import Made, Solid, Thing, box, cylinder, floor, made_scene, orbit
+from tests.synthetic.shapes import Made, Solid, Thing, box, cylinder, floor, orbit, synthetic_scene
 
 SIZES = {"cabinet": (0.8, 0.4, 0.9), "chair": (0.45, 0.4, 0.8), "bottle": (0.1, 0.1, 0.32)}
 
@@ -23,7 +23,7 @@ def room():
         cylinder("bottle", SIZES["bottle"], (0, 0.4, 0.9)),
     ]
     views = orbit(12, 2.6, 1.7, arc=330, target=(0.2, 0.1, 0.5), size=(240, 180), focal=180.0)
-    return made_scene(things, views, dense=40_000, noise=0.001, sparse=3000)
+    return synthetic_scene(things, views, dense=40_000, noise=0.001, sparse=3000)
 
 
 def moved(made, scale, turn, shift):
@@ -137,7 +137,7 @@ def test_a_clock_on_the_wall_stays_there():
     wall = box(None, (5, 0.1, 2.4), (0, 1.0, 0))
     clock = Thing("clock", (Solid("box", np.array([0.3, 0.04, 0.3]), np.array([0, 0.93, 1.5])),))
     views = orbit(8, 2.4, 1.5, arc=70, target=(0, 0.9, 1.2), size=(240, 180), focal=180.0)
-    made = made_scene([floor(5), wall, clock], views, dense=24_000, noise=0.001)
+    made = synthetic_scene([floor(5), wall, clock], views, dense=24_000, noise=0.001)
     for category in ("clock", "thing of no known name"):
         named = tuple(replace(instance, category=category) for instance in made.instances)
         thing = measure_objects(made.scene, named).objects[0]
@@ -168,7 +168,7 @@ def test_nothing_to_measure(room):
 
 
 def test_a_scene_without_points():
-    empty = made_scene([floor(2)], orbit(3, 2.0, 1.0, size=(40, 30), focal=30.0), dense=100, sparse=10)
+    empty = synthetic_scene([floor(2)], orbit(3, 2.0, 1.0, size=(40, 30), focal=30.0), dense=100, sparse=10)
     scene = replace(
         empty.scene,
         dense=None,

@@ -12,13 +12,13 @@ from scipy.sparse import csr_array
 from estimator.association.point_labels import dense_labels
 from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.records.scene import Scene
-from tests.made.shapes import box, floor, made_scene, orbit
+from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
 @cache
 def noisy(share: float) -> Scene:
     things = [floor(4.0), box("box", (1.0, 0.8, 0.9), (0, 0, 0)), box("box", (0.4, 0.3, 0.2), (1.2, 0.3, 0))]
-    return made_scene(things, orbit(8, 3.5, 1.5), dense=6_000, noise=share).scene
+    return synthetic_scene(things, orbit(8, 3.5, 1.5), dense=6_000, noise=share).scene
 
 
 @pytest.mark.parametrize("share", [0.005, 0.02, 0.03])

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.geometry.outliers import forest_inliers, neighbour_inliers
-from tests.made.shapes import sampled_box, sampled_cylinder
+from tests.synthetic.shapes import sampled_box, sampled_cylinder
 
 
 @pytest.mark.parametrize("count", [60, 400, 3000])

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from estimator.geometry.planes import floor_of, level_basis, support_planes
 from estimator.geometry.standing import stands
 from estimator.geometry.support import Level, foot_on, ground_of, level_below
-from tests.made.shapes import box, floor, made_scene, orbit
+from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 UP = np.array([0, 0, 1.0])
 LOW, HIGH = np.array([0, 0, 0.0]), np.array([0.5, 0.4, 1.0])
@@ -19,7 +19,7 @@ LOW, HIGH = np.array([0, 0, 0.0]), np.array([0.5, 0.4, 1.0])
 def room():
     things = [floor(5), box("table", (1.4, 0.8, 0.72), (0, 0, 0)), box("box", (0.3, 0.3, 0.3), (0.2, 0, 0.72))]
     things += [box(None, (5, 0.1, 2.4), (0, 2.5, 0))]
-    return made_scene(things, orbit(10, 2.4, 1.6, size=(160, 120), focal=120.0), dense=30_000, noise=0.003)
+    return synthetic_scene(things, orbit(10, 2.4, 1.6, size=(160, 120), focal=120.0), dense=30_000, noise=0.003)
 
 
 def test_floor_and_table_are_found_at_their_heights(room):

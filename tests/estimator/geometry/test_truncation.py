@@ -6,7 +6,7 @@ import pytest
 from estimator.association.point_labels import dense_labels
 from estimator.geometry.truncation import Surroundings, outline, side_evidence
 from estimator.records.scene import Instance
-from tests.made.shapes import box, cylinder, floor, made_scene, orbit, view_at
+from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene, view_at
 
 UP = np.array([0, 0, 1.0])
 LOW_END, HIGH_END = 0, 1
@@ -28,7 +28,7 @@ def views_around(radius=2.5, height=1.4, count=8, arc=360.0):
 
 
 def test_a_thing_seen_whole_from_all_around_is_cut_nowhere():
-    made = made_scene([floor(6), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))], views_around(), dense=8000)
+    made = synthetic_scene([floor(6), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))], views_around(), dense=8000)
     sides = sides_of(made, 1, np.eye(3), [-0.3, -0.2, 0], [0.3, 0.2, 0.8])
     assert not sides.truncated.any()
     assert sides.shown.shape == (8, 3, 2)
@@ -38,7 +38,7 @@ def test_the_image_border_cuts_the_side_towards_it():
     """A long bench that leaves the picture at +x in every view."""
     eyes = [np.array([-1.2 + 0.05 * k, -2.2, 1.3]) for k in range(4)]
     views = [view_at(eye, np.add(eye, [0.1, 2.2, -0.9]), "v", size=(200, 150), focal=160.0) for eye in eyes]
-    made = made_scene([floor(8), box("bench", (4.0, 0.4, 0.45), (0.8, 0, 0))], views, dense=8000)
+    made = synthetic_scene([floor(8), box("bench", (4.0, 0.4, 0.45), (0.8, 0, 0))], views, dense=8000)
     found = made.scene.dense.points[made.owner == 1]
     sides = sides_of(made, 1, np.eye(3), found.min(axis=0), found.max(axis=0))
     assert sides.truncated[0, HIGH_END]
@@ -52,7 +52,7 @@ def test_two_clean_views_undo_the_cut_and_one_does_not(clean, truncated):
     eyes = near + far
     targets = [np.add(eye, [0.1, 2.2, -0.9]) for eye in near] + [np.array([0.8, 0, 0.2])] * clean
     views = [view_at(e, t, "v", size=(200, 150), focal=160.0) for e, t in zip(eyes, targets, strict=True)]
-    made = made_scene([floor(9), box("bench", (4.0, 0.4, 0.45), (0.8, 0, 0))], views, dense=8000)
+    made = synthetic_scene([floor(9), box("bench", (4.0, 0.4, 0.45), (0.8, 0, 0))], views, dense=8000)
     sides = sides_of(made, 1, np.eye(3), [-1.2, -0.2, 0], [2.8, 0.2, 0.45])
     assert sides.truncated[0, HIGH_END] == truncated
 
@@ -62,7 +62,9 @@ def test_something_nearer_cuts_and_the_table_it_stands_on_does_not():
     board = box(None, (0.6, 0.03, 1.2), (0.55, -0.6, 0))
     eyes = [np.array([x, -3.0, 1.0]) for x in (-0.1, 0.0, 0.1)]
     views = [view_at(eye, np.array([0, 0, 0.4]), "v", size=(200, 150), focal=180.0) for eye in eyes]
-    made = made_scene([floor(8), box("cabinet", (1.0, 0.4, 0.7), (0, 0, 0)), board], views, dense=20_000, noise=0.001)
+    made = synthetic_scene(
+        [floor(8), box("cabinet", (1.0, 0.4, 0.7), (0, 0, 0)), board], views, dense=20_000, noise=0.001
+    )
     found = made.scene.dense.points[made.owner == 1]
     sides = sides_of(made, 1, np.eye(3), found.min(axis=0), found.max(axis=0))
     assert sides.truncated[0, HIGH_END]
@@ -73,7 +75,9 @@ def test_something_nearer_cuts_and_the_table_it_stands_on_does_not():
 def test_the_back_of_a_round_thing_seen_from_one_side_is_cut():
     """A bottle from the front shows half its wall: nothing says how deep it is."""
     views = orbit(6, 1.0, 0.2, arc=40, target=(0, 0, 0.15), size=(200, 150), focal=220.0)
-    made = made_scene([floor(3), cylinder("bottle", (0.09, 0.09, 0.3), (0, 0, 0))], views, dense=12_000, noise=0.0005)
+    made = synthetic_scene(
+        [floor(3), cylinder("bottle", (0.09, 0.09, 0.3), (0, 0, 0))], views, dense=12_000, noise=0.0005
+    )
     found = made.scene.dense.points[made.owner == 1]
     sides = sides_of(made, 1, np.eye(3), found.min(axis=0), found.max(axis=0))
     assert sides.truncated[1, HIGH_END]
@@ -82,14 +86,14 @@ def test_the_back_of_a_round_thing_seen_from_one_side_is_cut():
 
 def test_the_back_of_a_table_is_outlined_by_its_top():
     views = orbit(6, 2.6, 2.0, arc=40, target=(0, 0, 0.5), size=(200, 150), focal=160.0)
-    made = made_scene([floor(6), box("table", (1.2, 0.7, 0.05), (0, 0, 0.7))], views, dense=12_000, noise=0.001)
+    made = synthetic_scene([floor(6), box("table", (1.2, 0.7, 0.05), (0, 0, 0.7))], views, dense=12_000, noise=0.001)
     sides = sides_of(made, 1, np.eye(3), [-0.6, -0.35, 0.7], [0.6, 0.35, 0.75])
     assert not sides.truncated[:2].any()
 
 
 def test_a_mask_that_goes_further_than_the_points_says_so():
     """The top third of a cabinet left no points: its masks show it, its cloud does not."""
-    made = made_scene([floor(6), box("cabinet", (0.6, 0.4, 0.9), (0, 0, 0))], views_around(height=0.6), dense=8000)
+    made = synthetic_scene([floor(6), box("cabinet", (0.6, 0.4, 0.9), (0, 0, 0))], views_around(height=0.6), dense=8000)
     points = made.scene.dense.points
     keep = ~((made.owner == 1) & (points[:, 2] > 0.6))
     bare = type(made)(
@@ -107,7 +111,7 @@ def test_a_mask_that_goes_further_than_the_points_says_so():
 
 
 def test_a_boxs_border_says_nothing_about_the_outline():
-    made = made_scene([floor(6), cylinder("bin", (0.5, 0.5, 0.7), (0, 0, 0))], views_around(), dense=6000)
+    made = synthetic_scene([floor(6), cylinder("bin", (0.5, 0.5, 0.7), (0, 0, 0))], views_around(), dense=6000)
     boxes = tuple(
         Instance(i.id, i.view, i.category, np.ones_like(i.mask), i.origin, i.score, True, i.track)
         for i in made.instances

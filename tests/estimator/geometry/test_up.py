@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from estimator.geometry.planes import refine_up, support_planes
 from estimator.geometry.up import camera_up, combine_up, given_up, up_contradiction
 from estimator.records.scene import View
-from metric_base.faults import InputFault
-from tests.made.shapes import box, floor, made_scene, view_at
+from metric_base.errors import InputError
+from tests.synthetic.shapes import box, floor, synthetic_scene, view_at
 
 UP = np.array([0, 0, 1.0])
 
@@ -106,7 +106,7 @@ def driven():
     things += [box("box", (0.5, 0.4, 0.6), (-1 + 0.7 * k, 1.5 + 0.5 * (k % 3), 0), 25 * k) for k in range(5)]
     eyes = [np.array([0.05 * k, -1.5 + 0.1 * k, 1.5]) for k in range(8)]
     views = [view_at(eye, np.add(eye, [0, 3.0, -1.1]), "v", size=(160, 120), focal=130.0) for eye in eyes]
-    return made_scene(things, views, dense=12_000, noise=0.003)
+    return synthetic_scene(things, views, dense=12_000, noise=0.003)
 
 
 def test_a_level_surface_settles_what_the_cameras_leave_open(driven):
@@ -157,5 +157,5 @@ def test_the_length_of_a_given_up_says_nothing(length):
 
 @pytest.mark.parametrize("vector", [(0, 0, 0), (1, 2), (1, 2, np.nan), (np.inf, 0, 0)])
 def test_what_is_no_direction_is_refused(vector):
-    with pytest.raises(InputFault, match="three finite numbers"):
+    with pytest.raises(InputError, match="three finite numbers"):
         given_up(vector)

@@ -1,4 +1,4 @@
-"""Real ONNX graphs through the real onnxruntime: masks, labels, faults, and the whole command."""
+"""Real ONNX graphs through the real onnxruntime: masks, labels, errors, and the whole command."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from estimator.instances.detector import Detector, load_detector
 from estimator.instances.label_names import label_names
 from estimator.instances.registry import RegisteredDetector, download, registry
 from estimator.reading import read_instances, read_scene
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.tree import Tree
-from tests.made.detectors import COLOURS, box_mask_graph, constant_graph, paint_graph, save
-from tests.made.small_scene import write_small_scene
+from tests.synthetic.detectors import COLOURS, box_mask_graph, constant_graph, paint_graph, save
+from tests.synthetic.small_scene import write_small_scene
 
 LABELS = ("", "swivel chair", "bar stool")
 
@@ -138,9 +138,9 @@ def test_the_whole_command_needs_no_masks_file(
         str(tmp_path / "labels.txt"),
     ]
     assert main(words) == 2
-    fault = capsys.readouterr().err
-    assert "--detector" in fault
-    assert "docs/how-to/detectors.md" in fault
+    error = capsys.readouterr().err
+    assert "--detector" in error
+    assert "docs/how-to/detectors.md" in error
     status = main(words + own)
     record = json.loads(capsys.readouterr().out)
     # the same masks from a file give the same answer
@@ -168,7 +168,7 @@ def test_the_whole_command_needs_no_masks_file(
         (["--images", ".", "--detector", "x", "--categories", "y"], "--categories"),
     ],
 )
-def test_faults_of_the_arguments_are_one_line(
+def test_errors_of_the_arguments_are_one_line(
     folder: Path, words: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([str(folder / "colmap"), *words]) == 2
@@ -177,27 +177,27 @@ def test_faults_of_the_arguments_are_one_line(
     assert err.count("\n") == 1
 
 
-def test_faults_of_graphs_and_pictures_name_the_file(folder: Path, tmp_path: Path) -> None:
+def test_errors_of_graphs_and_pictures_name_the_file(folder: Path, tmp_path: Path) -> None:
     scene = read_scene(folder / "colmap")
     junk = tmp_path / "junk.onnx"
     junk.write_bytes(b"no graph")
-    with pytest.raises(InputFault, match=r"junk\.onnx.*ONNX graph"):
+    with pytest.raises(InputError, match=r"junk\.onnx.*ONNX graph"):
         Detector(junk, LABELS)
     picture = helper.make_tensor_value_info("picture", TensorProto.FLOAT, [3, "h", "w"])
     same = helper.make_tensor_value_info("same", TensorProto.FLOAT, [3, "h", "w"])
     copy = save(tmp_path / "copy.onnx", [helper.make_node("Identity", ["picture"], ["same"])], {}, picture, [same])
-    with pytest.raises(InputFault, match=r"copy\.onnx.*outputs: expected the outputs of Mask R-CNN"):
+    with pytest.raises(InputError, match=r"copy\.onnx.*outputs: expected the outputs of Mask R-CNN"):
         Detector(copy, LABELS)
     detector = Detector(paint_graph(tmp_path / "paint.onnx"), LABELS)
-    with pytest.raises(InputFault, match="no such folder"):
+    with pytest.raises(InputError, match="no such folder"):
         detect_instances(scene, tmp_path / "nowhere", detector)
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputFault, match="none of them"):
+    with pytest.raises(InputError, match="none of them"):
         detect_instances(scene, tmp_path / "empty", detector)
     (tmp_path / "empty" / Path(scene.views[0].name).name).write_bytes(b"no picture")
-    with pytest.raises(InputFault, match="OpenCV"):
+    with pytest.raises(InputError, match="OpenCV"):
         detect_instances(scene, tmp_path / "empty", detector)
-    with pytest.raises(InputFault, match="label"):
+    with pytest.raises(InputError, match="label"):
         detect_instances(scene, folder / "images", Detector(tmp_path / "paint.onnx", ("", "chair")))
 
 
@@ -214,7 +214,7 @@ def test_faults_of_graphs_and_pictures_name_the_file(folder: Path, tmp_path: Pat
 )
 def test_what_no_detector_answers_is_one_line(tmp_path: Path, answer: dict[str, Any], words: str) -> None:
     detector = load_detector(constant_graph(tmp_path / "hostile.onnx", **answer))
-    with pytest.raises(InputFault, match=re.escape(words)):
+    with pytest.raises(InputError, match=re.escape(words)):
         detector(np.zeros((48, 64, 3), dtype=np.uint8))
 
 
@@ -230,7 +230,7 @@ def test_a_box_of_no_numbers_holds_nothing(tmp_path: Path, box: float) -> None:
 )
 def test_a_file_of_labels_is_bounded(tmp_path: Path, text: bytes, words: str) -> None:
     (tmp_path / "labels.txt").write_bytes(text)
-    with pytest.raises(InputFault, match=words):
+    with pytest.raises(InputError, match=words):
         load_detector(constant_graph(tmp_path / "few.onnx", 1), tmp_path / "labels.txt")
 
 
@@ -258,7 +258,7 @@ def test_an_entry_that_nobody_can_check_is_refused(tmp_path: Path, line: str) ->
     file = tmp_path / "detectors.toml"
     urls = "" if "urls" in line else 'urls = ["https://example.org/a.onnx"]\n'
     file.write_text(f'[made]\ntitle = ""\nlicence = "MIT"\ninput = "caffe"\nlabels = "coco_80"\n{urls}{line}\n')
-    with pytest.raises(InputFault, match=r"detectors\.toml: made: expected an address and a sha256"):
+    with pytest.raises(InputError, match=r"detectors\.toml: made: expected an address and a sha256"):
         registry(file)
 
 
@@ -278,12 +278,12 @@ def test_a_download_is_checked_and_kept(server: str, tmp_path: Path, monkeypatch
     monkeypatch.setenv("METRIC_TREE_CACHE", str(tmp_path / "cache"))
     right = hashlib.sha256((tmp_path / "served" / "model.onnx").read_bytes()).hexdigest()
     entry = RegisteredDetector("made", "", (server,), right, "CC0-1.0", "torchvision", "coco_80")
-    with pytest.raises(InputFault, match="sha256"):
+    with pytest.raises(InputError, match="sha256"):
         download(replace(entry, sha256="0" * 64))
     kept = download(entry)
     assert kept.is_relative_to(tmp_path / "cache")
     assert load_detector(kept).labels[62] == "chair"
     gone = "http://127.0.0.1:9/x"
-    with pytest.raises(InputFault, match="download"):
+    with pytest.raises(InputError, match="download"):
         download(replace(entry, name="gone", urls=(gone,)))
     assert download(replace(entry, name="moved", urls=(gone, server))).is_file()  # the second address has it

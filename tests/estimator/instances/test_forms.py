@@ -18,8 +18,8 @@ from estimator.instances.forms import read_instance_files
 from estimator.instances.yolo import yolo_names
 from estimator.reading import read_scene
 from estimator.records.scene import Instance, Scene
-from metric_base.faults import InputFault
-from tests.made.small_scene import write_small_scene
+from metric_base.errors import InputError
+from tests.synthetic.small_scene import write_small_scene
 
 Masks = list[tuple[Instance, np.ndarray[Any, np.dtype[np.bool_]]]]
 
@@ -208,23 +208,23 @@ def test_names_of_a_yaml_file(text: str, tmp_path: Path) -> None:
     assert yolo_names(tmp_path / "data.yaml") == {0: "chair", 1: "coffee table"}
 
 
-def test_faults_are_one_line(scene: Scene, tmp_path: Path) -> None:
+def test_errors_are_one_line(scene: Scene, tmp_path: Path) -> None:
     stem = Path(scene.views[0].name).stem
     (tmp_path / f"{stem}.npz").write_bytes(b"PK\x03\x04 damaged")
-    with pytest.raises(InputFault, match="NumPy arrays"):
+    with pytest.raises(InputError, match="NumPy arrays"):
         read_instance_files(scene, tmp_path)
     np.savez(tmp_path / f"{stem}.npz", masks=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(InputFault, match="NumPy arrays"):
+    with pytest.raises(InputError, match="NumPy arrays"):
         read_instance_files(scene, tmp_path)
     (tmp_path / "yolo").mkdir()
     (tmp_path / "yolo" / f"{stem}.txt").write_text("7 .5 .5 .2 .2\n")
-    with pytest.raises(InputFault, match=r"data\.yaml or"):
+    with pytest.raises(InputError, match=r"data\.yaml or"):
         read_instance_files(scene, tmp_path / "yolo")
     (tmp_path / "yolo" / "classes.txt").write_text("chair\n")
-    with pytest.raises(InputFault, match="line 1 class: expected 0 to 0"):
+    with pytest.raises(InputError, match="line 1 class: expected 0 to 0"):
         read_instance_files(scene, tmp_path / "yolo")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(InputFault, match="YOLO text, labelme"):
+    with pytest.raises(InputError, match="YOLO text, labelme"):
         read_instance_files(scene, tmp_path / "empty")
 
 

@@ -17,7 +17,7 @@ from estimator.instances.crops import mask_crop
 from estimator.instances.masks import box_mask, coco_mask
 from estimator.reading import read_instances, read_instances_and_warnings
 from estimator.records.scene import Camera, Instance, Scene, View
-from metric_base.faults import FieldFault, InputFault
+from metric_base.errors import FieldError, InputError
 
 HERE = Path("instances.json")
 
@@ -80,7 +80,7 @@ def test_polygons_are_pycocotools(seed: int, corners: int, parts: int) -> None:
 def test_a_polygon_far_beyond_the_picture_is_cut_to_it() -> None:
     everything = coco_mask([[-1e9, -1e9, 1e9, -1e9, 1e9, 1e9, -1e9, 1e9]], (40, 30))
     assert everything.all()
-    with pytest.raises(FieldFault, match="outlines of at most"):
+    with pytest.raises(FieldError, match="outlines of at most"):
         coco_mask([[0, 0, 50_000, 0] * 100 + [0, 9]], (50_000, 100))
 
 
@@ -172,7 +172,7 @@ def test_results_take_names_from_beside_or_from_categories(tmp_path: Path) -> No
     scene = scene_of(tmp_path, "a.png")
     frame = dataset([], "a.png")
     results = written(tmp_path, [{"image_id": 10, "category_id": 3, "bbox": [1, 2, 3, 4], "score": 0.25}], "found.json")
-    with pytest.raises(InputFault, match=r"--categories.*no file found_categories\.json"):
+    with pytest.raises(InputError, match=r"--categories.*no file found_categories\.json"):
         read_instances(results, scene)
     other = written(tmp_path, frame, "other.json")
     (instance,) = read_instances(results, scene, other)
@@ -228,5 +228,5 @@ def test_pictures_whose_values_are_categories(tmp_path: Path) -> None:
 
 def test_pictures_of_three_channels_are_refused(tmp_path: Path) -> None:
     pictures(tmp_path, {"1": "chair"}, a=np.ones((30, 40, 3), dtype=np.uint8))
-    with pytest.raises(InputFault, match="channels: expected 1"):
+    with pytest.raises(InputError, match="channels: expected 1"):
         read_instances(None, scene_of(tmp_path, "a.jpg"))

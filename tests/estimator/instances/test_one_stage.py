@@ -12,7 +12,7 @@ from onnx import TensorProto, helper, numpy_helper
 
 from estimator.instances.detector import load_detector
 from estimator.instances.one_stage import class_names
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 SIDE = 64
 #: A picture twice as wide as high, which YOLO's input shows at half its size with grey above and below.
@@ -137,5 +137,5 @@ def test_names_in_the_graph_come_first(tmp_path: Path) -> None:
 
 def test_a_graph_of_none_of_them_is_one_line(tmp_path: Path) -> None:
     graph = _graph(tmp_path / "net.onnx", {"embedding": np.zeros((1, 512), dtype=np.float32)})
-    with pytest.raises(InputFault, match="YOLO or of RT-DETR, found embedding"):
+    with pytest.raises(InputError, match="YOLO or of RT-DETR, found embedding"):
         load_detector(graph)

@@ -15,9 +15,9 @@ from estimator.other_programs.posed_views import brown_camera
 from estimator.reading import read_scene
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Scene
-from metric_base.faults import FieldFault, InputFault
-from tests.made.exports import EXPORTS, OBSERVED, largest_difference, write_export, write_points
-from tests.made.small_scene import small_model
+from metric_base.errors import FieldError, InputError
+from tests.synthetic.exports import EXPORTS, OBSERVED, largest_difference, write_export, write_points
+from tests.synthetic.small_scene import small_model
 
 PARAMS = {
     "SIMPLE_RADIAL": [300.0, 160.0, 120.0, 0.02],
@@ -60,9 +60,9 @@ def test_a_cut_file_is_one_line(program: str, colmap: Scene, tmp_path: Path) -> 
         if program == "realitycapture"
         else data[: int(0.6 * len(data))]
     )
-    with pytest.raises(InputFault, match=file.name) as fault:
+    with pytest.raises(InputError, match=file.name) as error:
         read_scene(file)
-    assert "\n" not in str(fault.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize("place", ["dense/sparse", "colmap/sparse/0", "dense/0/sparse"])
@@ -96,9 +96,9 @@ def test_learned_reconstructions_state_no_observations(tmp_path: Path) -> None:
 )
 def test_a_file_in_place_of_a_folder_is_named_with_what_to_do(name: str, words: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(b"x")
-    with pytest.raises(InputFault, match=words) as fault:
+    with pytest.raises(InputError, match=words) as error:
         read_scene(tmp_path / name)
-    assert name in str(fault.value)
+    assert name in str(error.value)
 
 
 @given(
@@ -117,7 +117,7 @@ def test_a_lens_with_four_radial_terms_is_followed_within_half_a_pixel(
         camera = brown_camera(
             size, (focal, focal), (2650.0, 1950.0), {"k1": k1, "k2": k2, "k3": k3, "k4": k4, "p1": -3e-4}
         )
-    except FieldFault:
+    except FieldError:
         return  # it turns back on itself before the corner
     rays = np.stack(np.meshgrid(np.linspace(-0.7, 0.7, 9), np.linspace(-0.5, 0.5, 9)), axis=-1).reshape(-1, 2)
     r2 = (rays**2).sum(axis=1, keepdims=True)
@@ -130,7 +130,7 @@ def test_a_lens_with_four_radial_terms_is_followed_within_half_a_pixel(
 
 
 def test_a_lens_that_turns_back_before_the_corner_is_refused() -> None:
-    with pytest.raises(FieldFault, match="distortion"):
+    with pytest.raises(FieldError, match="distortion"):
         brown_camera((4000, 3000), (2000.0, 2000.0), (2000.0, 1500.0), {"k1": -0.5, "k4": -0.1})
 
 
@@ -139,8 +139,8 @@ ODD = st.sampled_from([0.0, 1.0, -1.0, 1e300, -1e300, 1e-300, 1e3, 0.1])
 
 @given(ODD, ODD.filter(bool), st.sampled_from([1e-300, 1.0, 2000.0, 1e300]), st.sampled_from([1e3, 1e300, -1e300]))
 @settings(max_examples=60)
-def test_odd_numbers_of_a_lens_give_a_camera_or_a_fault(k1: float, k4: float, focal: float, centre: float) -> None:
-    with np.errstate(all="raise", under="ignore"), suppress(FieldFault):
+def test_odd_numbers_of_a_lens_give_a_camera_or_an_error(k1: float, k4: float, focal: float, centre: float) -> None:
+    with np.errstate(all="raise", under="ignore"), suppress(FieldError):
         brown_camera((2000, 1500), (focal, focal), (centre, 750.0), {"k1": k1, "k4": k4})
 
 
@@ -178,7 +178,7 @@ def test_cameras_without_points_say_where_points_are(program: str, words: str, c
         document = json.loads(file.read_text(encoding="utf-8"))
         del document["structure"]
         file.write_text(json.dumps(document), encoding="utf-8")
-    with pytest.raises(InputFault, match=words):
+    with pytest.raises(InputError, match=words):
         read_scene(file)
     write_points(tmp_path / "points.ply", colmap.points)
     assert len(read_scene(file).points) == len(colmap.points)

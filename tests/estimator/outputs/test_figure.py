@@ -17,9 +17,9 @@ from estimator.outputs.plan import COLOURS
 from estimator.records.curve import Curve
 from estimator.records.scale_evidence import EvidenceReport
 from estimator.results.scene_estimate import SceneEstimate
-from metric_base.faults import InputFault
-from tests.made.drawn import SCALE, drawn_estimate
-from tests.made.small_scene import write_small_scene
+from metric_base.errors import InputError
+from tests.synthetic.drawn import SCALE, drawn_estimate
+from tests.synthetic.small_scene import write_small_scene
 
 
 @pytest.fixture(scope="module")
@@ -114,9 +114,9 @@ def test_written_in_the_format_of_its_name(suffix: str, estimate: SceneEstimate,
 
 
 def test_nothing_is_left_of_a_figure_that_fails(estimate: SceneEstimate, tmp_path: Path) -> None:
-    with pytest.raises(InputFault, match=r"ends in \.png"):
+    with pytest.raises(InputError, match=r"ends in \.png"):
         write_figure(estimate, tmp_path / "scale.jpq")
-    with pytest.raises(InputFault, match="a place that can be written"):
+    with pytest.raises(InputError, match="a place that can be written"):
         write_figure(estimate, tmp_path / "nowhere" / "scale.png")
     assert not list(tmp_path.iterdir())
 

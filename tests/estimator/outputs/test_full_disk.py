@@ -11,10 +11,10 @@ import pytest
 
 from estimator.outputs.rescaled import write_scaled
 from estimator.reading import read_scene
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_base.files import whole_file, whole_folder
 from metric_base.pictures import write_picture
-from tests.made.small_scene import write_small_scene
+from tests.synthetic.small_scene import write_small_scene
 
 
 @pytest.fixture
@@ -35,17 +35,17 @@ def test_a_scaled_model(small_disk: Path, tmp_path: Path) -> None:
     write_small_scene(tmp_path / "whole")
     (small_disk / "filler").write_bytes(b"x" * 60_000)
     with pytest.raises(
-        InputFault, match="--write-scaled: expected a place that can be written, found No space left"
-    ) as fault:
+        InputError, match="--write-scaled: expected a place that can be written, found No space left"
+    ) as error:
         write_scaled(read_scene(tmp_path / "whole" / "colmap"), 0.5, small_disk / "metric")
-    assert "\n" not in str(fault.value)
+    assert "\n" not in str(error.value)
     assert [path.name for path in small_disk.iterdir()] == ["filler"]
 
 
 def test_pictures_of_an_overlay(small_disk: Path) -> None:
     noise = np.random.default_rng(0).integers(0, 256, (300, 300, 3), dtype=np.uint8)
     with (
-        pytest.raises(InputFault, match="--overlay: expected a place that can be written, found No space left"),
+        pytest.raises(InputError, match="--overlay: expected a place that can be written, found No space left"),
         whole_folder(small_disk / "overlay", "--overlay") as folder,
     ):
         write_picture(folder / "a" / "b.png", noise)
@@ -55,6 +55,6 @@ def test_pictures_of_an_overlay(small_disk: Path) -> None:
 def test_a_file_that_was_there_stays(small_disk: Path) -> None:
     file = small_disk / "result.json"
     file.write_text("before")
-    with pytest.raises(InputFault, match="No space left"), whole_file(file, "--output") as work:
+    with pytest.raises(InputError, match="No space left"), whole_file(file, "--output") as work:
         work.write_bytes(b"x" * 100_000)
     assert [(path.name, path.read_text()) for path in small_disk.iterdir()] == [("result.json", "before")]

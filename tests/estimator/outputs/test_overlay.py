@@ -17,9 +17,9 @@ from estimator.outputs.panels import UNTRUSTED
 from estimator.outputs.size_labels import dimension_labels, size_interval
 from estimator.records.measured_object import Box
 from estimator.results.scene_estimate import SceneEstimate
-from metric_base.faults import InputFault
-from tests.made.drawn import SCALE, drawn_estimate
-from tests.made.small_scene import write_small_scene
+from metric_base.errors import InputError
+from tests.synthetic.drawn import SCALE, drawn_estimate
+from tests.synthetic.small_scene import write_small_scene
 
 GREY = 90
 
@@ -114,7 +114,7 @@ def test_every_frame_with_a_picture_is_written(estimate: SceneEstimate, tmp_path
     assert write_overlays(estimate, target) == 7
     assert sorted(file.name for file in target.iterdir()) == sorted(view.name for view in estimate.scene.views[1:])
     assert [path.name for path in target.parent.iterdir()] == ["overlay"]
-    with pytest.raises(InputFault, match="a folder that is not there yet"):
+    with pytest.raises(InputError, match="a folder that is not there yet"):
         write_overlays(estimate, target)
 
 
@@ -122,7 +122,7 @@ def test_a_scene_without_pictures_is_one_line(folder: Path, tmp_path: Path) -> N
     for file in folder.glob("*"):
         if file.is_file():
             (tmp_path / file.name).write_bytes(file.read_bytes())
-    with pytest.raises(InputFault, match="no folder `images`"):
+    with pytest.raises(InputError, match="no folder `images`"):
         write_overlays(drawn_estimate(tmp_path), tmp_path / "overlay")
     assert not (tmp_path / "overlay").exists()
 
@@ -131,6 +131,6 @@ def test_an_unreadable_picture_is_one_line_and_leaves_nothing(folder: Path, tmp_
     scene = shutil.copytree(folder, tmp_path / "scene")
     picture = max((scene / "images").rglob("*.*"))
     picture.write_bytes(picture.read_bytes()[:20])
-    with pytest.raises(InputFault, match=f"{picture.name}: picture: expected one that OpenCV reads"):
+    with pytest.raises(InputError, match=f"{picture.name}: picture: expected one that OpenCV reads"):
         write_overlays(drawn_estimate(scene), tmp_path / "overlay")
     assert [path.name for path in tmp_path.iterdir()] == ["scene"]

@@ -12,9 +12,9 @@ import pytest
 from estimator.outputs.rescaled import TRANSFORM, write_scaled
 from estimator.reading import read_scene
 from estimator.records.scene import Scene
-from metric_base.faults import InputFault
-from tests.made.exports import write_export
-from tests.made.small_scene import small_model, write_small_scene
+from metric_base.errors import InputError
+from tests.synthetic.exports import write_export
+from tests.synthetic.small_scene import small_model, write_small_scene
 
 SCALE = 0.37897
 
@@ -126,23 +126,23 @@ def test_nothing_is_left_where_writing_fails(small: Path, tmp_path: Path) -> Non
         (tmp_path / "in" / file.name).write_bytes(file.read_bytes())
     scene = read_scene(tmp_path / "in")
     (tmp_path / "in" / "frames.bin").write_bytes(b"\xff" * 8)
-    with pytest.raises(InputFault, match=r"frames\.bin"):
+    with pytest.raises(InputError, match=r"frames\.bin"):
         write_scaled(scene, SCALE, tmp_path / "metric")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in"]
 
 
 def test_a_place_that_cannot_be_written_is_one_line(small: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("x", encoding="utf-8")
-    with pytest.raises(InputFault, match="--write-scaled: expected a place that can be written"):
+    with pytest.raises(InputError, match="--write-scaled: expected a place that can be written"):
         write_scaled(read_scene(small / "colmap"), SCALE, tmp_path / "file" / "metric")
 
 
 def test_an_existing_folder_and_impossible_scales_are_refused(small: Path, tmp_path: Path) -> None:
     scene = read_scene(small / "colmap")
-    with pytest.raises(InputFault, match="a folder that is not there yet"):
+    with pytest.raises(InputError, match="a folder that is not there yet"):
         write_scaled(scene, SCALE, tmp_path)
     for scale in (0.0, -1.0, float("nan"), float("inf")):
-        with pytest.raises(InputFault, match="a positive number"):
+        with pytest.raises(InputError, match="a positive number"):
             write_scaled(scene, scale, tmp_path / "metric")
 
 

@@ -18,7 +18,7 @@ from estimator.posterior.likelihood import OUTLIER, measurement_arrays, rows, us
 from estimator.posterior.posterior import object_curves
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
-from tests.made.priors import evidence, prior
+from tests.synthetic.priors import evidence, prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
 

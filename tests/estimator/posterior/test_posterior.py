@@ -18,7 +18,7 @@ from estimator.posterior.posterior import posterior, status_of
 from estimator.posterior.sameness import hypotheses
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray
-from tests.made.priors import evidence, prior
+from tests.synthetic.priors import evidence, prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
 DESK = prior("desk.n.01", [(1300, 680, 740)], spread=0.1)

@@ -14,7 +14,7 @@ from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import MOST_OBJECTS, Posterior, posterior
 from estimator.posterior.sameness import ALIKE, RELATED, _kind_weights, hypotheses
 from metric_tree.prior import Prior
-from tests.made.priors import evidence, prior
+from tests.synthetic.priors import evidence, prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
 DESK = prior("desk.n.01", [(1300, 680, 740)], spread=0.1)

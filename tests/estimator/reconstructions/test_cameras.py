@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from estimator.reconstructions.cameras import CAMERA_MODELS, make_camera, pixels_in_view, project
 from estimator.records.scene import Camera, View
-from metric_base.faults import FieldFault
+from metric_base.errors import FieldError
 
 MILD = {
     "k": 0.01,
@@ -101,7 +101,7 @@ def test_no_points_give_no_pixels() -> None:
     ],
 )
 def test_impossible_cameras_are_refused(model: str, size: tuple[int, int], params: list[float], named: str) -> None:
-    with pytest.raises(FieldFault, match=named):
+    with pytest.raises(FieldError, match=named):
         make_camera(model, size, params)
 
 

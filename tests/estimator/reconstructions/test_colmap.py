@@ -13,9 +13,9 @@ from estimator.reading import read_scene
 from estimator.reconstructions.cameras import CAMERA_MODELS, project
 from estimator.reconstructions.colmap import colmap_folder, read_colmap
 from estimator.records.scene import Scene
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from tests.estimator.reconstructions.test_cameras import mild_params
-from tests.made.small_scene import small_model
+from tests.synthetic.small_scene import small_model
 
 
 def check_equal(scene: Scene, reconstruction: pycolmap.Reconstruction) -> None:
@@ -105,7 +105,7 @@ def test_no_sparse_points_is_bad_without_a_dense_cloud(tmp_path: Path) -> None:
     (tmp_path / "cameras.txt").write_text("1 SIMPLE_PINHOLE 10 10 9 5 5\n", encoding="utf-8")
     (tmp_path / "images.txt").write_text("7 1 0 0 0 0 0 0 1 a.png\n\n", encoding="utf-8")
     (tmp_path / "points3D.txt").write_text("# none\n", encoding="utf-8")
-    with pytest.raises(InputFault, match="at least one sparse or dense point"):
+    with pytest.raises(InputError, match="at least one sparse or dense point"):
         read_scene(tmp_path)
     (tmp_path / "dense.ply").write_text(
         "ply\nformat ascii 1.0\nelement vertex 1\n"
@@ -118,5 +118,5 @@ def test_no_sparse_points_is_bad_without_a_dense_cloud(tmp_path: Path) -> None:
 def test_a_point_count_is_not_believed_before_the_bytes_are_there(tmp_path: Path) -> None:
     small_model().write_binary(str(tmp_path))
     (tmp_path / "points3D.bin").write_bytes(struct.pack("<Q", 2**61))
-    with pytest.raises(InputFault, match=r"points3D\.bin: number of points: expected at most 0"):
+    with pytest.raises(InputError, match=r"points3D\.bin: number of points: expected at most 0"):
         read_scene(tmp_path)

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from estimator.command import main
 from estimator.reading import read_instances_and_warnings, read_scene
 from estimator.records.scene import Instance, Scene
-from metric_base.faults import InputFault
-from tests.made import minitree
-from tests.made.damaged import CASES, Case, outcome
-from tests.made.small_scene import write_small_scene
+from metric_base.errors import InputError
+from tests.synthetic import minitree
+from tests.synthetic.damaged import CASES, Case, outcome
+from tests.synthetic.small_scene import write_small_scene
 
 FORMS = ("colmap", "text", "opensfm")
 
@@ -40,7 +40,7 @@ def warm(small: Path) -> Path:
 def test_one_line_within_a_second(case: Case, warm: Path, tmp_path: Path) -> None:
     shutil.copytree(warm, tmp_path / "copy")
     result = outcome(case, tmp_path / "copy")
-    assert result.fault is None
+    assert result.error is None
     assert result.message is not None
     assert "\n" not in result.message
     assert "expected" in result.message
@@ -96,11 +96,11 @@ def check_whole(scene: Scene, instances: tuple[Instance, ...]) -> None:
 
 
 def message_of(folder: Path) -> str:
-    """The fault of a scene, or nothing where it was read and is whole; every other exception goes through."""
+    """The error of a scene, or nothing where it was read and is whole; every other exception goes through."""
     try:
         scene = read_scene(folder)
         check_whole(scene, read_instances_and_warnings(scene)[0])
-    except InputFault as bad:
+    except InputError as bad:
         return str(bad)
     return ""
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.reconstructions.known_lengths import DEFAULT_SIGMA, parse_known_lengths
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 
 def test_two_points_and_metres() -> None:
@@ -41,17 +41,17 @@ def test_a_file_of_lengths(tmp_path: Path) -> None:
         (["/nowhere/at/all"], "readable file"),
     ],
 )
-def test_faults_are_one_line(words: list[str], named: str) -> None:
-    with pytest.raises(InputFault, match=named) as fault:
+def test_errors_are_one_line(words: list[str], named: str) -> None:
+    with pytest.raises(InputError, match=named) as error:
         parse_known_lengths(words)
-    assert "\n" not in str(fault.value)
+    assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
     "text", ["", "# nothing\n", "1 2 3\n", "0 0 0 0 0 2 1.0 -0.1\n", "0 0 0 0 0 2 1.0 5\n", "\xff"]
 )
-def test_faults_of_a_file_name_it(text: str, tmp_path: Path) -> None:
+def test_errors_of_a_file_name_it(text: str, tmp_path: Path) -> None:
     file = tmp_path / "lengths.txt"
     file.write_bytes(text.encode("latin-1"))
-    with pytest.raises(InputFault, match=r"lengths\.txt"):
+    with pytest.raises(InputError, match=r"lengths\.txt"):
         parse_known_lengths([str(file)])

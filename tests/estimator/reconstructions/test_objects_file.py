@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.reconstructions.objects_file import SCHEMA, STATED_SIGMA, parse_objects, read_objects
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 
 CAR: dict[str, Any] = {
     "id": "car-3",
@@ -108,10 +108,10 @@ def test_width_longer_than_length_is_exchanged(tmp_path: Path) -> None:
     ],
 )
 def test_one_clear_line(tmp_path: Path, document: object, words: str) -> None:
-    with pytest.raises(InputFault, match=words) as fault:
+    with pytest.raises(InputError, match=words) as error:
         _read(tmp_path, document)
-    assert "\n" not in str(fault.value)
-    assert str(tmp_path / "objects.json") in str(fault.value)
+    assert "\n" not in str(error.value)
+    assert str(tmp_path / "objects.json") in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_one_clear_line(tmp_path: Path, document: object, words: str) -> None:
 def test_damaged_text(tmp_path: Path, text: str) -> None:
     path = tmp_path / "objects.json"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputFault):
+    with pytest.raises(InputError):
         read_objects(path)
 
 
@@ -154,10 +154,10 @@ _ENTRY = st.fixed_dictionaries(
 @given(st.lists(_ENTRY, min_size=1, max_size=2))
 @settings(max_examples=100, deadline=None)
 def test_any_json_is_read_or_refused(entries: list[Any]) -> None:
-    """Whatever stands there: objects with positive finite extents, or `InputFault`; never another exception."""
+    """Whatever stands there: objects with positive finite extents, or `InputError`; never another exception."""
     try:
         objects = parse_objects(Path("x.json"), _document(*entries))
-    except InputFault:
+    except InputError:
         return
     for item in objects:
         sizes = item.extents[~(item.extents != item.extents)]

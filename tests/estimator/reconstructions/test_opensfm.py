@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from estimator.reading import read_scene
 from estimator.reconstructions.cameras import project
-from metric_base.faults import InputFault
-from tests.made.small_scene import write_small_scene
+from metric_base.errors import InputError
+from tests.synthetic.small_scene import write_small_scene
 
 
 @pytest.fixture(scope="module")
@@ -150,5 +150,5 @@ def test_tracks_of_every_version(version: int, tmp_path: Path) -> None:
 @pytest.mark.parametrize("kind", ["spherical", "equirectangular", "dual", "fisheye62", 7])
 def test_projections_that_are_not_read(kind: object, tmp_path: Path) -> None:
     camera = {"projection_type": kind, "width": 640, "height": 480, "focal": 0.9}
-    with pytest.raises(InputFault, match="projection_type"):
+    with pytest.raises(InputError, match="projection_type"):
         read_scene(dataset(tmp_path, camera, [[0.0, 0.0, 1.0]]))

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from estimator.reading import read_scene
 from estimator.reconstructions.ply import read_dense_cloud, read_visibility, visibility_bytes
-from metric_base.faults import InputFault
-from tests.made.small_scene import write_small_scene
+from metric_base.errors import InputError
+from tests.synthetic.small_scene import write_small_scene
 
 TYPES = {
     "char": "i1",
@@ -126,7 +126,7 @@ def test_a_cloud_beside_the_model_is_taken_unless_told_otherwise(small: Path) ->
     assert read_scene(small / "colmap", "none").dense is None
     assert read_scene(small / "text").dense is None
     assert read_scene(small / "text", small / "colmap" / "dense.ply").dense is not None
-    with pytest.raises(InputFault, match=r"missing\.ply"):
+    with pytest.raises(InputError, match=r"missing\.ply"):
         read_scene(small / "text", small / "missing.ply")
 
 

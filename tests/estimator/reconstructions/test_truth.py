@@ -41,7 +41,7 @@ def test_words_of_people_become_dimensions(
 
 
 @pytest.mark.parametrize("text", [None, "", "{", "[]", "17", '{"objects": [1, {"track_id": 1}]}', '{"objects": null}'])
-def test_no_truth_is_no_fault(text: str | None, tmp_path: Path) -> None:
+def test_no_truth_is_no_error(text: str | None, tmp_path: Path) -> None:
     if text is not None:
         (tmp_path / "truth.json").write_text(text, encoding="utf-8")
     assert read_truth(tmp_path) == SceneTruth()

@@ -17,7 +17,7 @@ from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import Options
 from estimator.results.verdicts import outlier_reason
 from metric_tree.tree import Tree
-from tests.made.priors import evidence, prior
+from tests.synthetic.priors import evidence, prior
 
 REPORT = ObjectReport(
     id="1",

@@ -15,7 +15,7 @@ from estimator.results.contradiction import contradiction_of
 from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import Options
 from metric_tree.tree import Tree
-from tests.made.priors import evidence, prior
+from tests.synthetic.priors import evidence, prior
 
 #: Half a metre a unit.
 CHAIR, STOOL = (1.24, 1.20, 2.10), (0.84, 0.80, 1.52)

@@ -12,15 +12,15 @@ from pathlib import Path
 import pytest
 
 from crawler.items import RawItem
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.build import steps as build_module
 from metric_tree.build.ingest import believed_spread, is_held_out
 from metric_tree.build.steps import Options, build_release
 from metric_tree.build.work_folder import sole_writer
 from metric_tree.checks.release_files import findings
 from metric_tree.tree import open_tree
-from tests.made.raw_fixture import SOURCES, TYPICAL, made_items, written
-from tests.made.small_taxonomy import small_taxonomy
+from tests.synthetic.raw_fixture import SOURCES, TYPICAL, synthetic_items, written
+from tests.synthetic.small_taxonomy import small_taxonomy
 
 OPTIONS = Options(version="0.0.1", created="2026-11-21", heldout=False)
 
@@ -41,7 +41,7 @@ def files_of(directory: Path) -> dict[str, bytes]:
 @pytest.fixture(scope="module")
 def release(tmp_path_factory):
     folder = tmp_path_factory.mktemp("build")
-    return build(written(folder / "raw.jsonl", made_items()), folder / "release").release
+    return build(written(folder / "raw.jsonl", synthetic_items()), folder / "release").release
 
 
 def test_release_is_valid_and_holds_the_sizes(release):
@@ -71,14 +71,14 @@ def test_rows_without_an_open_licence_are_used_and_not_shipped(release):
 
 
 def test_the_same_input_gives_the_same_bytes_whatever_the_workers(tmp_path, release):
-    raw = written(tmp_path / "raw.jsonl", made_items())
+    raw = written(tmp_path / "raw.jsonl", synthetic_items())
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as pool:
         again = build(raw, tmp_path / "again", executor=pool).release
     assert files_of(again.directory) == files_of(release.directory)
 
 
 def test_folders_and_gzip_are_read_as_files_are(tmp_path, release):
-    items = made_items()
+    items = synthetic_items()
     written(tmp_path / "raw" / "a.jsonl", items[:50])
     (tmp_path / "raw" / "a.quarantine.jsonl").write_text('{"reason": "no raw item"}\n')
     with gzip.open(tmp_path / "raw" / "b.jsonl.gz", "wt", encoding="utf-8") as file:
@@ -88,7 +88,7 @@ def test_folders_and_gzip_are_read_as_files_are(tmp_path, release):
 
 
 def test_a_fold_is_left_out_and_nothing_else(tmp_path):
-    raw = written(tmp_path / "raw.jsonl", made_items())
+    raw = written(tmp_path / "raw.jsonl", synthetic_items())
     whole = build(raw, tmp_path / "whole").release.table("items")["item_id"].to_pylist()
     folds = []
     for fold in range(3):
@@ -101,14 +101,14 @@ def test_a_fold_is_left_out_and_nothing_else(tmp_path):
 
 
 def test_noncommercial_sources_can_be_left_out(tmp_path):
-    raw = written(tmp_path / "raw.jsonl", made_items())
+    raw = written(tmp_path / "raw.jsonl", synthetic_items())
     release = build(raw, tmp_path / "free", replace(OPTIONS, noncommercial=False)).release
     assert "club" not in {record["id"] for record in release.manifest["sources"]}
     assert release.manifest["counts"]["raw"]["source_left_out"] > 0
 
 
 def test_what_is_refused_is_kept_with_its_reason(tmp_path):
-    items = made_items()
+    items = synthetic_items()
     chair = items[1]
     wrong = [
         replace(chair, source_id="unknown", category_path=("things", "gizmo")),
@@ -147,7 +147,7 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
             kind="curated",
         )
 
-    items = [item for item in made_items() if item.category_path[-1] != "stool"]
+    items = [item for item in synthetic_items() if item.category_path[-1] != "stool"]
     raw = written(tmp_path / "raw.jsonl", items)
     release = build(raw, tmp_path / "release", curated=[curated("stool"), curated("sofa")]).release
     tree = open_tree(release.directory)
@@ -167,7 +167,7 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
 
 def test_rows_are_made_again_without_the_withheld_sources(tmp_path, release):
     """Who has only the raw items that may be given on gets the same rows, and the priors that used the others."""
-    shippable = [item for item in made_items() if SOURCES[item.source].ship]
+    shippable = [item for item in synthetic_items() if SOURCES[item.source].ship]
     raw = written(tmp_path / "raw.jsonl", shippable)
     again = build(raw, tmp_path / "again", carried=release).release
     for name in ("items.parquet", "nodes.parquet", "priors.parquet"):
@@ -177,7 +177,7 @@ def test_rows_are_made_again_without_the_withheld_sources(tmp_path, release):
 
 
 def test_an_interrupted_build_leaves_no_release_and_takes_up_where_it_was(tmp_path, monkeypatch, release):
-    raw = written(tmp_path / "raw.jsonl", made_items())
+    raw = written(tmp_path / "raw.jsonl", synthetic_items())
     real, calls = build_module.class_priors, []
 
     def failing(*arguments):
@@ -201,18 +201,18 @@ def test_an_interrupted_build_leaves_no_release_and_takes_up_where_it_was(tmp_pa
 
 
 def test_another_input_does_not_take_up_old_work(tmp_path, monkeypatch):
-    raw = written(tmp_path / "raw.jsonl", made_items())
+    raw = written(tmp_path / "raw.jsonl", synthetic_items())
     monkeypatch.setattr(build_module, "clean_shard", None)
     with pytest.raises(TypeError):
         build(raw, tmp_path / "release")
     monkeypatch.undo()
-    written(raw, made_items(per_class=20))
+    written(raw, synthetic_items(per_class=20))
     release = build(raw, tmp_path / "release").release
     assert release.manifest["counts"]["n_fit"] < 110
 
 
 def test_sources_that_disagree_are_reported(tmp_path):
-    items = made_items()
+    items = synthetic_items()
     large = [
         replace(item, dimensions_mm={word: size * 1.5 for word, size in item.dimensions_mm.items() if size})
         if item.source == "club" and item.category_path[-1] == "sofa"
@@ -239,7 +239,7 @@ def _damaged(folder: Path) -> Path:
         (lambda folder: _text(folder, '{"schema": "other/1"}\n'), "schema: expected metric-tree/raw/1"),
         (lambda folder: _bytes(folder, b"\xff\xfe\n"), r"raw\.jsonl:1"),
         (
-            lambda folder: _text(folder, made_items()[0].line().replace('"year": 2000', f'"year": {10**30}')),
+            lambda folder: _text(folder, synthetic_items()[0].line().replace('"year": 2000', f'"year": {10**30}')),
             "year: expected four digits at most",
         ),
         (_damaged, "expected gzip data"),
@@ -247,7 +247,7 @@ def _damaged(folder: Path) -> Path:
     ],
 )
 def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, make, message):
-    with pytest.raises(InputFault, match=message) as raised:
+    with pytest.raises(InputError, match=message) as raised:
         build(make(tmp_path), tmp_path / "release")
     assert "\n" not in str(raised.value)
     assert not [entry for entry in tmp_path.iterdir() if not entry.name.startswith("raw")]
@@ -255,8 +255,8 @@ def test_bad_input_is_one_line_and_nothing_is_written(tmp_path, make, message):
 
 def test_a_release_is_never_overwritten(tmp_path):
     (tmp_path / "release").mkdir()
-    with pytest.raises(InputFault, match="found an existing one"):
-        build(written(tmp_path / "raw.jsonl", made_items()), tmp_path / "release")
+    with pytest.raises(InputError, match="found an existing one"):
+        build(written(tmp_path / "raw.jsonl", synthetic_items()), tmp_path / "release")
 
 
 def _packed(folder: Path, data: bytes) -> Path:
@@ -275,9 +275,9 @@ def _bytes(folder: Path, content: bytes) -> Path:
 
 
 def test_a_second_build_of_one_output_says_so_and_stops(tmp_path):
-    raw = written(tmp_path / "raw.jsonl", made_items())
+    raw = written(tmp_path / "raw.jsonl", synthetic_items())
     with sole_writer(tmp_path / "release"):
-        with pytest.raises(InputFault, match="release: another run is writing this output"):
+        with pytest.raises(InputError, match="release: another run is writing this output"):
             build(raw, tmp_path / "release")
         assert not (tmp_path / "release").exists()
     with sole_writer(tmp_path / "release"):  # free again

@@ -1,4 +1,4 @@
-"""A fixture for each code: the valid release with one fault put in."""
+"""A fixture for each code: the valid release with one error put in."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ import pytest
 
 from metric_tree.checks.release_files import CODES, findings
 from metric_tree.release import MANIFEST
-from tests.made import minitree
+from tests.synthetic import minitree
 
 Rows = minitree.Rows
-Fault = Callable[[Rows], None]
+Error = Callable[[Rows], None]
 
 SIZES = ("length_mm", "width_mm", "height_mm")
 NODE, ITEM, PRIOR = "nodes.parquet", "items.parquet", "priors.parquet"
 
 
-def _set(table: str, row: int, **values: Any) -> Fault:
+def _set(table: str, row: int, **values: Any) -> Error:
     return lambda content: content[table][row].update(values)
 
 
@@ -34,7 +34,7 @@ def _class(content: Rows, node_id: str) -> list[dict[str, Any]]:
     return [row for row in content[ITEM] if row["node_id"] == node_id]
 
 
-def _resize(node_id: str, sizes: Callable[[int, dict[str, Any]], dict[str, Any]]) -> Fault:
+def _resize(node_id: str, sizes: Callable[[int, dict[str, Any]], dict[str, Any]]) -> Error:
     """Give the items of a node other sizes."""
 
     def change(content: Rows) -> None:
@@ -101,7 +101,7 @@ def _inches(content: Rows) -> None:
     assert parent["level"] == 4
 
 
-FAULTS: dict[str, Fault] = {
+FAULTS: dict[str, Error] = {
     "E201": lambda content: content[NODE].append(dict(content[NODE][0], node_id="thing.n.01")),
     "E202": _orphan,
     "E203": _cycle,
@@ -157,7 +157,7 @@ def test_the_valid_release_has_no_error(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("code", FAULTS)
-def test_each_fault_is_found_by_its_code(tmp_path: Path, code: str) -> None:
+def test_each_error_is_found_by_its_code(tmp_path: Path, code: str) -> None:
     content = minitree.rows()
     FAULTS[code](content)
     found = findings(minitree.release(tmp_path / "r", content).directory)
@@ -207,7 +207,7 @@ def test_rows_and_counts_of_the_manifest_are_held_against_the_tables(tmp_path: P
 
 
 def test_every_code_has_its_fixture() -> None:
-    elsewhere = {"E101", "E102", "E103", "E104", "E105"}  # faults of files, above
+    elsewhere = {"E101", "E102", "E103", "E104", "E105"}  # errors of files, above
     assert set(CODES) == set(FAULTS) | elsewhere
 
 

@@ -14,8 +14,8 @@ import metric_tree.commands.build as command
 from crawler.imports.sources import declared_sources as declared
 from metric_tree.build.steps import build_release
 from metric_tree.commands import main
-from tests.made.raw_fixture import SOURCES, made_items, written
-from tests.made.small_taxonomy import small_taxonomy
+from tests.synthetic.raw_fixture import SOURCES, synthetic_items, written
+from tests.synthetic.small_taxonomy import small_taxonomy
 
 DECLARATION = """title = "A shop"
 url = "https://shop.example/data"
@@ -33,7 +33,7 @@ def raw(tmp_path, monkeypatch):
     monkeypatch.setattr(command, "build_release", partial(build_release, taxonomy=small_taxonomy))
     monkeypatch.setattr(command, "declared_sources", lambda folder: SOURCES if folder is None else declared(folder))
     monkeypatch.setattr(command, "shipped_curated", tuple)
-    return written(tmp_path / "raw.jsonl", made_items(per_class=12))
+    return written(tmp_path / "raw.jsonl", synthetic_items(per_class=12))
 
 
 def run(*words):
@@ -53,7 +53,7 @@ def test_json_is_the_manifest_and_the_log_lies_where_it_was_asked_for(raw, tmp_p
 
 def test_table_names_what_was_refused(raw, tmp_path, capsys):
     raw.write_text(
-        raw.read_text() + made_items()[0].line().replace('"chair"', '"gizmo"').replace("chair-0", "g") + "\n"
+        raw.read_text() + synthetic_items()[0].line().replace('"chair"', '"gizmo"').replace("chair-0", "g") + "\n"
     )
     assert run(raw, "--out", tmp_path / "release", "--workers", 1, "--no-heldout") == 0
     printed = capsys.readouterr()
@@ -109,7 +109,7 @@ def test_a_source_that_a_folder_declares_is_known_to_the_build(raw, tmp_path, ca
     """Its rows ship under the licence of its declaration, and the manifest has its address."""
     folder = tmp_path / "declarations"
     folder.mkdir()
-    name = next(iter({item.source for item in made_items()}))
+    name = next(iter({item.source for item in synthetic_items()}))
     (folder / f"{name}.toml").write_text(f'id = "{name}"\n{DECLARATION}')
     words = ("--sources", folder, "--workers", 1, "--no-heldout", "--json")
     assert run(raw, "--out", tmp_path / "release", *words) == 0
@@ -122,7 +122,7 @@ def test_a_source_that_a_folder_declares_is_known_to_the_build(raw, tmp_path, ca
 
 
 def test_a_build_of_nothing_but_curated_ranges_says_so(raw, tmp_path, capsys, monkeypatch):
-    curated = [replace(item, source="curated") for item in made_items(per_class=4)]
+    curated = [replace(item, source="curated") for item in synthetic_items(per_class=4)]
     monkeypatch.setattr(command, "shipped_curated", lambda: curated)
     raw.write_text("")
     assert run(raw, "--out", tmp_path / "release", "--workers", 1, "--no-heldout") == 0

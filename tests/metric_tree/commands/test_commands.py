@@ -12,7 +12,7 @@ from metric_base.terminal import exit_status, print_table
 from metric_tree.commands import VERBS, main, parser_of
 from metric_tree.releases import PATH_VARIABLE
 from metric_tree.tree import Tree
-from tests.made import minitree
+from tests.synthetic import minitree
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -80,12 +80,12 @@ def test_an_unknown_verb_is_one_line(capsys: pytest.CaptureFixture[str]) -> None
     assert main([]) == 0
 
 
-def test_a_fault_of_the_program_is_one_line_and_1(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_error_of_the_program_is_one_line_and_1(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_status("x", lambda: 1 // 0) == 1
-    assert capsys.readouterr().err == "x: fault of the program: ZeroDivisionError: integer division or modulo by zero\n"
+    assert capsys.readouterr().err == "x: internal error: ZeroDivisionError: integer division or modulo by zero\n"
 
 
-def test_a_reader_that_leaves_a_pipe_is_no_fault(mini: Tree) -> None:
+def test_a_reader_that_leaves_a_pipe_is_no_error(mini: Tree) -> None:
     read, write = os.pipe()
     os.close(read)
     words = ["query", "chair", "--tree", str(mini.release.directory)]
@@ -114,7 +114,7 @@ def test_the_title_of_a_narrow_table_is_one_line(capsys: pytest.CaptureFixture[s
         (["export", "--out", "x", "--coco", "there", "nodir"], "--coco: expected a folder of pictures; found no"),
     ],
 )
-def test_a_path_at_fault_is_one_line(
+def test_a_path_at_error_is_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, words: list[str], message: str
 ) -> None:
     monkeypatch.chdir(tmp_path)

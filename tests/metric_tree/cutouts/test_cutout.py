@@ -18,8 +18,8 @@ from metric_tree.commands import main
 from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import TABLE, cut, cut_release
 from metric_tree.release import sha256
-from tests.made.hostile_pictures import HOSTILE as MAKERS
-from tests.made.picture_fixture import HOSTILE, encoded, release_with, shop_picture, wallpaper
+from tests.synthetic.hostile_pictures import HOSTILE as MAKERS
+from tests.synthetic.picture_fixture import HOSTILE, encoded, release_with, shop_picture, wallpaper
 
 PLAIN = Settings("plain")
 
@@ -134,7 +134,7 @@ def test_an_interrupted_run_takes_up_what_it_had(tmp_path, monkeypatch):
         (("--model", "gone.onnx"), "--model: expected an ONNX file; found none at gone.onnx"),
     ],
 )
-def test_a_fault_of_the_input_is_one_line(words, message, tmp_path, no_weights, capsys):
+def test_an_error_of_the_input_is_one_line(words, message, tmp_path, no_weights, capsys):
     old = release_with(tmp_path / "old", [shop_picture(0)])
     assert run(old.directory, "--out", tmp_path / "new", *words) == 2
     printed = capsys.readouterr()

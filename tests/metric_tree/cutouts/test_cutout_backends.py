@@ -1,4 +1,4 @@
-"""Backends on made pictures, the network through rembg's own `remove`, and what sets a mask aside."""
+"""Backends on synthetic pictures, the network through rembg's own `remove`, and what sets a mask aside."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.cutouts import network
 from metric_tree.cutouts.backend import Auto, Foreground
 from metric_tree.cutouts.network import Network, has_weights
 from metric_tree.cutouts.plain import Plain, background
 from metric_tree.cutouts.quality import assessment
-from tests.made.picture_fixture import shop_picture, wallpaper
+from tests.synthetic.picture_fixture import shop_picture, wallpaper
 
 SHAPE = (160, 200)
 
@@ -173,11 +173,11 @@ def test_a_local_onnx_file_runs_through_rembg(tmp_path, monkeypatch):
 
 def test_models_that_are_none_are_one_clear_line(tmp_path):
     (tmp_path / "broken.onnx").write_bytes(b"no graph")
-    with pytest.raises(InputFault, match="expected an ONNX network"):
+    with pytest.raises(InputError, match="expected an ONNX network"):
         Network.load(str(tmp_path / "broken.onnx"))
-    with pytest.raises(InputFault, match="expected an ONNX file; found none"):
+    with pytest.raises(InputError, match="expected an ONNX file; found none"):
         has_weights(str(tmp_path / "missing.onnx"))
-    with pytest.raises(InputFault, match=r"expected one of u2net, .*'bria-rmbg'"):
+    with pytest.raises(InputError, match=r"expected one of u2net, .*'bria-rmbg'"):
         Network.load("bria-rmbg")
 
 
@@ -191,5 +191,5 @@ def test_a_refused_download_is_one_clear_line(tmp_path, monkeypatch):
             raise OSError("no route")
 
     monkeypatch.setattr(network, "_rembg", lambda: NoNetwork)
-    with pytest.raises(InputFault, match=r"--model u2net: expected weights .*no route.*--backend plain"):
+    with pytest.raises(InputError, match=r"--model u2net: expected weights .*no route.*--backend plain"):
         Network.load("u2net")

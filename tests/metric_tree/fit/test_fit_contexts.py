@@ -19,7 +19,7 @@ def plain(centre: float, shared: float = 0.01) -> Prior:
     return Prior("car.n.01", ("length",), np.ones(1), np.array([[centre]]), one[None], one, 9, 3, {"product": 1.0}, 0.0)
 
 
-def made_classes(region: float, year: float, classes: int = 50, seed: int = 0):
+def synthetic_classes(region: float, year: float, classes: int = 50, seed: int = 0):
     """Cells of classes whose sources differ by region and year in these parts of B."""
     generator = np.random.default_rng(seed)
     for _ in range(classes):
@@ -40,7 +40,7 @@ def made_classes(region: float, year: float, classes: int = 50, seed: int = 0):
 
 @pytest.mark.parametrize(("region", "year", "seed"), [(0.0, 0.0, 0), (0.3, 0.0, 1), (0.0, 0.3, 0)])
 def test_the_shares_of_region_and_year_are_recovered(region: float, year: float, seed: int) -> None:
-    model = learn_contexts(made_classes(region, year, 60, seed))
+    model = learn_contexts(synthetic_classes(region, year, 60, seed))
     assert model.region == pytest.approx(region, abs=0.15)
     assert model.year == pytest.approx(year, abs=0.15)
 

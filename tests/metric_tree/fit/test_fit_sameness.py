@@ -1,4 +1,4 @@
-"""What the things of one room have in common, recovered from made rooms."""
+"""What the things of one room have in common, recovered from synthetic rooms."""
 
 from __future__ import annotations
 

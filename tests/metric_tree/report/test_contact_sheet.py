@@ -15,7 +15,7 @@ from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import cut_release
 from metric_tree.report.contact_sheet import LARGEST, MARGIN, _scale, _spread, bar_length, picture_rows, tiles
 from metric_tree.tree import open_tree
-from tests.made.picture_fixture import HOSTILE, release_with, shop_picture, wallpaper
+from tests.synthetic.picture_fixture import HOSTILE, release_with, shop_picture, wallpaper
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def test_pictures_that_are_none_are_left_out_and_uncut_ones_framed(release, tmp_
         (("seat", "--images", "0"), "--images: expected a number from 1; found 0"),
     ],
 )
-def test_faults_are_one_line(release, words, message, capsys):
+def test_errors_are_one_line(release, words, message, capsys):
     assert query(release, *words) == 2
     assert message in capsys.readouterr().err
 

@@ -19,7 +19,7 @@ from metric_tree.report.html import Linked, table, whole_page
 from metric_tree.report.page import page
 from metric_tree.tree import Tree
 from taxonomy.label_lists import Label
-from tests.made import minitree
+from tests.synthetic import minitree
 
 
 @pytest.fixture

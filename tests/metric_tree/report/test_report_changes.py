@@ -15,7 +15,7 @@ from metric_tree.report.changes import (
     source_changes,
 )
 from metric_tree.tree import Tree
-from tests.made import minitree
+from tests.synthetic import minitree
 
 FACTOR = 1.5
 

@@ -10,7 +10,7 @@ import pytest
 
 from metric_tree.commands import main
 from metric_tree.tree import Tree, open_tree
-from tests.made import minitree
+from tests.synthetic import minitree
 
 #: Node, BGR of its cut-outs, their pixels (height, width).
 CUTOUTS = {

@@ -139,7 +139,7 @@ def test_hidden_objects_are_taken_out(tmp_path: Path) -> None:
         (("--coco", "no.json", "."), "no.json"),
     ],
 )
-def test_faults_are_one_line_and_leave_nothing(
+def test_errors_are_one_line_and_leave_nothing(
     tree: Tree, tmp_path: Path, words: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     before = set(tmp_path.iterdir())

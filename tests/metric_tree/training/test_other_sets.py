@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from pycocotools.coco import COCO
 
-from metric_base.faults import InputFault
+from metric_base.errors import InputError
 from metric_tree.training.ade20k_challenge import CLASSES
 from metric_tree.training.classes import Classes, _lookup
 from metric_tree.tree import Tree, open_tree
-from tests.made.other_sets import (
+from tests.metric_tree.training.conftest import export
+from tests.synthetic.other_sets import (
     ade20k,
     ade20k_challenge,
     ade20k_of_2017,
@@ -24,7 +25,6 @@ from tests.made.other_sets import (
     open_images_v7,
     picture_of,
 )
-from tests.metric_tree.training.conftest import export
 
 
 @pytest.mark.parametrize(
@@ -118,7 +118,7 @@ def test_labels_go_to_their_class_through_the_tree(tree: Tree) -> None:
     assert classes.of_label(("seat",), ()) is None  # above: may be a chair or not
     assert dict(classes.ambiguous) == {"seat": 1}
     assert classes.of_label(("no such thing", "bar stool"), ()) == 1  # a synonym
-    with pytest.raises(InputFault, match="below"):
+    with pytest.raises(InputError, match="below"):
         Classes(tree, [tree.node("chair.n.01"), tree.node("swivel_chair.n.01")])
 
 

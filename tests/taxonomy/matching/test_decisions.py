@@ -107,9 +107,9 @@ def test_a_decision_survives_its_line(subject: str, concept: str | None, why: st
 )
 def test_a_bad_line_is_named_with_file_and_number(tmp_path: Path, line: str, message: str) -> None:
     (tmp_path / "d.jsonl").write_text("\n" + line + "\n", encoding="utf-8")
-    with pytest.raises(BadDecision, match=r"d\.jsonl:2: ") as fault:
+    with pytest.raises(BadDecision, match=r"d\.jsonl:2: ") as error:
         decisions(tmp_path)
-    assert message in str(fault.value)
+    assert message in str(error.value)
 
 
 def test_recording_adds_a_line_and_leaves_no_part(tmp_path: Path) -> None:

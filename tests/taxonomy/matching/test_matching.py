@@ -233,9 +233,9 @@ def test_a_class_of_an_unknown_concept_is_refused(mini_wordnet: WordNet) -> None
 def test_a_bad_insertion_is_named_with_its_line(tmp_path: Path, line: str, message: str) -> None:
     file = tmp_path / "insertions.jsonl"
     file.write_text(line + "\n", encoding="utf-8")
-    with pytest.raises(BadInsertion, match=r"insertions\.jsonl:1: ") as fault:
+    with pytest.raises(BadInsertion, match=r"insertions\.jsonl:1: ") as error:
         insertions(file)
-    assert message in str(fault.value)
+    assert message in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -249,9 +249,9 @@ def test_a_bad_insertion_is_named_with_its_line(tmp_path: Path, line: str, messa
 def test_a_bad_reading_is_named(tmp_path: Path, table: str, message: str) -> None:
     file = tmp_path / "readings.toml"
     file.write_text(table, encoding="utf-8")
-    with pytest.raises(BadReading) as fault:
+    with pytest.raises(BadReading) as error:
         readings(file)
-    assert message in str(fault.value)
+    assert message in str(error.value)
 
 
 def test_shipped_insertions_lack_in_wordnet(wordnet: WordNet) -> None:

@@ -1,0 +1,193 @@
+"""An object inserted into a video: `python -m benchmarks.insertion.video_proof --out DIR [CONDITION ...]`.
+
+A synthetic room is recorded, the video reconstructed from some of its frames, an object inserted by what
+`insert-object` calls, and the video that comes out compared with the same video of the room in which the mesh really
+stands. One line of JSON a condition, in DIR/videos.jsonl.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.insertion.hiding_places import hiding_place
+from benchmarks.insertion.likeness import colour_error, detail, edge_errors, flicker, height_inside, inner
+from benchmarks.insertion.pose_errors import pose_errors
+from benchmarks.insertion.synthetic_videos import (
+    CONDITIONS,
+    Condition,
+    Standing,
+    SyntheticVideo,
+    pictures_of,
+    standing,
+    synthetic_video,
+    true_video,
+)
+from estimator.reading import read_instances, read_scene
+from insertion.models.gltf import read_model
+from insertion.outputs import picture_writer
+from insertion.records.result import FrameReport, ScaleUsed
+from insertion.render.body import body_of
+from insertion.scene.footage import Shot, Stills
+from insertion.scene.video_footage import VideoFootage, video_footage
+from insertion.staging.insert import Placed, insert_objects, place_objects, resize
+from insertion.staging.options import ObjectRequest
+from insertion.staging.stage import Stage, make_stage
+from metric_base.arrays import BoolArray
+from tests.synthetic.insertions import write_glb
+from tests.synthetic.painted import write_painted_glb
+from tests.synthetic.rooms.shapes import solid
+from tests.synthetic.rooms.similarity import Similarity
+
+__all__ = ["main"]
+
+#: The room, and what is inserted with its size in metres.
+KIND, SEED, WHAT, SIZE = "sitting room", 1003, "chair", (0.42, 0.38, 0.75)
+FRAMES, RECONSTRUCTED = 16, 10
+SCALE_ERRORS = (0.9, 1.1)
+
+
+@dataclass(eq=False)
+class Layers:
+    """Takes the visible coverage of every frame, and the outline without what hides it."""
+
+    visible: dict[int, BoolArray] = field(default_factory=dict)
+    whole: dict[int, BoolArray] = field(default_factory=dict)
+
+    def picture(self, shot: Shot, picture: NDArray[np.uint8]) -> None:
+        """The frame without objects is not kept."""
+
+    def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
+        """Visible coverage (h, w) of the one object, and its depth (h, w), known wherever it is."""
+        del number
+        self.visible[shot.index], self.whole[shot.index] = alpha > 0.5, np.isfinite(depth)
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("conditions", nargs="*", help="first words of their names; all by default")
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    chosen = [c for c in CONDITIONS if not options.conditions or c.name.split()[0] in options.conditions]
+    with (options.out / "videos.jsonl").open("a") as rows:
+        for condition in chosen:
+            row = video_row(condition, options.out / condition.name.split()[0])
+            print(json.dumps(row), flush=True)
+            rows.write(json.dumps(row) + "\n")
+            rows.flush()
+
+
+def video_row(condition: Condition, folder: Path) -> dict[str, Any]:
+    """One video, its insertion and its figures; the videos stay in the folder as bare.mp4, ours.mp4, true.mp4."""
+    folder.mkdir(parents=True, exist_ok=True)
+    video = synthetic_video(KIND, SEED, FRAMES, condition, folder / "bare.mp4")
+    poses, to_scene = video.reconstruction(folder / "work", RECONSTRUCTED)
+    stage = stage_of_work(folder / "work", 1 / to_scene.scale)
+    placed, truth = painted_twin(video, stage, to_scene, folder)
+    layers = Layers()
+    with picture_writer(folder / "ours.mp4", video.file, condition.turned_deg) as write:
+        (result,) = insert_objects(stage, [placed], write, video=True, layers=layers)
+    ratios = {1.0: _height_ratio(result.frames, truth)}
+    for error in SCALE_ERRORS:
+        (wrong,) = insert_objects(_thinned(stage, 4), [resize(placed, 1 / error)], lambda *_: None)
+        ratios[error] = _height_ratio(wrong.frames, truth)
+    return {
+        "condition": condition.name,
+        "height_ratio": {str(error): round(ratio, 4) for error, ratio in sorted(ratios.items())},
+        **_figures(pictures_of(folder / "ours.mp4"), truth, layers),
+        "poses": pose_errors(poses, video.world.poses, condition.lens),
+    }
+
+
+def stage_of_work(work: Path, scale: float) -> Stage:
+    """The stage of a work folder at a scale in metres per unit, as `insert-object WORK --scale` makes it."""
+    scene = read_scene(work)
+    footage = video_footage(work, scene)
+    assert footage is not None  # the folder was made from a video
+    return make_stage(
+        scene,
+        Stills(scene, work / "frames"),
+        footage,
+        read_instances(None, scene),
+        ScaleUsed(scale, None, None, "option"),
+    )
+
+
+def painted_twin(video: SyntheticVideo, stage: Stage, to_scene: Similarity, folder: Path) -> tuple[Placed, Standing]:
+    """The object at its place, painted as the room's renderer paints it there, and the video with it really there.
+
+    The place is one that is free, or where furniture hides a part of the object, as the video's condition says.
+    """
+    mesh = solid(WHAT, np.array(SIZE))
+    (plain,) = place_objects(stage, [ObjectRequest(write_glb(mesh, folder / "plain.glb"))])
+    position, front = plain.place.position, plain.front
+    if video.condition.hidden:
+        place, toward, _ = hiding_place(replace(video.world, poses=video.world.poses[::3]), mesh)
+        position, front = to_scene(place[None])[0], to_scene.rotation @ toward
+    floor = stage.supports.surfaces[plain.place.plane or 0].plane
+    position = position + (floor.height - position @ floor.basis[2]) * floor.basis[2]
+    front = front - (front @ floor.basis[2]) * floor.basis[2]
+    place = to_scene.inverse(position[None])[0] * [1, 1, 0]  # the true object stands on the floor itself
+    world = standing(video.world, mesh, place, to_scene.rotation.T @ front)
+    painted = write_painted_glb(
+        mesh, world.objects[-1].mesh, folder / "painted.glb", len(world.objects), video.world.seed
+    )
+    model, front = read_model(painted), front / np.linalg.norm(front)
+    body = body_of(model, position, floor.basis, front, 1 / stage.scale.metres_per_unit)
+    placed = replace(plain, model=model, place=replace(plain.place, position=position), front=front, body=body)
+    return placed, true_video(video, world, folder / "true.mp4")
+
+
+def _thinned(stage: Stage, step: int) -> Stage:
+    """The stage with every so manieth frame of its video."""
+    footage = stage.footage
+    assert isinstance(footage, VideoFootage)
+    thin = VideoFootage.__new__(VideoFootage)
+    thin.__dict__.update(footage.__dict__)
+    thin.shots = footage.shots[::step]
+    return replace(stage, footage=thin)
+
+
+def _height_ratio(frames: Sequence[FrameReport], truth: Standing) -> float:
+    """Mean of our outline's height over the true one's, over the frames that show it whole."""
+    ratios = []
+    for frame in frames:
+        height = height_inside(truth.whole[int(Path(frame.image).stem)])
+        if height is not None and frame.silhouette is not None:
+            ratios.append(frame.silhouette[3] / height)
+    return float(np.mean(ratios)) if ratios else float("nan")
+
+
+def _figures(ours: Sequence[NDArray[np.uint8]], truth: Standing, layers: Layers) -> dict[str, Any]:
+    both = [inner(seen & layers.visible[k]) for k, seen in enumerate(truth.seen)]
+    large = [k for k, mask in enumerate(both) if mask.sum() > 400]
+    colours = [colour_error(ours[k], truth.pictures[k], both[k]) for k in large]
+    details = [detail(ours[k], both[k]) / detail(truth.pictures[k], both[k]) for k in large]
+    edges = [edge_errors(layers.visible[k], layers.whole[k], truth.seen[k], truth.whole[k]) for k in layers.visible]
+    pixels = np.concatenate([*edges, np.zeros(0)])
+    whole, faces = flicker(ours, truth.pictures, truth.faces, both)
+    return {
+        "frames": len(large),
+        "whole": sum(height_inside(mask) is not None for mask in truth.whole),
+        "colour": round(float(np.mean([error for error, _ in colours])), 1),
+        "brightness": round(float(np.mean([ratio for _, ratio in colours])), 3),
+        "detail": round(float(np.mean(details)), 2),
+        "flicker": round(whole, 2),
+        "flicker_faces": round(faces, 2),
+        "hidden": round(1 - sum(m.sum() for m in truth.seen) / sum(m.sum() for m in truth.whole), 2),
+        "edge_px": round(float(pixels.mean()), 2) if len(pixels) else None,
+        "edge_p90_px": round(float(np.quantile(pixels, 0.9)), 2) if len(pixels) else None,
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""Synthetic rooms for the tests of insertion: frames on disk, a scene, one mesh as a file and in the room itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from estimator.records.scene import DenseCloud, Instance, Scene
+from insertion.records.result import ScaleUsed
+from insertion.scene.footage import PictureFootage, Stills
+from insertion.staging.stage import Stage, make_stage
+from metric_base.arrays import FloatArray
+from tests.synthetic.rooms.furnish import furnished_room, turn_about_z
+from tests.synthetic.rooms.knobs import Knobs
+from tests.synthetic.rooms.quick import quick_scene
+from tests.synthetic.rooms.render import Renderer
+from tests.synthetic.rooms.similarity import Similarity, similarity_between
+from tests.synthetic.rooms.solids import Mesh, rotate
+from tests.synthetic.rooms.world import Placed, World
+
+__all__ = ["RecordedRoom", "added", "stage_of", "video_room", "write_glb"]
+
+TRACK = "inserted"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedRoom:
+    """A synthetic room with its frames on disk, its scene, masks, and the way from its metres into the scene."""
+
+    world: World
+    scene: Scene
+    instances: tuple[Instance, ...]
+    folder: Path
+    to_scene: Similarity
+
+
+def video_room(kind: str, seed: int, folder: Path, views: int = 6, noise: float = 0.0) -> RecordedRoom:
+    """Frames as PNG files in `folder/images`, and a scene with little noise."""
+    import cv2
+
+    world = furnished_room(kind, seed, Knobs(views=views, coverage=0.6))
+    made = quick_scene(world, Knobs(depth_noise=noise, stray=0.0), seed)
+    images = folder / "images"
+    images.mkdir(parents=True, exist_ok=True)
+    with Renderer(world) as renderer:
+        for index, view in enumerate(made.scene.views):
+            colour = renderer.frame(index).colour
+            assert colour is not None
+            cv2.imwrite(str((images / view.name).with_suffix(".png")), colour[..., ::-1])
+    named = tuple(replace(view, name=f"{Path(view.name).stem}.png") for view in made.scene.views)
+    scene = replace(made.scene, path=folder, views=named)
+    true = np.array([pose.centre for pose in world.poses])
+    return RecordedRoom(
+        world, scene, made.instances, folder, similarity_between(true, np.array([v.centre for v in named]))
+    )
+
+
+def stage_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool = True) -> Stage:
+    """The stage at the true scale times `scale_error`."""
+    scene = room.scene
+    if not dense:
+        scene = replace(scene, dense=None)
+    assert dense is False or isinstance(scene.dense, DenseCloud)
+    stills = Stills(scene)
+    scale = ScaleUsed(scale_error / room.to_scene.scale, None, None, "option")
+    return make_stage(scene, stills, PictureFootage(stills), room.instances, scale)
+
+
+def write_glb(mesh: Mesh, file: Path, colour: tuple[float, float, float] = (0.5, 0.3, 0.2)) -> Path:
+    """A made solid (z up, front towards -y) as a GLB file (y up, front towards +z)."""
+    import trimesh
+
+    vertices = mesh.vertices[:, [0, 2, 1]] * [1, 1, -1]
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorFactor=[*(round(255 * c) for c in colour), 255], metallicFactor=0.0, roughnessFactor=0.9
+    )
+    solid = trimesh.Trimesh(
+        vertices, mesh.faces, process=False, visual=trimesh.visual.TextureVisuals(material=material)
+    )
+    file.write_bytes(trimesh.Scene(solid).export(file_type="glb"))
+    return file
+
+
+def added(room: RecordedRoom, mesh: Mesh, position: FloatArray, heading: FloatArray, alone: bool = False) -> World:
+    """The world with the mesh standing at a place of the scene, its front along `heading`; `alone` without the rest."""
+    world_position = room.to_scene.inverse(position[None])[0]
+    front = room.to_scene.rotation.T @ heading
+    yaw = float(np.arctan2(front[1], front[0]) + np.pi / 2)
+    placed = rotate(mesh, turn_about_z(yaw), world_position)
+    thing = Placed(TRACK, "stool", "stool", np.ptp(mesh.vertices, axis=0), placed)
+    return replace(room.world, objects=(thing,) if alone else (*room.world.objects, thing))

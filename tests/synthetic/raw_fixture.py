@@ -1,0 +1,80 @@
+"""Raw items of our own making for the tests of the build, and the sources that they say they are from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from crawler.imports.sources import Source
+from crawler.items import RawItem
+
+#: Typical sizes in mm of the leaves of `small_taxonomy`, by our axes.
+TYPICAL = {
+    "chair": (520, 480, 880),
+    "stool": (400, 380, 500),
+    "sofa": (2000, 900, 850),
+    "desk": (1400, 700, 750),
+    "phone": (150, 72, 8),
+    "ball": (220, 220, 220),
+}
+
+SOURCES = {
+    name: Source(
+        id=name,
+        title=f"The {name}",
+        url=f"https://example.org/{name}",
+        licence="CC0-1.0" if ship else "none",
+        licence_basis="made for the tests",
+        attribution="the tests",
+        kind=kind,
+        ship=ship,
+        noncommercial=noncommercial,
+        tables=(),
+        excluded="made for the tests",
+    )
+    for name, kind, ship, noncommercial in (
+        ("shop", "product", False, False),
+        ("lab", "measured", True, False),
+        ("games", "asset", True, False),
+        ("club", "product", False, True),
+    )
+}
+
+
+def synthetic_items(per_class: int = 40, seed: int = 0) -> list[RawItem]:
+    """Items of every leaf in four sources, each with its own words and its own offset of size."""
+    generator = np.random.default_rng(seed)
+    offsets = {name: generator.normal(0, 0.08) for name in SOURCES}
+    return [
+        _item(name, number, np.array(typical) * np.exp(offsets[source] + generator.normal(0, 0.1, 3)), source)
+        for name, typical in TYPICAL.items()
+        for number, source in zip(range(per_class if name != "stool" else 3), list(SOURCES) * per_class, strict=False)
+    ]
+
+
+def _item(name: str, number: int, sizes: np.ndarray, source: str) -> RawItem:
+    first, second, height = (round(float(size), 1) for size in sizes)
+    words = {
+        "shop": {"width": first, "depth": None if number % 8 == 0 else second, "height": height},
+        "lab": {"length": max(first, second), "width": min(first, second), "height": height},
+        "club": {"length": max(first, second), "width": min(first, second), "height": height},
+        "games": {},
+    }[source]
+    return RawItem(
+        source=source,
+        source_id=f"{name}-{number}",
+        url=f"https://example.org/{source}/{name}-{number}",
+        title=f"{name} {number}",
+        category_path=("things", name),
+        dimensions_mm=words,
+        extents_mm=None if words else tuple(sorted((first, second, height), reverse=True)),
+        kind=SOURCES[source].kind,
+        year=2000 + number % 20,
+    )
+
+
+def written(path: Path, items: list[RawItem]) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("".join(item.line() + "\n" for item in items), encoding="utf-8")
+    return path

@@ -1,0 +1,76 @@
+"""A quick scene on disk, as `estimate-scale` reads it: COLMAP text model, dense.ply with visibility, masks, truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from estimator.records.scene import DenseCloud, Scene
+from metric_base.arrays import FloatArray
+from tests.synthetic.rooms.masks import coco_dataset
+from tests.synthetic.rooms.quick import SyntheticScene
+from tests.synthetic.rooms.world import World
+
+__all__ = ["write_scene"]
+
+
+def write_scene(made: SyntheticScene, world: World, folder: Path) -> None:
+    """`sparse/0/*.txt`, `dense.ply` and `.vis` where there is a dense cloud, `instances.json` and `truth.json`."""
+    model = folder / "sparse" / "0"
+    model.mkdir(parents=True, exist_ok=True)
+    (model / "cameras.txt").write_text(_cameras(made.scene))
+    (model / "images.txt").write_text("".join(_image(made.scene, k) for k in range(len(made.scene.views))))
+    (model / "points3D.txt").write_text(_points(made.scene))
+    if made.scene.dense is not None:
+        _write_dense(made.scene.dense, folder / "dense.ply")
+    names = [view.name for view in made.scene.views]
+    (folder / "instances.json").write_text(json.dumps(coco_dataset(world, made.ids, names)) + "\n")
+    (folder / "truth.json").write_text(json.dumps(made.truth.json(), indent=1) + "\n")
+
+
+def _cameras(scene: Scene) -> str:
+    camera = scene.views[0].camera
+    return f"1 {camera.model} {camera.width} {camera.height} {' '.join(repr(float(v)) for v in camera.params)}\n"
+
+
+def _image(scene: Scene, index: int) -> str:
+    """Two lines: pose and name; observations as x, y, point id (rows of points from 1)."""
+    view = scene.views[index]
+    pose = [*_quaternion(view.rotation), *view.translation]
+    seen = [f"{x:.3f} {y:.3f} {row + 1}" for (x, y), row in zip(view.keypoints, view.point_index, strict=True)]
+    return f"{index + 1} {' '.join(repr(float(v)) for v in pose)} 1 {view.name}\n{' '.join(seen)}\n"
+
+
+def _points(scene: Scene) -> str:
+    """id, place, colour, error, then the track as (image, position in that image's observations)."""
+    tracks: list[list[str]] = [[] for _ in scene.points]
+    for index, view in enumerate(scene.views):
+        for position, row in enumerate(view.point_index):
+            tracks[row].append(f"{index + 1} {position}")
+    lines = [
+        f"{row + 1} {point[0]:.9g} {point[1]:.9g} {point[2]:.9g} 128 128 128 0.5 {' '.join(track)}\n"
+        for row, (point, track) in enumerate(zip(scene.points, tracks, strict=True))
+    ]
+    return "".join(lines)
+
+
+def _quaternion(rotation: FloatArray) -> FloatArray:
+    """(4,) w, x, y, z of a rotation matrix."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(rotation).as_quat(scalar_first=True))
+
+
+def _write_dense(cloud: DenseCloud, path: Path) -> None:
+    """Binary PLY of places, and COLMAP's `fused.ply.vis`: uint64 n, then per point uint32 k and k uint32."""
+    header = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(cloud.points)}\n"
+    header += "".join(f"property float {axis}\n" for axis in "xyz") + "end_header\n"
+    path.write_bytes(header.encode() + cloud.points.astype("<f4").tobytes())
+    if cloud.visible_offsets is None or cloud.visible_views is None:
+        return
+    counts = np.diff(cloud.visible_offsets)
+    words = np.insert(cloud.visible_views, cloud.visible_offsets[:-1], counts).astype("<u4")
+    vis = np.array([len(cloud.points)], dtype="<u8").tobytes() + words.tobytes()
+    path.with_name(path.name + ".vis").write_bytes(vis)

@@ -1,0 +1,252 @@
+"""Solids with exact truth, seen by exact cameras: what the geometry's tests and benchmarks measure themselves on.
+
+A thing is one or several solids (box, cylinder, ellipsoid), in metres with z up. Rays through pixels give depth and
+identity exactly, so masks carry real occlusion and a cloud holds only what the cameras see.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
+from metric_base.arrays import FloatArray, IntArray
+
+__all__ = [
+    "Made",
+    "Solid",
+    "Thing",
+    "box",
+    "cylinder",
+    "ellipsoid",
+    "floor",
+    "orbit",
+    "sampled_box",
+    "sampled_cylinder",
+    "synthetic_scene",
+    "view_at",
+]
+
+
+@dataclass(frozen=True)
+class Solid:
+    """`kind` box, cylinder or ellipsoid; size (3,) along its own axes; pose world = rotation @ local + centre."""
+
+    kind: str
+    size: FloatArray
+    centre: FloatArray
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+
+
+@dataclass(frozen=True)
+class Thing:
+    """Solids under one name; `category` None is scenery that no detector masks."""
+
+    category: str | None
+    solids: tuple[Solid, ...]
+
+
+@dataclass(frozen=True)
+class Made:
+    """A synthetic scene; `owner` (n,) is the thing that each dense point was taken from, in the order of `things`."""
+
+    scene: Scene
+    instances: tuple[Instance, ...]
+    things: tuple[Thing, ...]
+    owner: IntArray
+
+
+def yaw(degrees: float) -> FloatArray:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+
+
+def _upright_thing(
+    kind: str, category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float
+) -> Thing:
+    extents = np.asarray(size, dtype=float)
+    centre = np.add(foot, [0, 0, extents[2] / 2])
+    return Thing(category, (Solid(kind, extents, centre, yaw(turn)),))
+
+
+def box(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Thing:
+    return _upright_thing("box", category, size, foot, turn)
+
+
+def cylinder(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Thing:
+    return _upright_thing("cylinder", category, size, foot, turn)
+
+
+def ellipsoid(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Thing:
+    return _upright_thing("ellipsoid", category, size, foot, turn)
+
+
+def floor(side: float = 20.0) -> Thing:
+    return box(None, (side, side, 0.1), (0, 0, -0.1))
+
+
+def view_at(
+    eye: FloatArray,
+    target: FloatArray,
+    name: str,
+    size: tuple[int, int] = (640, 480),
+    focal: float = 520.0,
+    roll: float = 0.0,
+) -> View:
+    """A pinhole view from `eye` towards `target`; z of the world is up; `roll` in degrees about the line of sight."""
+    ahead = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(ahead, [0, 0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = yaw(roll) @ np.stack([right, np.cross(ahead, right), ahead])
+    camera = Camera("PINHOLE", *size, np.array([focal, focal, size[0] / 2, size[1] / 2]))
+    return View(name, camera, rotation, -rotation @ eye, np.empty((0, 2)), np.empty(0, dtype=np.int64))
+
+
+def orbit(
+    count: int,
+    radius: float,
+    height: float,
+    arc: float = 360.0,
+    target: tuple[float, ...] = (0, 0, 0.4),
+    **camera: float,
+) -> list[View]:
+    """Views on an arc about the target, the first on the -y side."""
+    angles = np.radians(-90 + np.linspace(-arc / 2, arc / 2, count, endpoint=arc < 360))
+    centre = np.asarray(target, dtype=float)
+    eyes = [np.array([centre[0] + radius * np.cos(a), centre[1] + radius * np.sin(a), height]) for a in angles]
+    return [view_at(eye, centre, f"{k:03d}.png", **camera) for k, eye in enumerate(eyes)]  # type: ignore[arg-type]
+
+
+def sampled_box(size: FloatArray, count: int, random: np.random.Generator) -> FloatArray:
+    """(count, 3) points spread evenly over the surface of a box about the origin."""
+    areas = np.array([size[1] * size[2], size[0] * size[2], size[0] * size[1]])
+    axis = random.choice(3, count, p=areas / areas.sum())
+    points = random.uniform(-0.5, 0.5, (count, 3))
+    points[np.arange(count), axis] = random.choice([-0.5, 0.5], count)
+    return points * size
+
+
+def sampled_cylinder(size: FloatArray, count: int, random: np.random.Generator) -> FloatArray:
+    """(count, 3) points spread evenly over the wall and both ends of an upright cylinder about the origin."""
+    radius, height = size[0] / 2, size[2]
+    wall, cap = 2 * np.pi * radius * height, np.pi * radius**2
+    on_cap = random.random(count) < 2 * cap / (wall + 2 * cap)
+    angle, out = random.uniform(0, 2 * np.pi, count), np.where(on_cap, np.sqrt(random.random(count)), 1.0)
+    z = np.where(on_cap, random.choice([-0.5, 0.5], count), random.uniform(-0.5, 0.5, count))
+    return np.column_stack([radius * out * np.cos(angle), radius * out * np.sin(angle), height * z])
+
+
+def synthetic_scene(
+    things: list[Thing], views: list[View], dense: int = 20_000, noise: float = 0.002, sparse: int = 800, seed: int = 0
+) -> Made:
+    """The scene the cameras would see: masks from rays, `dense` points from all depth maps, `sparse` with observations.
+
+    noise : standard deviation of a dense point along its ray, as a share of depth.
+    """
+    random = np.random.default_rng(seed)
+    maps = [_maps(things, view) for view in views]
+    points, owner = _cloud(views, maps, dense, noise, random)
+    chosen = random.choice(len(points), size=min(sparse, len(points)), replace=False)
+    seen = [_observations(view, depth, points[chosen]) for view, (depth, _) in zip(views, maps, strict=True)]
+    observed = tuple(
+        View(v.name, v.camera, v.rotation, v.translation, pixels + random.normal(0, 0.3, pixels.shape), rows)
+        for v, (rows, pixels) in zip(views, seen, strict=True)
+    )
+    instances = tuple(instance for k, (_, identity) in enumerate(maps) for instance in _instances(things, k, identity))
+    scene = Scene(Path("made"), "memory", observed, points[chosen], DenseCloud(points))
+    return Made(scene, instances, tuple(things), owner)
+
+
+def _instances(things: list[Thing], view: int, identity: IntArray) -> list[Instance]:
+    instances = []
+    for number, thing in enumerate(things):
+        lines, columns = np.nonzero(identity == number)
+        if thing.category is None or lines.size < 20:
+            continue
+        y, x = lines.min(), columns.min()
+        crop = identity[y : lines.max() + 1, x : columns.max() + 1] == number
+        instances.append(Instance(f"{view}-{number}", view, thing.category, crop, (int(x), int(y)), track=str(number)))
+    return instances
+
+
+def _rays(view: View, pixels: FloatArray) -> FloatArray:
+    """(n, 3) world directions with unit depth."""
+    fx, fy, cx, cy = view.camera.params
+    local = np.column_stack([(pixels[:, 0] - cx) / fx, (pixels[:, 1] - cy) / fy, np.ones(len(pixels))])
+    return np.asarray(local @ view.rotation)
+
+
+def _maps(things: list[Thing], view: View) -> tuple[FloatArray, IntArray]:
+    """Depth and identity (-1 none) of every pixel."""
+    width, height = view.camera.width, view.camera.height
+    x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
+    rays = _rays(view, np.column_stack([x.ravel(), y.ravel()]))
+    depth, identity = np.full(len(rays), np.inf), np.full(len(rays), -1)
+    for number, thing in enumerate(things):
+        for solid in thing.solids:
+            hit = _depths(solid, view.centre, rays)
+            nearer = hit < depth
+            depth[nearer], identity[nearer] = hit[nearer], number
+    return depth.reshape(height, width), identity.reshape(height, width)
+
+
+def _depths(solid: Solid, eye: FloatArray, rays: FloatArray) -> FloatArray:
+    """(n,) first positive hit of each of the rays (n, 3) on a solid, infinite where it misses."""
+    half = solid.size / 2
+    start = (solid.rotation.T @ (eye - solid.centre)) / half
+    ray = np.ascontiguousarray(((rays @ solid.rotation) / half).T)  # (3, n): NumPy is slow along a short axis
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if solid.kind == "box":
+            near, far = _slab(start, ray)
+        elif solid.kind == "ellipsoid":
+            near, far = _ball(start, ray)
+        else:
+            side, cap = _ball(start[:2], ray[:2]), _slab(start[2:], ray[2:])
+            near, far = np.maximum(side[0], cap[0]), np.minimum(side[1], cap[1])
+    return np.where((near <= far) & (near > 1e-6), near, np.inf)
+
+
+def _slab(start: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where rays (d, n) from `start` (d,) enter and leave the cube of half side 1, (n,) each."""
+    near, far = np.full(ray.shape[1], -np.inf), np.full(ray.shape[1], np.inf)
+    for place, along in zip(start, ray, strict=True):
+        one, two = (-1 - place) / along, (1 - place) / along
+        near, far = np.maximum(near, np.minimum(one, two)), np.minimum(far, np.maximum(one, two))
+    return near, far
+
+
+def _ball(start: FloatArray, ray: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where rays (d, n) from `start` (d,) enter and leave the ball of radius 1, (n,) each."""
+    a, b, c = np.asarray(sum(along**2 for along in ray)), start @ ray, start @ start - 1
+    root = np.sqrt(b**2 - a * c)
+    root = np.where(np.isnan(root), -np.inf, root)
+    return (-b - root) / a, (-b + root) / a
+
+
+def _cloud(
+    views: list[View], maps: list[tuple[FloatArray, IntArray]], count: int, noise: float, random: np.random.Generator
+) -> tuple[FloatArray, IntArray]:
+    points, owner = [], []
+    for view, (depth, identity) in zip(views, maps, strict=True):
+        lines, columns = np.nonzero(np.isfinite(depth))
+        take = random.choice(lines.size, size=min(count // len(views), lines.size), replace=False)
+        lines, columns = lines[take], columns[take]
+        z = depth[lines, columns] * (1 + random.normal(0, noise, take.size))
+        points.append(view.centre + z[:, None] * _rays(view, np.column_stack([columns + 0.5, lines + 0.5])))
+        owner.append(identity[lines, columns])
+    return np.concatenate(points), np.concatenate(owner)
+
+
+def _observations(view: View, depth: FloatArray, points: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Rows of points that the view truly sees, within 2 % of its exact depth, and their pixels."""
+    local = points @ view.rotation.T + view.translation
+    fx, fy, cx, cy = view.camera.params
+    z = np.where(local[:, 2] > 0, local[:, 2], np.nan)
+    pixels = np.column_stack([local[:, 0] / z * fx + cx, local[:, 1] / z * fy + cy])
+    inside = ((pixels >= 0) & (pixels < [view.camera.width, view.camera.height])).all(axis=1)
+    rows = np.flatnonzero(inside)
+    columns, lines = pixels[rows].astype(int).T
+    rows = rows[np.abs(depth[lines, columns] / local[rows, 2] - 1) < 0.02]
+    return rows, pixels[rows]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import re
 import shlex
@@ -25,6 +26,8 @@ FOREIGN = re.compile(r"\b(methods|contracts|layout|style|peers|stack)\.md\b|\bth
 CONSOLE = re.compile(r"^```console\n(.*?)^```", re.MULTILINE | re.DOTALL)
 PYTHON = re.compile(r"^```python\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
+#: A benchmark that a document or a comment names as a command.
+BENCHMARK = re.compile(r"python -m\s+(benchmarks(?:\.\w+)+)")
 VARIABLE = re.compile(r"\bMETRIC_TREE_[A-Z_]+\b")
 
 
@@ -43,6 +46,16 @@ def test_links_lead_to_files(page: Path) -> None:
 def test_files_that_a_page_names_are_there(page: Path) -> None:
     named = re.findall(rf"`((?:{'|'.join(ROOMS)})/[\w./-]+)`", page.read_text(encoding="utf-8"))
     assert [name for name in named if name not in WRITTEN and not (ROOT / name).exists()] == []
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if BENCHMARK.search(page.read_text("utf-8"))], ids=_name)
+def test_benchmarks_that_a_page_names_import(page: Path) -> None:
+    """Every number in a document keeps its command."""
+    for name in sorted(set(BENCHMARK.findall(page.read_text(encoding="utf-8")))):
+        module = importlib.import_module(name)
+        if hasattr(module, "__path__"):
+            module = importlib.import_module(f"{name}.__main__")
+        assert callable(module.main), name
 
 
 def test_code_cites_only_documents_that_are_here() -> None:

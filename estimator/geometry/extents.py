@@ -2,8 +2,7 @@
 
 Extents decide a scale more than anything but the outliers, so the rule is stated once, with its bias, and all methods
 that are compared use it. Percentiles alone are short where a side fades out (a bottle's wall from top to bottom loses 3
-% of its height) and long where noise thickens a face; both are corrected by stated functions. `python -m
-benchmarks.estimator.geometry extents` prints what is left on synthetic shapes.
+% of its height) and long where noise thickens a face; both are corrected by stated functions.
 """
 
 from __future__ import annotations
@@ -25,11 +24,8 @@ EXTRAPOLATION = 0.5
 MAX_FADE = 0.05
 # The outer quantile lies this many standard deviations of the noise outside the edge: LEAST where noise is thin against
 # the extent, MOST where it drowns it, half way at HALF_WAY extents of noise. On made clouds LEAST is 1.7 on a face and
-# 0.2 where the surface fades out evenly (`python -m benchmarks.estimator.geometry overshoot`); in quick rooms, seeds
-# 1000 to
-# 1002 (`benchmarks.estimator.scale_rooms --sweep noise --sweep-seeds`), 0.6 does better than 0.3 at a depth noise of
-# 1 and 3 %,
-# and as well at 0.4 %.
+# 0.2 where the surface fades out evenly; in quick synthetic rooms, seeds 1000 to 1002, 0.6 does better than 0.3 at a
+# depth noise of 1 and 3 %, and as well at 0.4 %.
 LEAST_OVERSHOOT, MOST_OVERSHOOT, HALF_WAY = 0.6, 2.1, 0.3
 # Few points do not reach the edges: on synthetic shapes what is missing is about one part in n.
 MISSING_SHARE = 1.0

@@ -27,8 +27,7 @@ MIN_POINTS_PER_CELL = 10
 # Fewer cells are mostly outlines.
 MIN_CELLS = 30
 # Cells that hold an outline look thick, and of a sparse cloud most do: flat ones lie in the lowest part, and there the
-# residual of some twenty points is this share of what all flat cells show (`python -m benchmarks.estimator.geometry
-# noise`).
+# residual of some twenty points is this share of what all flat cells show.
 FLAT_CELLS, FLAT_SHARE = 0.15, 0.86
 
 

@@ -41,8 +41,8 @@ __all__ = [
     "usable",
 ]
 
-#: Probability that an object is not what its label says, or not measured as its sigma says. In
-#: `benchmarks/estimator/simulation.py --outlier` the medians for 0.02 to 0.1 agree within 0.4 %; with 20 % wrong
+#: Probability that an object is not what its label says, or not measured as its sigma says. On
+#: simulated scenes the medians for 0.02 to 0.1 agree within 0.4 %; with 20 % wrong
 #: labels the
 #: interval's coverage is best at 0.1.
 OUTLIER = 0.1

@@ -31,8 +31,8 @@ from metric_tree.prior import Prior
 
 __all__ = ["READINGS", "Hypothesis", "hypotheses"]
 
-#: Probabilities of assorted, related, one kind: in ScanNet's rooms (`python -m benchmarks.estimator.sameness`) the
-#: shares of the log extents within classes are near 0, 0.5 and 0.9 in so many parts.
+#: Probabilities of assorted, related, one kind: in ScanNet's rooms the shares of the log extents
+#: within classes are near 0, 0.5 and 0.9 in so many parts.
 KIND_WEIGHTS = (0.3, 0.4, 0.3)
 
 #: Shares of the spread within a source that a scene's objects have in common.

@@ -59,7 +59,7 @@ RANGE_SD = 1.645
 #: A person's range is stated from memory: narrow ones are too narrow and wide ones too wide. With s the stated standard
 #: deviation of ln size, that of the things about the typical size is WIDENING s^WIDENING_POWER: least squares over the
 #: 118 axes that have a curated range and fifteen items or more of products, measurements and norms, of two sources or
-#: more (`benchmarks/taxonomy/widening.py`). No range is taken for more than `MOST_WIDENING` times as wide as was said.
+#: more. No range is taken for more than `MOST_WIDENING` times as wide as was said.
 #: A norm's tolerance is what it says.
 WIDENING, WIDENING_POWER, MOST_WIDENING = 0.76, 0.71, 1.7
 

@@ -1,11 +1,7 @@
-"""The frozen levels' rules, the placing rule, and the cuts that propose levels."""
+"""The frozen levels' rules and the placing rule."""
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from benchmarks.taxonomy.propose_levels import cut, explained, nested_cuts
 from metric_base.errors import FieldError
 from taxonomy.levels import BadLevels, InnerNode, Levels, frozen_levels, table_rows
 
@@ -64,41 +60,3 @@ def test_a_bad_table_is_named_in_one_line(tmp_path):
         frozen_levels(table)
     with pytest.raises(BadLevels, match="expected a table"):
         list(table_rows(tmp_path / "none.csv", ("a",)))
-
-
-#: Leaves below six synsets in two groups, as WordNet might have them.
-PATHS = {f"leaf{n}": ("root", f"realm{n % 2}", f"family{n % 4}", f"kind{n % 8}", f"leaf{n}") for n in range(24)}
-SIZES = st.lists(st.floats(1, 9), min_size=24, max_size=24).map(
-    lambda values: {f"leaf{n}": np.array([value]) for n, value in enumerate(values)}
-)
-
-
-@given(SIZES, st.floats(0.01, 5), st.randoms())
-def test_a_cut_does_not_depend_on_the_order_of_the_input(sizes, price, random):
-    shuffled = list(PATHS)
-    random.shuffle(shuffled)
-    again = cut({leaf: PATHS[leaf] for leaf in shuffled}, {leaf: sizes[leaf] for leaf in shuffled}, {}, price)
-    assert again == cut(PATHS, sizes, {}, price)
-
-
-@given(SIZES)
-def test_cuts_for_rising_prices_are_nested_and_explain_less(sizes):
-    fine, middle, coarse = nested_cuts(PATHS, sizes, {}, (0.1, 1.0, 10.0))
-    for leaf, path in PATHS.items():
-        assert path.index(coarse[leaf]) <= path.index(middle[leaf]) <= path.index(fine[leaf])
-    shares = [explained(groups, sizes, {}) for groups in (fine, middle, coarse)]
-    assert shares == sorted(shares, reverse=True) or np.allclose(shares, sorted(shares, reverse=True))
-    assert all(-1e-9 <= share <= 1 + 1e-9 for share in shares)
-
-
-def test_a_cut_separates_what_differs_in_size_and_not_what_does_not():
-    sizes = {leaf: np.array([5.0 if "realm0" in path else 1.0]) for leaf, path in PATHS.items()}
-    assert set(cut(PATHS, sizes, {}, 0.5).values()) == {"realm0", "realm1"}
-
-
-def test_a_familiar_synset_is_preferred_at_equal_separation():
-    sizes = {leaf: np.array([0.0]) for leaf in PATHS}
-    assert set(cut(PATHS, sizes, {}, 1.0).values()) == {"root"}
-    paths = {"a": ("root", "dull", "known", "a"), "b": ("root", "dull", "known", "b")}
-    spread = {"a": np.array([0.0]), "b": np.array([0.0])}
-    assert set(cut(paths, spread, {"known": 1.0}, 1.0).values()) == {"known"}

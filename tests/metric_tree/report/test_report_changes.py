@@ -1,11 +1,8 @@
-"""What differs between two releases, and the page of the fit without non-commercial sources."""
-
-import sys
+"""What differs between two releases."""
 
 import numpy as np
 import pytest
 
-from benchmarks.metric_tree import open_fit
 from metric_tree.report.changes import (
     changes,
     label,
@@ -84,20 +81,3 @@ def test_a_release_is_called_by_what_it_leaves_out(whole, tmp_path):
     fewer = minitree.release(tmp_path / "fewer")
     Tree(fewer).release.manifest["noncommercial"] = False
     assert label(Tree(fewer)) == f"{whole.version} without non-commercial sources"
-
-
-def test_the_page_of_the_open_fit_is_written_by_its_command(whole, opened, tmp_path, monkeypatch, capsys):
-    out = tmp_path / "open_fit.md"
-    folders = [str(tree.release.directory) for tree in (whole, opened)]
-    words = ["open_fit", "--release", folders[0], "--open", folders[1], "--out", str(out)]
-    monkeypatch.setattr(sys, "argv", words)
-    open_fit.main()
-    text = out.read_text(encoding="utf-8")
-    assert "| nodes | 15 | 14 | 1 |" in text
-    assert "The 1 nodes: `rat.n.01`." in text
-    assert "furniture > seat > chair > swivel chair" in text
-    assert "| coco_80 | 80 |" in text
-    assert list(tmp_path.glob(".*part")) == []
-    monkeypatch.setattr(sys, "argv", words[:-2])
-    open_fit.main()
-    assert capsys.readouterr().out == text

@@ -3,17 +3,56 @@
 from __future__ import annotations
 
 import csv
+from collections import defaultdict
+from collections.abc import Iterable
+from itertools import combinations
 
 import pytest
 
 import metric_tree
-from benchmarks.taxonomy.shared_names import shared_names
 from metric_base.folders import taxonomy_directory
 from metric_tree.tree import AmbiguousName
-from taxonomy.catalogue import default_catalogue
+from taxonomy.catalogue import OTHER, default_catalogue
+from taxonomy.categories import Category
 from taxonomy.curated import curated_ranges
+from taxonomy.levels import LEAF
+from taxonomy.naming.candidates import own_names
 from taxonomy.naming.evidence import reviewed_meanings
 from taxonomy.naming.spelling import plain_fold
+
+
+def shared_names(leaves: Iterable[str]) -> dict[str, list[Category]]:
+    """The nodes of each folded word that two or more have of which none is above another.
+
+    Parameters
+    ----------
+    leaves : ids of the leaves to look at; of inner nodes all are.
+    """
+    wanted = set(leaves)
+    owners: defaultdict[str, dict[str, Category]] = defaultdict(dict)
+    for category in default_catalogue().categories:
+        if not category.node_id.endswith(OTHER) and (category.level < LEAF or category.node_id in wanted):
+            for name in (*own_names(category.node_id, category.name), *category.aliases):
+                owners[plain_fold(name)][category.node_id] = category
+    above = {category.node_id: category.parent_id for category in default_catalogue().categories}
+    return {
+        word: list(nodes.values())
+        for word, nodes in sorted(owners.items())
+        if any(not _kin(one, other, above) for one, other in combinations(nodes.values(), 2))
+    }
+
+
+def _kin(one: Category, other: Category, above: dict[str, str | None]) -> bool:
+    """Whether one of two nodes is above the other, in the tree or in WordNet."""
+    for low, high in ((one, other), (other, one)):
+        if high.node_id in low.hypernyms:
+            return True
+        parent = low.parent_id
+        while parent is not None:
+            if parent == high.node_id:
+                return True
+            parent = above[parent]
+    return False
 
 
 def rows() -> list[dict[str, str]]:
@@ -22,7 +61,7 @@ def rows() -> list[dict[str, str]]:
 
 
 def test_no_shared_word_waits_for_a_reviewer() -> None:
-    """Nodes that a reviewer judged a size of; more with `python -m benchmarks.taxonomy.shared_names`."""
+    """Nodes that a reviewer judged a size of."""
     shared = shared_names(row.node_id for row in curated_ranges())
     assert [word for word in shared if reviewed_meanings(word) is None] == []
 

@@ -35,6 +35,7 @@ ROOMS = [
     "metric_tree.cutouts",
     "metric_tree.training",
     "metric_tree.report",
+    "estimator.gltf",
     "estimator.records",
     "estimator.reconstructions",
     "estimator.other_programs",

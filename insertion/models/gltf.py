@@ -6,23 +6,22 @@ texture coordinates, sparse accessors and normalised integers, all in silence.
 
 from __future__ import annotations
 
-import json
-import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from insertion.models.accessors import Accessors
-from insertion.models.gltf_files import (
+from estimator.gltf.accessors import Accessors
+from estimator.gltf.gltf_files import (
     MAX_BYTES,
     MAX_TRIANGLES,
     FolderResolver,
     buffers_of,
     check_header,
     check_images,
+    gltf_header,
     image_bytes,
 )
 from insertion.models.gltf_materials import Materials
@@ -34,19 +33,9 @@ from metric_base.schema import expect
 
 __all__ = ["read_model"]
 
-_MAGIC, _JSON = 0x46546C67, 0x4E4F534A
 #: How the corners of a primitive make faces, by the file's numbers.
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _FACES = (_TRIANGLES, _STRIP, _FAN)
-#: What may be required of a reader and is not read here, with what undoes it.
-_COMPRESSED = {
-    "KHR_draco_mesh_compression": "copy",
-    "EXT_meshopt_compression": "copy",
-    "KHR_texture_basisu": "ktxdecompress",
-}
-#: What may be required and is read, or changes only how a surface shines.
-_READ = ("KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp")
-_SHINE = "KHR_materials_"
 #: Metres from its origin beyond which no part of a thing is.
 MAX_METRES = 1e9
 
@@ -58,7 +47,7 @@ def read_model(path: Path) -> Model:
             f"{path}: expected a glTF file (.glb or .gltf); found {'a folder' if path.is_dir() else 'none'}"
         )
     with in_file(path):
-        header, binary = _header(read_bytes(path, limit=MAX_BYTES))
+        header, binary = gltf_header(read_bytes(path, limit=MAX_BYTES))
         try:
             check_header(header)
             with np.errstate(all="ignore"):  # absurd numbers are refused below
@@ -83,45 +72,6 @@ def _read(header: dict[str, Any], binary: bytes, resolver: FolderResolver) -> tu
     materials = Materials(header, lambda number: image_bytes(header, number, buffers, resolver))
     parts = tuple(_parts(header, Accessors(header, buffers), materials))
     return parts, [*_warnings(header), *materials.warnings]
-
-
-def _header(data: bytes) -> tuple[dict[str, Any], bytes]:
-    """The JSON of a file, and the binary chunk that follows it in a GLB; FieldError where it cannot be read here."""
-    if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _MAGIC:
-        length, kind = struct.unpack_from("<II", data, 12)
-        whole = kind == _JSON and 20 + length <= len(data)
-        expect(whole, "chunk 0", f"JSON of {length} bytes", Unquoted(f"a file of {len(data)} bytes"))
-        text, binary = data[20 : 20 + length], data[20 + length :]
-    else:
-        text, binary = data, b""
-    try:
-        header = json.loads(text, parse_constant=_no_number)
-    except (ValueError, RecursionError) as error:
-        raise FieldError("content", "glTF 2.0 (.glb or .gltf)", Unquoted(f"neither: {error}")) from None
-    asset = header.get("asset") if isinstance(header, dict) else None
-    expect(isinstance(asset, dict), "asset", "the record of a glTF file", asset)
-    version = str(header["asset"].get("version"))
-    expect(version.startswith("2."), "asset.version", "2.x", version)
-    required = header.get("extensionsRequired", [])
-    expect(isinstance(required, list), "extensionsRequired", "an array", required)
-    _expect_known(required)
-    return header, binary
-
-
-def _expect_known(required: Sequence[object]) -> None:
-    """FieldError for an extension without which the file cannot be read, and that is not read here."""
-    for name in map(str, required):
-        undone = _COMPRESSED.get(name)
-        if undone is not None:
-            how = f"an uncompressed file (npx @gltf-transform/cli {undone} IN.glb OUT.glb makes one)"
-            expect(False, "extensionsRequired", how, Unquoted(name))
-        known = name in _READ or name.startswith(_SHINE)
-        expect(known, "extensionsRequired", f"{', '.join(_READ)} or {_SHINE}...", Unquoted(name))
-
-
-def _no_number(word: str) -> float:
-    """JSON has no NaN and no Infinity, which Python would read."""
-    raise ValueError(f"the word {word}")
 
 
 def _check_parts(parts: tuple[Part, ...]) -> None:

@@ -16,8 +16,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from estimator.gltf.accessors import Accessors
 from insertion.exports.glb import Glb
-from insertion.models.accessors import Accessors
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
 from insertion.models.size import model_size

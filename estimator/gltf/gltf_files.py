@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import base64
 import io
+import json
+import struct
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -21,6 +23,7 @@ __all__ = [
     "buffers_of",
     "check_header",
     "check_images",
+    "gltf_header",
     "image_bytes",
 ]
 
@@ -36,6 +39,16 @@ MAX_PIXELS = 1 << 27
 MAX_NODES, MAX_DEPTH = 100_000, 500
 #: Most values of an accessor: three corners of each triangle. Most corners of all meshes that are drawn.
 MAX_COUNT, MAX_CORNERS = 3 * MAX_TRIANGLES, 3_000_000
+_MAGIC, _JSON = 0x46546C67, 0x4E4F534A
+#: What may be required of a reader and is not read here, with what undoes it.
+_COMPRESSED = {
+    "KHR_draco_mesh_compression": "copy",
+    "EXT_meshopt_compression": "copy",
+    "KHR_texture_basisu": "ktxdecompress",
+}
+#: What may be required and is read, or changes only how a surface shines.
+_READ = ("KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp")
+_SHINE = "KHR_materials_"
 #: Arrays of objects at the top of a file.
 _LISTS = (
     "accessors", "animations", "bufferViews", "buffers", "images", "materials", "meshes", "nodes", "scenes", "skins",
@@ -72,6 +85,45 @@ class FolderResolver:
         return self._read[name]
 
     get = __getitem__
+
+
+def gltf_header(data: bytes) -> tuple[dict[str, Any], bytes]:
+    """The JSON of a file, and the binary chunk that follows it in a GLB; FieldError where it cannot be read here."""
+    if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _MAGIC:
+        length, kind = struct.unpack_from("<II", data, 12)
+        whole = kind == _JSON and 20 + length <= len(data)
+        expect(whole, "chunk 0", f"JSON of {length} bytes", Unquoted(f"a file of {len(data)} bytes"))
+        text, binary = data[20 : 20 + length], data[20 + length :]
+    else:
+        text, binary = data, b""
+    try:
+        header = json.loads(text, parse_constant=_no_number)
+    except (ValueError, RecursionError) as error:
+        raise FieldError("content", "glTF 2.0 (.glb or .gltf)", Unquoted(f"neither: {error}")) from None
+    asset = header.get("asset") if isinstance(header, dict) else None
+    expect(isinstance(asset, dict), "asset", "the record of a glTF file", asset)
+    version = str(header["asset"].get("version"))
+    expect(version.startswith("2."), "asset.version", "2.x", version)
+    required = header.get("extensionsRequired", [])
+    expect(isinstance(required, list), "extensionsRequired", "an array", required)
+    _expect_known(required)
+    return header, binary
+
+
+def _expect_known(required: Sequence[object]) -> None:
+    """FieldError for an extension without which the file cannot be read, and that is not read here."""
+    for name in map(str, required):
+        undone = _COMPRESSED.get(name)
+        if undone is not None:
+            how = f"an uncompressed file (npx @gltf-transform/cli {undone} IN.glb OUT.glb makes one)"
+            expect(False, "extensionsRequired", how, Unquoted(name))
+        known = name in _READ or name.startswith(_SHINE)
+        expect(known, "extensionsRequired", f"{', '.join(_READ)} or {_SHINE}...", Unquoted(name))
+
+
+def _no_number(word: str) -> float:
+    """JSON has no NaN and no Infinity, which Python would read."""
+    raise ValueError(f"the word {word}")
 
 
 def check_header(header: dict[str, Any]) -> None:

@@ -13,9 +13,9 @@ from insertion.scene_arguments import add_scene_arguments, requests_of, stage_of
 from metric_base.errors import InputError
 
 if TYPE_CHECKING:
-    from insertion.records.result import InsertionResult
-    from insertion.staging.options import ObjectRequest
-    from insertion.staging.stage import Stage
+    from insertion.pipeline.request import ObjectRequest
+    from insertion.pipeline.result import InsertionResult
+    from insertion.pipeline.stage import Stage
     from metric_tree.tree import Tree
 
 __all__ = ["main", "parser"]
@@ -78,9 +78,9 @@ def parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     from insertion.blender.tracing import export_blend, traced_layers
     from insertion.exports.write import LayerWriter, write_exports
-    from insertion.outputs import picture_writer
-    from insertion.scene.video_footage import VideoFootage
-    from insertion.staging.insert import insert_objects, place_objects
+    from insertion.footage.picture_writer import picture_writer
+    from insertion.footage.video_footage import VideoFootage
+    from insertion.pipeline.frames import insert_objects, place_objects
     from metric_base.files import refuse_input
 
     _check_outputs(options)
@@ -136,7 +136,7 @@ def _exports(folder: Path | None) -> Iterator[Path | None]:
 def _check_outputs(options: argparse.Namespace) -> None:
     """InputError for what cannot be written or drawn: said before the work is done, not after."""
     from insertion.blender.process import blender_program
-    from insertion.outputs import output_kind, preview_place
+    from insertion.footage.picture_writer import output_kind, preview_place
     from insertion.render.context import check_renderer
 
     if options.out is None and (options.preview is None or options.export is not None):
@@ -156,8 +156,8 @@ def _preview(stage: Stage, request: ObjectRequest, tree: Tree | None, options: a
 
     from insertion.models.gltf import read_model
     from insertion.models.size import model_size
-    from insertion.staging.insert import space_for
-    from insertion.staging.preview import write_preview
+    from insertion.pipeline.frames import space_for
+    from insertion.pipeline.preview import write_preview
     from metric_base.terminal import print_json
 
     model = read_model(request.model)

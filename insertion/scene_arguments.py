@@ -11,8 +11,8 @@ from metric_base.errors import InputError
 
 if TYPE_CHECKING:
     from estimator.geometry.up import Up
-    from insertion.staging.options import ObjectRequest
-    from insertion.staging.stage import Stage
+    from insertion.pipeline.request import ObjectRequest
+    from insertion.pipeline.stage import Stage
 
 __all__ = ["add_scene_arguments", "requests_of", "stage_of", "tree_of"]
 
@@ -67,10 +67,10 @@ def requests_of(options: argparse.Namespace) -> list[ObjectRequest]:
 def stage_of(options: argparse.Namespace) -> Stage:
     """The scene of the arguments, ready for insertion."""
     from estimator.reading import read_instances, read_scene
-    from insertion.scene.footage import PictureFootage, Stills
-    from insertion.scene.video_footage import video_footage
-    from insertion.staging.options import read_scale
-    from insertion.staging.stage import make_stage
+    from insertion.footage.footage import PictureFootage, Stills
+    from insertion.footage.video_footage import video_footage
+    from insertion.pipeline.stage import make_stage
+    from insertion.scene.scale import read_scale
 
     scale = read_scale(options.scene, options.scale)
     up = _up(options.up)
@@ -93,8 +93,8 @@ def tree_of(options: argparse.Namespace) -> Any:
 
 
 def _request(stated: dict[str, Any]) -> ObjectRequest:
-    from insertion.places.request import facing_of, point_of
-    from insertion.staging.options import ObjectRequest
+    from insertion.pipeline.request import ObjectRequest
+    from insertion.placement.place import facing_of, point_of
 
     ways = [name for name in ("at", "on", "plane") if stated.get(name) is not None]
     if len(ways) > 1:

@@ -52,8 +52,8 @@ def _report_parser() -> argparse.ArgumentParser:
 
 
 def _make(options: argparse.Namespace) -> int:
+    from insertion.pipeline.frames import place_objects
     from insertion.scene_arguments import requests_of, stage_of, tree_of
-    from insertion.staging.insert import place_objects
     from insertion.study.page import study_page
     from insertion.study.plan import plan_text
     from metric_base.files import whole_file
@@ -75,7 +75,7 @@ def _make(options: argparse.Namespace) -> int:
 
 def _pictures(stage: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
     """The chosen picture (h, w, 3) at every step: the first object grows and shrinks about its foot, the rest stays."""
-    from insertion.staging.insert import resize, single_picture
+    from insertion.pipeline.frames import resize, single_picture
     from insertion.study.page import STEPS
     from metric_base.progress import progress
 

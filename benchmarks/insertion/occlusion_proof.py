@@ -21,13 +21,13 @@ from benchmarks.insertion.hiding_places import hiding_place
 from benchmarks.insertion.likeness import LEAST_PIXELS, edge_errors
 from benchmarks.insertion.synthetic_videos import standing
 from estimator.records.scene import View
-from insertion.composite.boxes import object_box
-from insertion.composite.layers import object_layer
 from insertion.composite.occlusion import hidden_share, on_support
 from insertion.light.environment import HEIGHT, WIDTH, Environment
 from insertion.models.gltf import read_model
 from insertion.render.body import Body, body_of
+from insertion.render.boxes import object_box
 from insertion.render.context import gl_context
+from insertion.render.layers import object_layer
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.carried_masks import MaskCarrier
 from insertion.scene.cloud import Cloud, front_points, observations_of

@@ -19,17 +19,17 @@ from numpy.typing import NDArray
 
 from estimator.records.scene import View
 from insertion.blender.process import run_blender
+from insertion.colour.encoding import linear_to_srgb, luminance, srgb_to_linear
 from insertion.exports.metric_frame import MetricFrame, metric_frame, object_matrix
+from insertion.footage.footage import PictureFootage, Stills
 from insertion.models.gltf import read_model
 from insertion.models.size import Size
-from insertion.places.place import Place
-from insertion.records.encoding import linear_to_srgb, luminance, srgb_to_linear
-from insertion.records.result import ScaleUsed
+from insertion.pipeline.frames import Placed, insert_objects
+from insertion.pipeline.request import ObjectRequest
+from insertion.pipeline.stage import Stage, make_stage
+from insertion.placement.place import Place
 from insertion.render.body import body_of
-from insertion.scene.footage import PictureFootage, Stills
-from insertion.staging.insert import Placed, insert_objects
-from insertion.staging.options import ObjectRequest
-from insertion.staging.stage import Stage, make_stage
+from insertion.scene.scale import ScaleUsed
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.knobs import Knobs
@@ -323,8 +323,8 @@ def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.fl
 
 def _object_mask(stage: Stage, placed: Placed, row: int) -> NDArray[np.bool_]:
     """Pixels of the object that nothing hides, by our own renderer's outline."""
-    from insertion.composite.boxes import Box, window_behind
     from insertion.light.environment import HEIGHT, WIDTH, Environment
+    from insertion.render.boxes import Box, window_behind
     from insertion.render.context import gl_context
     from insertion.render.renderer import ObjectRenderer
 

@@ -31,15 +31,16 @@ from benchmarks.insertion.synthetic_videos import (
     true_video,
 )
 from estimator.reading import read_instances, read_scene
+from insertion.footage.footage import Shot, Stills
+from insertion.footage.picture_writer import picture_writer
+from insertion.footage.video_footage import VideoFootage, video_footage
 from insertion.models.gltf import read_model
-from insertion.outputs import picture_writer
-from insertion.records.result import FrameReport, ScaleUsed
+from insertion.pipeline.frames import Placed, insert_objects, place_objects, resize
+from insertion.pipeline.request import ObjectRequest
+from insertion.pipeline.result import FrameReport
+from insertion.pipeline.stage import Stage, make_stage
 from insertion.render.body import body_of
-from insertion.scene.footage import Shot, Stills
-from insertion.scene.video_footage import VideoFootage, video_footage
-from insertion.staging.insert import Placed, insert_objects, place_objects, resize
-from insertion.staging.options import ObjectRequest
-from insertion.staging.stage import Stage, make_stage
+from insertion.scene.scale import ScaleUsed
 from metric_base.arrays import BoolArray
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.painted import write_painted_glb

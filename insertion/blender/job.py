@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from estimator.records.scene import Camera
-from insertion.composite.boxes import Box, window_behind
 from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
 from insertion.light.environment import Environment
+from insertion.pipeline.frames import Placed
+from insertion.render.boxes import Box, window_behind
 from insertion.render.pinhole import Window, focal_lengths
-from insertion.staging.insert import Placed
 from metric_base.pictures import write_picture
 
 __all__ = ["SAMPLES", "full_window", "ideal_window", "insertion_job", "support_albedo", "write_environment"]

@@ -14,12 +14,12 @@ from estimator.records.scene import Camera
 from insertion.blender.job import full_window, ideal_window, insertion_job
 from insertion.blender.process import VARIABLE, blender_program, run_blender
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
+from insertion.footage.footage import Shot
 from insertion.light.environment import Environment
 from insertion.light.estimate import environment_at
-from insertion.scene.footage import Shot
+from insertion.pipeline.frames import Placed
+from insertion.pipeline.stage import Stage
 from insertion.scene.rays import camera_rays
-from insertion.staging.insert import Placed
-from insertion.staging.stage import Stage
 from metric_base.errors import InputError
 
 __all__ = ["export_blend", "traced_layers", "write_blend"]

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import Instance, View
+from insertion.colour.encoding import linear_to_srgb, srgb_to_linear
 from insertion.composite.blur import blur_layer
-from insertion.composite.boxes import Box, cast_box, object_box, shadow_box
-from insertion.composite.layers import object_layer, shadow_layer
 from insertion.composite.match import Look, grain
 from insertion.composite.occlusion import hidden_share, on_support
 from insertion.composite.received import received_share
-from insertion.places.surface import Surface
-from insertion.records.encoding import linear_to_srgb, srgb_to_linear
+from insertion.placement.surface import Surface
+from insertion.render.boxes import Box, cast_box, object_box, shadow_box
+from insertion.render.layers import object_layer, shadow_layer
 from insertion.render.renderer import ObjectImage, ObjectRenderer
 from insertion.scene.cloud import Cloud, FrontPoints
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from insertion.colour.encoding import srgb_to_linear
 from insertion.composite.blur import blur_of, gradients
-from insertion.composite.boxes import Box
-from insertion.records.encoding import srgb_to_linear
+from insertion.render.boxes import Box
 from insertion.scene.cloud import Cloud, FrontPoints
 from metric_base.statistics import robust_sigma
 

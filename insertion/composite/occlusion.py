@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import Instance, View
-from insertion.composite.boxes import Box
-from insertion.composite.masks import mask_in_box
 from insertion.render.body import Body
+from insertion.render.boxes import Box
 from insertion.render.renderer import ObjectImage
 from insertion.scene.cloud import Cloud, FrontPoints
 from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["hidden_share", "on_support"]
+__all__ = ["hidden_share", "mask_in_box", "on_support"]
 
 #: Points that an order in depth rests on.
 MIN_POINTS = 4
@@ -209,3 +208,16 @@ def _nearer_pixels(
     nearer = depths[nearest] < behind[rows, columns, None] * (1 - 3 * CLEARLY)
     result[rows, columns] = (nearer.mean(axis=1) > DENSE_SHARE) & (distance[:, DENSE_POINTS // 2] < reach)
     return np.asarray(median_filter(result, 5))
+
+
+def mask_in_box(item: Instance, box: Box) -> NDArray[np.bool_] | None:
+    """(h, w) the instance's mask over the box, None where they do not meet."""
+    x, y = item.origin
+    height, width = item.mask.shape
+    left, top, right, bottom = max(x, box.x0), max(y, box.y0), min(x + width, box.x1), min(y + height, box.y1)
+    if left >= right or top >= bottom:
+        return None
+    mask = np.zeros(box.shape, dtype=bool)
+    part = item.mask[top - y : bottom - y, left - x : right - x]
+    mask[top - box.y0 : bottom - box.y0, left - box.x0 : right - box.x0] = part
+    return mask

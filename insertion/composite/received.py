@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import Instance, View
-from insertion.composite.boxes import CAST_SIZES, Box
-from insertion.composite.masks import mask_in_box
-from insertion.places.surface import Surface
+from insertion.composite.occlusion import mask_in_box
+from insertion.placement.surface import Surface
+from insertion.render.boxes import CAST_SIZES, Box
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.cloud import FrontPoints
 from insertion.scene.rays import camera_rays

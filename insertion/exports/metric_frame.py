@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.records.scene import Camera, View
-from insertion.scene.footage import Shot
-from insertion.staging.insert import Placed
+from insertion.footage.footage import Shot
+from insertion.pipeline.frames import Placed
 from metric_base.arrays import FloatArray
 
 __all__ = ["CameraKey", "MetricFrame", "camera_keys", "frame_rate", "keys_by_camera", "metric_frame", "object_matrix"]

@@ -15,10 +15,10 @@ from estimator.outputs.rescaled import write_scaled
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.exports.nerfstudio import write_transforms
-from insertion.records.result import InsertionResult
-from insertion.scene.footage import Shot
-from insertion.staging.insert import Placed
-from insertion.staging.stage import Stage
+from insertion.footage.footage import Shot
+from insertion.pipeline.frames import Placed
+from insertion.pipeline.result import InsertionResult
+from insertion.pipeline.stage import Stage
 from metric_base.files import OutputNames, output_names
 from metric_base.pictures import write_picture
 

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from insertion.colour.encoding import luminance, srgb_to_linear
+from insertion.footage.footage import Stills
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.shading import WHITE_ALBEDO, Lamp, Shading
-from insertion.places.place import Place
-from insertion.records.encoding import luminance, srgb_to_linear
+from insertion.placement.place import Place
 from insertion.scene.cloud import Cloud, even_rows, points_seen
-from insertion.scene.footage import Stills
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from insertion.colour.encoding import LUMINANCE, luminance
 from insertion.light.environment import Environment, LampSpots, map_directions, solid_angles
-from insertion.records.encoding import LUMINANCE, luminance
 from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["Lights", "environment_lights"]

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from insertion.colour.encoding import luminance
 from insertion.light.candidates import UPRIGHT
-from insertion.records.encoding import luminance
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.patches import Patches
 from metric_base.arrays import BoolArray, FloatArray

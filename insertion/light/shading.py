@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from insertion.colour.encoding import luminance
 from insertion.light.candidates import (
     NEARBY,
     USUAL,
@@ -24,7 +25,6 @@ from insertion.light.candidates import (
     open_share,
 )
 from insertion.light.lit_planes import LitPlanes, lit_planes, log_posterior
-from insertion.records.encoding import luminance
 from insertion.scene.occupancy import Occupancy
 from insertion.scene.patches import Patches
 from metric_base.arrays import BoolArray, FloatArray

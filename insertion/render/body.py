@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from insertion.colour.encoding import srgb_to_linear
 from insertion.models.model import Material, Model
-from insertion.records.encoding import srgb_to_linear
 from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["Body", "BodyPart", "body_of"]

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from insertion.light.environment import Environment
+from insertion.colour.encoding import luminance
+from insertion.light.environment import LEVELS, Environment, reflection_levels
 from insertion.light.lights import Lights, environment_lights
-from insertion.light.reflections import LEVELS, reflection_levels
-from insertion.records.encoding import luminance
 from insertion.render.body import Body
 from insertion.render.buffers import load_part
 from insertion.render.context import shader

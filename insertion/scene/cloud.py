@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import Scene, View
-from insertion.records.encoding import srgb_to_linear
-from insertion.scene.footage import Stills
+from insertion.colour.encoding import srgb_to_linear
+from insertion.footage.footage import Stills
 from insertion.scene.strays import stray_points
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 

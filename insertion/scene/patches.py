@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insertion.records.encoding import luminance
+from insertion.colour.encoding import luminance
 from insertion.scene.cloud import Cloud
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 

@@ -19,7 +19,7 @@ from estimator.reading import read_scene
 from estimator.records.scene import Scene
 from insertion.models.gltf import read_model
 from insertion.models.model import Part
-from insertion.staging.options import read_scale
+from insertion.scene.scale import read_scale
 from insertion.study.answers import read_answers
 from insertion.study.curve import curve_of
 from insertion.study.page import ANSWERS_SCHEMA, STEPS

@@ -22,9 +22,9 @@ from insertion.exports.metric_frame import camera_keys, metric_frame, object_mat
 from insertion.exports.nerfstudio import write_transforms
 from insertion.exports.usd_scene import write_usd_scene
 from insertion.light.estimate import environment_at
-from insertion.staging.insert import Placed, place_objects
-from insertion.staging.options import ObjectRequest
-from insertion.staging.stage import Stage
+from insertion.pipeline.frames import Placed, place_objects
+from insertion.pipeline.request import ObjectRequest
+from insertion.pipeline.stage import Stage
 from tests.synthetic.insertions import stage_of, video_room, write_glb
 from tests.synthetic.rooms.shapes import solid
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from insertion.composite.blur import blur_layer, blur_of
-from insertion.composite.boxes import Box
 from insertion.composite.match import Look, grain, look_of
+from insertion.render.boxes import Box
 from insertion.scene.cloud import Cloud, FrontPoints
 
 SHAPE = (240, 320)

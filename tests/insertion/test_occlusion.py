@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.records.scene import Camera, Instance, View
-from insertion.composite.boxes import Box
 from insertion.composite.occlusion import hidden_share
+from insertion.render.boxes import Box
 from insertion.render.renderer import ObjectImage
 from insertion.scene.cloud import Cloud, FrontPoints, Observations, front_points
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from insertion.exports.write import LayerWriter
-from insertion.outputs import picture_writer, preview_place
-from insertion.scene.footage import Shot
+from insertion.footage.footage import Shot
+from insertion.footage.picture_writer import picture_writer, preview_place
 from metric_base.errors import InputError
 from metric_base.files import refuse_input
 

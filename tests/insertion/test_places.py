@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from insertion.command import parser
-from insertion.places.categories import instances_named
-from insertion.places.place import NoPlace
+from insertion.pipeline.frames import Placed, place_objects, space_for
+from insertion.pipeline.preview import write_preview
+from insertion.pipeline.request import ObjectRequest
+from insertion.pipeline.stage import Stage
+from insertion.placement.on_objects import instances_named
+from insertion.placement.place import NoPlace
 from insertion.scene_arguments import requests_of
 from insertion.scene_arguments import stage_of as stage_of_arguments
-from insertion.staging.insert import Placed, place_objects, space_for
-from insertion.staging.options import ObjectRequest
-from insertion.staging.preview import write_preview
-from insertion.staging.stage import Stage
 from metric_base.errors import InputError
 from tests.synthetic.insertions import RecordedRoom, stage_of, video_room, write_glb
 from tests.synthetic.minitree import release

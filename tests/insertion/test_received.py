@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from estimator.records.scene import Camera, View
-from insertion.composite.boxes import Box
-from insertion.composite.layers import shadow_layer
 from insertion.composite.received import received_share
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots
 from insertion.models.model import Material, Model, Part
 from insertion.render.body import body_of
+from insertion.render.boxes import Box
 from insertion.render.context import gl_context
+from insertion.render.layers import shadow_layer
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.cloud import FrontPoints
 from metric_base.arrays import BoolArray, FloatArray

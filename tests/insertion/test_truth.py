@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insertion.records.result import InsertionResult
-from insertion.staging.insert import Placed, insert_objects, place_objects, single_picture
-from insertion.staging.options import ObjectRequest
+from insertion.pipeline.frames import Placed, insert_objects, place_objects, single_picture
+from insertion.pipeline.request import ObjectRequest
+from insertion.pipeline.result import InsertionResult
 from tests.synthetic.insertions import RecordedRoom, added, stage_of, video_room, write_glb
 from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.shapes import solid

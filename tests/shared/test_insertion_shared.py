@@ -9,12 +9,12 @@ import pytest
 
 from estimator.reading import read_instances, read_scene
 from estimator.reconstructions.cameras import pixels_in_view
-from insertion.places.request import At
-from insertion.records.result import ScaleUsed
-from insertion.scene.footage import PictureFootage, Stills
-from insertion.staging.insert import place_objects
-from insertion.staging.options import ObjectRequest
-from insertion.staging.stage import make_stage
+from insertion.footage.footage import PictureFootage, Stills
+from insertion.pipeline.frames import place_objects
+from insertion.pipeline.request import ObjectRequest
+from insertion.pipeline.stage import make_stage
+from insertion.placement.place import At
+from insertion.scene.scale import ScaleUsed
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.shapes import solid
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from estimator.records.scene import DenseCloud, Instance, Scene
-from insertion.records.result import ScaleUsed
-from insertion.scene.footage import PictureFootage, Stills
-from insertion.staging.stage import Stage, make_stage
+from insertion.footage.footage import PictureFootage, Stills
+from insertion.pipeline.stage import Stage, make_stage
+from insertion.scene.scale import ScaleUsed
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.furnish import furnished_room, turn_about_z
 from tests.synthetic.rooms.knobs import Knobs

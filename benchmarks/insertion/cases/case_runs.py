@@ -19,8 +19,8 @@ from benchmarks.insertion.cases.case_list import SHARED, Case, video_of, world_o
 from estimator.reading import read_scene
 from insertion.command import parser
 from insertion.models.model import Model
+from insertion.pipeline.frames import Placed, place_objects
 from insertion.scene_arguments import requests_of, stage_of
-from insertion.staging.insert import Placed, place_objects
 from metric_base.arrays import BoolArray
 from tests.synthetic.insertions import RecordedRoom, added
 from tests.synthetic.rooms.render import Renderer

@@ -19,10 +19,10 @@ from benchmarks.insertion.cases.case_list import CASES, Case, world_of
 from benchmarks.insertion.cases.case_runs import ratio_of, true_heights, whole_height, work_similarity
 from estimator.reconstructions.cameras import pixels_in_view
 from insertion.command import parser
+from insertion.pipeline.frames import Placed as Inserted
+from insertion.pipeline.frames import place_objects, resize
+from insertion.pipeline.stage import Stage
 from insertion.scene_arguments import requests_of, stage_of
-from insertion.staging.insert import Placed as Inserted
-from insertion.staging.insert import place_objects, resize
-from insertion.staging.stage import Stage
 from metric_base.arrays import FloatArray
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.render import Renderer

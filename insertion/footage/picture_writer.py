@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.video import VIDEO_SUFFIXES
-from insertion.scene.footage import Shot
+from insertion.footage.footage import Shot
 from metric_base.errors import InputError
 from metric_base.files import OutputNames, whole_file, whole_folder
 from metric_base.pictures import write_picture
@@ -63,7 +63,7 @@ def picture_writer(out: Path, source: Path | None = None, turned_deg: int = 0) -
 
             yield write_png
         return
-    from insertion.video.writer import VideoWriter
+    from insertion.footage.video_writer import VideoWriter
 
     with whole_file(out, "--out") as file, VideoWriter(file, out.suffix, source, turned_deg) as video:
 

@@ -9,9 +9,8 @@ from scipy.ndimage import distance_transform_edt
 
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import Scene, View
-from insertion.places.place import Place
-from insertion.places.supports import Supports, free_cells
-from insertion.places.surface import Surface
+from insertion.placement.place import Place
+from insertion.placement.surface import Supports, Surface, free_cells
 from insertion.scene.cloud import Cloud
 from metric_base.arrays import BoolArray, FloatArray
 

@@ -13,27 +13,26 @@ from numpy.typing import NDArray
 
 from estimator.records.scene import View
 from insertion.composite.compose import Composed, compose, compose_traced
-from insertion.composite.ghost import draw_interval
 from insertion.composite.match import Look, Looks
+from insertion.footage.footage import Shot
 from insertion.light.environment import Environment
 from insertion.light.estimate import environment_at
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
 from insertion.models.size import Size, model_size
-from insertion.places.categories import instances_named
-from insertion.places.free_space import Space, candidates
-from insertion.places.heading import heading
-from insertion.places.locate import place_at_point, place_on_plane
-from insertion.places.on_things import place_on_category
-from insertion.places.place import NoPlace, Place
-from insertion.records.result import FrameReport, InsertionResult
+from insertion.pipeline.request import ObjectRequest
+from insertion.pipeline.result import FrameReport, InsertionResult
+from insertion.pipeline.stage import Stage
+from insertion.placement.free_space import Space, candidates
+from insertion.placement.heading import heading
+from insertion.placement.locate import place_at_point, place_on_plane
+from insertion.placement.on_objects import instances_named, place_on_category
+from insertion.placement.place import NoPlace, Place
 from insertion.render.body import Body, body_of
 from insertion.render.context import gl_context
+from insertion.render.layers import draw_interval
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.cloud import FrontPoints, front_points
-from insertion.scene.footage import Shot
-from insertion.staging.options import ObjectRequest
-from insertion.staging.stage import Stage
 from metric_base.arrays import FloatArray
 from metric_base.progress import progress
 

@@ -6,21 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from insertion.scene.scale import ScaleUsed
 from metric_base.arrays import FloatArray
 
-__all__ = ["SCHEMA", "FrameReport", "InsertionResult", "ScaleUsed"]
+__all__ = ["SCHEMA", "FrameReport", "InsertionResult"]
 
 SCHEMA = "metric-tree/insertion/1"
-
-
-@dataclass(frozen=True, slots=True)
-class ScaleUsed:
-    """metres_per_unit; low, high : its interval, None where none is known; source : `result` or `option`."""
-
-    metres_per_unit: float
-    low: float | None
-    high: float | None
-    source: str
 
 
 @dataclass(frozen=True, slots=True)

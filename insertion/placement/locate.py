@@ -6,9 +6,9 @@ import numpy as np
 
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import View
-from insertion.places.free_space import NEAR_POINTS, Space
-from insertion.places.place import NoPlace, Place
-from insertion.places.surface import Surface, cell_centres
+from insertion.placement.free_space import NEAR_POINTS, Space
+from insertion.placement.place import NoPlace, Place
+from insertion.placement.surface import Surface, cell_centres
 from insertion.scene.cloud import Cloud
 from insertion.scene.rays import ray_through
 from metric_base.arrays import FloatArray

@@ -1,4 +1,4 @@
-"""What the caller asks for: one object, its size, its place."""
+"""The scale that objects are inserted at: stated, or as estimate-scale left it in the folder."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ from pathlib import Path
 
 import msgspec
 
-from insertion.places.request import At
-from insertion.records.result import ScaleUsed
 from metric_base.errors import InputError, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect, json_record
 
-__all__ = ["ObjectRequest", "ScaleUsed", "read_scale"]
+__all__ = ["ScaleUsed", "read_scale"]
 
 #: The major version of a result that is read here.
 SCALE_SCHEMA = "metric-tree/scale/1"
@@ -24,22 +22,13 @@ MAX_RESULT_BYTES = 1 << 27
 
 
 @dataclass(frozen=True, slots=True)
-class ObjectRequest:
-    """One object.
+class ScaleUsed:
+    """metres_per_unit; low, high : its interval, None where none is known; source : `result` or `option`."""
 
-    model : its file; size : the words of `--size`; at : a point in a picture; on : a category; plane and xy_m : a plane
-    and metres along its axes from its middle; without any of these, free space. facing : `camera`, `wall` or degrees;
-    category : for `--size prior`.
-    """
-
-    model: Path
-    size: str = "file"
-    at: At | None = None
-    on: str | None = None
-    plane: int | None = None
-    xy_m: tuple[float, float] = (0.0, 0.0)
-    facing: float | str = "camera"
-    category: str | None = None
+    metres_per_unit: float
+    low: float | None
+    high: float | None
+    source: str
 
 
 class _Interval(msgspec.Struct):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insertion.places.place import NoPlace, Place
+from insertion.placement.place import NoPlace, Place
 from insertion.scene.cloud import Cloud
 from insertion.scene.patches import plane_patches
 from metric_base.arrays import FloatArray

@@ -11,15 +11,15 @@ import numpy as np
 
 from estimator.geometry.up import Up
 from estimator.records.scene import Instance, Scene
+from insertion.footage.footage import Footage, Shot, Stills
 from insertion.light.open_air import shown_empty
 from insertion.light.shading import Shading, fit_shading
-from insertion.places.supports import Supports, supports_of
-from insertion.records.result import ScaleUsed
+from insertion.placement.surface import Supports, supports_of
 from insertion.scene.carried_masks import MaskCarrier
 from insertion.scene.cloud import Cloud, coloured_cloud
-from insertion.scene.footage import Footage, Shot, Stills
 from insertion.scene.occupancy import occupancy_of
 from insertion.scene.patches import plane_patches
+from insertion.scene.scale import ScaleUsed
 
 __all__ = ["Stage", "make_stage"]
 

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.reconstructions.cameras import pixels_in_view
-from insertion.places.free_space import Space, candidates
-from insertion.places.locate import plane_coordinates
-from insertion.places.place import NoPlace, Place
+from insertion.placement.free_space import Space, candidates
+from insertion.placement.locate import plane_coordinates
+from insertion.placement.place import NoPlace, Place
 from metric_base.files import whole_file
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimator.records.scene import View
-    from insertion.staging.stage import Stage
+    from insertion.pipeline.stage import Stage
     from metric_base.arrays import FloatArray
 
 __all__ = ["FreePlace", "free_places", "write_preview"]

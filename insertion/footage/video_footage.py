@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses
 from estimator.capture.video import VIDEO_SUFFIXES, Video
 from estimator.records.scene import Camera, Scene, View
-from insertion.scene.footage import Shot
+from insertion.footage.footage import Shot
 from metric_base.errors import InputError
 
 __all__ = ["VideoFootage", "video_footage"]

@@ -1,13 +1,34 @@
-"""The words of `--at`, `--on` and `--facing`."""
+"""A place: where an object stands and which way it looks, and the words of `--at` and `--facing` that ask for one."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
-__all__ = ["At", "facing_of", "point_of"]
+__all__ = ["At", "NoPlace", "Place", "facing_of", "point_of"]
+
+
+class NoPlace(InputError):
+    """There is nothing to stand on where the object was asked to stand; the message says why."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """The bottom centre of an object on a support plane.
+
+    position : (3,) in the scene; basis : (3, 3) rows two horizontal axes and up; camera : (3,) the camera that the
+    place was chosen from; support : a name for a person; plane : its number, lowest first, None for a small level
+    patch that is no plane.
+    """
+
+    position: FloatArray
+    basis: FloatArray
+    camera: FloatArray
+    support: str
+    plane: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,1 @@
+"""The encoding of pictures: display values to linear light and back."""

@@ -1,1 +1,0 @@
-"""Video files in and out, with their rate, times, audio and rotation."""

@@ -41,6 +41,7 @@ ROOMS = [
     "estimator.other_programs",
     "estimator.checks",
     "estimator.instances",
+    "estimator.visibility",
     "estimator.association",
     "estimator.geometry",
     "estimator.evidence",

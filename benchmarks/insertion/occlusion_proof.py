@@ -21,6 +21,7 @@ from benchmarks.insertion.hiding_places import hiding_place
 from benchmarks.insertion.likeness import LEAST_PIXELS, edge_errors
 from benchmarks.insertion.synthetic_videos import standing
 from estimator.records.scene import View
+from estimator.visibility.sights import scene_visibility
 from insertion.composite.occlusion import hidden_share, on_support
 from insertion.light.environment import HEIGHT, WIDTH, Environment
 from insertion.models.gltf import read_model
@@ -30,7 +31,7 @@ from insertion.render.context import gl_context
 from insertion.render.layers import object_layer
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.carried_masks import MaskCarrier
-from insertion.scene.cloud import Cloud, front_points, observations_of
+from insertion.scene.cloud import Cloud, front_points
 from metric_base.arrays import BoolArray, FloatArray
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.kinds import KINDS
@@ -181,8 +182,8 @@ def _known(hidden: HiddenObject, setting: Setting) -> Known:
     scene = hidden.made.scene
     dense = scene.dense if setting.dense else None
     points = scene.points if dense is None else np.concatenate([scene.points, dense.points])
-    observations = observations_of(scene) if dense is None else None
-    cloud = Cloud(points, np.zeros((len(points), 3), np.float32), dense is not None, observations=observations)
+    known = scene_visibility(scene) if dense is None else None
+    cloud = Cloud(points, np.zeros((len(points), 3), np.float32), dense is not None, visibility=known)
     by_view = {
         row: [item for item in hidden.made.instances if item.view == row]
         for row in (range(0, len(scene.views), setting.masks) if setting.masks else ())

@@ -8,28 +8,19 @@ visibility file says so or, without one, where no nearer part of the cloud cover
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from scipy.sparse import csr_array
 
-from estimator.reconstructions.cameras import PINHOLES, project
-from estimator.records.scene import Camera, DenseCloud, Instance, Scene, View
+from estimator.records.scene import Camera, Instance, Scene, View
+from estimator.visibility.depth_buffer import unhidden
+from estimator.visibility.sights import Sight, indicator, listed_rows, row_members, sight_of
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["PointLabels", "dense_labels", "point_votes", "sparse_labels", "view_labels", "visible_rows"]
+__all__ = ["PointLabels", "dense_labels", "point_votes", "sparse_labels", "view_labels"]
 
-# A cell of the depth buffer should hold several points of a surface, else what lies behind shines through its gaps:
-# with 8 points expected a cell is empty once in 3,000 (Poisson).
-POINTS_PER_CELL = 8
-# Coarsest and finest depth buffer, in cells along the longer image side. Under 24 an object is a cell or two; over 320
-# a cell is two pixels of a video frame, which is finer than any dense cloud we are given.
-CELLS_ALONG_SIDE = (24, 320)
-# A point is hidden when it lies this share behind the nearest point of its cell. Surfaces seen at 20 degrees change
-# depth by about this much within a cell; things stand further than this in front of the wall.
-DEPTH_TOLERANCE = 0.03
 # What lies in a mask but this many diagonals of the mask before or behind the middle of what else does is a stray or
 # the wall seen through the thing: few things are three times as deep as they look wide, and those are seen from
 # elsewhere too.
@@ -68,13 +59,8 @@ class PointLabels:
 
 def sparse_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     """Labels of the sparse points by their own observations: a keypoint inside a mask labels its point."""
-
-    def sights() -> Iterator[_Sight]:
-        for view in scene.views:
-            rows = view.point_index
-            yield _Sight(rows, view.keypoints, scene.points[rows] @ view.rotation[2] + view.translation[2])
-
-    visibility, membership = _matrices(sights(), scene.views, instances, len(scene.points))
+    sights = (Sight.observed(view, scene.points) for view in scene.views)
+    visibility, membership = _matrices(sights, scene.views, instances, len(scene.points))
     rows = np.arange(len(scene.points))
     return PointLabels(scene.points, rows, membership, visibility, visibility, membership)
 
@@ -90,12 +76,12 @@ def dense_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     rows = np.arange(len(own))
     # coordinate by coordinate in memory: projection runs along one at a time
     points = np.asfortranarray(own)
-    looks = (_Sight(*_visible_rows(view, points)) for view in views)
+    looks = (unhidden(view, points) for view in views)
     looked, masked = _matrices(looks, views, instances, len(points))
-    listed = _rows_by_view(scene.dense, len(views))
+    listed = listed_rows(scene.dense, len(views))
     if listed is None:
         return PointLabels(own, rows, masked, looked, looked, masked)
-    sights = (_sight_of_rows(view, points, some) for view, some in zip(views, listed, strict=True))
+    sights = (_listed_sight(view, points, some) for view, some in zip(views, listed, strict=True))
     visibility, membership = _matrices(sights, views, instances, len(points))
     return PointLabels(own, rows, membership, visibility, looked, masked)
 
@@ -158,91 +144,14 @@ def view_labels(pixels: FloatArray, instances: Iterable[Instance]) -> list[IntAr
     return members
 
 
-def visible_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Rows of points (n, 3) that the view sees, by a depth buffer of the cloud itself, and their pixels (m, 2).
-
-    The buffer's cells are as large as the cloud's density asks for; a point is kept when it lies within
-    `DEPTH_TOLERANCE` of the nearest depth in its cell.
-    """
-    return _visible_rows(view, points)[:2]
-
-
-def _visible_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Rows of the points (n, 3) that no nearer point hides, their pixels (m, 2) and depths (m,)."""
-    rows, pixels, depth = _inside_rows(view, points)
-    if rows.size == 0:
-        return rows, pixels, depth
-    cell = _cell_size(view.camera, rows.size)
-    across = int(view.camera.width // cell) + 1
-    columns, lines = (pixels.T * (1 / cell)).astype(np.int64)
-    cells = lines * across + columns
-    # half the precision, and a twentieth of the time
-    near = depth.astype(np.float32)
-    nearest = np.full(int(cells.max()) + 1, np.inf, dtype=np.float32)
-    np.minimum.at(nearest, cells, near)
-    seen = np.flatnonzero(near <= nearest[cells] * np.float32(1 + DEPTH_TOLERANCE))
-    return rows[seen], pixels.take(seen, axis=0), depth[seen]
-
-
-def _cell_size(camera: Camera, count: int) -> float:
-    """Side in pixels of a depth buffer's cell for `count` points in the image."""
-    side = max(camera.width, camera.height)
-    wanted = np.sqrt(camera.width * camera.height * POINTS_PER_CELL / count)
-    return float(np.clip(wanted, side / CELLS_ALONG_SIDE[1], side / CELLS_ALONG_SIDE[0]))
-
-
-def _inside_rows(view: View, points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Rows of the points (n, 3) that project into the image, their pixels (m, 2) and depths (m,)."""
-    # (3, n); a product this narrow is no work for BLAS, whose threads would wait for one another
-    local = np.einsum("ij,jn->in", view.rotation, points.T) + view.translation[:, None]
-    rows = _perhaps_inside(view.camera, local)
-    local = local.take(rows, axis=1)
-    pixels = project(view.camera, local.T)
-    x, y = pixels.T
-    # NaN, behind the camera or beyond its lens, is not inside
-    inside = np.flatnonzero((x >= 0) & (x < view.camera.width) & (y >= 0) & (y < view.camera.height))
-    return rows[inside], pixels.take(inside, axis=0), local[2, inside]
-
-
-def _perhaps_inside(camera: Camera, local: FloatArray) -> IntArray:
-    """Rows of points (3, n) in the camera's frame that may project into the image; all ahead for a bent lens."""
-    if camera.model not in PINHOLES:
-        return np.flatnonzero(local[2] > 0)
-    *focal, centre_x, centre_y = camera.params
-    # tangents of the wider half of the image, and a hair for rounding
-    wide = (1 + 1e-9) * max(abs(centre_x), abs(camera.width - centre_x)) / focal[0]
-    high = (1 + 1e-9) * max(abs(centre_y), abs(camera.height - centre_y)) / focal[-1]
-    return np.flatnonzero((np.abs(local[0]) <= wide * local[2]) & (np.abs(local[1]) <= high * local[2]))
-
-
-def _rows_by_view(cloud: DenseCloud, views: int) -> list[IntArray] | None:
-    """Rows (k,) of the cloud that each of the views sees, by its visibility file; None without one."""
-    if cloud.visible_offsets is None or cloud.visible_views is None:
-        return None
-    every: IntArray = np.arange(len(cloud.points), dtype=np.int32)
-    rows = np.repeat(every, np.diff(cloud.visible_offsets))
-    order = np.argsort(cloud.visible_views, kind="stable")
-    ends = np.searchsorted(cloud.visible_views[order], np.arange(views + 1))
-    return [rows[order[start:end]] for start, end in pairwise(ends)]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Sight:
-    """What one view sees: rows (k,) of the points, their pixels (k, 2) and depths (k,)."""
-
-    rows: IntArray
-    pixels: FloatArray
-    depth: FloatArray
-
-
-def _sight_of_rows(view: View, points: FloatArray, rows: IntArray) -> _Sight:
+def _listed_sight(view: View, points: FloatArray, rows: IntArray) -> Sight:
     """The sight of the listed rows (k,) of points (n, 3), less those that project outside the image."""
-    inside, pixels, depth = _inside_rows(view, np.asfortranarray(points[rows]))
-    return _Sight(rows[inside], pixels, depth)
+    sight = sight_of(view, np.asfortranarray(points[rows]))
+    return Sight(rows[sight.rows], sight.pixels, sight.depths)
 
 
 def _matrices(
-    sights: Iterable[_Sight], views: Sequence[View], instances: Sequence[Instance], count: int
+    sights: Iterable[Sight], views: Sequence[View], instances: Sequence[Instance], count: int
 ) -> tuple[csr_array, csr_array]:
     """Sparse (v, n) of what the views see and (m, n) of what they see inside the masks; one view is open at a time."""
     by_view: dict[int, list[int]] = defaultdict(list)
@@ -255,9 +164,9 @@ def _matrices(
         seen.append(rows)
         here = [instances[number] for number in by_view[index]]
         for number, inside in zip(by_view[index], view_labels(sight.pixels, here), strict=True):
-            near = _at_depth(sight.depth[inside], sight.pixels[inside], instances[number], views[index].camera)
+            near = _at_depth(sight.depths[inside], sight.pixels[inside], instances[number], views[index].camera)
             members[number] = rows[inside[near]]
-    return _indicator(seen, count), _indicator(members, count)
+    return indicator(seen, count), indicator(members, count)
 
 
 def _at_depth(depth: FloatArray, pixels: FloatArray, instance: Instance, camera: Camera) -> BoolArray:
@@ -280,17 +189,7 @@ def _at_depth(depth: FloatArray, pixels: FloatArray, instance: Instance, camera:
     return np.asarray(np.abs(depth - middle) <= reach * diagonal)
 
 
-def _indicator(rows: Sequence[IntArray], count: int) -> csr_array:
-    """(r, c) sparse matrix of r = len(rows) rows and c = `count` columns, 1 at the listed columns (k,) of each row."""
-    lengths = np.fromiter((len(part) for part in rows), dtype=np.int64, count=len(rows))
-    indptr = np.concatenate([[0], np.cumsum(lengths)])
-    indices = np.concatenate([*rows, np.empty(0, dtype=np.int32)]).astype(np.int32, copy=False)
-    if indptr[-1] < 2**31:
-        indptr = indptr.astype(np.int32)
-    return csr_array((np.ones(indices.size, dtype=np.float32), indices, indptr), shape=(len(rows), count))
-
-
 def _column_counts(matrix: csr_array, rows: Sequence[int], count: int) -> IntArray:
     """(c,) how often each of the c = `count` columns is set in the given rows."""
-    parts = [matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]] for row in rows]
+    parts = [row_members(matrix, row) for row in rows]
     return np.bincount(np.concatenate([*parts, np.empty(0, dtype=np.int32)]), minlength=count)

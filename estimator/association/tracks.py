@@ -18,6 +18,7 @@ from scipy.sparse import csr_array
 from estimator.association.point_labels import PointLabels
 from estimator.association.proximity import Places, relative_distance
 from estimator.records.scene import Instance
+from estimator.visibility.sights import row_members
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Track", "incremental_tracks", "shared_tracks", "voted_category"]
@@ -84,7 +85,7 @@ def incremental_tracks(instances: Sequence[Instance], labels: PointLabels) -> tu
     Equation: D(A, B) = mean over a in A of min over b in B of |a - b|, A the smaller cloud. Pairs are joined nearest
     first while D is under `DISTANCE_SHARE` of the larger one's diagonal; all unmatched objects, old and new, are kept.
     """
-    clouds = [labels.points[_members(labels, row)] for row in range(len(instances))]
+    clouds = [labels.points[row_members(labels.membership, row)] for row in range(len(instances))]
     groups: list[list[int]] = []
     for category in sorted({instance.category for instance in instances}):
         known: list[list[int]] = []
@@ -111,15 +112,9 @@ def _tracks(groups: Sequence[Sequence[int]], instances: Sequence[Instance]) -> t
     return tuple(Track(group, voted_category([instances[row] for row in group])) for group in ordered)
 
 
-def _members(labels: PointLabels, row: int) -> IntArray:
-    """Rows (k,) of the points of one mask."""
-    matrix = labels.membership
-    return np.asarray(matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]])
-
-
 def _mask_points(labels: Sequence[PointLabels], row: int) -> FloatArray:
     """(k, 3) points of one mask in all clouds, in world, at most `MAX_MASK_POINTS` of each cloud."""
-    rows = [_members(cloud, row) for cloud in labels]
+    rows = [row_members(cloud.membership, row) for cloud in labels]
     thin = [own[:: max(1, -(-len(own) // MAX_MASK_POINTS))] for own in rows]
     return np.concatenate([cloud.points[own] for cloud, own in zip(labels, thin, strict=True)])
 

@@ -20,11 +20,12 @@ from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
 from estimator.geometry.standing import stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
-from estimator.geometry.truncation import Outline, Sides, Surroundings, outline, side_evidence
+from estimator.geometry.truncation import Outline, Sides, outline, side_evidence
 from estimator.geometry.up import Up, camera_up, given_up, up_contradiction
 from estimator.geometry.upright_box import Dimensions, dimensions, inliers
 from estimator.records.measured_object import Box, MeasuredObject
 from estimator.records.scene import Instance, Scene
+from estimator.visibility.depth_buffer import Surroundings
 from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["PAPER", "MeasurementOptions", "Measurements", "measure_objects"]
@@ -154,7 +155,7 @@ def _measure(
     with _stopwatch(timings, "truncation"):
         views = scene.views
         outlines = [outline(i, views[i.view].camera.width, views[i.view].camera.height) for i in instances]
-        around = Surroundings(scene, clouds[-1], up.vector)
+        around = Surroundings(scene, clouds[-1].points, clouds[-1].visibility, up.vector)
         sides = [_sides(track, shape, instances, outlines, around) for track, shape in zip(tracks, shapes, strict=True)]
     with _stopwatch(timings, "supports"):
         objects = tuple(

@@ -14,6 +14,7 @@ import numpy as np
 from estimator.association.point_labels import PointLabels
 from estimator.geometry.extents import quantiles
 from estimator.records.scene import View
+from estimator.visibility.sights import row_members
 from metric_base.arrays import FloatArray, IntArray
 
 __all__ = ["depth_noise", "sight_moment"]
@@ -39,7 +40,8 @@ def depth_noise(views: Sequence[View], labels: PointLabels) -> float:
     """
     step = max(1, -(-len(views) // MAX_VIEWS))
     residuals = [
-        _residuals(labels.points, _visible_rows(labels, index), views[index]) for index in range(0, len(views), step)
+        _residuals(labels.points, row_members(labels.visibility, index), views[index])
+        for index in range(0, len(views), step)
     ]
     shares = np.concatenate([*residuals, np.empty(0)])
     return float(quantiles(shares, np.array([FLAT_CELLS]))[0]) / FLAT_SHARE if shares.size >= MIN_CELLS else 0.0
@@ -51,12 +53,6 @@ def sight_moment(eyes: FloatArray, place: FloatArray) -> tuple[float, FloatArray
     distances = np.sqrt(np.einsum("vi,vi->v", rays, rays))
     units = rays / np.maximum(distances, np.finfo(float).tiny)[:, None]
     return float(np.median(distances)), np.asarray(units.T @ units / len(units))
-
-
-def _visible_rows(labels: PointLabels, view: int) -> IntArray:
-    """Rows (k,) of the points that a view sees."""
-    matrix = labels.visibility
-    return np.asarray(matrix.indices[matrix.indptr[view] : matrix.indptr[view + 1]])
 
 
 def _residuals(points: FloatArray, rows: IntArray, view: View) -> FloatArray:

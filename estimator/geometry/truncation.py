@@ -8,17 +8,17 @@ itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from estimator.association.point_labels import PointLabels
-from estimator.reconstructions.cameras import pixels_in_view, project
-from estimator.records.scene import Instance, Scene, View
+from estimator.reconstructions.cameras import project
+from estimator.records.scene import Instance, View
+from estimator.visibility.depth_buffer import DEPTH_CELLS, Surroundings
 from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["Outline", "Sides", "Surroundings", "outline", "side_evidence"]
+__all__ = ["Outline", "Sides", "outline", "side_evidence"]
 
 # Points of a mask's outline, and of the object, that are looked at.
 OUTLINE_POINTS, OWN_POINTS = 128, 400
@@ -43,9 +43,6 @@ END_BAND, TOP_BAND, TOP_SHARE = 0.125, 0.25, 0.5
 # front is no cover.
 NEARER_SHARE = 0.1
 ABOVE_FOOT_SHARE = 0.1
-# Cells of the depth picture along the image's width; holes in it are read as nothing there.
-DEPTH_CELLS = 160
-MAX_DEPTH_POINTS = 20_000
 # A point is triangulated from two views, so a side is complete when two views show it.
 VIEWS_NEEDED = 2
 # A mask that goes further than the object's points by this share of the box's length, past the border's own error, has
@@ -60,43 +57,6 @@ class Outline:
     pixels: FloatArray
     at_border: BoolArray
     tolerance: float = BORDER_PX
-
-
-@dataclass(slots=True, eq=False)
-class Surroundings:
-    """What the views see around an object: the nearest cloud point per cell of each view, made when first asked for."""
-
-    scene: Scene
-    labels: PointLabels
-    up: FloatArray
-    _pictures: dict[int, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
-
-    def depths_and_heights(self, view: int, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(k,) depth and height along up of the nearest point at each pixel; depth is infinite where there is none."""
-        if view not in self._pictures:
-            self._pictures[view] = self._picture(view)
-        depth, height = self._pictures[view]
-        camera = self.scene.views[view].camera
-        index = np.floor(pixels * (DEPTH_CELLS / camera.width)).astype(np.int64)
-        inside = np.all((index >= 0) & (index < depth.shape[::-1]), axis=1)
-        columns, lines = np.where(inside[:, None], index, 0).T
-        return np.where(inside, depth[lines, columns], np.inf), height[lines, columns]
-
-    def _picture(self, number: int) -> tuple[FloatArray, FloatArray]:
-        """(h, w) depth and height of the nearest point in each cell of a view, scene units; infinite, 0 without."""
-        view, matrix = self.scene.views[number], self.labels.visibility
-        rows = matrix.indices[matrix.indptr[number] : matrix.indptr[number + 1]]
-        points = self.labels.points[rows[:: max(1, -(-len(rows) // MAX_DEPTH_POINTS))]]
-        lines = int(view.camera.height * DEPTH_CELLS / view.camera.width) + 1
-        depth, height = np.full((lines, DEPTH_CELLS), np.inf), np.zeros((lines, DEPTH_CELLS))
-        pixels, z = pixels_in_view(view, points)
-        ahead = np.flatnonzero(np.isfinite(pixels).all(axis=1))
-        # farthest first, so that the nearest is written last
-        ahead = ahead[np.argsort(-z[ahead])]
-        cells = (pixels[ahead] * (DEPTH_CELLS / view.camera.width)).astype(np.int64)
-        depth[cells[:, 1], cells[:, 0]] = z[ahead]
-        height[cells[:, 1], cells[:, 0]] = points[ahead] @ self.up
-        return depth, height
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,12 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.visibility.depth_buffer import unhidden
 from insertion.colour.encoding import luminance, srgb_to_linear
 from insertion.footage.footage import Stills
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
 from insertion.light.shading import WHITE_ALBEDO, Lamp, Shading
 from insertion.placement.place import Place
-from insertion.scene.cloud import Cloud, even_rows, points_seen
+from insertion.scene.cloud import Cloud, even_rows
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray
 
@@ -118,12 +119,12 @@ def _depth_grid(cloud: Cloud, stills: Stills, row: int, shape: tuple[int, ...]) 
     from scipy.spatial import cKDTree
 
     step = max(1, len(cloud.points) // 20_000)
-    _, pixels, depths = points_seen(stills.scene, row, cloud.points[::step])
-    if not len(pixels):
+    sight = unhidden(stills.scene.views[row], cloud.points[::step])
+    if not len(sight.pixels):
         return np.full(shape, float(np.linalg.norm(np.ptp(cloud.points, axis=0))))
     y, x = np.indices(shape) * STEP + STEP // 2
-    nearest = cKDTree(pixels).query(np.column_stack([x.ravel(), y.ravel()]))[1]
-    return np.asarray(depths[nearest].reshape(shape))
+    nearest = cKDTree(sight.pixels).query(np.column_stack([x.ravel(), y.ravel()]))[1]
+    return np.asarray(sight.depths[nearest].reshape(shape))
 
 
 def _splat(samples: _Samples) -> tuple[FloatArray, FloatArray]:

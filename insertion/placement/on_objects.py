@@ -9,10 +9,11 @@ import numpy as np
 
 from estimator.geometry.planes import SupportPlane, level_basis
 from estimator.records.scene import Instance
+from estimator.visibility.depth_buffer import unhidden
+from estimator.visibility.sights import Sight
 from insertion.placement.free_space import NEAR_POINTS, Space, free_places
 from insertion.placement.place import NoPlace, Place
 from insertion.placement.surface import Surface, surface_of
-from insertion.scene.cloud import points_seen
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.statistics import robust_sigma
 
@@ -107,8 +108,8 @@ def _points_of_things(space: Space, instances: Sequence[Instance]) -> list[Float
     """For each thing the (n, 3) points of the cloud that most views see in its masks."""
     views = sorted({item.view for item in instances})
     views = views[:: -(-len(views) // MAX_VIEWS)]
-    seen = {view: points_seen(space.scene, view, space.cloud.points)[:2] for view in views}
-    masks = [(item.view, _rows_in(item, *seen[item.view])) for item in instances if item.view in seen]
+    seen = {view: unhidden(space.scene.views[view], space.cloud.points) for view in views}
+    masks = [(item.view, _rows_in(item, seen[item.view])) for item in instances if item.view in seen]
     things: list[tuple[set[int], list[tuple[int, IntArray]]]] = []
     for view, rows in sorted(masks, key=lambda mask: -len(mask[1])):
         own = set(rows.tolist())
@@ -123,23 +124,21 @@ def _points_of_things(space: Space, instances: Sequence[Instance]) -> list[Float
     return [space.cloud.points[_own_points(parts, seen, n)] for _, parts in things]
 
 
-def _rows_in(item: Instance, rows: IntArray, pixels: FloatArray) -> IntArray:
-    """Which of the points with these (m, 2) pixels, rows (m,) of the cloud, are in the mask."""
-    at = np.floor(pixels - item.origin).astype(np.int64)
+def _rows_in(item: Instance, sight: Sight) -> IntArray:
+    """Rows (m,) of the points in sight that are in the mask."""
+    at = np.floor(sight.pixels - item.origin).astype(np.int64)
     within = np.flatnonzero(((at >= 0) & (at < item.mask.shape[::-1])).all(axis=1))
-    return np.asarray(rows[within[item.mask[at[within, 1], at[within, 0]]]])
+    return np.asarray(sight.rows[within[item.mask[at[within, 1], at[within, 0]]]])
 
 
-def _own_points(
-    parts: Sequence[tuple[int, IntArray]], seen: Mapping[int, tuple[IntArray, FloatArray]], count: int
-) -> BoolArray:
+def _own_points(parts: Sequence[tuple[int, IntArray]], seen: Mapping[int, Sight], count: int) -> BoolArray:
     """(count,) points in most of the masks of one thing, among the views that see both.
 
-    parts : view and rows (m,) of each mask; seen : rows (m,) and pixels (m, 2) of each view.
+    parts : view and rows (m,) of each mask; seen : the sight of each view.
     """
     visible, own = np.zeros(count), np.zeros(count)
     for view in {view for view, _ in parts}:
-        visible[seen[view][0]] += 1
+        visible[seen[view].rows] += 1
     for _, rows in parts:
         own[rows] += 1
     return np.asarray((own > 0) & (own >= OWN_SHARE * visible))

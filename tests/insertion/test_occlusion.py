@@ -8,10 +8,11 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.records.scene import Camera, Instance, View
+from estimator.visibility.sights import Visibility
 from insertion.composite.occlusion import hidden_share
 from insertion.render.boxes import Box
 from insertion.render.renderer import ObjectImage
-from insertion.scene.cloud import Cloud, FrontPoints, Observations, front_points
+from insertion.scene.cloud import Cloud, FrontPoints, front_points
 
 BOX = Box(0, 0, 160, 120)
 VIEW = View(
@@ -86,10 +87,10 @@ def test_what_another_view_sees_past_a_thing_does_not_shine_through_it() -> None
 
 
 def test_a_film_frame_trusts_what_its_nearest_view_observed() -> None:
-    points = np.array([[0.0, 0.0, 2.0], [0.1, 0.0, 4.0]])
+    points = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 4.0]])
     rows = (np.array([0]), np.array([1]))
-    observations = Observations(rows, np.array([[0.0, 0, 0], [5.0, 0, 0]]), np.array([[0.0, 0, 1], [0.0, 0, 1]]))
-    cloud = Cloud(points, np.zeros((2, 3), np.float32), False, observations=observations)
+    known = Visibility(rows, np.array([[0.0, 0, 0], [5.0, 0, 0]]), np.array([[0.0, 0, 1], [0.0, 0, 1]]), complete=False)
+    cloud = Cloud(points, np.zeros((2, 3), np.float32), False, known)
     front = front_points(VIEW, cloud)
     assert front.sure is not None
     assert dict(zip(front.rows.tolist(), front.sure.tolist(), strict=True)) == {0: True, 1: False}

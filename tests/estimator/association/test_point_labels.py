@@ -12,9 +12,9 @@ from estimator.association.point_labels import (
     point_votes,
     sparse_labels,
     view_labels,
-    visible_rows,
 )
 from estimator.records.scene import DenseCloud, Instance
+from estimator.visibility.depth_buffer import unhidden
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
@@ -100,9 +100,9 @@ def test_a_missed_detection_is_no_vote_against(made):
 def test_points_behind_the_camera_are_not_seen(made):
     view = made.scene.views[0]
     behind = view.centre - 2.0 * view.rotation[2] + np.random.default_rng(0).normal(0, 0.1, (50, 3))
-    rows, pixels = visible_rows(view, behind)
-    assert rows.size == 0
-    assert pixels.shape == (0, 2)
+    sight = unhidden(view, behind)
+    assert sight.rows.size == 0
+    assert sight.pixels.shape == (0, 2)
 
 
 def test_no_instances_and_no_points(made):

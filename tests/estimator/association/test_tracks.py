@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.association.point_labels import PointLabels, _indicator, dense_labels, sparse_labels
+from estimator.association.point_labels import PointLabels, dense_labels, sparse_labels
 from estimator.association.tracks import _merge_by_points, incremental_tracks, shared_tracks, voted_category
 from estimator.records.scene import Instance
+from estimator.visibility.sights import indicator
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
 
 PIXEL = np.ones((1, 1), dtype=bool)
@@ -21,7 +22,7 @@ def mask(name, view, category="bottle", score=1.0):
 
 def labels_of(points, members, seen):
     """Labels of points whose masks hold `members` and whose views see `seen`."""
-    inside, visible = _indicator(members, len(points)), _indicator(seen, len(points))
+    inside, visible = indicator(members, len(points)), indicator(seen, len(points))
     return PointLabels(points, np.arange(len(points)), inside, visible, visible, inside)
 
 

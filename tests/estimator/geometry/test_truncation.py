@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from estimator.association.point_labels import dense_labels
-from estimator.geometry.truncation import Surroundings, outline, side_evidence
+from estimator.geometry.truncation import outline, side_evidence
 from estimator.records.scene import Instance
+from estimator.visibility.depth_buffer import Surroundings
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene, view_at
 
 UP = np.array([0, 0, 1.0])
@@ -19,7 +20,7 @@ def sides_of(made, thing, axes, low, high, instances=None):
     masks = [instance for instance in instances if instance.track == str(thing)]
     borders = [outline(mask, 200, 150) for mask in masks]
     points = made.scene.dense.points[made.owner == thing]
-    around = Surroundings(made.scene, labels, UP)
+    around = Surroundings(made.scene, labels.points, labels.visibility, UP)
     return side_evidence(masks, borders, around, (axes, np.asarray(low, float), np.asarray(high, float)), points)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from estimator.records.scene import Camera, View
-from insertion.scene.strays import stray_points
+from estimator.visibility.strays import stray_points
 from metric_base.arrays import FloatArray
 
 CAMERA = Camera("PINHOLE", 640, 480, np.array([500.0, 500.0, 320.0, 240.0]))

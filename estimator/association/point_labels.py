@@ -59,7 +59,7 @@ class PointLabels:
 
 def sparse_labels(scene: Scene, instances: Sequence[Instance]) -> PointLabels:
     """Labels of the sparse points by their own observations: a keypoint inside a mask labels its point."""
-    sights = (Sight.observed(view, scene.points) for view in scene.views)
+    sights = (Sight.of_observations(view, scene.points) for view in scene.views)
     visibility, membership = _matrices(sights, scene.views, instances, len(scene.points))
     rows = np.arange(len(scene.points))
     return PointLabels(scene.points, rows, membership, visibility, visibility, membership)

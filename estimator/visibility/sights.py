@@ -33,7 +33,7 @@ class Sight:
     depths: FloatArray
 
     @classmethod
-    def observed(cls, view: View, points: FloatArray) -> Sight:
+    def of_observations(cls, view: View, points: FloatArray) -> Sight:
         """The view's own observations of the points (n, 3), at their keypoints."""
         rows = view.point_index
         return cls(rows, view.keypoints, points[rows] @ view.rotation[2] + view.translation[2])

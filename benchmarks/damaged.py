@@ -120,11 +120,11 @@ def _wait(process: subprocess.Popen[bytes], started: float) -> tuple[int | None,
 def main(words: list[str]) -> int:
     """Print the table, or run one input."""
     if words[:2] == ["--one", "estimate-scale"]:
-        from estimator.command import main as estimate_scale
+        from metric_cli.estimate_scale.estimate import main as estimate_scale
 
         return estimate_scale(words[2:])
     if words[:2] == ["--one", "metric-tree"]:
-        from metric_tree.commands import main as metric_tree
+        from metric_cli.verbs import main as metric_tree
 
         return metric_tree(words[2:])
     print("| input | exit | seconds | MiB | control characters | answer |\n|---|---|---|---|---|---|")

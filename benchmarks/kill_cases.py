@@ -79,7 +79,7 @@ class Case:
 
 
 def _metric_tree(*words: object) -> list[str]:
-    code = "from metric_tree.commands import main; raise SystemExit(main())"
+    code = "from metric_cli.verbs import main; raise SystemExit(main())"
     return [sys.executable, "-c", code, *map(str, words)]
 
 
@@ -162,7 +162,7 @@ def _video(folder: Path) -> Prepared:
 
 
 def _estimate(_prepared: Prepared, place: Path, _again: bool) -> list[str]:
-    code = "import sys; from estimator.command import main; sys.exit(main(sys.argv[1:]))"
+    code = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main(sys.argv[1:]))"
     video = DATA / "scenes" / "demo_video"
     words = [video / "video.mp4", "--instances", video / "instances.json", "--frames", 12, "--dense", "none"]
     words += ["--work", place / "work", "--output", place / "scale.json"]

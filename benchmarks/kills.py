@@ -25,7 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.kill_cases import CASES, Case
-from metric_base.terminal import print_table
+from metric_cli.terminal import print_table
 
 COLUMNS = ("command", "seconds", "kills", "before the end", "outputs", "lost", "doubled", "changed", "left over")
 #: A run that takes longer hangs.

@@ -21,7 +21,7 @@ FOLDER = Path(__file__).resolve().parent / "reference"
 WIDTH = "100"
 NOTE = "<!-- Written by `make reference`. Do not edit. -->"
 #: Commands: the program, and where its parser comes from.
-PROGRAMS = {"estimate-scale": "estimator.command", "insert-object": "insertion.command"}
+PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.estimate", "insert-object": "metric_cli.insert_object.insert"}
 APIS = ("metric_tree", "estimator")
 
 
@@ -33,7 +33,7 @@ def commands() -> str:
     for program, module in PROGRAMS.items():
         if importlib.util.find_spec(module.partition(".")[0]) is not None:
             parts.append(_help(program, importlib.import_module(module).parser()))
-    from metric_tree.commands import VERBS, parser_of
+    from metric_cli.verbs import VERBS, parser_of
 
     parts += [_help(f"metric-tree {verb}", parser_of(verb)) for verb in VERBS]
     return "\n\n".join(parts) + "\n"

@@ -16,7 +16,16 @@ from pathlib import Path
 from metric_base.errors import InputError
 from metric_base.leftovers import hold, part_of, remove_dead_files, remove_dead_folders
 
-__all__ = ["WRITE_ERRORS", "OutputNames", "inside", "output_names", "refuse_input", "whole_file", "whole_folder"]
+__all__ = [
+    "WRITE_ERRORS",
+    "OutputNames",
+    "inside",
+    "output_file",
+    "output_names",
+    "refuse_input",
+    "whole_file",
+    "whole_folder",
+]
 
 #: What a system says about a place that cannot be written, as against an internal error.
 WRITE_ERRORS = frozenset({
@@ -151,6 +160,21 @@ def output_names(names: Iterable[str]) -> dict[str, Path]:
     """Relative paths for names that a file states: each inside, no two the same file on any system."""
     free = OutputNames(Path())
     return {name: free.path(name) for name in dict.fromkeys(names)}
+
+
+def output_file(path: Path, option: str = "--out") -> Path:
+    """The path of a file that a command will write: asked before the work, so that none is done for nothing.
+
+    Raises
+    ------
+    InputError
+        The path is a folder, or the folder to write it in does not exist.
+    """
+    if path.is_dir():
+        raise InputError(f"{option}: expected a file; found the folder {path}")
+    if not path.parent.is_dir():
+        raise InputError(f"{option}: expected a file in an existing folder; found no folder {path.parent}")
+    return path
 
 
 def refuse_input(output: Path, option: str, inputs: Iterable[Path | None]) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, settings
 
-from metric_tree.commands import main
+from metric_cli.verbs import main
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
 

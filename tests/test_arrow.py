@@ -66,9 +66,11 @@ ROOMS = [
     "insertion.blender",
     "insertion.study",
     "insertion",
+    "metric_cli",
+    "metric_cli.verbs",
+    "metric_cli.estimate_scale",
+    "metric_cli.insert_object",
 ]
-#: Commands import any package, each module where it is used, so that a light command stays light.
-COMMANDS = ("metric_tree.commands", "estimator.command", "insertion.command", "insertion.study_command")
 #: In the order of the flow.
 PACKAGES = list(dict.fromkeys(room.partition(".")[0] for room in ROOMS))
 #: More than this in one folder is hard to see.
@@ -110,10 +112,10 @@ def _backward(room: str, code: str) -> set[str]:
 
 
 def _modules(package: str) -> Iterator[Path]:
-    """The modules that the arrow binds: all but commands and the package's own door."""
+    """The modules that the arrow binds: all but the package's own door."""
     for path in sorted((ROOT / package).rglob("*.py")):
         module = _module(path)
-        if module != package and not module.startswith(COMMANDS):
+        if module != package:
             yield path
 
 

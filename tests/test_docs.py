@@ -15,7 +15,18 @@ import pytest
 from tests.test_arrow import PACKAGES
 
 ROOT = Path(__file__).resolve().parents[1]
-ROOMS = ("crawler", "taxonomy", "metric_tree", "metric_base", "estimator", "insertion", "tests", "benchmarks", "data")
+ROOMS = (
+    "crawler",
+    "taxonomy",
+    "metric_tree",
+    "metric_base",
+    "estimator",
+    "insertion",
+    "metric_cli",
+    "tests",
+    "benchmarks",
+    "data",
+)
 #: What a command writes when it is first used.
 WRITTEN = {"data/taxonomy/decisions/recorded.jsonl"}
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])

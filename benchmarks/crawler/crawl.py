@@ -53,7 +53,7 @@ def _serve(shop: Shop, pipe: Any) -> None:
 
 
 def _ours(base: str, out: Path, *words: str, shares: Path | None = None) -> list[str]:
-    code = "from metric_tree.commands import main; raise SystemExit(main())"
+    code = "from metric_cli.verbs import main; raise SystemExit(main())"
     program = ["-c", code] if shares is None else ["-m", "benchmarks.crawler.crawl_shares", str(shares)]
     fixed = ["crawl", "generic", "--out", str(out), "--start-url", f"{base}/list/0", "--contact", "bench@example.org"]
     return [sys.executable, *program, *fixed, "--delay", "0", "--private", "--json", *words]

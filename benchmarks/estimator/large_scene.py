@@ -31,7 +31,7 @@ from tests.synthetic.rooms.scene_files import write_scene
 COMMAND = """
 import sys
 from pathlib import Path
-from estimator.command import main
+from metric_cli.estimate_scale.estimate import main
 status = main(sys.argv[2:])
 Path(sys.argv[1]).write_text(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])
 sys.exit(status)

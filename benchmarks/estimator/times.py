@@ -38,7 +38,7 @@ DENSE_POINTS, MASKS = 100_000, 10
 OBJECTS = 50
 DEMO = ROOT / "data" / "scenes" / "demo_room"
 QUERY = "import metric_tree; metric_tree.open().find('swivel chair').prior().quantile(0.5)"
-ESTIMATE = f"from estimator.command import main; raise SystemExit(main([{str(DEMO)!r}]))"
+ESTIMATE = f"from metric_cli.estimate_scale.estimate import main; raise SystemExit(main([{str(DEMO)!r}]))"
 
 
 def main() -> None:

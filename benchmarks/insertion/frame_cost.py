@@ -31,7 +31,7 @@ from tests.synthetic.videos import Lens, recorded, room, times_of, write_video
 
 __all__ = ["main", "synthetic_work"]
 
-COMMAND = "import sys; from insertion.command import main; sys.exit(main(sys.argv[1:]))"
+COMMAND = "import sys; from metric_cli.insert_object.insert import main; sys.exit(main(sys.argv[1:]))"
 #: Different frames of the path, and every how many one is of the reconstruction.
 PATH, STEP = 20, 2
 RATE = 20.0

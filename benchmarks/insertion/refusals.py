@@ -19,7 +19,7 @@ __all__ = ["main"]
 VIDEOS = REFUSED_VIDEOS | RARE_VIDEOS
 #: The camera of the video that drifts turns too little to determine its focal length, which would be refused first.
 OPTIONS = {"drift": ["--focal", "250"]}
-COMMAND = "import sys; from estimator.command import main; sys.exit(main(sys.argv[1:]))"
+COMMAND = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main(sys.argv[1:]))"
 
 
 def main() -> None:

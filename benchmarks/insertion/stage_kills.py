@@ -21,7 +21,7 @@ from estimator.capture.frame_poses import read_frame_poses
 from estimator.reading import read_scene
 from estimator.reconstructions.ply import read_dense_cloud
 from estimator.reconstructions.pycolmap_library import pycolmap
-from metric_base.terminal import print_table
+from metric_cli.terminal import print_table
 
 __all__ = ["main"]
 
@@ -30,7 +30,7 @@ VIDEO = ROOT / "data" / "scenes" / "demo_video"
 STAGES = ("frames", "features", "matches", "model", "poses", "dense", "instances")
 #: Two runs of the mapper give the same scale up to this share.
 SAME = 1e-4
-COMMAND = "import sys; from estimator.command import main; sys.exit(main(sys.argv[1:]))"
+COMMAND = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main(sys.argv[1:]))"
 
 
 def main() -> None:

@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from metric_base.arrays import FloatArray
-from metric_base.terminal import print_table
+from metric_cli.terminal import print_table
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree, UnknownName, open_tree

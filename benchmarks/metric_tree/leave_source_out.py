@@ -29,7 +29,7 @@ import numpy as np
 
 from crawler.imports.sources import sources
 from metric_base.arrays import FloatArray
-from metric_base.terminal import print_table
+from metric_cli.terminal import print_table
 from metric_tree.build.clean import Cleaned, NodeClass
 from metric_tree.build.ingest import block_of, blocks, raw_files
 from metric_tree.build.steps import Options, Steps, shipped_curated, shipped_taxonomy

@@ -25,13 +25,13 @@ from crawler.imports.source_files import quarantine_path, source_folder
 from crawler.imports.sources import Source, sources
 from crawler.imports.table_reader import table_categories
 from crawler.items import RawItem
-from metric_base.terminal import print_table
+from metric_cli.terminal import print_table
+from metric_cli.verbs.build import executor_of
 from metric_tree.build.clean import NodeClass
 from metric_tree.build.ingest import block_of, blocks, raw_files
 from metric_tree.build.steps import Options, Steps, shipped_curated, shipped_taxonomy
 from metric_tree.build.tables import evidence_counts
 from metric_tree.build.work_folder import SerialExecutor, WorkFolder
-from metric_tree.commands.build import executor_of
 from metric_tree.tree import Tree, open_tree
 from taxonomy.categories import Taxonomy
 

@@ -4,14 +4,17 @@ Its wheel brings a zlib of its own, which breaks Python's if it comes first; its
 the stack and leaves temporary files behind, and writes logs into the system's temporary folder.
 """
 
+import signal
+import threading
 import zlib  # noqa: F401 - before pycolmap: afterwards `zlib.compressobj().flush()` hangs or aborts
 
 import pycolmap
 
-from metric_base.signals import keep_termination
-
 __all__ = ["pycolmap"]
 
-keep_termination()
+if threading.current_thread() is threading.main_thread():
+    _handler = signal.getsignal(signal.SIGTERM)  # as Python knows it: pycolmap's own is set below Python
+    if callable(_handler):
+        signal.signal(signal.SIGTERM, _handler)
 for _level in (pycolmap.logging.INFO, pycolmap.logging.WARNING, pycolmap.logging.ERROR, pycolmap.logging.FATAL):
     pycolmap.logging.set_log_destination(_level, "")  # no file; what matters goes to standard error

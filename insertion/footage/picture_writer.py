@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from estimator.capture.video import VIDEO_SUFFIXES
 from insertion.footage.footage import Shot
 from metric_base.errors import InputError
-from metric_base.files import OutputNames, whole_file, whole_folder
+from metric_base.files import OutputNames, output_file, whole_file, whole_folder
 from metric_base.pictures import write_picture
-from metric_base.terminal import output_file
 
 __all__ = ["output_kind", "picture_writer", "preview_place"]
 

@@ -18,8 +18,7 @@ from typing import Any
 
 from crawler.fetch.pictures import decode_picture
 from metric_base.errors import InputError
-from metric_base.files import refuse_input, whole_file
-from metric_base.terminal import output_file
+from metric_base.files import output_file, refuse_input, whole_file
 from metric_tree.pictures import image_path
 from metric_tree.tree import Node
 

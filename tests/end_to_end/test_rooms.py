@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from estimator.command import main
+from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
 from tests.synthetic.rooms.knobs import Knobs

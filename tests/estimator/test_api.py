@@ -101,7 +101,7 @@ def test_sizes_from_a_file_load_nothing_heavy(tmp_path: Path, mini: Tree) -> Non
     path.write_text(json.dumps({"schema": "metric-tree/objects/1", "objects": [chair]}), encoding="utf-8")
     words = ["--objects", str(path), "--tree", str(mini.release.directory)]
     code = (
-        f"import sys; from estimator.command import main; main({words!r});"
+        f"import sys; from metric_cli.estimate_scale.estimate import main; main({words!r});"
         f"print(sorted(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr)"
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)

@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insertion.command import parser
 from insertion.pipeline.frames import Placed, place_objects, space_for
 from insertion.pipeline.preview import write_preview
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import Stage
 from insertion.placement.on_objects import instances_named
 from insertion.placement.place import NoPlace
-from insertion.scene_arguments import requests_of
-from insertion.scene_arguments import stage_of as stage_of_arguments
 from metric_base.errors import InputError
+from metric_cli.insert_object.insert import parser
+from metric_cli.insert_object.scene_arguments import requests_of
+from metric_cli.insert_object.scene_arguments import stage_of as stage_of_arguments
 from tests.synthetic.insertions import RecordedRoom, stage_of, video_room, write_glb
 from tests.synthetic.minitree import release
 from tests.synthetic.rooms.kinds import KINDS

@@ -17,8 +17,8 @@ from insertion.study.curve import Observer, curve_of, wilson
 from insertion.study.page import ANSWERS_SCHEMA, STEPS, study_page
 from insertion.study.plan import FLAT, expected_intervals, plan_text
 from insertion.study.report import report_text
-from insertion.study_command import run_study
 from metric_base.errors import InputError
+from metric_cli.insert_object.study import run_study
 
 
 def _answers(observer: Observer, participants: int, repeats: int, seed: int) -> list[Answer]:

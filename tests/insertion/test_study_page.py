@@ -11,7 +11,7 @@ import pytest
 
 from insertion.study.answers import read_answers
 from insertion.study.page import STEPS, study_page
-from insertion.study_command import run_study
+from metric_cli.insert_object.study import run_study
 from tests.synthetic.browser import Browser
 
 

@@ -12,7 +12,7 @@ import pytest
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from estimator.capture.video import Video
 from estimator.records.scene import Camera
-from insertion.command import main
+from metric_cli.insert_object.insert import main
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.knobs import Knobs
 from tests.synthetic.rooms.quick import quick_scene

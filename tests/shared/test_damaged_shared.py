@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.command import main
 from estimator.instances.label_images import read_label_images
 from estimator.reading import read_scene
 from estimator.reconstructions.truth import read_truth
 from metric_base.errors import InputError
+from metric_cli.estimate_scale.estimate import main
 
 pytestmark = pytest.mark.shared
 

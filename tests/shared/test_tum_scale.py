@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from estimator.command import main
+from metric_cli.estimate_scale.estimate import main
 from metric_tree.releases import releases
 
 pytestmark = [

@@ -17,11 +17,11 @@ import numpy as np
 
 from benchmarks.insertion.cases.case_list import SHARED, Case, video_of, world_of
 from estimator.reading import read_scene
-from insertion.command import parser
 from insertion.models.model import Model
 from insertion.pipeline.frames import Placed, place_objects
-from insertion.scene_arguments import requests_of, stage_of
 from metric_base.arrays import BoolArray
+from metric_cli.insert_object.insert import parser
+from metric_cli.insert_object.scene_arguments import requests_of, stage_of
 from tests.synthetic.insertions import RecordedRoom, added
 from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.similarity import Similarity
@@ -70,7 +70,7 @@ def run_case(case: Case, folder: Path) -> Outcome:
     video, work = video_of(case, folder), folder / "work"
     words = [video / "video.mp4", "--work", work, "--instances", video / "instances.json", "--frames", case.frames]
     started = time.time()
-    code, record, estimate = command("estimator.command", [*words, "--json"])
+    code, record, estimate = command("metric_cli.estimate_scale.estimate", [*words, "--json"])
     length = len(json.loads((video / "truth.json").read_text(encoding="utf-8"))["frames"])
     seconds = _stages(work, estimate, started)
     if code:
@@ -80,7 +80,7 @@ def run_case(case: Case, folder: Path) -> Outcome:
     scale, interval = _scale_errors(record, true)
     chosen = len(read_scene(work).views)
     words = [work, "--model", case.model_file, "--out", fresh(folder / "out.mp4"), *case.words]
-    code, inserted, seconds["insertion"] = command("insertion.command", [*words, "--json"])
+    code, inserted, seconds["insertion"] = command("metric_cli.insert_object.insert", [*words, "--json"])
     if code:
         return Outcome((length, chosen), seconds, scale, interval, refusal=_refusal(inserted))
     _keep(folder, inserted)
@@ -96,7 +96,9 @@ def _run_real(case: Case, folder: Path) -> Outcome:
     scene = SHARED / "scenes" / case.video
     true = json.loads((scene / "truth.json").read_text(encoding="utf-8"))["metres_per_unit"]
     folder.mkdir(parents=True, exist_ok=True)
-    code, record, seconds = command("estimator.command", [scene, "--json", "--output", folder / "result.json"])
+    code, record, seconds = command(
+        "metric_cli.estimate_scale.estimate", [scene, "--json", "--output", folder / "result.json"]
+    )
     views = len(read_scene(scene).views)
     if code:
         return Outcome((views, views), {"scale": seconds}, refusal=_refusal(record))
@@ -104,7 +106,7 @@ def _run_real(case: Case, folder: Path) -> Outcome:
     records, spent = [], {"scale": seconds}
     for name, used in (("out", record["scale"]), ("out_true", true)):
         words = [scene, "--scale", used, "--model", case.model_file, "--out", fresh(folder / name), *case.words]
-        code, inserted, seconds = command("insertion.command", [*words, "--json"])
+        code, inserted, seconds = command("metric_cli.insert_object.insert", [*words, "--json"])
         if code:
             return Outcome((views, views), spent, scale, interval, refusal=_refusal(inserted))
         spent.setdefault("insertion", seconds)

@@ -18,12 +18,12 @@ import numpy as np
 from benchmarks.insertion.cases.case_list import CASES, Case, world_of
 from benchmarks.insertion.cases.case_runs import ratio_of, true_heights, whole_height, work_similarity
 from estimator.reconstructions.cameras import pixels_in_view
-from insertion.command import parser
 from insertion.pipeline.frames import Placed as Inserted
 from insertion.pipeline.frames import place_objects, resize
 from insertion.pipeline.stage import Stage
-from insertion.scene_arguments import requests_of, stage_of
 from metric_base.arrays import FloatArray
+from metric_cli.insert_object.insert import parser
+from metric_cli.insert_object.scene_arguments import requests_of, stage_of
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.solids import Mesh

@@ -20,7 +20,7 @@ from scrapy.http import Response
 from crawler.fetch.frontier import OFF_SITE, PRIVATE
 from crawler.fetch.frontier_sqlite import stored_counts
 from crawler.fetch.manners import BanMiddleware
-from metric_tree.commands import main
+from metric_cli.verbs import main
 from tests.synthetic.synthetic_site import Shop, SyntheticSite
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -28,7 +28,7 @@ CONTACT = ("--contact", "tests@example.org", "--delay", "0", "--json")
 
 
 def words(spider: str, out: Path, *more: str) -> list[str]:
-    code = "from metric_tree.commands import main; raise SystemExit(main())"
+    code = "from metric_cli.verbs import main; raise SystemExit(main())"
     return [sys.executable, "-c", code, "crawl", spider, "--out", str(out), *CONTACT, *more]
 
 

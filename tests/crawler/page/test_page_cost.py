@@ -13,7 +13,7 @@ import pytest
 from crawler.page.budget import SlowPage, processor_budget
 from crawler.page.page import absolute_url, page
 from crawler.sites import item_of
-from metric_tree.commands import main
+from metric_cli.verbs import main
 
 Body = Callable[[int], str]
 

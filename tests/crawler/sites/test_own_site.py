@@ -13,7 +13,7 @@ import crawler.sites
 from crawler.fetch.frontier import task_key
 from crawler.sites import canonical_url, site_of, use_site
 from metric_base.schema import BadDeclaration
-from metric_tree.commands import main
+from metric_cli.verbs import main
 from tests.crawler.fetch.test_crawl_errors import ROOT, items, words
 from tests.synthetic.synthetic_site import Shop, SyntheticSite
 

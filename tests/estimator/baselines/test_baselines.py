@@ -15,11 +15,11 @@ from estimator.baselines import paper, sucar
 from estimator.baselines.candidates import CANDIDATES, candidate_scales, estimate_on
 from estimator.baselines.paper import Mixture, authors_lists, fit_mixture, paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
-from estimator.command import main
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scene import Camera, Instance, Scene, View
 from estimator.results.reports import Options
 from metric_base.errors import InputError
+from metric_cli.estimate_scale.estimate import main
 from metric_tree.tree import Tree
 
 

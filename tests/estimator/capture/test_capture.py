@@ -19,9 +19,9 @@ from scipy.spatial.transform import Rotation
 
 from estimator.capture.cautions import read_cautions
 from estimator.capture.frame_poses import read_frame_poses
-from estimator.command import main
 from estimator.reading import read_scene
 from metric_base.arrays import FloatArray
+from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.detectors import hue_graph
 from tests.synthetic.rooms.masks import coco_dataset
 from tests.synthetic.rooms.render import NoOpenGL
@@ -33,7 +33,7 @@ LENS = Lens(320, 240, 250.0, k=-0.06)
 FRAMES = 26
 #: A third of the frames is reconstructed from, so that the others have to be localised.
 CHOSEN = 11
-COMMAND = "import sys; from estimator.command import main; sys.exit(main(sys.argv[1:]))"
+COMMAND = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main(sys.argv[1:]))"
 STAGES = ("frames", "features", "matches", "model", "poses")
 
 

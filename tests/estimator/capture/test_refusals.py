@@ -15,7 +15,7 @@ from estimator.capture.frames import Frames
 from estimator.capture.mapping.evidence import Evidence, ModelShape, Pair
 from estimator.capture.mapping.failures import CODES
 from estimator.capture.mapping.gates import UNDETERMINED, early_failure, model_failure
-from estimator.command import main
+from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
 from tests.synthetic.rooms.render import NoOpenGL
 from tests.synthetic.videos import SyntheticFrame, recorded, room, straight_ahead, times_of, write_video

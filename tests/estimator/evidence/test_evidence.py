@@ -97,7 +97,7 @@ def test_a_given_up_replaces_that_of_the_scene(walk: Walk, nothing: Measurements
 
 
 def test_an_up_that_is_no_direction(walk: Walk, mini: Tree, capsys: pytest.CaptureFixture[str]) -> None:
-    from estimator.command import main
+    from metric_cli.estimate_scale.estimate import main
 
     with pytest.raises(InputError, match="up: direction"):
         estimator.estimate_scale(walk.scene, (), mini, up=(0, 0, 0))
@@ -144,8 +144,8 @@ def test_coverage_with_several_kinds() -> None:
 
 
 def test_the_options_of_the_command(walk: Walk, mini: Tree, capsys: pytest.CaptureFixture[str]) -> None:
-    from estimator.command import main, parser
-    from estimator.evidence.options import evidence_sources
+    from metric_cli.estimate_scale.estimate import main, parser
+    from metric_cli.estimate_scale.evidence_options import evidence_sources
 
     words = ["scene", "--camera-height", "1.5+-0.1", "--gps", "exif", "--marker", "DICT_4X4_50:0.1"]
     words += ["--metric-depth", str(walk.scene.path), "--baseline", "left:right:0.12", "--images", "pictures"]
@@ -171,7 +171,7 @@ def test_the_options_of_the_command(walk: Walk, mini: Tree, capsys: pytest.Captu
 
 
 def test_the_printed_rows_of_evidence(walk: Walk, mini: Tree) -> None:
-    from estimator.outputs.table import result_text
+    from metric_cli.estimate_scale.result_table import result_text
 
     text = result_text(estimator.estimate_scale(walk.scene, (), mini, evidence=[CameraHeight(1.5, 0.1), Gps("exif")]))
     (height,) = (line for line in text.splitlines() if "camera" in line and "up (" not in line)

@@ -19,13 +19,13 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper
 
-from estimator.command import main
 from estimator.instances.detection import detect_instances
 from estimator.instances.detector import Detector, load_detector
 from estimator.instances.label_names import label_names
 from estimator.instances.registry import RegisteredDetector, download, registry
 from estimator.reading import read_instances, read_scene
 from metric_base.errors import InputError
+from metric_cli.estimate_scale.estimate import main
 from metric_tree.tree import Tree
 from tests.synthetic.detectors import COLOURS, box_mask_graph, constant_graph, paint_graph, save
 from tests.synthetic.small_scene import write_small_scene

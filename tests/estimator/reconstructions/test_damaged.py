@@ -10,10 +10,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from estimator.command import main
 from estimator.reading import read_instances_and_warnings, read_scene
 from estimator.records.scene import Instance, Scene
 from metric_base.errors import InputError
+from metric_cli.estimate_scale.estimate import main
 from tests.synthetic import minitree
 from tests.synthetic.damaged import CASES, Case, outcome
 from tests.synthetic.small_scene import write_small_scene

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.outputs.table import result_text
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
 from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import Options
 from estimator.results.verdicts import outlier_reason
+from metric_cli.estimate_scale.result_table import result_text
 from metric_tree.tree import Tree
 from tests.synthetic.priors import evidence, prior
 

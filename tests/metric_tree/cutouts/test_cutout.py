@@ -13,8 +13,8 @@ from PIL import Image
 
 import metric_tree
 import metric_tree.cutouts.release_cutouts as module
+from metric_cli.verbs import main
 from metric_tree.checks.release_files import findings
-from metric_tree.commands import main
 from metric_tree.cutouts.backend import Settings
 from metric_tree.cutouts.release_cutouts import TABLE, cut, cut_release
 from metric_tree.release import sha256

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from metric_tree.commands import main
+from metric_cli.verbs import main
 from metric_tree.report.counts import (
     coverage,
     covered_items,

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from metric_tree.commands import main
+from metric_cli.verbs import main
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from estimator.posterior.class_error import shared_error as estimators_error
-from metric_tree.commands import main
+from metric_cli.verbs import main
 from metric_tree.prior import Prior
 from metric_tree.training.selection import (
     Candidate,

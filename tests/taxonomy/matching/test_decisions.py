@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from crawler.items import RawItem
 from metric_base.schema import json_record
-from metric_tree.commands import main
+from metric_cli.verbs import main
 from taxonomy.insertions import insertions
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import (

@@ -1,0 +1,1 @@
+"""`estimate-scale`: its options, and its result on a terminal."""

@@ -1,0 +1,195 @@
+"""The `estimate-scale` command: arguments in, one result out; everything heavy is imported where it is used."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from metric_base.errors import InputError
+from metric_base.escaping import visible_json
+from metric_cli.estimate_scale.options import PROGRAM, parse_options, parser
+
+if TYPE_CHECKING:
+    from estimator.records.result import ScaleResult
+    from estimator.results.reports import Options
+    from estimator.results.scene_estimate import SceneEstimate
+    from metric_tree.tree import Tree
+
+__all__ = ["main", "parser"]
+
+#: Where a user says how many threads NumPy's BLAS takes.
+THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `estimate-scale`; the exit status is 0, 2, 3 or 1 (docs/reference/formats.md)."""
+    _use_one_thread()
+    from metric_cli.terminal import exit_status
+
+    words = list(sys.argv[1:] if argv is None else argv)
+    return exit_status(PROGRAM, lambda: _run(words))
+
+
+def _use_one_thread() -> None:
+    """Before NumPy is loaded: its products are small here, and threads that wait for them cost more than they do."""
+    if not any(name in os.environ for name in THREAD_VARIABLES):
+        os.environ[THREAD_VARIABLES[0]] = "1"
+
+
+def _run(words: Sequence[str]) -> int:
+    from metric_cli.terminal import warn
+
+    options = parse_options(words)
+    if (status := _capture_status(options)) is not None:
+        return status
+    result = _objects_result(options) if options.objects is not None else _scene_result(options)
+    result = replace(result, warnings=(*_cautions(options), *result.warnings))
+    for line in () if options.quiet else result.warnings:
+        warn(line, PROGRAM)
+    if result.exit_code == 0:
+        for option, file in (("--output", options.output), ("--work", options.work and options.work / "result.json")):
+            if file is not None:
+                result.save(file, option)
+    else:
+        _withhold_files(options)
+    _print(result, options)
+    return result.exit_code
+
+
+def _withhold_files(options: argparse.Namespace) -> None:
+    """Say that nothing is written, and remove what an earlier run of the work folder found, which no longer holds."""
+    from metric_cli.terminal import warn
+
+    if options.work is not None:
+        (options.work / "result.json").unlink(missing_ok=True)
+    asked = [name for name in ("output", "figure", "overlay", "write_scaled") if getattr(options, name) is not None]
+    if asked and not options.quiet:
+        names = ", ".join(f"--{name.replace('_', '-')}" for name in asked)
+        warn(f"{names}: nothing is written of an unresolved scale", PROGRAM)
+
+
+def _capture_status(options: argparse.Namespace) -> int | None:
+    """The exit status of a video or pictures that cannot be used; None where there is a scene to go on with."""
+    from metric_cli.estimate_scale.preparation import failure_json, prepare_capture
+
+    failure = prepare_capture(options)
+    if failure is None:
+        return None
+    sys.stderr.write(f"{PROGRAM}: {failure.code}: {failure.message}\n")
+    if options.json:
+        sys.stdout.write(failure_json(failure) + "\n")
+    return 3
+
+
+def _cautions(options: argparse.Namespace) -> tuple[str, ...]:
+    """What the reconstruction of a video or of pictures has to say about every result that rests on it."""
+    if options.scene is None:
+        return ()
+    from estimator.capture.cautions import read_cautions
+
+    return read_cautions(options.scene)
+
+
+def _objects_result(options: argparse.Namespace) -> ScaleResult:
+    from estimator.pipeline import objects_result
+    from estimator.reconstructions.objects_file import read_objects
+
+    if options.method == "sucar":
+        raise InputError("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
+    asked = _estimate_options(options)
+    result = objects_result(read_objects(options.objects), _tree(options), asked, options.paper_lists)
+    if options.figure is not None and result.exit_code == 0:
+        from estimator.outputs.figure import write_figure
+
+        write_figure(result, options.figure)
+    return result
+
+
+def _scene_result(options: argparse.Namespace) -> ScaleResult:
+    from estimator.pipeline import scene_estimate
+    from estimator.reading import read_scene
+    from metric_cli.estimate_scale.evidence_options import evidence_sources
+
+    asked = _estimate_options(options)
+    detector = None
+    if options.detector is not None:
+        from estimator.instances.detector import load_detector
+
+        detector = load_detector(options.detector, options.detector_labels)
+    scene = read_scene(options.scene, options.dense)
+    if options.overlay is not None:
+        from estimator.outputs.overlay import view_pictures
+
+        view_pictures(scene, options.images)  # said before the work is done, not after
+    estimate = scene_estimate(
+        scene,
+        _tree(options),
+        asked,
+        instances=options.instances,
+        categories=options.categories,
+        paper_lists=options.paper_lists,
+        images=options.images,
+        detector=detector,
+        sources=evidence_sources(options),
+    )
+    if estimate.result.exit_code == 0:
+        _write_pictures(options, estimate)
+    return estimate.result
+
+
+def _write_pictures(options: argparse.Namespace, estimate: SceneEstimate) -> None:
+    """Figure, overlay and scaled model; of an unresolved scene nothing is written."""
+    scale = estimate.result.scale
+    if options.figure is not None:
+        from estimator.outputs.figure import write_figure
+
+        write_figure(estimate, options.figure)
+    if options.overlay is not None:
+        from estimator.outputs.overlay import write_overlays
+
+        write_overlays(estimate, options.overlay, options.images)
+    if options.write_scaled is not None and scale is not None:
+        from estimator.outputs.rescaled import write_scaled
+
+        write_scaled(estimate.scene, scale, options.write_scaled)
+
+
+def _tree(options: argparse.Namespace) -> Tree:
+    import metric_tree
+
+    return metric_tree.open(options.tree)
+
+
+def _estimate_options(options: argparse.Namespace) -> Options:
+    from estimator.evidence.lengths import known_length_evidence
+    from estimator.reconstructions.known_lengths import parse_known_lengths
+    from estimator.results.reports import Options
+    from metric_cli.estimate_scale.evidence_options import up_direction
+    from metric_tree.context import where_of
+
+    lengths = [length for words in options.known_length for length in parse_known_lengths(words)]
+    return Options(
+        method=options.method,
+        level=options.level,
+        evidence=known_length_evidence(lengths),
+        trust_known_length=options.trust_known_length,
+        up=up_direction(options),
+        leave_one_class_out=options.leave_one_class_out,
+        where=None if options.where is None else where_of(options.where),
+    )
+
+
+def _print(result: ScaleResult, options: argparse.Namespace) -> None:
+    from metric_cli.estimate_scale.result_table import csv_text, headline, result_text
+
+    if options.json:
+        text = visible_json(result.json()) + "\n"
+    elif options.csv:
+        text = csv_text(result)
+    else:
+        text = f"{headline(result)}\n" if options.quiet else result_text(result, wide=options.wide)
+    sys.stdout.write(text)

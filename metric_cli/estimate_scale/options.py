@@ -1,0 +1,226 @@
+"""The options of `estimate-scale`, and what is wrong with them before any work is done."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NoReturn
+
+from metric_base.errors import InputError
+from metric_cli.estimate_scale.completion import SHELLS, completion_script
+from metric_cli.estimate_scale.evidence_options import add_evidence_options, evidence_sources, up_direction
+from metric_cli.terminal import OneLineParser
+
+__all__ = ["PROGRAM", "parse_options", "parser"]
+
+PROGRAM = "estimate-scale"
+
+METHODS = ("default", "paper", "sucar", "height")
+#: The baselines know objects alone.
+WITHOUT_LENGTHS = ("paper", "sucar")
+
+EPILOG = """\
+Exit status: 0 done; 2 the input is invalid (one line says where); 3 unresolved: no usable object, or the interval's
+high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more, or a known length contradicts the objects,
+or the reconstruction or the masks contradict themselves; 1 an internal error.
+"""
+
+#: A coordinate list that begins with a minus sign; argparse would take it for an option.
+NEGATIVE = re.compile(r"^-[\d.]")
+
+
+class _PrintCompletion(argparse.Action):
+    """Print the completion script of a shell, and leave."""
+
+    def __call__(self, root: argparse.ArgumentParser, _options: Any, shell: Any, _name: str | None = None) -> NoReturn:
+        """Write the script to standard output."""
+        options = {name: action.help or "" for name, action in root._option_string_actions.items()}
+        sys.stdout.write(completion_script(PROGRAM, options, shell))
+        root.exit()
+
+
+def parse_options(words: Sequence[str]) -> argparse.Namespace:
+    """The options of a command line.
+
+    Raises
+    ------
+    InputError
+        An option is unknown, lacks its value, or does not go with the others.
+    """
+    # argparse takes "-1,2,3" for an option; with a blank before it, it is a value, and float() skips the blank
+    options = parser().parse_args([f" {word}" if NEGATIVE.match(word) else word for word in words])
+    _check(options)
+    return options
+
+
+def parser() -> OneLineParser:
+    """The argument parser; `docs/reference/commands.md` shows its help."""
+    from metric_cli.terminal import version
+
+    root = OneLineParser(
+        prog=PROGRAM,
+        description="The metric scale of a reconstruction from the sizes of the things that are in it.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add = root.add_argument
+    add(
+        "scene",
+        metavar="SCENE",
+        nargs="?",
+        type=Path,
+        help="reconstruction, a video, or pictures",
+    )
+    add(
+        "--objects",
+        metavar="FILE",
+        type=Path,
+        help="sizes measured elsewhere (metric-tree/objects/1; - is stdin)",
+    )
+    add(
+        "--instances",
+        metavar="FILE",
+        type=Path,
+        help="masks: COCO, label images, YOLO, labelme, NumPy",
+    )
+    add("--categories", metavar="FILE", type=Path, help="file that names categories, for masks that lack them")
+    add(
+        "--images",
+        metavar="DIR",
+        type=Path,
+        help="the scene's pictures, for --detector, --overlay, --gps exif, --marker",
+    )
+    add("--detector", metavar="MODEL", help="ONNX Mask R-CNN, YOLO or RT-DETR, or a registered name to download")
+    add("--detector-labels", metavar="FILE", type=Path, help="its label names, one a line from label 1 (default: COCO)")
+    dense = "dense cloud (default: the one beside the model, if any; auto: make one, for a video or pictures)"
+    add("--dense", metavar="FILE|none|auto", help=dense)
+    add("--work", metavar="DIR", type=Path, help="for a video or pictures: folder that keeps every stage")
+    add("--frames", metavar="N", type=int, help="for a video or pictures: frames to use (default: by the motion)")
+    add("--focal", metavar="PX", type=float, help="for a video or pictures: focal length in pixels, not refined")
+    add("--camera-model", metavar="M", help="for a video or pictures: COLMAP's camera model (default: SIMPLE_RADIAL)")
+    draw = "for a video or pictures: draw the instances on a page that is served on loopback"
+    add("--draw", metavar="PORT", nargs="?", const=0, type=int, help=draw)
+    add("--tree", metavar="REF", help="release: a version or a folder (default: the newest available)")
+    add("--where", metavar="region=R,year=Y", help="region and year of the scene: region=europe,year=2011")
+    add("--method", choices=METHODS, default="default", help="estimator (default: %(default)s)")
+    add(
+        "--known-length",
+        metavar="VALUE",
+        nargs="+",
+        action="append",
+        default=[],
+        help="a length known in metres, after SCENE, as A B METRES (points as x,y,z) or a file; may be repeated",
+    )
+    trust = "use a known length even if it contradicts most objects (otherwise unresolved)"
+    add("--trust-known-length", action="store_true", help=trust)
+    add("--level", type=float, default=0.9, help="mass of the interval (default: %(default)s)")
+    add("--leave-one-class-out", action="store_true", help="the scale without each class in turn")
+    add("--paper-lists", metavar="DIR", type=Path, help="--method paper with the authors' own lists (scale_metrics)")
+    add("--json", action="store_true", help="print the result as JSON (metric-tree/scale/1)")
+    add("--output", metavar="FILE", type=Path, help="write the JSON result there as well")
+    add("--figure", metavar="FILE", type=Path, help="draw the posterior and the objects; for a SCENE, its plan too")
+    add("--overlay", metavar="DIR", type=Path, help="draw the boxes with their sizes into every frame")
+    add("--write-scaled", metavar="DIR", type=Path, help="write the model again at metric scale")
+    add("--csv", action="store_true", help="print the objects as CSV")
+    add("--wide", action="store_true", help="print the node, the units and the weight of each object too")
+    add("--quiet", action="store_true", help="print the scale alone, and no warnings")
+    add("--completion", choices=SHELLS, action=_PrintCompletion, help="print the completion script of a shell")
+    add("--version", action="version", version=f"{PROGRAM} {version()}")
+    add_evidence_options(root)
+    return root
+
+
+def _check(options: argparse.Namespace) -> None:
+    _check_known_lengths(options)  # before the SCENE, which one may have swallowed
+    if (options.scene is None) == (options.objects is None):
+        sources = "neither" if options.scene is None else "both"
+        raise InputError(f"arguments: expected a SCENE or --objects FILE; found {sources}")
+    if not 0 < options.level < 1:
+        raise InputError(f"--level: expected a number between 0 and 1; found {options.level}")
+    _check_where(options)
+    if options.paper_lists is not None and options.method != "paper":
+        raise InputError(f"--paper-lists: expected --method paper; found --method {options.method}")
+    _check_detector(options)
+    up_direction(options)
+    evidence_sources(options)  # a value that cannot be read is said before the work is done
+    geometric = {"--overlay": options.overlay, "--write-scaled": options.write_scaled}
+    for name, value in geometric.items():
+        if value is not None and options.objects is not None:
+            raise InputError(f"{name}: expected a SCENE; found --objects")
+    _check_outputs(options)
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """InputError for an output that cannot be written, or that would take the place of an input."""
+    from metric_base.files import refuse_input
+
+    for name in ("output", "figure"):
+        path = getattr(options, name)
+        if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
+            raise InputError(f"--{name}: expected a file in a folder that exists; found {path}")
+        if path is not None:
+            refuse_input(path, f"--{name}", _inputs(options))
+    if (
+        options.figure is not None
+        and options.output is not None
+        and options.output.resolve() == options.figure.resolve()
+    ):
+        raise InputError(f"--figure: expected another file than that of --output; found {options.figure}")
+    for name in ("overlay", "write_scaled"):
+        path = getattr(options, name)
+        if path is not None and path.exists():  # said before the work is done, not after
+            raise InputError(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
+
+
+def _inputs(options: argparse.Namespace) -> list[Path]:
+    """What is read, as far as the arguments name it: files and folders."""
+    lengths = [words[0] for words in options.known_length if len(words) == 1]
+    texts = [options.scene, options.dense, options.detector, options.gps, options.tree, *options.baseline, *lengths]
+    paths = [Path(text) for text in texts if isinstance(text, str | Path) and str(text)]
+    named = (options.objects, options.instances, options.categories, options.detector_labels, options.images)
+    paths += [path for path in (*named, options.metric_depth) if path is not None]
+    scene = None if options.scene is None else Path(options.scene)
+    # any file of a model stands for its folder; a video stands for itself
+    beside = [scene.parent] if scene is not None and scene.is_file() and options.work is None else []
+    return [*paths, *beside]
+
+
+def _check_known_lengths(options: argparse.Namespace) -> None:
+    for words in options.known_length:
+        if len(words) not in (1, 3):
+            expected = "three values, A B METRES, or one FILE, with SCENE before the option"
+            raise InputError(f"--known-length: expected {expected}; found {len(words)}: {' '.join(words)}")
+    if options.known_length and options.method in WITHOUT_LENGTHS:
+        raise InputError(f"--known-length: expected --method default or height; found --method {options.method}")
+
+
+def _check_where(options: argparse.Namespace) -> None:
+    if options.where is None:
+        return
+    from metric_tree.context import where_of
+
+    where_of(options.where)
+    if options.method in WITHOUT_LENGTHS:
+        raise InputError(f"--where: expected --method default or height; found --method {options.method}")
+
+
+def _check_detector(options: argparse.Namespace) -> None:
+    if options.work is None and options.detector is not None and options.images is None:
+        raise InputError("arguments: expected --images and --detector together; found --detector alone")
+    uses = (options.detector, options.overlay, options.gps, *options.marker)
+    if options.work is None and options.images is not None and all(use is None for use in uses):
+        raise InputError(
+            "arguments: expected --images with --detector, --overlay, --gps or --marker; found --images alone"
+        )
+    if options.images is not None and not options.images.is_dir():
+        raise InputError(f"--images: expected a folder of pictures; found no folder {options.images}")
+    if options.detector_labels is not None and options.detector is None:
+        raise InputError("--detector-labels: expected --detector; found none")
+    others = {"--instances": options.instances, "--categories": options.categories, "--objects": options.objects}
+    for name, value in others.items():
+        if options.detector is not None and value is not None:
+            raise InputError(f"--detector: expected no {name}; found both")

@@ -1,0 +1,1 @@
+"""`insert-object` and `insert-object study`."""

@@ -1,0 +1,197 @@
+"""The `insert-object` command: arguments in, pictures and a result out; heavy imports wait until they are used."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from metric_base.errors import InputError
+from metric_cli.insert_object.scene_arguments import add_scene_arguments, requests_of, stage_of, tree_of
+
+if TYPE_CHECKING:
+    from insertion.pipeline.request import ObjectRequest
+    from insertion.pipeline.result import InsertionResult
+    from insertion.pipeline.stage import Stage
+    from metric_tree.tree import Tree
+
+__all__ = ["main", "parser"]
+
+PROGRAM = "insert-object"
+
+EPILOG = """\
+Several objects: repeat --model; --size, --at, --on, --plane, --xy, --facing and --category belong to the --model before
+them. The object's metres are divided by the scale, and nothing else. `insert-object study --help` makes the paper's
+user study. Exit status: 0 done; 2 the input is invalid (one line says where), or there is no level surface at the
+place; 1 an internal error.
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `insert-object`; the exit status is 0, 2 or 1."""
+    from metric_cli.terminal import exit_status
+
+    words = list(sys.argv[1:] if argv is None else argv)
+    if words[:1] == ["study"]:
+        from metric_cli.insert_object.study import run_study
+
+        return exit_status(f"{PROGRAM} study", lambda: run_study(words[1:]))
+    return exit_status(PROGRAM, lambda: _run(parser().parse_args(words)))
+
+
+def parser() -> argparse.ArgumentParser:
+    """The argument parser."""
+    from metric_cli.terminal import OneLineParser, version
+
+    root = OneLineParser(
+        prog=PROGRAM,
+        description="Insert glTF models into the pictures of a reconstruction, or into its video, at their true size.",
+        epilog=EPILOG,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    add_scene_arguments(root)
+    add = root.add_argument
+    add("--out", metavar="OUT", type=Path, help="a video (OUT.mp4), or a new folder for one PNG a frame")
+    add("--renderer", choices=("embedded", "blender"), default="embedded", help="Blender's Cycles, if it is installed")
+    add("--show-interval", action="store_true", help="draw the object's outline at both ends of the scale's interval")
+    add(
+        "--export",
+        metavar="DIR",
+        type=Path,
+        help="the scene in metres: glTF, USD, Blender, COLMAP, nerfstudio, masks, depth",
+    )
+    add(
+        "--preview",
+        metavar="FILE",
+        type=Path,
+        help="draw the free places into a picture, best first, and list the options for each; needs no --out",
+    )
+    add("--json", action="store_true", help="print the result as JSON (metric-tree/insertion/1)")
+    add("--version", action="version", version=f"{PROGRAM} {version()}")
+    return root
+
+
+def _run(options: argparse.Namespace) -> int:
+    from insertion.blender.tracing import export_blend, traced_layers
+    from insertion.exports.write import LayerWriter, write_exports
+    from insertion.footage.picture_writer import picture_writer
+    from insertion.footage.video_footage import VideoFootage
+    from insertion.pipeline.frames import insert_objects, place_objects
+    from metric_base.files import refuse_input
+
+    _check_outputs(options)
+    requests = requests_of(options)
+    stage = stage_of(options)
+    if options.show_interval and stage.scale.low is None:
+        raise InputError("--show-interval: expected a scale with an interval, as SCENE/result.json has; found --scale")
+    video = stage.footage if isinstance(stage.footage, VideoFootage) else None
+    source, turned = (video.source, video.turned_deg) if video is not None else (None, 0)
+    for option, path in (("--out", options.out), ("--preview", options.preview)):
+        if path is not None:
+            models = [item.model for item in requests]
+            refuse_input(path, option, [source, options.scene, options.images, options.instances, *models])
+    tree = tree_of(options)
+    if options.preview is not None:
+        _preview(stage, requests[0], tree, options)
+    if options.out is None:
+        return 0
+    objects = place_objects(stage, requests, tree)
+    with picture_writer(options.out, source, turned) as write, _exports(options.export) as folder:
+        layers = None if folder is None else LayerWriter(folder, stage.footage.shots, stage.scale.metres_per_unit)
+        results = insert_objects(
+            stage,
+            objects,
+            write,
+            show_interval=options.show_interval,
+            video=video is not None,
+            layers=layers,
+            tracer=traced_layers if options.renderer == "blender" else None,
+        )
+        if folder is not None:
+            for line in [*write_exports(folder, stage, objects, results), *export_blend(folder, stage, objects)]:
+                sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
+    for result in results:
+        for line in result.warnings:
+            sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
+    _print(results, options.json)
+    return 0
+
+
+@contextmanager
+def _exports(folder: Path | None) -> Iterator[Path | None]:
+    """The folder to export into, which appears whole; None where nothing is to be exported."""
+    if folder is None:
+        yield None
+        return
+    from metric_base.files import whole_folder
+
+    with whole_folder(folder, "--export") as temporary:
+        yield temporary
+
+
+def _check_outputs(options: argparse.Namespace) -> None:
+    """InputError for what cannot be written or drawn: said before the work is done, not after."""
+    from insertion.blender.process import blender_program
+    from insertion.footage.picture_writer import output_kind, preview_place
+    from insertion.render.context import check_renderer
+
+    if options.out is None and (options.preview is None or options.export is not None):
+        raise InputError("--out: expected a video or a folder (or --preview FILE alone); found none")
+    if options.out is not None:
+        output_kind(options.out)
+        check_renderer()
+    if options.preview is not None:
+        preview_place(options.preview)
+    if options.renderer == "blender":
+        blender_program()
+
+
+def _preview(stage: Stage, request: ObjectRequest, tree: Tree | None, options: argparse.Namespace) -> None:
+    """Draw and list the free places for the first object: on standard output if nothing else is asked for."""
+    from dataclasses import asdict
+
+    from insertion.models.gltf import read_model
+    from insertion.models.size import model_size
+    from insertion.pipeline.frames import space_for
+    from insertion.pipeline.preview import write_preview
+    from metric_cli.terminal import print_json
+
+    model = read_model(request.model)
+    size = model_size(model, request.size, tree, request.category)
+    places = write_preview(stage, space_for(stage, model, size), options.preview)
+    if options.json and options.out is None:
+        print_json({"schema": "metric-tree/places/1", "places": [asdict(place) for place in places]})
+        return
+    stream = sys.stdout if options.out is None else sys.stderr
+    for place in places:
+        where = "" if place.in_picture else "; not in the picture"
+        stream.write(
+            f"{place.number}: {place.options}   {max(0.0, place.above_m):.2f} m above the lowest plane{where}\n"
+        )
+
+
+def _print(results: Sequence[InsertionResult], as_json: bool) -> None:
+    from metric_cli.terminal import print_json
+
+    if as_json:
+        first, *more = (result.to_json() for result in results)
+        print_json(first | ({"more": more} if more else {}))
+        return
+    for result in results:
+        sys.stdout.write(_words(result) + "\n")
+
+
+def _words(result: InsertionResult) -> str:
+    scale = result.scale
+    size = " x ".join(f"{value:.3g}" for value in result.size_m.values())
+    line = f"{result.model}: {size} m (length, width, height) on {result.support}"
+    line += f"; {scale.metres_per_unit:.4g} metres per unit"
+    if scale.low is not None and scale.high is not None:
+        low, high = scale.low / scale.metres_per_unit - 1, scale.high / scale.metres_per_unit - 1
+        line += f"; the scale may be {low:+.0%} to {high:+.0%} off, and the object's height in the picture with it"
+    shown = sum(frame.silhouette is not None for frame in result.frames)
+    return f"{line}; in {shown} of {len(result.frames)} frames"

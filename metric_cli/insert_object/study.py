@@ -1,0 +1,143 @@
+"""`insert-object study`: make the page, or report on its answers."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from metric_base.errors import InputError
+from metric_cli.terminal import OneLineParser
+
+__all__ = ["run_study"]
+
+MAX_REPEATS = 10
+
+
+def run_study(words: Sequence[str]) -> int:
+    """Run `insert-object study ...`; the exit status."""
+    if list(words[:1]) == ["report"]:
+        return _report(_report_parser().parse_args(words[1:]))
+    return _make(_page_parser().parse_args(words))
+
+
+def _page_parser() -> argparse.ArgumentParser:
+    from metric_cli.insert_object.scene_arguments import add_scene_arguments
+
+    root = OneLineParser(
+        prog="insert-object study",
+        description="The same insertion at the paper's eleven sizes as one page that works offline.",
+        allow_abbrev=False,
+    )
+    add_scene_arguments(root)
+    root.add_argument("--frame", metavar="NAME", help="the picture to show (default: the one that shows most of it)")
+    root.add_argument("--thing", default="object", help="what the object is called on the page")
+    root.add_argument("--title", default="How large does it look?", help="heading of the page")
+    root.add_argument("--repeats", type=int, default=2, help="how often each size is shown (default: %(default)s)")
+    root.add_argument("--out", metavar="FILE", type=Path, required=True, help="the page, FILE.html")
+    return root
+
+
+def _report_parser() -> argparse.ArgumentParser:
+    root = OneLineParser(prog="insert-object study report", description="The curve of the answers.", allow_abbrev=False)
+    root.add_argument("answers", metavar="ANSWERS", type=Path, help="a file that the page saved, or a folder of them")
+    root.add_argument("--figure", metavar="FILE", type=Path, help="draw the curve (.png, .svg, .pdf)")
+    root.add_argument("--json", action="store_true", help="print the curve as JSON")
+    return root
+
+
+def _make(options: argparse.Namespace) -> int:
+    from insertion.pipeline.frames import place_objects
+    from insertion.study.page import study_page
+    from insertion.study.plan import plan_text
+    from metric_base.files import output_file, whole_file
+    from metric_cli.insert_object.scene_arguments import requests_of, stage_of, tree_of
+
+    output_file(options.out)
+    if not 1 <= options.repeats <= MAX_REPEATS:
+        raise InputError(f"--repeats: expected 1 to {MAX_REPEATS}; found {options.repeats}")
+    requests = requests_of(options)
+    stage = stage_of(options)
+    placed = place_objects(stage, requests, tree_of(options))
+    pictures = _pictures(stage, placed, options.frame)
+    with whole_file(options.out) as file:
+        file.write_text(study_page(pictures, options.title, options.thing, options.repeats), encoding="utf-8")
+    sys.stdout.write(f"{options.out}: {len(pictures)} sizes, each shown {options.repeats} times\n")
+    sys.stdout.write(plan_text(options.repeats) + "\n")
+    return 0
+
+
+def _pictures(stage: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
+    """The chosen picture (h, w, 3) at every step: the first object grows and shrinks about its foot, the rest stays."""
+    from insertion.pipeline.frames import resize, single_picture
+    from insertion.study.page import STEPS
+    from metric_base.progress import progress
+
+    chosen = _shot(stage, placed, frame)
+    return {
+        step: single_picture(stage, [resize(placed[0], 1 + step / 100), *placed[1:]], chosen)
+        for step in progress(STEPS, "drawing the sizes")
+    }
+
+
+def _shot(stage: Any, placed: Sequence[Any], frame: str | None) -> Any:
+    """The named shot, or the one in which the object is largest and wholly inside."""
+    from estimator.reconstructions.cameras import pixels_in_view
+
+    shots = [shot for shot in stage.footage.shots if shot.view is not None]
+    if frame is not None:
+        named = [shot for shot in shots if frame in (shot.name, Path(shot.name).stem, str(shot.index))]
+        if not named:
+            raise InputError(f"--frame: expected the name or number of a picture with a known pose; found {frame!r}")
+        return named[0]
+    body = placed[0].body
+    corners = body.position + body.unit * 1.3 * body.corners[:: max(1, len(body.corners) // 500)]
+
+    def height(shot: Any) -> float:
+        pixels, _ = pixels_in_view(shot.view, corners)
+        return float(np.ptp(pixels[:, 1])) if np.isfinite(pixels).all() else 0.0
+
+    return max(shots, key=height)
+
+
+def _report(options: argparse.Namespace) -> int:
+    from insertion.study.answers import read_answers
+    from insertion.study.curve import curve_of
+    from insertion.study.report import report_text, write_curve
+    from metric_base.files import output_file
+    from metric_cli.terminal import print_json
+
+    if options.figure is not None:
+        output_file(options.figure, "--figure")
+    warnings: list[str] = []
+    curve = curve_of(read_answers(options.answers, warnings))
+    for line in warnings:
+        sys.stderr.write(f"insert-object study report: warning: {line}\n")
+    if options.figure is not None:
+        write_curve(curve, options.figure)
+    if options.json:
+        print_json(_record(curve))
+    else:
+        sys.stdout.write(report_text(curve) + "\n")
+    return 0
+
+
+def _record(curve: Any) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    return {
+        "schema": "metric-tree/study-report/1",
+        "points": [asdict(point) for point in curve.points],
+        "participants": curve.participants,
+        "careless": curve.careless,
+        "flat": curve.flat,
+        "peak_percent": None if curve.flat else curve.observer.peak,
+        "peak_interval": curve.peak_interval,
+        "just_noticeable_percent": None if curve.flat else curve.observer.noticeable,
+        "just_noticeable_interval": curve.noticeable_interval,
+    }

@@ -1,0 +1,227 @@
+"""What every command shares: exit statuses, one line for an error of the input, JSON and tables on standard output."""
+
+from __future__ import annotations
+
+import argparse
+import difflib
+import io
+import json
+import os
+import re
+import shutil
+import sys
+import traceback
+from collections.abc import Callable, Collection, Iterable, Sequence
+from contextlib import suppress
+from importlib import metadata
+from typing import Any, NamedTuple, NoReturn, TypeVar
+
+from metric_base.errors import InputError
+from metric_base.escaping import visible, visible_json
+from metric_base.extras import missing_extra
+from metric_base.files import WRITE_ERRORS
+from metric_cli.signals import INTERRUPTED, Terminated, orderly_termination
+from metric_cli.streams import flush_or_silence, make_streams_forgiving
+
+__all__ = [
+    "DEBUG_VARIABLE",
+    "Cell",
+    "OneLineParser",
+    "exit_status",
+    "output_width",
+    "print_json",
+    "print_table",
+    "style_text",
+    "table_text",
+    "version",
+    "warn",
+]
+
+Item = TypeVar("Item")
+
+#: Set to see the traceback of an internal error.
+DEBUG_VARIABLE = "METRIC_TREE_DEBUG"
+
+#: Columns of a table that no terminal bounds: room for the longest row on one line.
+PIPE_WIDTH = 100_000
+
+#: What a path should have been where the system refuses it.
+_PATH_ERRORS: dict[type[OSError], str] = {
+    FileNotFoundError: "an existing file or folder; found none",
+    IsADirectoryError: "a file; found a folder",
+    NotADirectoryError: "a folder; found a file",
+    FileExistsError: "a folder, or nothing yet; found a file",
+    PermissionError: "leave to read or write it; found none",
+}
+
+#: Select Graphic Rendition of ECMA-48.
+_STYLES = {"bold": 1, "dim": 2, "red": 31, "green": 32}
+
+DONE, INTERNAL_ERROR, INPUT_ERROR, TERMINATED = 0, 1, 2, 143
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A parser whose errors are one line, with the option that was probably meant.
+
+    A value may begin with a minus and a digit, such as the list `-0.5,0.2`, which argparse takes for an option.
+    """
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """As argparse does, with such values joined to their options."""
+        words = list(sys.argv[1:] if args is None else args)
+        joined: list[str] = []
+        for word in words:
+            if joined and joined[-1].startswith("--") and "=" not in joined[-1] and re.match(r"-\.?\d", word):
+                joined[-1] += f"={word}"
+            else:
+                joined.append(word)
+        return super().parse_known_args(joined, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Raise what is wrong as an error of the input."""
+        unknown = re.match(r"unrecognized arguments: (.*)", message)
+        if unknown is None:
+            raise InputError(f"arguments: {message} (--help lists them)")
+        word = next((word for word in unknown[1].split() if word.startswith("-")), unknown[1].strip())
+        near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, n=1)
+        advice = f"did you mean {near[0]}?" if near else "--help lists them"
+        raise InputError(f"arguments: no option is called {word}; {advice}")
+
+
+def exit_status(program: str, run: Callable[[], int]) -> int:
+    """Run a command: 2 with one line for an error of the input, 1 with one line for an internal error.
+
+    Ctrl-C and a request to terminate end it with one line and status 130 or 143, after its temporary files are
+    removed. A closed standard output is no error.
+    """
+    make_streams_forgiving()
+    with orderly_termination():
+        try:
+            status = run()
+            sys.stdout.flush()
+        except BrokenPipeError:  # the reader of a pipe left; what it took is all it wanted
+            status = DONE
+        except KeyboardInterrupt:
+            status = _report(program, "interrupted", INTERRUPTED)
+        except Terminated:
+            status = _report(program, "terminated", TERMINATED)
+        except Exception as error:  # noqa: BLE001 - the last door: what is not the input's error is the program's
+            status = _error_status(program, error)
+    flush_or_silence(sys.stdout)
+    return status
+
+
+def warn(message: str, program: str | None = None) -> None:
+    """One line on standard error about what the command does all the same."""
+    head = "warning" if program is None else f"{program}: warning"
+    sys.stderr.write(f"{head}: {visible(' '.join(message.split()))}\n")
+
+
+def print_json(value: Any) -> None:
+    """Print a value as JSON, indented for a person, exact for a machine."""
+    sys.stdout.write(visible_json(json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)) + "\n")
+
+
+def print_table(columns: Sequence[str], rows: Iterable[Sequence[object]], title: str | None = None) -> None:
+    """Print an aligned table (`table_text`) under its title, as wide as the terminal or as `COLUMNS` says.
+
+    The title is a line of its own: as wide as it is, however narrow the table.
+    """
+    if title is not None:
+        sys.stdout.write(f"{visible(title)}\n")
+    sys.stdout.write(table_text(columns, rows, output_width(PIPE_WIDTH)))
+
+
+class Cell(NamedTuple):
+    """The text of a table's cell in a style of its own: `bold`, `dim`, `red`, `green`."""
+
+    text: str
+    style: str
+
+
+def table_text(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], width: int, unbroken: Collection[str] = ()
+) -> str:
+    """An aligned table of at most `width` columns; a column of numbers is aligned to the right, None is a dash.
+
+    A cell may be a `Cell`, whose style a terminal shows. Words wrap, but in the columns called `unbroken`,
+    whose cells are shown as they are.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    cells = [
+        [cell if isinstance(cell, Cell) else Cell("–" if cell is None else str(cell), "") for cell in row]
+        for row in rows
+    ]
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for number, column in enumerate(columns):
+        numeric = bool(cells) and column not in unbroken and all(_is_number(row[number].text) for row in cells)
+        table.add_column(column, justify="right" if numeric else "left", overflow="fold", no_wrap=column in unbroken)
+    for row in cells:
+        table.add_row(*(Text(visible(cell.text), cell.style) for cell in row))
+    # Rendered first and written by us: rich would turn a closed pipe into a failure.
+    terminal = sys.stdout.isatty()
+    console = Console(file=io.StringIO(), width=width, force_terminal=terminal, highlight=False)
+    with console.capture() as captured:
+        console.print(table)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines()) + "\n"
+
+
+def style_text(text: str, style: str) -> str:
+    """The text, in its style where standard output is a terminal."""
+    return f"\x1b[{_STYLES[style]}m{text}\x1b[0m" if sys.stdout.isatty() else text
+
+
+def output_width(piped: int) -> int:
+    """Columns of standard output: `COLUMNS` where it is set, else the terminal's, else `piped`."""
+    fallback = 80 if sys.stdout.isatty() else piped
+    return shutil.get_terminal_size((fallback, 24)).columns
+
+
+def version() -> str:
+    """The version of the installed distribution."""
+    try:
+        return metadata.version("metric-tree")
+    except metadata.PackageNotFoundError:
+        return "0+source"
+
+
+def _path_error(error: OSError) -> str:
+    expected = next(text for kind, text in _PATH_ERRORS.items() if isinstance(error, kind))
+    return f"{error.filename}: expected {expected}" if error.filename is not None else str(error)
+
+
+def _error_status(program: str, error: Exception) -> int:
+    message = _input_error(error)
+    if message is not None:
+        return _report(program, message, INPUT_ERROR)
+    if os.environ.get(DEBUG_VARIABLE):
+        traceback.print_exc()
+    return _report(program, f"internal error: {type(error).__name__}: {error}", INTERNAL_ERROR)
+
+
+def _input_error(error: Exception) -> str | None:
+    """The line about an error that the user can mend; None for an internal error."""
+    if isinstance(error, InputError):
+        return str(error)
+    if isinstance(error, OSError) and isinstance(error, tuple(_PATH_ERRORS)):
+        return _path_error(error)
+    if isinstance(error, OSError) and error.errno in WRITE_ERRORS:
+        return f"{error.filename or 'output'}: {error.strerror}"
+    if isinstance(error, ModuleNotFoundError) and (extra := missing_extra(error.name)) is not None:
+        return f"needs metric-tree[{extra}]: pip install 'metric-tree[{extra}]'"
+    return None
+
+
+def _report(program: str, message: str, status: int) -> int:
+    with suppress(OSError):  # nobody reads it
+        sys.stderr.write(f"{program}: {visible(' '.join(message.split()))}\n")
+    return status
+
+
+def _is_number(cell: str) -> bool:
+    digits = cell.translate(str.maketrans("", "", ",%+- ")).replace(".", "", 1)
+    return cell in {"–", ""} or digits.isdigit()

@@ -1,0 +1,85 @@
+"""The `metric-tree` command: one module per verb, imported only when it is called.
+
+A verb's module has `HELP` (one line), `add_arguments(parser)` and `run(arguments) -> exit status`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+from metric_cli.terminal import OneLineParser, exit_status, version
+
+__all__ = ["VERBS", "main", "parser_of"]
+
+#: Verb to module; `HELP` says what each does; this table has one line for the overview.
+VERBS = {
+    "query": "a category: path, counts, sizes, prior",
+    "list": "the available releases",
+    "extract": "one saved web page to a raw item",
+    "crawl": "run a spider into a raw-item data set",
+    "import": "an open data set into raw items",
+    "build": "raw items to a release",
+    "review": "what waits for a reviewer; record a decision",
+    "explain": "why an item is in its category",
+    "validate": "every rule of a release",
+    "report": "a readable page about a release",
+    "select": "the categories fit for segmentation and scale",
+    "render": "pictures of items that have a textured model",
+    "cutout": "foreground masks for the images of a release",
+    "export": "training data for instance segmentation",
+}
+
+_MODULES = {"import": "import_", "list": "list_"}
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run `metric-tree`; the exit status is 0 done, 2 the input is invalid, 1 the program is."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    if not words or words[0] not in VERBS:
+        return _overview(words)
+    return exit_status(f"metric-tree {words[0]}", lambda: _run(words[0], words[1:]))
+
+
+def parser_of(verb: str) -> argparse.ArgumentParser:
+    """The argument parser of a verb."""
+    module = import_module(f"metric_cli.verbs.{_MODULES.get(verb, verb)}")
+    parser = OneLineParser(
+        prog=f"metric-tree {verb}", description=module.HELP, conflict_handler="resolve", allow_abbrev=False
+    )
+    parser.add_argument("--json", action="store_true", help="print the result as JSON")
+    module.add_arguments(parser)
+    parser.set_defaults(run=module.run)
+    return parser
+
+
+def _run(verb: str, words: Sequence[str]) -> int:
+    arguments = parser_of(verb).parse_args(words)
+    status: int = arguments.run(arguments)
+    return status
+
+
+def _overview(words: Sequence[str]) -> int:
+    parser = _overview_parser()
+    if not words:
+        parser.print_help()
+        return 0
+    parser.parse_args([word for word in words if word in {"-h", "--help", "--version"}])
+    sys.stderr.write(f"metric-tree: verb: expected one of {', '.join(VERBS)}; found {words[0]!r}\n")
+    return 2
+
+
+def _overview_parser() -> argparse.ArgumentParser:
+    width = max(map(len, VERBS))
+    verbs = "\n".join(f"  {verb:<{width}}  {what}" for verb, what in VERBS.items())
+    parser = argparse.ArgumentParser(
+        prog="metric-tree",
+        usage="metric-tree VERB [ARGUMENT ...]",
+        description="Object sizes by category, from raw data to priors.",
+        epilog=f"verbs:\n{verbs}\n\n`metric-tree VERB --help` says what a verb takes.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"metric-tree {version()}")
+    return parser

@@ -1,0 +1,160 @@
+"""`metric-tree query NAME`: what the tree knows about a category."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from metric_base.errors import InputError
+from metric_cli.terminal import print_json, print_table
+from metric_tree.context import Where, where_of
+from metric_tree.description import everyday_sentence, item_quantiles, shipped_evidence
+from metric_tree.prior import Prior
+from metric_tree.schema import IMAGES
+from metric_tree.tree import Node, NoPrior, open_tree
+
+__all__ = ["HELP", "add_arguments", "run", "summary"]
+
+HELP = "A category: its node, path, counts, evidence, quantiles in millimetres and prior."
+
+#: The quantiles that are shown: the ends of the 90 % interval, the quartiles and the median.
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+
+#: Pictures of a sheet where no number is given.
+SHEET_IMAGES = 12
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    parser.add_argument("name", metavar="NAME", help="name, synset, alias or detector label")
+    parser.add_argument("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")
+    parser.add_argument("--where", metavar="region=R,year=Y", help="for a region and a year: region=europe,year=2011")
+    parser.add_argument("--vocabulary", help="read NAME as this label list does (coco_80, lvis_v1, ...)")
+    parser.add_argument("--kind", help="also the sizes of the shipped items of this kind: product, measured, ...")
+    parser.add_argument("--images", metavar="N", type=int, help="name N pictures, spread over the sizes")
+    parser.add_argument("--sheet", metavar="FILE.png", type=Path, help="draw them to one scale (12 unless --images)")
+    parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the node and its prior."""
+    node = open_tree(arguments.tree).find(arguments.name, arguments.vocabulary)
+    dims = tuple(arguments.dims.split(",")) if arguments.dims else None
+    description = summary(node, dims, where_of(arguments.where) if arguments.where is not None else None)
+    if arguments.kind is not None:
+        description["items_of_kind"] = item_quantiles(node, arguments.kind, QUANTILES)
+    if arguments.images is not None or arguments.sheet is not None:
+        description["images"] = _images(node, arguments.images, arguments.sheet)
+    if arguments.json:
+        print_json(description)
+    else:
+        _print(description)
+    return 0
+
+
+def summary(node: Node, dims: tuple[str, ...] | None = None, where: Where | None = None) -> dict[str, Any]:
+    """The node as the JSON of the command; `prior` is null where the node has none and no `dims` were asked for."""
+    try:
+        prior = node.prior(dims, where)
+    except NoPrior:
+        if dims is not None:
+            raise
+        prior = None
+    return {
+        "schema": "metric-tree/query/1",
+        "tree": {"name": node.tree.name, "version": node.tree.version},
+        "node": node.node_id,
+        "name": node.name,
+        "path": list(node.path),
+        "level": node.level,
+        "pose": node.pose,
+        "n_items": node.n_items,
+        "children": [child.node_id for child in node.children],
+        "dims": list(prior.dims) if prior else list(node.dims),
+        "where": prior.note if prior else None,
+        "sentence": everyday_sentence(node.name.partition(" (")[0], prior) if prior else None,
+        "shipped": shipped_evidence(node),
+        "quantiles_mm": _quantiles(prior) if prior else None,
+        "prior": _prior_record(prior) if prior else None,
+    }
+
+
+def _images(node: Node, count: int | None, sheet: Path | None) -> list[dict[str, Any]]:
+    """The fields of pictures that a person needs to use and to credit them; drawn where a sheet is asked for."""
+    from metric_tree.report.contact_sheet import picture_rows, write_sheet
+
+    if count is not None and count < 1:
+        raise InputError(f"--images: expected a number from 1; found {count}")
+    wanted = count or SHEET_IMAGES
+    rows = write_sheet(sheet, node, wanted) if sheet is not None else picture_rows(node, wanted)
+    return [{name: row[name] for name in (*IMAGES.names, "extents_mm")} for row in rows]
+
+
+def _quantiles(prior: Prior) -> dict[str, dict[str, float]]:
+    table = np.column_stack([prior.quantile(q) for q in QUANTILES])
+    return {
+        dim: {f"{q:g}": round(float(value), 2) for q, value in zip(QUANTILES, row, strict=True)}
+        for dim, row in zip(prior.dims, table, strict=True)
+    }
+
+
+def _prior_record(prior: Prior) -> dict[str, Any]:
+    return {
+        "family": "lognormal-mixture",
+        "weights": prior.weights.tolist(),
+        "means": prior.means.tolist(),
+        "covariances": prior.covariances.tolist(),
+        "shared_covariance": prior.shared_covariance.tolist(),
+        "n": prior.n,
+        "n_sources": prior.n_sources,
+        "share_by_kind": prior.share_by_kind,
+        "borrowed": prior.borrowed,
+    }
+
+
+def _print(description: dict[str, Any]) -> None:
+    print_table(
+        ["", ""],
+        [
+            ("node", description["node"]),
+            ("path", " > ".join(description["path"])),
+            ("pose", description["pose"]),
+            ("items", description["n_items"]),
+            ("in words", description["sentence"] or "nothing is known of its size"),
+            *([("where", description["where"])] if description["where"] else []),
+            ("evidence", _shares(description)),
+            ("licences", ", ".join(f"{name} ({n})" for name, n in description["shipped"]["licence"].items()) or "none"),
+            ("children", ", ".join(description["children"]) or "none"),
+            ("tree", f"{description['tree']['name']} {description['tree']['version']}"),
+        ],
+        title=description["name"],
+    )
+    if "images" in description:
+        columns = ("image_id", "item_id", "cutout_path", "licence", "source_url")
+        print_table(columns, [[row[name] for name in columns] for row in description["images"]], title="pictures")
+    if description["prior"] is None:
+        print_table(["prior"], [("none: no item with a size at or below this node",)])
+        return
+    prior = description["prior"]
+    title = f"mm; {prior['n']} items of {prior['n_sources']} sources, {prior['borrowed']:.0%} borrowed from the parent"
+    _print_quantiles(description["quantiles_mm"], title)
+    if "items_of_kind" in description:
+        own = description["items_of_kind"]
+        _print_quantiles(own["quantiles_mm"], f"mm; the {own['n']} shipped items of kind {own['kind']}")
+
+
+def _print_quantiles(quantiles: dict[str, dict[str, float]], title: str) -> None:
+    rows = [
+        (dim, *(f"{value:.0f}" if value >= 100 else f"{value:.3g}" for value in q.values()))
+        for dim, q in quantiles.items()
+    ]
+    print_table(["dimension", *(f"{q:.0%}" for q in QUANTILES)], rows, title=title)
+
+
+def _shares(description: dict[str, Any]) -> str:
+    """The kinds of evidence of the fit by their share, the largest first."""
+    shares = description["prior"]["share_by_kind"] if description["prior"] else {}
+    return ", ".join(f"{kind} {share:.0%}" for kind, share in sorted(shares.items(), key=lambda one: -one[1])) or "none"

@@ -1,0 +1,127 @@
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from metric_cli.terminal import exit_status, print_table
+from metric_cli.verbs import VERBS, main, parser_of
+from metric_tree.releases import PATH_VARIABLE
+from metric_tree.tree import Tree
+from tests.synthetic import minitree
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_help_and_json(verb: str) -> None:
+    text = parser_of(verb).format_help()
+    assert "--json" in text
+    assert f"metric-tree {verb}" in text
+
+
+def test_query(mini: Tree, shown: Any) -> None:
+    status, found = shown("query", "Swivel_Chairs", "--tree", str(mini.release.directory))
+    assert status == 0
+    assert found["node"] == "swivel_chair.n.01"
+    assert found["path"] == ["entity", "furniture", "seat", "chair", "swivel chair"]
+    assert found["quantiles_mm"]["height"]["0.05"] < 1050 < found["quantiles_mm"]["height"]["0.95"]
+    status, found = shown("query", "swivel chair", "--dims", "height", "--tree", str(mini.release.directory))
+    assert found["dims"] == ["height"]
+
+
+def test_query_prints_a_table(mini: Tree, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["query", "swivel chair", "--tree", str(mini.release.directory)]) == 0
+    out = capsys.readouterr().out
+    assert "entity > furniture > seat > chair > swivel chair" in out
+    assert "height" in out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["query", "unicorn"], "no node is called 'unicorn'"),
+        (["query", "chaire"], "did you mean 'chair'"),
+        (["query", "chair", "--dims", "height"], "chair.n.01: dims: expected a prior that holds height; found none"),
+    ],
+)
+def test_a_bad_question_is_one_line(
+    mini: Tree, capsys: pytest.CaptureFixture[str], words: list[str], message: str
+) -> None:
+    assert main([*words, "--tree", str(mini.release.directory)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+
+
+def test_list(tmp_path: Path, shown: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    minitree.release(tmp_path / "99.0.0")
+    monkeypatch.setenv(PATH_VARIABLE, str(tmp_path))
+    status, found = shown("list")
+    assert status == 0
+    assert found[0]["path"] == str(tmp_path / "99.0.0")
+
+
+def test_validate(mini: Tree, tmp_path: Path, shown: Any) -> None:
+    assert shown("validate", str(mini.release.directory))[0] == 0
+    content = minitree.rows()
+    content["items.parquet"][0]["kind"] = "guess"
+    status, found = shown("validate", str(minitree.release(tmp_path / "bad", content).directory))
+    assert status == 2
+    assert [finding["code"] for finding in found if finding["code"].startswith("E")] == ["E305"]
+
+
+def test_an_unknown_verb_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["quary"]) == 2
+    assert "expected one of query" in capsys.readouterr().err
+    assert main([]) == 0
+
+
+def test_an_error_of_the_program_is_one_line_and_1(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_status("x", lambda: 1 // 0) == 1
+    assert capsys.readouterr().err == "x: internal error: ZeroDivisionError: integer division or modulo by zero\n"
+
+
+def test_a_reader_that_leaves_a_pipe_is_no_error(mini: Tree) -> None:
+    read, write = os.pipe()
+    os.close(read)
+    words = ["query", "chair", "--tree", str(mini.release.directory)]
+    code = f"from metric_cli.verbs import main; raise SystemExit(main({words!r}))"
+    done = subprocess.run([sys.executable, "-c", code], stdout=write, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(write)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_title_of_a_narrow_table_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    print_table(["n"], [(1,)], title="a title that is wider than its table")
+    assert capsys.readouterr().out.splitlines()[0] == "a title that is wider than its table"
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["report", "--out", "nowhere/p.html"],
+            "--out: expected a file in an existing folder; found no folder nowhere",
+        ),
+        (["select", "--out", "."], "--out: expected a file; found the folder ."),
+        (["review", "list", "nofile"], "nofile: expected raw items (*.jsonl, *.jsonl.gz); found none"),
+        (["export", "--out", "x", "--categories", "no.csv"], "no.csv: expected an existing file or folder; found none"),
+        (["export", "--out", "x", "--coco", "nofile.json", "."], "--coco: expected a JSON file; found no file"),
+        (["export", "--out", "x", "--coco", "there", "nodir"], "--coco: expected a folder of pictures; found no"),
+    ],
+)
+def test_a_path_at_error_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, words: list[str], message: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("there").write_text("{}")
+    assert main(words) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Errno" not in error
+    assert error.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["there"]

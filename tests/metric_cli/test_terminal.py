@@ -1,0 +1,143 @@
+"""What a command writes to a terminal, and how it ends."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from metric_base.escaping import visible, visible_json
+from metric_cli import programs
+from metric_cli.terminal import exit_status, print_table, warn
+
+HIDDEN = ["\x1b", "\x07", "\x7f", "\x9b", "\u202e", "\u2066", "\u200f", "\ud800", "\U000e0041", "\r", "\n"]
+
+
+@given(st.text(st.characters() | st.sampled_from(HIDDEN)))
+def test_nothing_hidden_stays(text: str) -> None:
+    shown = visible(text)
+    assert not any(sign in shown for sign in HIDDEN)
+    assert visible(shown) == shown
+
+
+@given(st.text(st.characters() | st.sampled_from(HIDDEN)))
+def test_escaped_json_means_the_same(text: str) -> None:
+    shown = visible_json(json.dumps([text], ensure_ascii=False, indent=1))
+    assert json.loads(shown) == [text]
+    assert not any(sign in shown for sign in HIDDEN[:-1])
+
+
+def test_tables_and_warnings_are_escaped(capsys: pytest.CaptureFixture[str]) -> None:
+    print_table(["name"], [["\x1b[31mred[bold]"]])
+    warn("\x1b]0;title\x07 of\na window", "estimate-scale")
+    out, err = capsys.readouterr()
+    assert "\\x1b[31mred[bold]" in out
+    assert err == "estimate-scale: warning: \\x1b]0;title\\x07 of a window\n"
+
+
+def test_a_table_is_as_wide_as_columns_says(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    print_table(["words"], [["many words " * 20]])
+    assert max(map(len, capsys.readouterr().out.splitlines())) <= 40
+
+
+def _program(body: str) -> list[str]:
+    return [sys.executable, "-c", f"import sys\nfrom metric_cli.terminal import *\n{body}"]
+
+
+def _run(body: str, **options: object) -> subprocess.CompletedProcess[bytes]:
+    return subprocess.run(_program(body), capture_output=True, timeout=60, check=False, **options)  # type: ignore[call-overload, no-any-return]
+
+
+def test_every_encoding_of_standard_output_is_served() -> None:
+    body = "sys.exit(exit_status('x', lambda: print('2 × 3 ± 1 チ') or 0))"
+    done = _run(body, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert (done.returncode, done.stdout, done.stderr) == (0, b"2 x 3 +- 1 \\u30c1\n", b"")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no /dev/full")
+def test_a_full_disk_is_one_line() -> None:
+    with Path("/dev/full").open("wb") as full:
+        body = "sys.exit(exit_status('x', lambda: print('much') or 0))"
+        done = subprocess.run(_program(body), stdout=full, stderr=subprocess.PIPE, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count(b"\n") == 1
+
+
+def test_closed_streams_are_quiet() -> None:
+    body = "sys.exit(exit_status('x', lambda: print('much') or print_table(['a'], [['b']]) or 0))"
+    closed = ["sh", "-c", 'exec "$@" >&- 2>&-', "sh", *_program(body)]
+    assert subprocess.run(closed, timeout=60, check=False).returncode == 0
+    head = [
+        "sh",
+        "-c",
+        '("$@"; echo "status $?" >&2) | head -c 1',
+        "sh",
+        *_program(body.replace("'much'", "'m' * 10**7")),
+    ]
+    done = subprocess.run(head, capture_output=True, timeout=60, check=False)
+    assert done.stderr == b"status 0\n"
+
+
+@pytest.mark.parametrize(
+    ("number", "status", "word"), [(signal.SIGINT, 130, "interrupted"), (signal.SIGTERM, 143, "terminated")]
+)
+def test_a_signal_is_one_line_and_leaves_nothing(
+    number: signal.Signals, status: int, word: str, tmp_path: Path
+) -> None:
+    body = f"""
+import time
+from pathlib import Path
+from metric_base.files import whole_folder
+def run():
+    with whole_folder(Path({str(tmp_path / "out")!r})) as work:
+        (work / "a").write_text("x")
+        print("ready", flush=True)
+        time.sleep(60)
+sys.exit(exit_status("x", run))
+"""
+    process = subprocess.Popen(_program(body), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.readline()
+    time.sleep(0.05)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=30)
+    assert (process.returncode, err.decode()) == (status, f"x: {word}\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_statuses(capsys: pytest.CaptureFixture[str]) -> None:
+    def error() -> int:
+        raise RuntimeError("\x1b[2J")
+
+    assert exit_status("x", lambda: 3) == 3
+    assert exit_status("x", error) == 1
+    assert capsys.readouterr().err == "x: internal error: RuntimeError: \\x1b[2J\n"
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+
+
+def test_an_interruption_while_a_command_is_imported_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "interrupted_import.py").write_text("raise KeyboardInterrupt\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert programs._start("interrupted_import", "a-command") == 130
+    assert capsys.readouterr().err == "a-command: interrupted\n"
+
+
+def test_the_console_scripts_are_there() -> None:
+    declared = tomllib.loads((Path(__file__).resolve().parents[2] / "pyproject.toml").read_text(encoding="utf-8"))
+    for script in declared["project"]["scripts"].values():
+        module, _, name = script.partition(":")
+        assert (module, callable(getattr(programs, name))) == ("metric_cli.programs", True)

@@ -160,7 +160,7 @@ def _on_disk(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome]:
 @cache
 def _classes(release: Tree, seed: int) -> World:
     """The classes of the simulations, with the paper's fits: half a minute, for all parts at once."""
-    return world(release, None, 0, seed=seed)
+    return world(release, seed=seed)
 
 
 def _simulated(arguments: argparse.Namespace, release: Tree) -> Iterator[Outcome]:

@@ -130,7 +130,7 @@ def _tilted(up: FloatArray, aside: FloatArray, degrees: float) -> FloatArray:
 
 def coverage_rows(tree: Tree, scenes: int) -> Iterator[Row]:
     """Rows of objects, kinds, their number, coverage, median and mean error, and width of the interval."""
-    classes = world(tree, None, 0, baselines=False)
+    classes = world(tree, baselines=False)
     knobs = Knobs(objects=3, classes=3)
     plans: list[tuple[int, tuple[str, ...], bool]] = [(3, (), False)]
     plans += [(3, (name,), False) for name in SPREADS]
@@ -200,52 +200,8 @@ def page(tree: Tree, scenes: int) -> str:
     ups = _table("`--up`|scale|90 % interval|warning", up_rows(tree))
     header = "objects|other evidence|of it wrong|coverage|median error|mean error|width (log)"
     coverage = _table(header, coverage_rows(tree, scenes))
-    return TEXT.format(version=tree.version, kinds=kinds, ups=ups, coverage=coverage, forms=forms, scenes=scenes)
-
-
-TEXT = """# Evidence beside the objects, and forms of reconstructions
-
-`OMP_NUM_THREADS=1 python -m benchmarks.estimator.evidence --write` writes this page; release {version}.
-
-## Each kind, right and wrong
-A made walk of twelve pairs of cameras 1.5 m above a floor, in units of 0.4 m, with files of each kind: tables, EXIF,
-drawn markers, depth maps.
-Scales are divided by the true one. The objects are a chair, a table, a bookcase and a couch with the median sizes of
-their priors, measured to 3 %.
-
-{kinds}
-
-Alone, nothing can tell that evidence is wrong. Four objects that agree outvote one piece of it, right or wrong,
-because each may be an outlier with the same probability. A known length is what the user states as certain: against
-the objects the scale is unresolved, and `--trust-known-length` believes it.
-
-## Up from outside
-The demo scene, scales divided by the true one.
-
-{ups}
-
-## Coverage
-{scenes} simulated scenes a row: objects from the priors with a size noise of 6 %, one side in five cut, one label in
-twenty wrong. Spreads: hand-held camera height 10.7 %, GPS 2 %,
-marker 1 %, metric depth 15 %. In the rows with wrong evidence each piece is wrong with probability 0.1, by up to a
-factor of seven.
-
-{coverage}
-
-A piece of evidence alone leaves an interval as wide as the doubt about it: its 10 % of mass elsewhere is what the 90
-% interval must hold.
-
-## Forms of reconstructions
-One scene of eight views and 60 points, written in each form and read back; differences of points and positions are
-shares of the scene's extent, those of pixels of the picture's width.
-
-{forms}
-
-`python -m pytest tests/estimator/other_programs tests/estimator/instances/test_forms.py` has the same for two lenses,
-and the forms of masks. Real files of public repositories were read by hand to check conventions, and are not part
-of the tests: in instant-ngp's and Meshroom's the cameras look at one place in front of them. The pieces they had that
-the made files had not (Metashape's k4, pictures without points) were errors, and are tested now.
-"""
+    text = Path(__file__).with_suffix(".md").read_text(encoding="utf-8")
+    return text.format(version=tree.version, kinds=kinds, ups=ups, coverage=coverage, forms=forms, scenes=scenes)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

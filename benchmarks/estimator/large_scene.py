@@ -1,9 +1,8 @@
 """Processor time and memory of `estimate-scale` on large scenes.
 
-    python -m benchmarks.estimator.large_scene [--views 125] [--points 500000] [--seen 12] [--observations 3000]
-                                                  [--times 1 2 4]
+    python -m benchmarks.estimator.large_scene [--times 1 2 4]
 
-A synthetic room is recorded by `--views` cameras and has about `--points` dense points; each of `--times` repeats its
+A synthetic room is recorded by `VIEWS` cameras and has about `POINTS` dense points; each of `--times` repeats its
 views, its masks and its points (all a millimetre apart) so often: time is linear if it grows as often. Each runs in
 a process of its own, from files.
 """
@@ -27,6 +26,9 @@ from tests.synthetic.rooms.knobs import Knobs
 from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
 from tests.synthetic.rooms.scene_files import write_scene
 
+VIEWS, POINTS = 125, 500_000
+#: Most views of a dense point, and most observations of sparse points in a view.
+SEEN, OBSERVATIONS = 12, 3000
 #: The command, which writes its own peak memory to a file: the system's count of a child begins with its parent's.
 COMMAND = """
 import sys
@@ -92,22 +94,13 @@ def _thinned(dense: DenseCloud, most: int) -> DenseCloud:
 def main() -> None:
     """Print the table, a row as soon as it is known."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--views", type=int, default=125)
-    parser.add_argument("--points", type=int, default=500_000)
-    parser.add_argument("--seen", type=int, default=12, help="most views of a dense point (default: %(default)s)")
-    parser.add_argument(
-        "--observations",
-        type=int,
-        default=3000,
-        help="most observations of sparse points in a view (default: %(default)s)",
-    )
     parser.add_argument("--times", type=int, nargs="+", default=[1, 2, 4])
     given = parser.parse_args()
-    world = furnished_room("sitting room", 7, Knobs(views=given.views))
-    made = quick_scene(world, Knobs(views=given.views), 7, dense_a_frame=given.points // given.views)
+    world = furnished_room("sitting room", 7, Knobs(views=VIEWS))
+    made = quick_scene(world, Knobs(views=VIEWS), 7, dense_a_frame=POINTS // VIEWS)
     assert made.scene.dense is not None
-    sparse = tuple(_with_fewer(view, given.observations) for view in made.scene.views)
-    made = replace(made, scene=replace(made.scene, views=sparse, dense=_thinned(made.scene.dense, given.seen)))
+    sparse = tuple(_with_fewer(view, OBSERVATIONS) for view in made.scene.views)
+    made = replace(made, scene=replace(made.scene, views=sparse, dense=_thinned(made.scene.dense, SEEN)))
     print("| views | dense points | masks | processor s | peak MiB | exit | scale over true |")
     print("|---|---|---|---|---|---|---|")
     for times in given.times:

@@ -34,7 +34,6 @@ def main() -> None:
     parser.add_argument("--videos", type=Path, help="the folder of `benchmarks.insertion.video_proof`")
     parser.add_argument("--traced", type=Path, nargs="*", default=[], help="of `benchmarks.insertion.traced_room`")
     parser.add_argument("--blind", type=Path, metavar="KEY", help="random order; the order is written here")
-    parser.add_argument("--seed", type=int, help="of the random order; by default another one each time")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
@@ -42,7 +41,7 @@ def main() -> None:
         "videos": pairs_of_videos(options.videos) if options.videos else [],
         "traced": pairs_of_traced(options.traced),
     }
-    generator, key = np.random.default_rng(options.seed), {}
+    generator, key = np.random.default_rng(), {}
     for name, pairs in groups.items():
         if not pairs:
             continue

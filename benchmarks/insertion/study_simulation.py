@@ -19,6 +19,8 @@ from insertion.study.plan import BIAS_SPREAD, FLAT, expected_intervals
 
 __all__ = ["main", "simulated_answers"]
 
+#: People of a study, and how often each size is shown to each.
+PEOPLE, REPEATS = 27, 2
 SHARP = Observer(bias=float(-np.log(0.95)), sigma=0.06, criterion=0.08)
 #: Name, observer (None: no look at the picture), share of people who click at random, share who always say "right".
 CASES = (
@@ -36,19 +38,17 @@ def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--studies", type=int, default=40)
-    parser.add_argument("--people", type=int, default=27)
-    parser.add_argument("--repeats", type=int, default=2)
     options = parser.parse_args()
-    peak, step = expected_intervals(options.people, options.repeats)
+    peak, step = expected_intervals(PEOPLE, REPEATS)
     print(f"the plan for a flat curve: the peak within {peak:.1f} %, the just-noticeable step within {step:.1f} %")
-    print(f"{options.studies} studies of {options.people} people, each size shown {options.repeats} times")
+    print(f"{options.studies} studies of {PEOPLE} people, each size shown {REPEATS} times")
     print(
         "| people | called flat | careless | peak, off by | interval holds it | noticeable step | interval holds it |"
     )
     print("|---|---|---|---|---|---|---|")
     for name, observer, random, right in CASES:
         curves = [
-            curve_of(simulated_answers(observer, options.people, options.repeats, seed, random, right))
+            curve_of(simulated_answers(observer, PEOPLE, REPEATS, seed, random, right))
             for seed in range(options.studies)
         ]
         print(_row(name, observer, curves), flush=True)

@@ -42,6 +42,8 @@ from tests.synthetic.rooms.world import Pinhole, World
 
 SIZE, FOCAL = (240, 180), 187.5
 SAMPLES = 24
+#: Views of a room, and those in which the object is rendered as well.
+VIEWS, JUDGED = 8, 3
 #: Mean luminance of the pictures: what a camera's own exposure aims at.
 EXPOSED = 0.18
 
@@ -63,90 +65,50 @@ class TracedRoom:
 
 #: The last two, with coloured lamps, are held out: no constant was chosen with them in view.
 ROOMS = {
-    "lamp": TracedRoom(
-        "sitting room", 1001, (1.761, 0.986, -160.64), ((0.5, 45.0, (0.6, -0.4, 2.5), (0.5, -0.3, 0.0)),)
-    ),
-    "day": TracedRoom(
-        "kitchen",
-        1002,
-        (1.41, 1.533, -150.62),
-        ((1.3, 110.0, (-2.4, -0.5, 1.6), (1.0, 0.3, 0.4)), (2.0, 8.0, (0.0, 0.0, 2.5), (0.0, 0.0, 0.0))),
-    ),
-    "two lamps": TracedRoom(
-        "study",
-        1004,
-        (0.328, 1.593, -87.0),
-        ((0.4, 35.0, (-1.3, 0.9, 2.5), (-1.2, 0.8, 0.0)), (0.4, 20.0, (1.4, -0.9, 2.5), (1.3, -0.8, 0.0))),
-    ),
-    "panels": TracedRoom(
-        "study",
-        1012,
-        (-0.97, 0.78, -70.0),
-        ((0.6, 22.0, (-1.2, 0.3, 2.55), (-1.2, 0.3, 0.0)), (0.6, 22.0, (1.2, 0.3, 2.55), (1.2, 0.3, 0.0))),
-    ),
-    "held out": TracedRoom(
-        "bedroom",
-        1006,
-        (0.3, 0.6, -90.0),
-        ((1.2, 60.0, (2.6, 0.3, 1.5), (-1.0, 0.0, 0.3)), (0.3, 16.0, (-1.4, 1.2, 2.3), (-1.2, 1.0, 0.0))),
-    ),
-    "uplight": TracedRoom(
-        "bedroom",
-        1013,
-        (-0.45, 0.3, -60.0),
-        ((0.3, 45.0, (-2.3, -2.1, 1.7), (-2.2, -2.0, 2.6)), (0.2, 8.0, (2.3, 1.9, 1.1), (0.0, 0.0, 0.5))),
-    ),
-    "window": TracedRoom("sitting room", 1014, (0.05, 1.2, -120.0), ((1.5, 90.0, (-2.6, 0.8, 1.5), (1.0, -0.2, 0.6)),)),
-    "floor lamp": TracedRoom(
-        "sitting room",
-        1021,
-        (0.88, 1.58, -120.0),
-        ((0.35, 18.0, (1.6, 2.1, 1.5), (1.2, 1.6, 0.0)), (0.8, 14.0, (-0.8, -0.4, 2.55), (-0.8, -0.4, 0.0))),
-        ((1.0, 0.85, 0.62), (1.0, 1.0, 1.0)),
-    ),
-    "window and lamp": TracedRoom(
-        "bedroom",
-        1022,
-        (-0.62, 1.18, -60.0),
-        ((1.4, 80.0, (2.6, -0.6, 1.5), (-1.0, 0.2, 0.6)), (0.4, 22.0, (0.2, 0.1, 2.5), (0.2, 0.1, 0.0))),
-        ((0.82, 0.92, 1.0), (1.0, 0.88, 0.72)),
-    ),
-}
+    "lamp": TracedRoom("sitting room", 1001, (1.761, 0.986, -160.64), ((0.5, 45.0, (0.6, -0.4, 2.5), (0.5, -0.3,
+        0.0)),)),
+    "day": TracedRoom("kitchen", 1002, (1.41, 1.533, -150.62), ((1.3, 110.0, (-2.4, -0.5, 1.6), (1.0, 0.3, 0.4)),
+        (2.0, 8.0, (0.0, 0.0, 2.5), (0.0, 0.0, 0.0)))),
+    "two lamps": TracedRoom("study", 1004, (0.328, 1.593, -87.0), ((0.4, 35.0, (-1.3, 0.9, 2.5), (-1.2, 0.8, 0.0)),
+        (0.4, 20.0, (1.4, -0.9, 2.5), (1.3, -0.8, 0.0)))),
+    "panels": TracedRoom("study", 1012, (-0.97, 0.78, -70.0), ((0.6, 22.0, (-1.2, 0.3, 2.55), (-1.2, 0.3, 0.0)),
+        (0.6, 22.0, (1.2, 0.3, 2.55), (1.2, 0.3, 0.0)))),
+    "held out": TracedRoom("bedroom", 1006, (0.3, 0.6, -90.0), ((1.2, 60.0, (2.6, 0.3, 1.5), (-1.0, 0.0, 0.3)),
+        (0.3, 16.0, (-1.4, 1.2, 2.3), (-1.2, 1.0, 0.0)))),
+    "uplight": TracedRoom("bedroom", 1013, (-0.45, 0.3, -60.0), ((0.3, 45.0, (-2.3, -2.1, 1.7), (-2.2, -2.0, 2.6)),
+        (0.2, 8.0, (2.3, 1.9, 1.1), (0.0, 0.0, 0.5)))),
+    "window": TracedRoom("sitting room", 1014, (0.05, 1.2, -120.0), ((1.5, 90.0, (-2.6, 0.8, 1.5), (1.0, -0.2,
+        0.6)),)),
+    "floor lamp": TracedRoom("sitting room", 1021, (0.88, 1.58, -120.0), ((0.35, 18.0, (1.6, 2.1, 1.5), (1.2, 1.6,
+        0.0)), (0.8, 14.0, (-0.8, -0.4, 2.55), (-0.8, -0.4, 0.0))), ((1.0, 0.85, 0.62), (1.0, 1.0, 1.0))),
+    "window and lamp": TracedRoom("bedroom", 1022, (-0.62, 1.18, -60.0), ((1.4, 80.0, (2.6, -0.6, 1.5), (-1.0, 0.2,
+        0.6)), (0.4, 22.0, (0.2, 0.1, 2.5), (0.2, 0.1, 0.0))), ((0.82, 0.92, 1.0), (1.0, 0.88, 0.72))),
+}  # fmt: skip
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--room", choices=ROOMS, default="lamp")
-    parser.add_argument("--views", type=int, default=8)
-    parser.add_argument("--judged", type=int, default=3, help="views in which the object is rendered as well")
-    parser.add_argument(
-        "--prior", action="store_true", help="the light by its prior alone, without the shading of planes"
-    )
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     room = ROOMS[options.room]
-    world = _world(room, options.views)
+    world = _world(room, VIEWS)
     made = quick_scene(world, Knobs(depth_noise=0.004), room.seed)
     to_scene = similarity_between(
         np.array([pose.centre for pose in world.poses]), np.array([view.centre for view in made.scene.views])
     )
     _bare_pictures(world, room, options.out)
     stage = _stage(made, to_scene, options.out)
-    if options.prior:
-        stage = replace(stage, shading=lambda: None)
     model = write_glb(solid("chair", np.array([0.42, 0.38, 0.75])), options.out / "chair.glb", (0.6, 0.25, 0.12))
     placed = _placed(stage, model, room, to_scene)
     ours: list[NDArray[np.uint8]] = []
     results = insert_objects(stage, [placed], lambda _, picture: ours.append(picture))
     order = [k for k, frame in enumerate(results[0].frames) if frame.silhouette is not None and frame.visible > 0.9]
-    judged = order[:: max(1, len(order) // options.judged)][: options.judged]
+    judged = order[:: max(1, len(order) // JUDGED)][:JUDGED]
     truth = _true_pictures(world, room, options.out, stage, placed, to_scene, judged)
-    pictures = None if options.prior else options.out
-    records = [_compare(stage, placed, row, ours[row], truth[number], pictures) for number, row in enumerate(judged)]
-    (options.out / f"{'prior' if options.prior else 'records'}.jsonl").write_text(
-        "".join(json.dumps(record) + "\n" for record in records)
-    )
+    records = [_compare(stage, placed, row, ours[row], truth[number], options.out) for number, row in enumerate(judged)]
+    (options.out / "records.jsonl").write_text("".join(json.dumps(record) + "\n" for record in records))
 
 
 def _world(room: TracedRoom, views: int) -> World:
@@ -283,7 +245,7 @@ def _to_world(frame: MetricFrame, to_scene: Similarity) -> NDArray[np.float64]:
 
 
 def _compare(
-    stage: Stage, placed: Placed, row: int, ours: NDArray[np.uint8], truth: NDArray[np.uint8], out: Path | None
+    stage: Stage, placed: Placed, row: int, ours: NDArray[np.uint8], truth: NDArray[np.uint8], out: Path
 ) -> dict[str, Any]:
     import cv2
 
@@ -310,8 +272,7 @@ def _compare(
         "shadow_pixels": int(dark.sum()),
     }
     print(json.dumps(record))
-    if out is not None:
-        cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, ours, truth])[..., ::-1])
+    cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, ours, truth])[..., ::-1])
     return record
 
 

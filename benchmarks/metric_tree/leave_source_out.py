@@ -1,6 +1,6 @@
 """Priors of an earlier release and of today's fit on the rows of a source that the fit has not seen.
 
-    python -m benchmarks.metric_tree.leave_source_out RAW... [--against 1.0.0] [--work DIR] [--each]
+    python -m benchmarks.metric_tree.leave_source_out RAW... [--against 1.0.0] [--work DIR]
 
 A source is left out with all sets that measured the same rooms, and with the published means of such sets. Every leaf
 that has rows of it is fitted again, under what the other sources say of kinds and of siblings. Both ways are scored on
@@ -47,8 +47,23 @@ from taxonomy.levels import replaced_ids
 #: Rows of a source in a class that are scored, and the classes of a source that make it worth a line.
 MOST_ROWS, LEAST_ROWS, LEAST_CLASSES = 60, 5, 2
 
+WORKERS, SEED = 2, 0
+
 #: Means that others published of the boxes of the sets that are left out.
 MEANS = "published_class_means"
+
+
+def clean_rows(raw: Sequence[Path], work: Path) -> None:
+    """Ingest and clean the rows of a build in a work folder, unless they are there."""
+    if list(work.glob("clean-*.classes")):
+        return
+    work.mkdir(parents=True, exist_ok=True)
+    declared = {source.id: source for source in sources()}
+    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+        options = Options(version="0.0.0", created="")
+        steps = Steps(options, shipped_taxonomy, declared, None, pool, None, WorkFolder(work))
+        steps.ingest([*blocks(raw_files(raw)), block_of(shipped_curated(), "curated ranges")])
+        steps.clean()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,16 +75,9 @@ class Rows:
     hierarchy: Hierarchy
 
     @classmethod
-    def of(cls, raw: Sequence[Path], work: Path, workers: int) -> Rows:
+    def of(cls, raw: Sequence[Path], work: Path) -> Rows:
         """The cleaned rows of a build, from a work folder if they are there."""
-        if not list(work.glob("clean-*.classes")):
-            work.mkdir(parents=True, exist_ok=True)
-            declared = {source.id: source for source in sources()}
-            options = Options(version="0.0.0", created="")
-            with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-                steps = Steps(options, shipped_taxonomy, declared, None, pool, None, WorkFolder(work))
-                steps.ingest([*blocks(raw_files(raw)), block_of(shipped_curated(), "curated ranges")])
-                steps.clean()
+        clean_rows(raw, work)
         cleaned: list[Cleaned] = [_unpickled(path) for path in sorted(work.glob("clean-*.pickle"))]
         classes = {one.node_id: one for part in cleaned for one in part.classes}
         rows = {one.node_id: one for path in sorted(work.glob("clean-*.classes")) for one in _unpickled(path)}
@@ -173,26 +181,17 @@ def main() -> None:
     parser.add_argument("raw", nargs="+", type=Path)
     parser.add_argument("--against", default="1.0.0", help="version or folder of the earlier release")
     parser.add_argument("--work", type=Path, help="folder of the cleaned rows; taken up if they are there")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", metavar="SOURCE", action="append", help="leave out this source alone (repeated)")
-    parser.add_argument("--each", action="store_true", help="print every class")
     arguments = parser.parse_args()
     tree = open_tree(arguments.against)
-    build = Rows.of(arguments.raw, arguments.work or Path(tempfile.mkdtemp()), arguments.workers)
+    build = Rows.of(arguments.raw, arguments.work or Path(tempfile.mkdtemp()))
     seen = {record["id"] for record in tree.release.manifest["sources"]}
     lines, fresh = [], []
-    for source in arguments.only or left_out(build):
-        own = list(scores(build, tree, source, arguments.seed))
+    for source in left_out(build):
+        own = list(scores(build, tree, source, SEED))
         if len({node_id for node_id, *_ in own}) < LEAST_CLASSES:
             continue
         fresh += [] if source in seen else own
         lines.append(_line(source, own, source in seen))
-        if arguments.each:
-            for node_id, before, after in own:
-                print(
-                    f"{source:24}{node_id:36}", *(f"{one:7.2f}" for both in _pairs([before], [after]) for one in both)
-                )
     lines.append(_line(f"all that {tree.version} lacks", fresh, False))
     ways = [f"{name} {way}" for name in ("density", "inside", "error") for way in (tree.version, "today")]
     print_table(["left out", "classes", *ways, f"{tree.version} saw the rows"], lines)

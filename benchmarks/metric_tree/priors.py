@@ -30,12 +30,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from crawler.imports.sources import sources
+from benchmarks.metric_tree.leave_source_out import SEED, WORKERS, clean_rows
 from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES
-from metric_tree.build.ingest import blocks, raw_files
-from metric_tree.build.steps import Options, Steps, shipped_taxonomy
-from metric_tree.build.work_folder import WorkFolder
 from metric_tree.fit.class_prior import class_prior
 from metric_tree.fit.class_rows import ClassRows, take_rows
 from metric_tree.fit.evidence import KIND_WEIGHT
@@ -59,18 +56,18 @@ def main() -> None:
     known = (("", one) for rows in classes if (one := moments(rows).disagreement) is not None)
     model = learn_kinds(known, sorted(KIND_WEIGHT))
     print(f"{len(classes)} classes with {CLASS_ROWS} complete rows or more; {model}")
-    chosen = np.random.default_rng(arguments.seed).permutation(len(classes))[: arguments.classes]
+    chosen = np.random.default_rng(SEED).permutation(len(classes))[: arguments.classes]
     calls = [classes[number] for number in sorted(chosen)]
-    with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
-        within = list(pool.map(partial(_cross_validated, model=model, rows=arguments.rows, seed=arguments.seed), calls))
-        _print("cross-validation within a class", dict(zip((c.node_id for c in calls), within, strict=True)), arguments)
-        left = list(pool.map(partial(_across_sources, model=model, rows=arguments.rows, seed=arguments.seed), calls))
+    with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
+        within = list(pool.map(partial(_cross_validated, model=model, rows=arguments.rows, seed=SEED), calls))
+        _print("cross-validation within a class", dict(zip((c.node_id for c in calls), within, strict=True)))
+        left = list(pool.map(partial(_across_sources, model=model, rows=arguments.rows, seed=SEED), calls))
     across = {
         f"{call.node_id} without {name}": scores
         for call, found in zip(calls, left, strict=True)
         for name, scores in found
     }
-    _print("across sources", across, arguments)
+    _print("across sources", across)
 
 
 def _arguments() -> argparse.Namespace:
@@ -79,23 +76,13 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--work", type=Path, help="folder for the cleaned rows; taken up where they are there")
     parser.add_argument("--rows", type=int, default=150, help="rows of a class that take part (default: %(default)s)")
     parser.add_argument("--classes", type=int, default=40, help="classes drawn (default: %(default)s)")
-    parser.add_argument("--each", action="store_true", help="print every class")
-    parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=0)
     return parser.parse_args()
 
 
 def _classes(arguments: argparse.Namespace) -> Iterator[ClassRows]:
     """Classes with enough complete rows of real things, as the build cleans them."""
     work = arguments.work or Path(tempfile.mkdtemp())
-    if not list(work.glob("clean-*.classes")):
-        work.mkdir(parents=True, exist_ok=True)
-        declared = {source.id: source for source in sources()}
-        with ProcessPoolExecutor(arguments.workers, mp_context=get_context("spawn")) as pool:
-            options = Options(version="0.0.0", created="")
-            steps = Steps(options, shipped_taxonomy, declared, None, pool, None, WorkFolder(work))
-            steps.ingest(blocks(raw_files(arguments.raw)))
-            steps.clean()
+    clean_rows(arguments.raw, work)
     for path in sorted(work.glob("clean-*.classes")):
         for one in pickle.loads(path.read_bytes()):  # noqa: S301 - written by this very program
             real = np.flatnonzero(np.asarray(one.kinds) != "curated")
@@ -191,13 +178,12 @@ def _by_bic(sizes: FloatArray, seed: int) -> Any:
     return min(fits, key=lambda fit: fit.bic(sizes))
 
 
-def _print(title: str, scores: Mapping[str, Mapping[str, float]], arguments: argparse.Namespace) -> None:
+def _print(title: str, scores: Mapping[str, Mapping[str, float]]) -> None:
     table = np.array([[found[way] for way in WAYS] for found in scores.values()])
     print(f"\n{title}: {len(table)} fits, mean log density over ln mm")
     print(f"{'':44}" + "".join(f"{way:>9}" for way in WAYS))
-    if arguments.each:
-        for name, row in zip(scores, table, strict=True):
-            print(f"{name:44.44}" + "".join(f"{value:9.2f}" for value in row))
+    for name, row in zip(scores, table, strict=True):
+        print(f"{name:44.44}" + "".join(f"{value:9.2f}" for value in row))
     for name, row in (("mean", table.mean(axis=0)), ("median", np.median(table, axis=0))):
         print(f"{name:44}" + "".join(f"{value:9.2f}" for value in row))
     wins = (table[:, :1] > table).sum(axis=0)

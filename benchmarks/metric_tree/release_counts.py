@@ -1,9 +1,8 @@
-"""The counts of a release: `python -m benchmarks.metric_tree.release_counts RAW... --release DIR [--input SIZES]`.
+"""The counts of a release: `python -m benchmarks.metric_tree.release_counts RAW... --release DIR`.
 
 Leaves by evidence, the paper's funnel, sources, refused rows by reason, items with year and region, ten random leaves.
 The first two steps of the build are run again on the raw items, so that every item is counted by its kind after repeats
-and slips are out, also those whose rows the release may not ship. The first number of the funnel counts rows without
-sizes too and needs the files of the sources (`--input`, as `metric-tree import` takes it).
+and slips are out, also those whose rows the release may not ship.
 """
 
 from __future__ import annotations
@@ -21,9 +20,8 @@ from typing import Any
 
 import pyarrow as pa
 
-from crawler.imports.source_files import quarantine_path, source_folder
+from crawler.imports.source_files import quarantine_path
 from crawler.imports.sources import Source, sources
-from crawler.imports.table_reader import table_categories
 from crawler.items import RawItem
 from metric_cli.terminal import print_table
 from metric_cli.verbs.build import executor_of
@@ -70,15 +68,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("raw", nargs="+", type=Path, metavar="RAW", help="raw items of the release, as the build took")
     parser.add_argument("--release", type=Path, default=Path("data/release/2.0.0"), help="(default: %(default)s)")
-    parser.add_argument("--input", type=Path, metavar="SIZES", help="the sources' files, for rows without sizes")
     parser.add_argument("--workers", type=int, default=1, help="processes (default: %(default)s)")
     arguments = parser.parse_args()
     tree = open_tree(arguments.release)
     found = counted(arguments.raw, tree.release.manifest, arguments.workers)
     _print_evidence(tree, found)
     paths = dict(_item_paths(arguments.raw))
-    named = None if arguments.input is None else _named_categories(arguments.input)
-    print_table(("step of the funnel", "n"), funnel(found, paths, tree, named))
+    print_table(("step of the funnel", "n"), funnel(found, paths, tree))
     print_table(("sources", "n"), _source_counts(tree))
     for title, reasons in (("refused at import", refused(arguments.raw)), ("refused by the build", found.reasons)):
         print_table((title, "rows"), [*Counter(reasons).most_common(), ("all", sum(reasons.values()))])
@@ -120,16 +116,13 @@ def counted(
     return Counted(classes, reasons, leaves)
 
 
-def funnel(
-    found: Counted, paths: Mapping[str, Path_], tree: Tree, named: set[tuple[str, Path_]] | None
-) -> list[tuple[str, int]]:
+def funnel(found: Counted, paths: Mapping[str, Path_], tree: Tree) -> list[tuple[str, int]]:
     """From the categories that sources name to the leaves of the tree (the paper's figure of its data)."""
     sized = {(item_id.partition(":")[0], path) for item_id, path in paths.items()}
     taken = {(item_id.partition(":")[0], paths[item_id]) for item_id in found.leaves if item_id in paths}
     leaves = [node for node in tree if not node.children]
     return [
-        *([("raw categories, a source and a path each", len(named | sized))] if named is not None else []),
-        ("of these with sizes", len(sized)),
+        ("raw categories with sizes, a source and a path each", len(sized)),
         ("as texts, over all sources", len({tuple(word.casefold() for word in path) for _, path in sized})),
         ("matched to a leaf", len(taken)),
         ("merged concepts: leaves they reach", len({found.leaves[item_id] for item_id in found.leaves.keys() & paths})),
@@ -191,12 +184,6 @@ def _items(raw: Sequence[Path]) -> Iterator[RawItem]:
 def _item_paths(raw: Sequence[Path]) -> Iterator[tuple[str, Path_]]:
     for item in _items(raw):
         yield f"{item.source}:{item.source_id}", item.category_path
-
-
-def _named_categories(folder: Path) -> set[tuple[str, Path_]]:
-    """Source and category path of every row of every table; of sets that no table describes, none."""
-    found = ((one, table_categories(one, source_folder(one, folder))) for one in sources() if one.tables)
-    return {(one.id, path) for one, paths in found for path in paths if path}
 
 
 def _leaves(work: Path) -> Iterator[tuple[str, str]]:

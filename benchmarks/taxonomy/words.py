@@ -4,9 +4,7 @@ FILE is a CSV with the columns `name` and `expected_node` (one node, or empty wh
 `word` and `expected` (nodes, or `name:` and a name, any of them, with `|` between). A word is right if the node is
 expected, or replaced an expected one, or is a kind of an expected one, or an expected one's kind that is no further up
 than `STEPS`. `--tree taxonomy` asks the nodes that a build of the tables of this checkout would have. `--show` prints
-the words that are not right. A list that was made against an earlier tree cannot expect what was added since: with
-`--reviewed FILE` (`word`, `node`, `verdict`) such answers are counted once more, as a reviewer (a program: a language
-model) judged them.
+the words that are not right.
 """
 
 from __future__ import annotations
@@ -97,14 +95,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--names", type=Path, required=True)
     parser.add_argument("--tree", help="a release's version or folder, or `taxonomy`")
-    parser.add_argument("--reviewed", type=Path, help="a reviewer's verdicts on answers that the list did not expect")
     parser.add_argument("--show", action="store_true", help="print each word that is not right")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         tree = expected_tree(Path(folder)) if arguments.tree == "taxonomy" else open_tree(arguments.tree)
         report(tree, read_words(arguments.names), arguments.show)
-        if arguments.reviewed is not None:
-            report_reviewed(tree, read_words(arguments.names), arguments.reviewed)
 
 
 def report(tree: Tree, words: list[tuple[str, set[str]]], show: bool) -> None:
@@ -121,18 +116,6 @@ def report(tree: Tree, words: list[tuple[str, set[str]]], show: bool) -> None:
     print(
         f"of {len(words) - asked} without: {dict(counts - Counter({k: counts[k] for k in ('right', 'wrong', 'none')}))}"
     )
-
-
-def report_reviewed(tree: Tree, words: list[tuple[str, set[str]]], file: Path) -> None:
-    """Print how a reviewer judged the answers that the list did not expect."""
-    with file.open(encoding="utf-8", newline="") as lines:
-        verdicts = {(row["word"], row["node"]): row["verdict"] for row in csv.DictReader(lines)}
-    counts: Counter[str] = Counter()
-    for word, expected in words:
-        result, node_id = verdict(tree, word, expected)
-        if result in ("wrong", "taken, expected nothing"):
-            counts[f"{result}: {verdicts.get((word, node_id), 'not reviewed')}"] += 1
-    print(f"as a reviewer judged them: {dict(counts)}")
 
 
 if __name__ == "__main__":

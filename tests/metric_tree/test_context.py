@@ -66,6 +66,17 @@ def test_a_year_far_from_all_that_is_known_gives_the_plain_prior(contexts) -> No
     np.testing.assert_allclose(there.shared_covariance, plain.shared_covariance)
 
 
+def test_what_is_known_of_a_region_moves_the_prior_and_explains_a_part_of_b() -> None:
+    """Data of the very country, many sources: the centre moves most of the way, B loses the region's share."""
+    plain = prior(*(context(name, "DE", 2011, 0.2, 0.001) for name in "abcdefgh"))
+    there = plain.in_context(Where("DE", 2011), MODEL)
+    effect = context_effect(plain.contexts, np.diagonal(SHARED), Where("DE", 2011), MODEL)
+    assert np.all(there.means - plain.means > 0.05)
+    np.testing.assert_allclose(there.shared_covariance, SHARED * effect.factor.mean(), rtol=0.05)
+    assert np.all(np.diagonal(there.shared_covariance) < 0.9 * np.diagonal(SHARED))
+    assert f"{1 - effect.factor.mean():.0%} of B explained" in str(there.note)
+
+
 def test_without_contexts_or_without_a_model_the_plain_prior_holds_and_the_note_says_so() -> None:
     for there in (
         prior().in_context(Where("europe"), MODEL),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from metric_base.errors import InputError
-from metric_tree.prior import Prior, UnknownDimension
+from metric_tree.prior import FLOOR_SD, Prior, UnknownDimension
 from metric_tree.tree import Tree
 from tests.synthetic import minitree
 
@@ -138,3 +139,11 @@ def test_a_prior_of_no_numbers_is_refused(tmp_path: Path) -> None:
     tree = Tree(minitree.release(tmp_path / "release", content))
     with pytest.raises(InputError, match="means"):
         tree.prior(row["node_id"], tuple(row["dims"]))
+
+
+def test_the_error_that_a_scene_shares_has_a_floor_in_every_direction():
+    prior = replace(random_prior(0), shared_covariance=np.diag([0.04, 0.0, 0.0001]))
+    np.testing.assert_allclose(prior.disagreement(), np.diag([0.04, FLOOR_SD**2, FLOOR_SD**2]))
+    unknown = replace(prior, shared_covariance=np.zeros((3, 3))).disagreement()
+    assert np.all(np.linalg.eigvalsh(unknown) > FLOOR_SD**2)
+    assert unknown[0, 1] > 0  # the axes of a thing are wrong together

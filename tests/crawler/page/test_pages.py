@@ -191,10 +191,10 @@ def test_addresses_that_mean_one_page_are_one() -> None:
     ids=["empty", "blank", "binary", "cut gzip", "utf-16 mark", "angles", "deep"],
 )  # fmt: skip
 def test_hostile_pages_cost_one_page(body: bytes) -> None:
-    started = time.monotonic()
+    started = time.process_time()  # whatever else the machine does
     with suppress(BadPage):
         item_of(page(body, "https://shop.example/p/1"))
-    assert time.monotonic() - started < 5
+    assert time.process_time() - started < 5
 
 
 def test_a_bomb_is_not_unpacked(tmp_path: Path) -> None:

@@ -118,6 +118,8 @@ def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> 
         browser.wait("document.querySelectorAll('#things li').length === 2")
         browser.run("document.getElementById('undo').click()")
         browser.wait("document.querySelectorAll('#things li').length === 1")
+        browser.run("document.getElementById('done').click()")  # one box, and a name that nobody knows
+        browser.wait("document.getElementById('message').textContent.includes('Press again')")
         browser.run("document.getElementById('done').click()")
         browser.wait("document.body.textContent.startsWith('Thank you')")
     document = served.result()

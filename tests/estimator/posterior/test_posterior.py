@@ -192,6 +192,14 @@ def test_status_rule_of_the_contract() -> None:
     assert status_of([best], (0.7, 0.7 * 1.81)) == "unresolved"
 
 
+@pytest.mark.parametrize(
+    ("below", "above", "status"), [(0, 0, "resolved"), (0.5, 0, "unresolved"), (0, 0.5, "unresolved")]
+)
+def test_mass_beyond_either_end_of_the_grid_leaves_the_scale_open(below: float, above: float, status: str) -> None:
+    curve = Curve(np.linspace(-1, 1, 5), np.full(5, 0.5), below, above)
+    assert status_of([Mode(1.0, 1.0)], (0.9, 1.1), curve) == status
+
+
 @given(st.floats(0.03, 0.4), st.floats(-0.5, 0.5), st.floats(0.6, 0.99))
 @settings(deadline=None, max_examples=40)
 def test_interval_and_mode_of_a_gaussian(sd: float, mean: float, level: float) -> None:

@@ -130,3 +130,12 @@ def test_an_object_of_which_no_dimension_counts_is_skipped(mini: Tree) -> None:
     assert (first.verdict, first.used, first.weight) == ("skipped", (), 0.0)
     assert first.reason == "every extent that its prior judges is truncated"
     assert second.verdict == "used"
+
+
+@pytest.mark.parametrize("known", [0.25, 1.0])
+def test_the_chance_of_a_contradiction_is_that_of_the_nearer_tail(known: float) -> None:
+    """By as much too small as too large: both are as unlikely under the objects, whichever side they lie on."""
+    item = evidence(prior("chair.n.01", [(1000.0, 1000.0, 1000.0)]), (2.0, 2.0, 2.0))
+    found = contradiction_of(posterior([item]), [item], (length(known),))
+    assert found is not None
+    assert 0 < found.chance < 0.05

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from metric_tree.build.unit_slips import FACTORS, reference, sibling_reference, slip_factors
+from metric_tree.build.unit_slips import FACTORS, Reference, reference, sibling_reference, slip_factors
 
 TYPICAL = np.array([2000.0, 900.0, 850.0])
 
@@ -32,6 +32,14 @@ def test_one_axis_in_another_unit_is_found():
     sizes = extents()
     sizes[5] = [8500.0, 2000.0, 900.0]  # the height has a zero too many
     assert slip_factors(sizes, reference(sizes))[5] != 1.0
+
+
+def test_one_axis_in_another_unit_is_no_slip_where_another_axis_is_odd_too():
+    """Both others must be ordinary: of an odd thing nobody can tell which number is wrong."""
+    typical = np.exp(reference(extents()).centre)
+    known = Reference(np.log(typical), np.full(3, 0.12))
+    ordinary, odd = typical * [10.0, 1.0, 1.0], typical * [10.0, np.exp(4 * 0.12), 1.0]
+    assert slip_factors(np.array([ordinary, odd]), known).tolist() == [pytest.approx(10.0), np.inf]
 
 
 def test_a_small_one_of_its_kind_is_no_slip():

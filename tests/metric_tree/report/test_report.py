@@ -2,12 +2,14 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from metric_cli.verbs import main
 from metric_tree.report.counts import (
     coverage,
     covered_items,
+    disagreements,
     known_shares,
     level_counts,
     mixed_leaves,
@@ -43,6 +45,17 @@ def test_shares_of_items_that_know_year_and_region(tree, tmp_path):
         row["year"], row["region"] = (2001 if number < 10 else None), None
         row["kind"] = "curated" if number == 0 else row["kind"]
     assert known_shares(Tree(minitree.release(tmp_path / "dated", content))) == (39, pytest.approx(9 / 39), 0)
+
+
+def test_sources_differ_as_much_as_on_the_axis_on_which_they_differ_most(tmp_path):
+    content = minitree.rows()
+    for prior in content["priors.parquet"]:
+        prior["n_sources"] = 3
+        sizes = np.linspace(0.01, 0.04, len(prior["dims"]))
+        prior["shared_covariance"] = np.diag(sizes).tolist()
+    rows = disagreements(Tree(minitree.release(tmp_path / "several", content)))
+    assert rows
+    assert all(sources == 3 and spread == pytest.approx(100 * np.expm1(0.2)) for _, sources, _, spread in rows)
 
 
 def test_coverage_counts_labels_with_priors(tree):

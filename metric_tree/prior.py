@@ -43,9 +43,6 @@ FLOOR_SD = 0.03
 #: error of 8 % common to all dimensions and of 5 % in each, what cars of one continent are off on another's streets.
 LONE_COMMON_SD, LONE_OWN_SD = 0.08, 0.05
 
-#: Share of norms and ranges in the fit from which a class's own disagreement holds: they outweigh the rest.
-NORM_SHARE = 0.5
-
 _erf = np.frompyfunc(math.erf, 1, 1)
 
 

@@ -7,10 +7,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from estimator.posterior.assignments import GROSS, GROSS_SD, LOG_BOX
+from estimator.posterior.assignments import GROSS_ERROR_SD_LOG, GROSS_ERROR_SHARE, LOG_BOX
 from estimator.posterior.class_error import shared_error
-from estimator.posterior.grid import ROOM
-from estimator.posterior.likelihood import OUTLIER
+from estimator.posterior.grid import PRIOR_MARGIN_LOG
+from estimator.posterior.likelihood import OUTLIER_SHARE
 from estimator.posterior.sameness import hypotheses
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
@@ -51,14 +51,14 @@ def modelled_class(prior: Prior, several: bool, generator: np.random.Generator) 
     middle = prior.weights @ prior.means
 
     def draw() -> FloatArray:
-        if generator.random() < OUTLIER:
+        if generator.random() < OUTLIER_SHARE:
             anything = LOG_BOX * generator.uniform(-0.5, 0.5, 3)
-            return np.asarray(np.exp(middle + anything - anything.mean() + ROOM * generator.uniform(-1, 1)))
+            return np.asarray(np.exp(middle + anything - anything.mean() + PRIOR_MARGIN_LOG * generator.uniform(-1, 1)))
         component = _component(way.prior, generator)
         size = generator.multivariate_normal(way.prior.means[component], way.prior.covariances[component]) + error
         wrong = generator.random()
-        if wrong < 3 * GROSS:
-            size[int(wrong / GROSS)] += GROSS_SD * generator.standard_normal()
+        if wrong < 3 * GROSS_ERROR_SHARE:
+            size[int(wrong / GROSS_ERROR_SHARE)] += GROSS_ERROR_SD_LOG * generator.standard_normal()
         return np.asarray(np.exp(size))
 
     return draw

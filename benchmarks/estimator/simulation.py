@@ -18,7 +18,7 @@ import numpy as np
 import metric_tree
 from benchmarks.estimator.class_draws import Draw, modelled_class, sharing_class
 from estimator.baselines.candidates import candidate_scales, estimate_on
-from estimator.baselines.paper import Mixture, fit_mixture
+from estimator.baselines.paper import PaperMixture, fit_mixture
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import Estimate, posterior
 from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
@@ -82,7 +82,7 @@ class World:
 
     nodes: tuple[Node, ...]
     priors: tuple[Prior, ...]
-    mixtures: tuple[Mixture, ...]
+    mixtures: tuple[PaperMixture, ...]
 
 
 def world(tree: Tree, baselines: bool = True, seed: int = 0) -> World:

@@ -29,7 +29,7 @@ from metric_tree.build.clean import NodeClass
 from metric_tree.build.ingest import block_of, blocks, raw_files
 from metric_tree.build.steps import Options, Steps, shipped_curated, shipped_taxonomy
 from metric_tree.build.tables import evidence_counts
-from metric_tree.build.work_folder import SerialExecutor, WorkFolder
+from metric_tree.build.work_folder import BuildFolder, SerialExecutor
 from metric_tree.tree import Tree, open_tree
 from taxonomy.categories import Taxonomy
 
@@ -104,7 +104,7 @@ def counted(
     declared: dict[str, Source] = {source.id: source for source in sources()}
     with (
         tempfile.TemporaryDirectory() as folder,
-        WorkFolder.open(Path(folder) / "work", "counts") as work,
+        BuildFolder.open(Path(folder) / "work", "counts") as work,
         executor_of(workers, None) as executor,
     ):
         steps = Steps(options, taxonomy, declared, None, executor or SerialExecutor(), None, work)

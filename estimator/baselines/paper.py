@@ -20,8 +20,8 @@ import numpy as np
 from estimator.baselines.candidates import candidate_scales, estimate_on
 from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
-from estimator.results.categories import Meaning, meanings
-from estimator.results.reports import Answer, Options, result_of
+from estimator.results.categories import LabelMeaning, meanings
+from estimator.results.reports import Options, ScaleAnswer, result_of
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.folders import data_folder
@@ -30,7 +30,7 @@ from metric_base.statistics import mixture_log_density
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.tree import Node, Tree, UnknownName
 
-__all__ = ["Mixture", "authors_lists", "fit_mixture", "paper_result"]
+__all__ = ["PaperMixture", "authors_lists", "fit_mixture", "paper_result"]
 
 #: One component for so many items (the authors' released code).
 ITEMS_PER_COMPONENT = 3
@@ -46,7 +46,7 @@ SEED = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mixture:
+class PaperMixture:
     """A Gaussian mixture over mm: dims (d,), weights (k,), means (k, d), covariances (k, d, d)."""
 
     dims: tuple[str, ...]
@@ -85,7 +85,7 @@ def paper_result(
     return result_of(objects, tree, by_name, answer, options, up, (*heard, *notes), elapsed)
 
 
-def fit_mixture(dims: tuple[str, ...], sizes_mm: FloatArray) -> Mixture:
+def fit_mixture(dims: tuple[str, ...], sizes_mm: FloatArray) -> PaperMixture:
     """The paper's mixture of (n, d) sizes in mm: n // 3 components, at least one."""
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.mixture import BayesianGaussianMixture
@@ -96,7 +96,7 @@ def fit_mixture(dims: tuple[str, ...], sizes_mm: FloatArray) -> Mixture:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ConvergenceWarning)
         model = BayesianGaussianMixture(n_components=components, random_state=SEED).fit(sizes_mm)
-    return Mixture(dims, model.weights_, model.means_, model.covariances_)
+    return PaperMixture(dims, model.weights_, model.means_, model.covariances_)
 
 
 def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], FloatArray]]:
@@ -151,8 +151,8 @@ def _list(path: Path) -> tuple[tuple[str, ...], FloatArray]:
 
 
 def _mixtures(
-    by_name: Mapping[str, Meaning], authors: Mapping[str, tuple[tuple[str, ...], FloatArray]] | None
-) -> tuple[dict[str, Mixture], list[str]]:
+    by_name: Mapping[str, LabelMeaning], authors: Mapping[str, tuple[tuple[str, ...], FloatArray]] | None
+) -> tuple[dict[str, PaperMixture], list[str]]:
     """The mixture of each category name, and what to say about those fitted to less than the class's items.
 
     authors : by node id, dims (d,) and sizes (n, d) in mm.
@@ -174,7 +174,7 @@ def _mixtures(
 
 
 @cache
-def _node_mixture(node: Node, dims: tuple[str, ...]) -> tuple[Mixture, bool]:
+def _node_mixture(node: Node, dims: tuple[str, ...]) -> tuple[PaperMixture, bool]:
     """The mixture of a node's items; True where they had to be drawn from the prior."""
     sizes = _item_sizes(node, dims)
     drawn = len(sizes) < LEAST_ITEMS
@@ -194,10 +194,10 @@ def _item_sizes(node: Node, dims: tuple[str, ...]) -> FloatArray:
 
 def _answer(
     objects: Sequence[MeasuredObject],
-    by_name: Mapping[str, Meaning],
-    mixtures: Mapping[str, Mixture],
+    by_name: Mapping[str, LabelMeaning],
+    mixtures: Mapping[str, PaperMixture],
     options: Options,
-) -> Answer:
+) -> ScaleAnswer:
     places, used, reasons, sizes = [], [], [], []
     for place, item in enumerate(objects):
         mixture = mixtures.get(item.category)
@@ -213,14 +213,14 @@ def _answer(
             used.append(names)
             sizes.append((mixture, [mixture.dims.index(name) for name in names], lengths * 1000))
     if not places:
-        return Answer(None, places, used, reasons)
+        return ScaleAnswer(None, places, used, reasons)
     proposed = [float(value) for mixture, axes, mm in sizes for value in (mixture.weights @ mixture.means)[axes] / mm]
     scales = candidate_scales(np.array(proposed))
     log_likelihood = np.stack([mixture.log_density(scales[:, None] * mm, axes) for mixture, axes, mm in sizes])
-    return Answer(estimate_on(scales, log_likelihood, options.level), places, used, reasons)
+    return ScaleAnswer(estimate_on(scales, log_likelihood, options.level), places, used, reasons)
 
 
-def _plausible(item: MeasuredObject, mixture: Mixture) -> tuple[tuple[str, ...], FloatArray]:
+def _plausible(item: MeasuredObject, mixture: PaperMixture) -> tuple[tuple[str, ...], FloatArray]:
     """The mixture's dimensions that the object shows with eta of 0.7 or more, and its extents (k,) in scene units.
 
     A dimension without a confidence is taken as it is; a box whose vertical is unknown has only sorted extents.

@@ -19,9 +19,9 @@ from estimator.reconstructions.cameras import pixels_in_view, view_rays
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.records.scene import Instance, Scene, View
-from estimator.results.categories import Meaning, meanings
+from estimator.results.categories import LabelMeaning, meanings
 from estimator.results.estimate import HEIGHT
-from estimator.results.reports import Answer, Options, result_of
+from estimator.results.reports import Options, ScaleAnswer, result_of
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
@@ -122,18 +122,18 @@ def _object(number: int, item: Instance, height: float) -> MeasuredObject:
     )
 
 
-def _answer(boxes: Sequence[MeasuredObject], by_name: Mapping[str, Meaning], options: Options) -> Answer:
+def _answer(boxes: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning], options: Options) -> ScaleAnswer:
     reasons = [box.skipped or by_name[box.category].reason for box in boxes]
     places = [place for place, reason in enumerate(reasons) if reason is None]
     if not places:
-        return Answer(None, places, [], reasons)
+        return ScaleAnswer(None, places, [], reasons)
     moments = {name: _moments(meaning.prior) for name, meaning in by_name.items() if meaning.prior is not None}
     mean, sd = np.array([moments[boxes[place].category] for place in places]).T  # (n,) mm
     mm = np.array([boxes[place].extents[2] for place in places]) * 1000
     scales = candidate_scales(mean / mm)
     off = (scales * mm[:, None] - mean[:, None]) / sd[:, None]
     log_likelihood = -0.5 * off**2 - np.log(sd)[:, None]
-    return Answer(estimate_on(scales, log_likelihood, options.level), places, [HEIGHT] * len(places), reasons)
+    return ScaleAnswer(estimate_on(scales, log_likelihood, options.level), places, [HEIGHT] * len(places), reasons)
 
 
 def _moments(prior: Prior) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from estimator.results.categories import Meaning, meanings
+from estimator.results.categories import LabelMeaning, meanings
 from metric_tree.tree import Tree
 
 __all__ = ["ThingNames"]
@@ -27,7 +27,7 @@ class ThingNames:
         return {"known": meaning.prior is not None, "says": _sentence(meaning), "offers": list(dict.fromkeys(offers))}
 
 
-def _sentence(meaning: Meaning) -> str:
+def _sentence(meaning: LabelMeaning) -> str:
     """The node with its median size, or why there is none."""
     if meaning.node is None or meaning.prior is None:
         return str(meaning.reason)

@@ -14,7 +14,7 @@ __all__ = ["Alignment", "align"]
 #: Minimal samples that are tried, and the seed that makes an answer the same every time.
 TRIALS, SEED = 500, 0
 #: Parts in which they are tried, for the memory of many pairs.
-PARTS = 10
+ALIGNMENT_PARTS = 10
 
 #: A pair is an inlier within this many times the median residual of the best sample, and never under a millionth of
 #: the extent.
@@ -50,7 +50,7 @@ def align(source: FloatArray, target: FloatArray) -> Alignment | None:
         return None
     best, least = None, math.inf
     samples = _samples(n)
-    for part in np.array_split(samples, min(PARTS, len(samples))):
+    for part in np.array_split(samples, min(ALIGNMENT_PARTS, len(samples))):
         squares = _residuals(source, target, source[part], target[part])
         middle = np.median(squares, axis=1)
         row = int(np.argmin(middle))

@@ -22,7 +22,7 @@ __all__ = ["NAME_FILES", "read_yolo", "yolo_names"]
 NAME_FILES = ("data.yaml", "data.yml", "dataset.yaml", "classes.txt", "obj.names")
 #: Where the text files are, seen from the folder that was named.
 LABELS = (".", "labels")
-_BOX, _BOX_AND_SCORE, _LEAST_POLYGON = 5, 6, 7
+_BOX, _BOX_AND_SCORE = 5, 6
 
 
 def read_yolo(

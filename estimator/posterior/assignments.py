@@ -17,7 +17,7 @@ import numpy as np
 
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 
-__all__ = ["GROSS", "GROSS_SD", "LOG_BOX", "SHIFTS", "Layout", "Variants", "variants"]
+__all__ = ["GROSS_ERROR_SD_LOG", "GROSS_ERROR_SHARE", "LOG_BOX", "TRUNCATION_SHIFTS", "Layout", "Variants", "variants"]
 
 #: Width of the flat density over log size that stands for "anything": sizes over a factor of 50.
 LOG_BOX = math.log(50.0)
@@ -25,7 +25,7 @@ LOG_BOX = math.log(50.0)
 #: Of a cut side: weight, mean and standard deviation of ln(true / measured). A flag is often wrong, and smear along the
 #: ray lengthens sides that are cut: most are near their length, the others are short by any amount or, less often,
 #: long. Chosen on hard synthetic rooms (docs/evidence/results.md).
-SHIFTS = ((0.6, 0.05, 0.15), (0.4, 0.3, 0.8))
+TRUNCATION_SHIFTS = ((0.6, 0.05, 0.15), (0.4, 0.3, 0.8))
 
 #: Of a dimension that is neither cut nor flagged: the probability that it is grossly wrong all the same (points of the
 #: thing behind, a part that was not reconstructed, a thing that leans), and its error then, one standard deviation of
@@ -33,7 +33,7 @@ SHIFTS = ((0.6, 0.05, 0.15), (0.4, 0.3, 0.8))
 #: In `benchmarks/estimator/simulation.py` with 20 % of dimensions off by up to a half it brings the 90th percentile
 #: of the error
 #: from 8.7 to 7.6 % and the coverage from 85 to 88 %, and costs nothing where none is.
-GROSS, GROSS_SD = 0.1, 0.4
+GROSS_ERROR_SHARE, GROSS_ERROR_SD_LOG = 0.1, 0.4
 
 #: Probability that each axis of the prior (length, width, height) is the vertical one, by the node's ordinary pose.
 #: `flat`: one such thing in five stands on an edge (a book in a row, a phone on its stand); `any`: no pose is usual.
@@ -159,15 +159,19 @@ def _errors(
     A gross error needs another dimension to show it, and a cut side has its own wide component.
     """
     none, cuts = (1.0, 0.0, 0.0), [on and is_cut for on, is_cut in zip(active, cut, strict=True)]
-    suspects = [axis for axis in range(3) if active[axis] and not cuts[axis]] if sum(active) > 1 and GROSS > 0 else []
-    combinations = list(product(*(SHIFTS if is_cut else (none,) for is_cut in cuts)))
+    suspects = (
+        [axis for axis in range(3) if active[axis] and not cuts[axis]]
+        if sum(active) > 1 and GROSS_ERROR_SHARE > 0
+        else []
+    )
+    combinations = list(product(*(TRUNCATION_SHIFTS if is_cut else (none,) for is_cut in cuts)))
     if not suspects:
         return [(errors, False) for errors in combinations]
     ways = []
     for errors in combinations:
         for wrong in (None, *suspects):
-            weight = 1 - len(suspects) * GROSS if wrong is None else GROSS
+            weight = 1 - len(suspects) * GROSS_ERROR_SHARE if wrong is None else GROSS_ERROR_SHARE
             axis = suspects[0] if wrong is None else wrong
-            changed = (weight, 0.0, 0.0 if wrong is None else GROSS_SD)
+            changed = (weight, 0.0, 0.0 if wrong is None else GROSS_ERROR_SD_LOG)
             ways.append(((*errors[:axis], changed, *errors[axis + 1 :]), wrong is not None))
     return ways

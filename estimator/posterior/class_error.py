@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.posterior.axes import prior_axes
-from estimator.posterior.components import Rows
+from estimator.posterior.components import DimensionRows
 from estimator.posterior.symmetric import dot, product, total
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.prior import Prior
@@ -43,7 +43,7 @@ _LOG_NODE: FloatArray = np.log(NODE_WEIGHTS) + 0.5 * (NODES**2).sum(axis=1)
 
 #: The stand-ins' precision is trusted by this part when nodes are placed. They overstate it where an object is an
 #: outlier or of another component; nodes too wide cost little, nodes too narrow miss mass.
-TRUST = 0.5
+NODE_PRECISION_SHARE = 0.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,7 +103,7 @@ def split_error(b: FloatArray, axes: IntArray) -> SharedError:
     return SharedError(covariance, float(np.sqrt(along)), padded)
 
 
-def lines(rows: Rows, group: IntArray, across: FloatArray, power: FloatArray) -> Lines:
+def lines(rows: DimensionRows, group: IntArray, across: FloatArray, power: FloatArray) -> Lines:
     """The nodes' lines of c classes.
 
     Parameters
@@ -120,7 +120,7 @@ def lines(rows: Rows, group: IntArray, across: FloatArray, power: FloatArray) ->
     """
     columns = across.transpose(1, 2, 0)  # (3, 2, c)
     share = _shares(rows, columns.take(group, axis=2))  # (m,)
-    weighted = rows.columns[[*range(6), *range(9, 12)]] * (share * power * TRUST)  # (9, m) Lam and Lam r
+    weighted = rows.columns[[*range(6), *range(9, 12)]] * (share * power * NODE_PRECISION_SHARE)  # (9, m) Lam and Lam r
     sums = weighted @ (group[:, None] == np.arange(len(across)))  # (9, c) L and h
     turned = product(sums[:6], columns)  # L U
     p00, p11 = 1 + dot(columns, turned)  # (c,)
@@ -176,7 +176,7 @@ def _below(z: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (1 + np.tanh(math.sqrt(2 / math.pi) * (z + 0.044715 * (z * z * z)))))
 
 
-def _shares(rows: Rows, across: FloatArray) -> FloatArray:
+def _shares(rows: DimensionRows, across: FloatArray) -> FloatArray:
     """Each row's share of its object by the evidence of its proportions, the outlier having one too, (m,).
 
     With M = Lam - Lam 1 1' Lam / lam the precision across the line and q = U z integrated out, the log evidence is

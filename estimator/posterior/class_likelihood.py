@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.posterior.class_error import Lines, convolution, lines
-from estimator.posterior.components import Rows
+from estimator.posterior.components import DimensionRows
 from estimator.posterior.sameness import READINGS, Hypothesis
 from estimator.posterior.symmetric import dot, product
 from metric_base.arrays import BoolArray, FloatArray, IntArray
@@ -24,7 +24,7 @@ __all__ = ["EFFECTIVE_OBJECTS", "JointTerms", "LoneTerms", "Ways", "joint_classe
 EFFECTIVE_OBJECTS = 25
 
 #: A hypothesis with this much less evidence (natural log) than the likeliest of its class is left out.
-IMPLAUSIBLE = 12.0
+MAX_EVIDENCE_LOSS_LOG = 12.0
 
 #: Which of the sorted extents is the vertical one is not learned from more objects than this.
 READING_OBJECTS = 3
@@ -38,7 +38,7 @@ OWN_POINTS, MOST_OWN_POINTS = 32, 512
 KERNEL_STEPS = 1.5
 
 #: A product this far under its peak (natural log) has no part in the answer, even where nothing else speaks.
-DEEP = 25.0
+MAX_DEPTH_UNDER_PEAK_LOG = 25.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,7 +53,7 @@ class LoneTerms:
         return np.asarray(1 - self.outlier @ mass)
 
 
-def lone_classes(components: Rows, u: FloatArray) -> LoneTerms:
+def lone_classes(components: DimensionRows, u: FloatArray) -> LoneTerms:
     """Classes of one object each at log scales u (g,); `components` hold the class error in their covariances."""
     floor = np.exp(components.log_floor)[:, None]
     density = line_density(components, u) + floor  # (n, g)
@@ -132,7 +132,7 @@ class JointTerms:
         return np.asarray(np.add.reduceat(believed - doubted, self.ways.start), dtype=float).clip(0.0, 1.0)
 
 
-def joint_classes(components: Rows, ways: Ways, u: FloatArray) -> JointTerms:
+def joint_classes(components: DimensionRows, ways: Ways, u: FloatArray) -> JointTerms:
     """Classes of several objects under their hypotheses, integrated over what their objects share.
 
     Parameters
@@ -179,7 +179,7 @@ def _plausible(ways: Ways, top: FloatArray, half: FloatArray) -> BoolArray:
     group = ways.group * (len(READINGS) + 1) + ways.readings + 1
     best = np.full(int(group.max()) + 1, -np.inf)
     np.maximum.at(best, group, evidence)
-    return np.asarray(evidence > best[group] - IMPLAUSIBLE)
+    return np.asarray(evidence > best[group] - MAX_EVIDENCE_LOSS_LOG)
 
 
 def _log_sums(log_values: FloatArray, group: IntArray) -> FloatArray:
@@ -204,7 +204,7 @@ def _reading_correction(ways: Ways, log_way: FloatArray) -> FloatArray:
 
 
 def _log_products(
-    components: Rows, nodes: Lines, ways: Ways, grids: FloatArray
+    components: DimensionRows, nodes: Lines, ways: Ways, grids: FloatArray
 ) -> tuple[FloatArray, NDArray[np.float32]]:
     """Log of weight and product of each hypothesis at its nodes, (w, j, h), and outlier probabilities, (e, j, h).
 
@@ -222,7 +222,7 @@ def _log_products(
     return log_product + nodes.log_weight.T @ powers, floor / density
 
 
-def _quadratics(components: Rows, nodes: Lines, of_row: IntArray) -> NDArray[np.float32]:
+def _quadratics(components: DimensionRows, nodes: Lines, of_row: IntArray) -> NDArray[np.float32]:
     """Coefficients of t^2, t, 1 in the log of each component along each node's line, (m, j, 3); of_row : (m,) class."""
     a = nodes.direction.take(of_row, axis=1)  # (3, m)
     off = nodes.offset.take(of_row, axis=2) + components.residual[:, None]  # (3, j, m)
@@ -236,13 +236,13 @@ def _quadratics(components: Rows, nodes: Lines, of_row: IntArray) -> NDArray[np.
 
 def _spans(log_product: FloatArray, u: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Middle and half width of where each class's product (c, g) on the common grid matters, a step to spare."""
-    matters = log_product > log_product.max(axis=1, keepdims=True) - DEEP
+    matters = log_product > log_product.max(axis=1, keepdims=True) - MAX_DEPTH_UNDER_PEAK_LOG
     low = u[np.maximum(matters.argmax(axis=1) - 1, 0)]
     high = u[np.minimum(len(u) - matters[:, ::-1].argmax(axis=1), len(u) - 1)]
     return 0.5 * (low + high), 0.5 * (high - low)
 
 
-def line_density(components: Rows, u: FloatArray) -> NDArray[np.float32]:
+def line_density(components: DimensionRows, u: FloatArray) -> NDArray[np.float32]:
     """Each object's mixture on the line v = u 1, (n, g), without the outlier."""
     lam, middle = components.line_precision, 0.5 * (u[0] + u[-1])
     centre = components.line_centre - middle
@@ -261,7 +261,9 @@ def _unit_powers(points: int) -> FloatArray:
     return _powers(np.linspace(-1, 1, points))
 
 
-def _sum_exponentials(coefficients: NDArray[np.float32], powers: FloatArray, components: Rows) -> NDArray[np.float32]:
+def _sum_exponentials(
+    coefficients: NDArray[np.float32], powers: FloatArray, components: DimensionRows
+) -> NDArray[np.float32]:
     """The exponentials of quadratics, (m, j, 3) coefficients, summed over each object's rows: (n, j, g).
 
     Single precision: exponents of a thousand are off by 1e-4, a tenth of what the nodes are, for a third of the time.

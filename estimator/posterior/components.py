@@ -8,11 +8,11 @@ import numpy as np
 
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Rows"]
+__all__ = ["DimensionRows"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class DimensionRows:
     """The components of n objects as m flat rows, grouped by object.
 
     columns : (16, m), see the properties; object : (m,) row of the object; start : (n,) first row of each object;
@@ -60,15 +60,15 @@ class Rows:
         """(m,), the evidence of the proportions included."""
         return np.asarray(self.columns[15])
 
-    def of(self, objects: IntArray) -> Rows:
+    def of(self, objects: IntArray) -> DimensionRows:
         """The rows of some objects (k,), given in rising order and numbered anew."""
         place = np.full(len(self.log_floor), -1)
         place[objects] = np.arange(len(objects))
         owner = place[self.object]
         rows = np.flatnonzero(owner >= 0)
-        return Rows.of_objects(self.columns.take(rows, axis=1), owner[rows], self.log_floor[objects])
+        return DimensionRows.of_objects(self.columns.take(rows, axis=1), owner[rows], self.log_floor[objects])
 
     @classmethod
-    def of_objects(cls, columns: FloatArray, owner: IntArray, log_floor: FloatArray) -> Rows:
+    def of_objects(cls, columns: FloatArray, owner: IntArray, log_floor: FloatArray) -> DimensionRows:
         """Columns (16, m) whose owners (m,) do not fall and leave no object out."""
         return cls(columns, owner, np.searchsorted(owner, np.arange(len(log_floor))), log_floor)

@@ -10,18 +10,18 @@ import numpy as np
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["ROOM", "curve", "evidence_grid", "interval", "line_weights", "log_lines", "modes"]
+__all__ = ["PRIOR_MARGIN_LOG", "curve", "evidence_grid", "interval", "line_weights", "log_lines", "modes"]
 
 #: The prior on u is flat from so far below what any object or length speaks for to so far above it, natural log: a
 #: factor of e. It follows the evidence, so that the unit of the scene has no part in the answer, and is proper, as the
 #: outliers ask for. A wider one fills the interval of an object alone with the case that its label is wrong.
-ROOM = 1.0
+PRIOR_MARGIN_LOG = 1.0
 
 #: Half-width of a component's support in its standard deviations; beyond it the outlier's floor is all there is.
 SUPPORT_SD = 4.0
 
 #: Nor does a component reach beyond where it is this part of its object's outlier.
-UNSEEN = 0.02
+MIN_SHARE_OF_OUTLIER = 0.02
 
 #: Widest and finest steps of the first grid, and the step as a part of the narrowest component: the log likelihood is
 #: then smooth between points and cubic interpolation is off by less than 1e-3.
@@ -31,13 +31,13 @@ WIDEST_STEP, FINEST_STEP, STEP_SD = 0.06, 0.004, 0.6
 LEAST_POINTS, MOST_POINTS = 8, 4096
 
 #: Points of the refined grid per step of the first, and the log density under the peak where refining stops to matter.
-REFINEMENT = 8
+FINE_POINTS_PER_STEP = 8
 
 #: Width in log scale of what a line that is wrong may say: sizes over a factor of 50, as of an object's outlier.
-ANYTHING = math.log(50.0)
+WRONG_LINE_WIDTH_LOG = math.log(50.0)
 
 #: Two peaks with no dip under this part of the lower one between them are one mode.
-DIP = 0.9
+MAX_DIP_WITHIN_MODE = 0.9
 
 #: Modes of less mass are left out of the list.
 LEAST_MASS = 0.005
@@ -68,13 +68,13 @@ def curve(grid: FloatArray, log_density: FloatArray, lines: FloatArray) -> Curve
     """
     step = float(grid[1] - grid[0])
     sharpest = float(lines[:, 1].min()) if len(lines) else math.inf
-    factor = int(min(max(REFINEMENT, math.ceil(REFINEMENT * step / sharpest)), 512))
+    factor = int(min(max(FINE_POINTS_PER_STEP, math.ceil(FINE_POINTS_PER_STEP * step / sharpest)), 512))
     fine = np.linspace(grid[0], grid[-1], (len(grid) - 1) * factor + 1)
     log_fine = _upsample(log_density, factor) + log_lines(fine, lines).sum(axis=0)
     log_ends = log_density[[0, -1]] + log_lines(grid[[0, -1]], lines).sum(axis=0)
     top = float(log_fine.max())
     density = np.exp(log_fine - top)
-    width = np.full(2, ROOM)
+    width = np.full(2, PRIOR_MARGIN_LOG)
     if (lines[:, 2] == 0).any():  # beyond the grid a certain line leaves nothing: it is what placed the grid
         width[:] = 0.0
     rest = np.exp(np.minimum(log_ends - top, 0.0)) * width
@@ -86,7 +86,7 @@ def curve(grid: FloatArray, log_density: FloatArray, lines: FloatArray) -> Curve
 def log_lines(u: FloatArray, lines: FloatArray) -> FloatArray:
     """(n, g) log density of each line (n, 3) at u (g,): a Gaussian, and with its doubt as probability anything."""
     mean, sd, doubt = lines.T[:, :, None]
-    gauss = np.log1p(-doubt) - 0.5 * ((u - mean) / sd) ** 2 - np.log(sd * math.sqrt(2 * math.pi) / ANYTHING)
+    gauss = np.log1p(-doubt) - 0.5 * ((u - mean) / sd) ** 2 - np.log(sd * math.sqrt(2 * math.pi) / WRONG_LINE_WIDTH_LOG)
     with np.errstate(divide="ignore"):
         return np.asarray(np.logaddexp(gauss, np.log(doubt)))
 
@@ -106,9 +106,9 @@ def interval(posterior: Curve, level: float) -> tuple[float, float]:
     inside = np.interp(targets, cumulative, posterior.log_scale)
     low, high = (float(value) for value in inside)
     if posterior.below >= targets[0]:  # a flat tail: its own quantile
-        low = posterior.log_scale[0] - ROOM * (1 - targets[0] / posterior.below)
+        low = posterior.log_scale[0] - PRIOR_MARGIN_LOG * (1 - targets[0] / posterior.below)
     if posterior.above >= 1 - targets[1]:
-        high = posterior.log_scale[-1] + ROOM * (1 - (1 - targets[1]) / posterior.above)
+        high = posterior.log_scale[-1] + PRIOR_MARGIN_LOG * (1 - (1 - targets[1]) / posterior.above)
     return math.exp(low), math.exp(high)
 
 
@@ -136,7 +136,7 @@ def _separate(density: FloatArray, peaks: IntArray) -> tuple[list[int], list[int
     kept, valleys = [int(peaks[0])], list[int]()
     for peak in map(int, peaks[1:]):
         valley = kept[-1] + int(density[kept[-1] : peak + 1].argmin())
-        if density[valley] < DIP * min(density[kept[-1]], density[peak]):
+        if density[valley] < MAX_DIP_WITHIN_MODE * min(density[kept[-1]], density[peak]):
             kept.append(peak)
             valleys.append(valley)
         elif density[peak] > density[kept[-1]]:

@@ -22,7 +22,7 @@ import numpy as np
 from estimator.posterior.assignments import Layout, Variants, variants
 from estimator.posterior.axes import is_sorted, prior_axes
 from estimator.posterior.class_error import shared_error
-from estimator.posterior.components import Rows
+from estimator.posterior.components import DimensionRows
 from estimator.posterior.sameness import Hypothesis
 from estimator.posterior.symmetric import DIAGONAL, dot, inverse, pack, product, row_sums, total
 from estimator.records.measured_object import MeasuredObject
@@ -31,7 +31,7 @@ from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 
 __all__ = [
-    "OUTLIER",
+    "OUTLIER_SHARE",
     "Measured",
     "ObjectEvidence",
     "has_readings",
@@ -45,14 +45,14 @@ __all__ = [
 #: simulated scenes the medians for 0.02 to 0.1 agree within 0.4 %; with 20 % wrong
 #: labels the
 #: interval's coverage is best at 0.1.
-OUTLIER = 0.1
+OUTLIER_SHARE = 0.1
 
 #: A detector's score is no probability, yet a label of low score is wrong more often: the outlier's share grows by
 #: this part of (1 - score). At 0.5 a detection of score 0.4 has an outlier share of 0.37.
 SCORE_SLOPE = 0.5
 
 #: Rows under this part of their object's highest peak change the posterior by less than the grid does.
-NEGLIGIBLE = 1e-4
+MIN_PEAK_SHARE = 1e-4
 
 #: Rows of a gross error matter where the plain ones fit badly; under this part of the highest peak they are dropped.
 GROSS_NEGLIGIBLE = 0.1
@@ -117,11 +117,11 @@ def measurement_arrays(evidence: Sequence[ObjectEvidence]) -> Measured:
             y[i], sigma[i], cut[i], missing[i] = y[i, order], sigma[i, order], cut[i, order], missing[i, order]
     codes = np.packbits(np.column_stack([missing, cut, close, free]), axis=1, bitorder="little")[:, 0].tolist()
     score = np.array([item.object.score for item in evidence])
-    outlier = OUTLIER + (1 - OUTLIER) * SCORE_SLOPE * (1 - np.clip(score, 0.0, 1.0))  # (n,)
+    outlier = OUTLIER_SHARE + (1 - OUTLIER_SHARE) * SCORE_SLOPE * (1 - np.clip(score, 0.0, 1.0))  # (n,)
     return Measured(evidence, np.nan_to_num(y), np.nan_to_num(sigma), codes, outlier)
 
 
-def rows(objects: Measured) -> Rows:
+def rows(objects: Measured) -> DimensionRows:
     """The components of every object by itself: its class error is in its covariance, which integrates it out."""
     tables = [
         _table(item.prior, item.pose, code, -1, True) for item, code in zip(objects.evidence, objects.code, strict=True)
@@ -129,7 +129,7 @@ def rows(objects: Measured) -> Rows:
     return _rows_of(tables, objects.y, objects.sigma, objects.outlier)
 
 
-def hypothesis_rows(objects: Measured, chosen: IntArray, ways: Sequence[Sequence[Hypothesis]]) -> Rows:
+def hypothesis_rows(objects: Measured, chosen: IntArray, ways: Sequence[Sequence[Hypothesis]]) -> DimensionRows:
     """The components of objects under each hypothesis of their class, without its shared error.
 
     Parameters
@@ -203,7 +203,7 @@ def _table(prior: Prior, pose: str, code: int, reading: int, alone: bool) -> _Ta
     shifted = (mean[:, None, :] - ways.shift) * active  # (k, v, 3)
     log_weight = np.log(np.maximum(prior.weights, 1e-300))[:, None] + ways.log_weight  # (k, v)
     log_weight = log_weight - 0.5 * math.log(2 * math.pi) * active.sum(axis=1)
-    negligible = np.log(np.where(ways.gross, GROSS_NEGLIGIBLE, NEGLIGIBLE))  # (v,)
+    negligible = np.log(np.where(ways.gross, GROSS_NEGLIGIBLE, MIN_PEAK_SHARE))  # (v,)
     columns = [
         shifted.reshape(k * v, 3).T,
         pack(spread.reshape(k * v, 3, 3)),
@@ -214,7 +214,7 @@ def _table(prior: Prior, pose: str, code: int, reading: int, alone: bool) -> _Ta
     return _Table(np.concatenate(columns), np.tile(ways.measured, (k, 1)).T)
 
 
-def _rows_of(tables: Sequence[_Table], y: FloatArray, sigma: FloatArray, outlier: FloatArray) -> Rows:
+def _rows_of(tables: Sequence[_Table], y: FloatArray, sigma: FloatArray, outlier: FloatArray) -> DimensionRows:
     """The rows of n objects: log extents and their standard deviations (n, 3), probability of an outlier (n,)."""
     counts = [table.measured.shape[1] for table in tables]
     owner = np.repeat(np.arange(len(tables)), counts)  # (m,)
@@ -234,4 +234,4 @@ def _rows_of(tables: Sequence[_Table], y: FloatArray, sigma: FloatArray, outlier
     start = np.cumsum([0, *counts[:-1]])
     kept = np.flatnonzero(peak >= np.maximum.reduceat(peak, start)[owner] + columns[13])
     flat = np.array([row.take(kept) for row in (*precision, *residual, *pull, log_weight, lam, centre, peak)])
-    return Rows.of_objects(flat, owner.take(kept), np.log(outlier))
+    return DimensionRows.of_objects(flat, owner.take(kept), np.log(outlier))

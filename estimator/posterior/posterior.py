@@ -17,7 +17,7 @@ import numpy as np
 
 from estimator.posterior import grid
 from estimator.posterior.class_likelihood import JointTerms, LoneTerms, Ways, joint_classes, line_density, lone_classes
-from estimator.posterior.components import Rows
+from estimator.posterior.components import DimensionRows
 from estimator.posterior.likelihood import (
     Measured,
     ObjectEvidence,
@@ -167,7 +167,7 @@ class _Classes:
     grid: FloatArray
     log_likelihood: FloatArray
     terms: tuple[tuple[IntArray, LoneTerms | JointTerms], ...]
-    base: Rows
+    base: DimensionRows
 
 
 def _classes(evidence: Sequence[ObjectEvidence], lines: FloatArray) -> _Classes:
@@ -197,12 +197,15 @@ def _classes(evidence: Sequence[ObjectEvidence], lines: FloatArray) -> _Classes:
     return _Classes(tuple(names), u, log_likelihood, tuple(terms), base)
 
 
-def _grid(base: Rows, lines: FloatArray) -> FloatArray:
+def _grid(base: DimensionRows, lines: FloatArray) -> FloatArray:
     """(g,) the common grid: where objects and other evidence, `lines` (k, 3), speak."""
     centre, sd = lines[:, 0], np.maximum(lines[:, 1], grid.FINEST_STEP)
     spread = np.sqrt(1 / base.line_precision)
     over = base.line_log_peak - base.log_floor[base.object]  # ln of peak over the outlier's floor
-    reach = np.minimum(np.sqrt(2 * np.maximum(over + math.log(1 / grid.UNSEEN), 0.0)), grid.SUPPORT_SD) * spread
+    reach = (
+        np.minimum(np.sqrt(2 * np.maximum(over + math.log(1 / grid.MIN_SHARE_OF_OUTLIER), 0.0)), grid.SUPPORT_SD)
+        * spread
+    )
     seen = reach > 0
     return grid.evidence_grid(
         np.concatenate([centre, base.line_centre[seen]]),
@@ -248,8 +251,8 @@ def _joint(
 def _no_classes(lines: FloatArray) -> _Classes:
     """The grid of other evidence alone, `lines` (k, 3)."""
     nothing, none = np.zeros(0), np.zeros(0, dtype=np.int64)
-    u = _grid(Rows.of_objects(np.zeros((16, 0)), none, nothing), lines)
-    return _Classes((), u, np.zeros((0, len(u))), (), Rows.of_objects(np.zeros((16, 0)), none, nothing))
+    u = _grid(DimensionRows.of_objects(np.zeros((16, 0)), none, nothing), lines)
+    return _Classes((), u, np.zeros((0, len(u))), (), DimensionRows.of_objects(np.zeros((16, 0)), none, nothing))
 
 
 def _weights(classes: _Classes, mass: FloatArray, count: int) -> FloatArray:
@@ -260,7 +263,7 @@ def _weights(classes: _Classes, mass: FloatArray, count: int) -> FloatArray:
     return weights
 
 
-def _own_centres(components: Rows) -> FloatArray:
+def _own_centres(components: DimensionRows) -> FloatArray:
     """Log scale of each object's own highest peak, (n,)."""
     peak, owner = components.line_log_peak, components.object
     if not len(peak):

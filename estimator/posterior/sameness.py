@@ -5,9 +5,9 @@ class's prior, B its error between sources and rho the share of the spread withi
 have in common, a scene's class is one of
 
     assorted   x_i ~ sum_k w_k N(m_k + e, S_k),            e ~ N(0, B)
-    related    x_i ~ sum_k w_k N(m_k + e, (1 - rho) S_k),  e ~ N(0, B + rho sum_k w_k S_k),   rho = RELATED
-    one kind   x_i ~ N(m_k + e, (1 - rho) S_k),            e ~ N(0, B + rho S_k),             rho = ALIKE, k ~ w
-    foreign    x_i ~ N(m + e, (1 - rho) S),                e ~ N(0, B + FOREIGN_SD^2 I),  rho = 0 or ALIKE, and m, S the
+    related    x_i ~ sum_k w_k N(m_k + e, (1 - rho) S_k),  e ~ N(0, B + rho sum_k w_k S_k),   rho = 0.5
+    one kind   x_i ~ N(m_k + e, (1 - rho) S_k),            e ~ N(0, B + rho S_k),             rho = 0.9, k ~ w
+    foreign    x_i ~ N(m + e, (1 - rho) S),                e ~ N(0, B + 0.7^2 I),  rho = 0 or 0.9, and m, S the
                moments of the mixture: the label means another thing in this scene
 
 Each is a class with a shared error, so that `class_error` integrates all alike; their evidence decides. For one object
@@ -36,13 +36,13 @@ __all__ = ["READINGS", "Hypothesis", "hypotheses"]
 KIND_WEIGHTS = (0.3, 0.4, 0.3)
 
 #: Shares of the spread within a source that a scene's objects have in common.
-RELATED, ALIKE = 0.5, 0.9
+RELATED_SHARE, ALIKE_SHARE = 0.5, 0.9
 
 #: Probability that a label with several objects means another thing in this scene, or that its prior is not of what
 #: rooms hold, and by how far sizes are then off, one standard deviation of the natural log: a factor of two. Chosen on
 #: rooms of a source that the priors had not seen (docs/evidence/results.md). A class of one dimension has no
 #: proportions that could show it, and with as large a share a scene of persons alone would have no answer.
-FOREIGN, FOREIGN_HEIGHT, FOREIGN_SD = 0.2, 0.03, 0.7
+FOREIGN_SHARE, FOREIGN_SHARE_OF_HEIGHTS, FOREIGN_SD_LOG = 0.2, 0.03, 0.7
 
 #: A scene's one kind is one of so many: components of a prior are merged to at most this number.
 MOST_KINDS = 3
@@ -86,17 +86,17 @@ def _assorted_hypotheses(prior: Prior) -> list[Hypothesis]:
     within = np.einsum("k,kij->ij", prior.weights, prior.covariances)
     assorted, related, _ = _kind_weights(prior)
     foreign = _foreign_share(prior)
-    own = replace(prior, covariances=(1 - RELATED) * prior.covariances)
+    own = replace(prior, covariances=(1 - RELATED_SHARE) * prior.covariances)
     return [
         Hypothesis(prior, shared_error(prior), math.log(assorted * (1 - foreign))),
-        Hypothesis(own, _error(prior, between + RELATED * within), math.log(related * (1 - foreign))),
+        Hypothesis(own, _error(prior, between + RELATED_SHARE * within), math.log(related * (1 - foreign))),
     ]
 
 
 def _foreign(prior: Prior) -> list[Hypothesis]:
     """The label means another thing in this scene: things as unlike as the class's, or all alike."""
     whole = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), 1)
-    error = _error(prior, prior.disagreement() + FOREIGN_SD**2 * np.eye(len(prior.dims)))
+    error = _error(prior, prior.disagreement() + FOREIGN_SD_LOG**2 * np.eye(len(prior.dims)))
     return [
         Hypothesis(
             replace(prior, weights=np.ones(1), means=whole.means, covariances=own * whole.covariances),
@@ -104,13 +104,13 @@ def _foreign(prior: Prior) -> list[Hypothesis]:
             math.log(_foreign_share(prior) / 2),
             foreign=True,
         )
-        for own in (1.0, 1 - ALIKE)
+        for own in (1.0, 1 - ALIKE_SHARE)
     ]
 
 
 def _foreign_share(prior: Prior) -> float:
     """The probability of the foreign hypotheses."""
-    return FOREIGN if len(prior.dims) > 1 else FOREIGN_HEIGHT
+    return FOREIGN_SHARE if len(prior.dims) > 1 else FOREIGN_SHARE_OF_HEIGHTS
 
 
 def _one_kind(prior: Prior) -> list[Hypothesis]:
@@ -118,8 +118,8 @@ def _one_kind(prior: Prior) -> list[Hypothesis]:
     kinds = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), MOST_KINDS)
     return [
         Hypothesis(
-            replace(prior, weights=np.ones(1), means=mean[None], covariances=(1 - ALIKE) * covariance[None]),
-            _error(prior, between + ALIKE * covariance),
+            replace(prior, weights=np.ones(1), means=mean[None], covariances=(1 - ALIKE_SHARE) * covariance[None]),
+            _error(prior, between + ALIKE_SHARE * covariance),
             math.log(max(weight * share, 1e-300)),
         )
         for share, mean, covariance in zip(
@@ -137,8 +137,8 @@ def _kind_weights(prior: Prior) -> FloatArray:
     stated = prior.sameness
     if stated is None or not np.isfinite(stated):
         return weights
-    shares = np.array([0.0, RELATED, ALIKE])
-    target = float(np.clip(stated, 0.05, ALIKE - 0.05))
+    shares = np.array([0.0, RELATED_SHARE, ALIKE_SHARE])
+    target = float(np.clip(stated, 0.05, ALIKE_SHARE - 0.05))
     low, high = -40.0, 40.0
     for _ in range(60):
         middle = 0.5 * (low + high)

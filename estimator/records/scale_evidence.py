@@ -10,7 +10,8 @@ from metric_base.errors import InputError
 
 __all__ = ["DOUBT", "EvidenceReport", "ScaleEvidence"]
 
-#: Probability that evidence is wrong before the objects are heard: as for an object (`posterior.likelihood.OUTLIER`).
+#: Probability that evidence is wrong before the objects are consulted, as for an object
+#: (`posterior.likelihood.OUTLIER_SHARE`).
 DOUBT = 0.1
 
 

@@ -9,7 +9,7 @@ from metric_tree.context import Where
 from metric_tree.prior import Prior
 from metric_tree.tree import DETECTORS, Node, Tree
 
-__all__ = ["BROADER_SCORE", "Meaning", "meanings"]
+__all__ = ["BROADER_SCORE", "LabelMeaning", "meanings"]
 
 #: What is left of the score of an object whose label is read as a broader kind: a foosball table is no usual table, and
 #: its chance of being unlike the prior is one in four rather than one in ten.
@@ -19,11 +19,11 @@ BROADER_SCORE = 0.7
 ADVICE = "; did you mean "
 
 #: Unknown names for which others are offered: each takes some milliseconds, and nobody reads more of them.
-ADVISED = 50
+MAX_ADVISED_NAMES = 50
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Meaning:
+class LabelMeaning:
     """The node of a category name and its prior, or the reason why there is none.
 
     broader : the name says more than the node does, as `foosball table` does of a table.
@@ -47,29 +47,29 @@ class Meaning:
 
 def meanings(
     tree: Tree, names: set[str], dims: tuple[str, ...] | None = None, where: Where | None = None
-) -> dict[str, Meaning]:
+) -> dict[str, LabelMeaning]:
     """What each name means. With `dims` the prior is over these alone, else over the node's own.
 
     With `where` it is that of a region and a year. A name that means no node, or several alike, or a node without
     such a prior, has a reason instead: it is listed, not fatal.
     """
-    known: dict[str, Meaning] = {}
+    known: dict[str, LabelMeaning] = {}
     unknown = 0
     for name in sorted(names):
-        known[name] = _meaning(tree, name, dims, where, unknown < ADVISED)
+        known[name] = _meaning(tree, name, dims, where, unknown < MAX_ADVISED_NAMES)
         unknown += known[name].node is None
     return known
 
 
-def _meaning(tree: Tree, name: str, dims: tuple[str, ...] | None, where: Where | None, advice: bool) -> Meaning:
+def _meaning(tree: Tree, name: str, dims: tuple[str, ...] | None, where: Where | None, advice: bool) -> LabelMeaning:
     try:
         node = tree.find(name, DETECTORS, advice=advice)
     except InputError as error:
-        return Meaning(None, None, str(error))
+        return LabelMeaning(None, None, str(error))
     try:
-        return Meaning(node, node.prior(dims, where), broader=_is_broader(tree, name, node))
+        return LabelMeaning(node, node.prior(dims, where), broader=_is_broader(tree, name, node))
     except InputError as error:
-        return Meaning(node, None, str(error))
+        return LabelMeaning(node, None, str(error))
 
 
 def _is_broader(tree: Tree, name: str, node: Node) -> bool:

@@ -11,14 +11,14 @@ from estimator.posterior.posterior import Posterior, posterior
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.results.verdicts import verdict
 
-__all__ = ["KEPT", "Contradiction", "contradiction_of"]
+__all__ = ["MIN_KEPT_WEIGHT", "Contradiction", "contradiction_of"]
 
 #: Known lengths contradict the objects altogether when these keep less than this share of the weight (the summed
 #: probability of being what their labels say) that they have among themselves: most of them are then disbelieved.
-KEPT = 0.5
+MIN_KEPT_WEIGHT = 0.5
 
 #: They also do where the objects alone leave this little of their posterior at the length's scale or further out.
-CHANCE = 1e-4
+MIN_TAIL_MASS = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Contradiction:
     @property
     def most(self) -> bool:
         """Whether most objects, or all a little, would have to be wrong: unresolved unless the length is trusted."""
-        return self.kept < KEPT or self.chance < CHANCE
+        return self.kept < MIN_KEPT_WEIGHT or self.chance < MIN_TAIL_MASS
 
     def line(self, trusted: bool) -> str:
         """The warning; `trusted` : the length is believed all the same."""
@@ -50,8 +50,8 @@ class Contradiction:
         if not self.most:
             return f"the known lengths are outside the objects' own interval: {scales}; {check}"
         count = f"{self.outliers} of {self.objects} objects would be outliers"
-        if self.kept >= KEPT:
-            count = f"the objects leave it a chance of less than {CHANCE:g}"
+        if self.kept >= MIN_KEPT_WEIGHT:
+            count = f"the objects leave it a chance of less than {MIN_TAIL_MASS:g}"
         start = "" if trusted else "unresolved: "
         override = "" if trusted else " (--trust-known-length overrides)"
         return f"{start}the known lengths contradict the objects: {scales}, and {count}; {check}{override}"

@@ -14,9 +14,9 @@ from estimator.posterior.posterior import Posterior, object_curves, posterior
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Alternative, ScaleResult, UpReport
 from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
-from estimator.results.categories import BROADER_SCORE, Meaning, meanings
+from estimator.results.categories import BROADER_SCORE, LabelMeaning, meanings
 from estimator.results.contradiction import Contradiction, contradiction_of
-from estimator.results.reports import Answer, Options, names_of, result_of
+from estimator.results.reports import Options, ScaleAnswer, names_of, result_of
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
 
@@ -67,7 +67,7 @@ def scale_of_objects(
         estimate = replace(estimate, status="unresolved")
     elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
     rows = _evidence_rows(options, estimate, lines, clash)
-    answer = Answer(estimate, places, _used_dimensions(evidence), reasons, rows)
+    answer = ScaleAnswer(estimate, places, _used_dimensions(evidence), reasons, rows)
     warnings = (*warnings, *_context_warnings(by_name, options))
     heard = (*warnings, *_evidence_warnings(rows), *([] if clash is None else [clash.line(options.trust_known_length)]))
     result = result_of(objects, tree, by_name, answer, options, up, heard, elapsed)
@@ -83,7 +83,7 @@ def scale_of_objects(
 
 
 def evidence_of(
-    objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning]
+    objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning]
 ) -> tuple[dict[int, ObjectEvidence], list[str | None]]:
     """The objects that can speak, by place, and per object the reason why it cannot, or None."""
     reasons = [item.skipped or by_name[item.category].error for item in objects]
@@ -102,7 +102,7 @@ def evidence_of(
     return stated, reasons
 
 
-def _context_warnings(by_name: Mapping[str, Meaning], options: Options) -> list[str]:
+def _context_warnings(by_name: Mapping[str, LabelMeaning], options: Options) -> list[str]:
     """A line for classes of which the release does not know how they differ by region or year."""
     if options.where is None:
         return []
@@ -157,7 +157,7 @@ def _used_dimensions(evidence: Sequence[ObjectEvidence]) -> list[tuple[str, ...]
 
 
 def _without_support(
-    objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning], lines: FloatArray, level: float
+    objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning], lines: FloatArray, level: float
 ) -> Alternative | None:
     """The scale if no object reached down to the plane it stands on; None where none does.
 

@@ -13,13 +13,13 @@ from estimator.posterior.posterior import EDGE_MASS, FAR_MASS, FAR_MODE, RATIO_L
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Interval, ObjectReport, ScaleResult, UpReport
 from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
-from estimator.results.categories import Meaning
+from estimator.results.categories import LabelMeaning
 from estimator.results.verdicts import dimension_names, outlier_reason, verdict
 from metric_base.arrays import BoolArray, FloatArray
 from metric_tree.context import Where
 from metric_tree.tree import Tree
 
-__all__ = ["Answer", "Options", "named_values", "names_of", "result_of"]
+__all__ = ["Options", "ScaleAnswer", "named_values", "names_of", "result_of"]
 
 # One outlier of two is the usual case of a scene of two objects; the interval says so itself.
 MIN_OUTLIERS = 2
@@ -46,7 +46,7 @@ class Options:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Answer:
+class ScaleAnswer:
     """What a method estimate, and about which objects.
 
     places : of the n objects that spoke, among all; used : the dimensions of each that counted; reasons : for every
@@ -63,8 +63,8 @@ class Answer:
 def result_of(
     objects: Sequence[MeasuredObject],
     tree: Tree,
-    by_name: Mapping[str, Meaning],
-    answer: Answer,
+    by_name: Mapping[str, LabelMeaning],
+    answer: ScaleAnswer,
     options: Options,
     up: UpReport | None,
     warnings: Sequence[str],
@@ -91,7 +91,9 @@ def result_of(
     )
 
 
-def _reports(objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning], answer: Answer) -> list[ObjectReport]:
+def _reports(
+    objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning], answer: ScaleAnswer
+) -> list[ObjectReport]:
     row_of = {place: row for row, place in enumerate(answer.places)}
     return [
         _report(item, by_name[item.category], answer, row_of.get(place), answer.reasons[place])
@@ -100,7 +102,7 @@ def _reports(objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning], 
 
 
 def _report(
-    item: MeasuredObject, meaning: Meaning, answer: Answer, row: int | None, reason: str | None
+    item: MeasuredObject, meaning: LabelMeaning, answer: ScaleAnswer, row: int | None, reason: str | None
 ) -> ObjectReport:
     weight, own, said = 0.0, None, verdict(None)
     used: tuple[str, ...] = ()
@@ -154,7 +156,7 @@ def _outlier_warnings(estimate: Estimate | None) -> list[str]:
 
 
 def _warnings(
-    estimate: Estimate | None, objects: Sequence[MeasuredObject], by_name: Mapping[str, Meaning]
+    estimate: Estimate | None, objects: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning]
 ) -> list[str]:
     unknown = sorted({item.category for item in objects if by_name[item.category].prior is None})
     lines = [_reason_with_name(name, by_name[name].reason) for name in unknown]

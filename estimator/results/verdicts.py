@@ -14,20 +14,20 @@ from metric_base.arrays import FloatArray
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 
-__all__ = ["USUAL", "dimension_names", "outlier_reason", "verdict"]
+__all__ = ["USUAL_LEVEL", "dimension_names", "outlier_reason", "verdict"]
 
 #: An object is an outlier when this is less likely than not.
-EVEN = 0.5
+OUTLIER_WEIGHT = 0.5
 
 #: "Usual" sizes are the middle 90 % of the class.
-USUAL = 0.9
+USUAL_LEVEL = 0.9
 
 
 def verdict(weight: float | None) -> Verdict:
     """`used` or `outlier` by the probability of not being an outlier; `skipped` for an object that did not speak."""
     if weight is None:
         return "skipped"
-    return "used" if weight >= EVEN else "outlier"
+    return "used" if weight >= OUTLIER_WEIGHT else "outlier"
 
 
 #: What a person calls the sorted extents.
@@ -73,7 +73,7 @@ def _excess(size: float, low: float, high: float) -> float:
 @lru_cache(maxsize=1024)
 def _usual(prior: Prior) -> FloatArray:
     """(d, 2) sizes in mm between which the prior's objects usually are."""
-    return prior.interval(USUAL)
+    return prior.interval(USUAL_LEVEL)
 
 
 def _metres(mm: float) -> str:

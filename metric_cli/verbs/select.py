@@ -14,7 +14,7 @@ from metric_base.files import output_file, refuse_input, whole_file
 from metric_cli.terminal import print_json, print_table
 from metric_tree.training.selection import (
     TRAINING_LISTS,
-    Candidate,
+    CategoryCandidate,
     Rules,
     candidates,
     choose,
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def selection(
-    tree: Tree, all_candidates: Sequence[Candidate], taken: Sequence[Candidate], rules: Rules
+    tree: Tree, all_candidates: Sequence[CategoryCandidate], taken: Sequence[CategoryCandidate], rules: Rules
 ) -> dict[str, Any]:
     """The selection as the JSON of the command."""
     labels = {node_id: label for label, node_id in paper_selection()}
@@ -112,11 +112,11 @@ def selection(
     }
 
 
-def _reason(one: Candidate | None, taken: Sequence[Candidate], rules: Rules) -> str | None:
+def _reason(one: CategoryCandidate | None, taken: Sequence[CategoryCandidate], rules: Rules) -> str | None:
     return "no prior in this release" if one is None else reason_against(one, taken, rules)
 
 
-def _row(one: Candidate, paper: str | None) -> dict[str, Any]:
+def _row(one: CategoryCandidate, paper: str | None) -> dict[str, Any]:
     return {
         "node": one.node.node_id,
         "name": one.node.name,

@@ -19,7 +19,7 @@ from metric_tree.build.ingest import refusal
 from metric_tree.build.unit_slips import Reference, reference, slip_factors
 from metric_tree.fit.class_prior import class_prior
 from metric_tree.fit.class_rows import ClassRows, without_open_numbers
-from metric_tree.fit.contexts import Cell, cells_of
+from metric_tree.fit.contexts import ContextCell, cells_of
 from metric_tree.fit.em import Belief
 from metric_tree.fit.evidence import STATEMENTS, STRONG
 from metric_tree.fit.kinds import KindModel
@@ -60,7 +60,7 @@ class NodeClass:
     n_by_kind: Mapping[str, int]
     kinds: Mapping[str, str]
     sameness: Sameness | None = None
-    cells: tuple[Cell, ...] = ()
+    cells: tuple[ContextCell, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

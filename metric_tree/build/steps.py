@@ -46,7 +46,7 @@ from metric_tree.build.tables import (
     prior_table,
     source_records,
 )
-from metric_tree.build.work_folder import SerialExecutor, WorkFolder, fingerprint, sole_writer
+from metric_tree.build.work_folder import BuildFolder, SerialExecutor, fingerprint, sole_writer
 from metric_tree.context import ContextModel
 from metric_tree.fit.centre import shared_covariance
 from metric_tree.fit.contexts import class_contexts, learn_contexts
@@ -156,7 +156,7 @@ def build_release(
     own = block_of(curated, "curated ranges")
     log = log or out.with_name(f"{out.name}.build")
     key = fingerprint(files, repr((options, sorted(declared.items()), own, carried)))
-    with sole_writer(out), _empty_after_an_error(log), WorkFolder.open(log / "work", key) as work:
+    with sole_writer(out), _empty_after_an_error(log), BuildFolder.open(log / "work", key) as work:
         steps = Steps(options, taxonomy, declared, carried, executor or SerialExecutor(), progress, work)
         counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()
@@ -201,7 +201,7 @@ class Steps:
     carried: Release | None
     executor: Executor
     progress: Progress | None
-    work: WorkFolder
+    work: BuildFolder
 
     def ingest(self, lines: Iterable[Block]) -> Counter[str]:
         """Step 1; the rows lie in the work folder. Counts of raw items by outcome."""

@@ -17,7 +17,7 @@ from typing import Any, ParamSpec, TypeVar
 from metric_base.errors import InputError
 from metric_base.folders import code_folder, taxonomy_directory
 
-__all__ = ["SerialExecutor", "WorkFolder", "fingerprint", "sole_writer"]
+__all__ = ["BuildFolder", "SerialExecutor", "fingerprint", "sole_writer"]
 
 _KEY = "fingerprint"
 
@@ -39,14 +39,14 @@ class SerialExecutor(Executor):
 
 
 @dataclass(frozen=True, slots=True)
-class WorkFolder:
+class BuildFolder:
     """A folder of finished steps, valid for one fingerprint of inputs, options and code."""
 
     directory: Path
 
     @classmethod
     @contextmanager
-    def open(cls, directory: Path, key: str) -> Iterator[WorkFolder]:
+    def open(cls, directory: Path, key: str) -> Iterator[BuildFolder]:
         """The folder, emptied where it belongs to another build; removed when the block ends well.
 
         Raises

@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from crawler.fetch.pictures import decode_picture
 from metric_base.errors import InputError
 from metric_base.files import inside
-from metric_tree.build.work_folder import SerialExecutor, WorkFolder, fingerprint, sole_writer
+from metric_tree.build.work_folder import BuildFolder, SerialExecutor, fingerprint, sole_writer
 from metric_tree.cutouts.backend import RGB, Auto, Backend, Settings
 from metric_tree.pictures import image_path
 from metric_tree.release import Release, link_file, publish_release, sha256
@@ -157,7 +157,7 @@ def cut_release(
             " a crawl, and with `--private SOURCE` those that may not be given on)"
         )
     key = fingerprint([release.directory / "images.parquet", *_code()], repr(settings) + _model_sha(settings))
-    with sole_writer(out), WorkFolder.open(out.with_name(f"{out.name}.cutout"), key) as work:
+    with sole_writer(out), BuildFolder.open(out.with_name(f"{out.name}.cutout"), key) as work:
         extras = work.directory / "extras"
         cuts: list[Cut] = []
         calls = ((batch, settings) for batch in _batches(paths))

@@ -19,7 +19,7 @@ from metric_tree.context import Context, ContextModel, Likeness
 from metric_tree.fit.disagreement import CERTAIN_ROWS
 from metric_tree.prior import Prior
 
-__all__ = ["Cell", "cells_of", "class_contexts", "inner_contexts", "learn_contexts"]
+__all__ = ["ContextCell", "cells_of", "class_contexts", "inner_contexts", "learn_contexts"]
 
 #: Years of one span: a car model lives for six, and fewer rows say less.
 SPAN = 5
@@ -53,7 +53,7 @@ START = ContextModel(region=0.2, year=0.1, own=0.1, kin=0.5, years=12.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cell:
+class ContextCell:
     """Rows of one source, region and span of years: mean (d,) of ln size, NaN unstated, and effective rows (d,)."""
 
     source: str
@@ -70,7 +70,7 @@ def cells_of(
     region: Sequence[str | None],
     year: Sequence[int | None],
     weight: FloatArray,
-) -> tuple[Cell, ...]:
+) -> tuple[ContextCell, ...]:
     """The cells of a class's rows that say a region or a year.
 
     Parameters
@@ -94,7 +94,7 @@ def _cell(
     kind: NDArray[np.str_],
     year: Sequence[int | None],
     weight: FloatArray,
-) -> Cell:
+) -> ContextCell:
     """The cell of the rows `own` (k,).
 
     x : (n, d) ln size, NaN where unstated; kind, year : (n,) of the rows; weight : (n,) one over the rows in the row's
@@ -109,10 +109,10 @@ def _cell(
     certain = np.where(kind[own[0]] == "statistic", CERTAIN_ROWS, 1.0)
     years = [when for number in own.tolist() if (when := year[number]) is not None]
     when = float(np.mean(years)) if years else None
-    return Cell(source, region or None, when, np.where(mass > 0, mean, np.nan), np.nan_to_num(rows) * certain)
+    return ContextCell(source, region or None, when, np.where(mass > 0, mean, np.nan), np.nan_to_num(rows) * certain)
 
 
-def class_contexts(prior: Prior, axes: Sequence[str], cells: Sequence[Cell], within: FloatArray) -> Prior:
+def class_contexts(prior: Prior, axes: Sequence[str], cells: Sequence[ContextCell], within: FloatArray) -> Prior:
     """The prior with the contexts of its class; `axes` are those of the cells, `within` (d,) variances in a source."""
     chosen = [list(axes).index(dim) for dim in prior.dims]
     centre = prior.weights @ prior.means
@@ -199,7 +199,7 @@ class _Line:
     between: float
 
 
-def learn_contexts(classes: Iterable[tuple[Sequence[Cell], FloatArray, FloatArray]]) -> ContextModel:
+def learn_contexts(classes: Iterable[tuple[Sequence[ContextCell], FloatArray, FloatArray]]) -> ContextModel:
     """The model from the cells, the variances (d,) within a source, and those of B, of all classes."""
     lines = [line for cells, within, between in classes for line in _lines(cells, within, between)]
     model = START
@@ -213,7 +213,7 @@ def learn_contexts(classes: Iterable[tuple[Sequence[Cell], FloatArray, FloatArra
     return model
 
 
-def _lines(cells: Sequence[Cell], within: FloatArray, between: FloatArray) -> list[_Line]:
+def _lines(cells: Sequence[ContextCell], within: FloatArray, between: FloatArray) -> list[_Line]:
     """What each axis that two sources or more state can tell of the cells: variances within (d,) and between (d,)."""
     lines = []
     for axis in range(len(within)):

@@ -22,7 +22,7 @@ from metric_tree.training.composition import Picture, compose, random_background
 from metric_tree.training.pasted import Cutout
 from metric_tree.training.records import AnnotatedPicture, BadAnnotations, run_lengths
 
-__all__ = ["SPLITS", "Plan", "Summary", "background_files", "export_dataset"]
+__all__ = ["SPLITS", "DatasetSummary", "Plan", "background_files", "export_dataset"]
 
 SPLITS = ("train", "val")
 
@@ -45,7 +45,7 @@ class Plan:
 
 
 @dataclass(slots=True)
-class Summary:
+class DatasetSummary:
     """What was written: pictures and objects per split and class, and labels that were too wide to tell."""
 
     pictures: Counter[str] = field(default_factory=Counter)
@@ -61,7 +61,7 @@ def export_dataset(
     plan: Plan,
     others: Iterable[tuple[tuple[str, ...], Iterable[AnnotatedPicture]]] = (),
     progress: Callable[[Iterable[Any], int], Iterable[Any]] = lambda items, _: items,
-) -> Summary:
+) -> DatasetSummary:
     """Write the data set: `images/<split>/`, `annotations/instances_<split>.json`; the same bytes for the same input.
 
     Items and the user's pictures belong to one split each, by a hash of their name, so that what is tested on was
@@ -76,7 +76,7 @@ def export_dataset(
     """
     if out.exists():
         raise InputError(f"{out}: expected a free path for a new data set; found something there")
-    summary = Summary()
+    summary = DatasetSummary()
     matched = list(_matching_pictures(others, classes, plan))  # first: a damaged file is reported before the long work
     with whole_folder(out) as work:
         parts: dict[str, list[tuple[dict[str, Any], list[dict[str, Any]]]]] = {split: [] for split in SPLITS}
@@ -222,7 +222,7 @@ def _write(
     entries: Sequence[tuple[dict[str, Any], list[dict[str, Any]]]],
     classes: Classes,
     plan: Plan,
-    summary: Summary,
+    summary: DatasetSummary,
     split: str,
 ) -> None:
     images: list[dict[str, Any]] = []

@@ -29,7 +29,7 @@ from taxonomy.levels import table_rows
 
 __all__ = [
     "TRAINING_LISTS",
-    "Candidate",
+    "CategoryCandidate",
     "Rules",
     "candidates",
     "choose",
@@ -74,7 +74,7 @@ class Rules:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+class CategoryCandidate:
     """A category with the figures of the rules.
 
     divergence : root mean square over dimensions of the standard deviation of log size; lists : the training sets that
@@ -94,7 +94,7 @@ class Candidate:
         return self.prior.n
 
 
-def candidates(tree: Tree) -> list[Candidate]:
+def candidates(tree: Tree) -> list[CategoryCandidate]:
     """Every node that a training set names, those below which it names counted too, the most narrowing first."""
     named = _lists_of_nodes(tree)
     own = {label.node_id for name in TRAINING_LISTS for label in vocabulary(name) if label.node_id}
@@ -103,7 +103,7 @@ def candidates(tree: Tree) -> list[Candidate]:
     return sorted((one for one in tried if one is not None), key=lambda one: (-one.narrowing, one.node.node_id))
 
 
-def choose(ranked: Sequence[Candidate], rules: Rules | None = None) -> list[Candidate]:
+def choose(ranked: Sequence[CategoryCandidate], rules: Rules | None = None) -> list[CategoryCandidate]:
     """The `rules.count` most narrowing of the candidates that fit the three rules, none above or below another.
 
     A detector cannot be taught both a chair and an office chair as exclusive classes from sets that label only the one.
@@ -111,14 +111,16 @@ def choose(ranked: Sequence[Candidate], rules: Rules | None = None) -> list[Cand
     """
     rules = rules or Rules()
     fit = [one for one in ranked if _misfit(one, rules) is None]
-    taken: list[Candidate] = []
+    taken: list[CategoryCandidate] = []
     for one in sorted(fit, key=lambda one: (-len(one.lists), -one.narrowing, one.node.node_id)):
         if _relative(one, taken) is None:
             taken.append(one)
     return sorted(taken, key=lambda one: (-one.narrowing, one.node.node_id))[: rules.count]
 
 
-def reason_against(one: Candidate, taken: Sequence[Candidate], rules: Rules | None = None) -> str | None:
+def reason_against(
+    one: CategoryCandidate, taken: Sequence[CategoryCandidate], rules: Rules | None = None
+) -> str | None:
     """Why a candidate is not among those taken, or None if it is."""
     if any(one.node.node_id == other.node.node_id for other in taken):
         return None
@@ -169,17 +171,17 @@ def paper_selection(directory: Path | None = None) -> tuple[tuple[str, str], ...
     return tuple((row["label"], row["node_id"]) for _, row in rows)
 
 
-def _candidate(node: Node, lists: Iterable[str]) -> Candidate | None:
+def _candidate(node: Node, lists: Iterable[str]) -> CategoryCandidate | None:
     try:
         prior = node.prior()
     except NoPrior:
         return None
     nats = narrowing(prior)
     sd = math.exp(math.log(math.log(SCALE_RANGE)) - nats) / math.sqrt(2 * math.pi * math.e)
-    return Candidate(node, prior, divergence(prior), tuple(lists), nats, sd)
+    return CategoryCandidate(node, prior, divergence(prior), tuple(lists), nats, sd)
 
 
-def _misfit(one: Candidate, rules: Rules) -> str | None:
+def _misfit(one: CategoryCandidate, rules: Rules) -> str | None:
     """The first rule that a candidate breaks, with its figure."""
     if one.divergence > rules.most_divergence:
         return f"divergence {one.divergence:.2f}, over {rules.most_divergence:g}"
@@ -205,7 +207,7 @@ def _lists_of_nodes(tree: Tree) -> Mapping[str, tuple[str, ...]]:
     return {node_id: tuple(lists) for node_id, lists in named.items()}
 
 
-def _relative(one: Candidate, taken: Sequence[Candidate]) -> Candidate | None:
+def _relative(one: CategoryCandidate, taken: Sequence[CategoryCandidate]) -> CategoryCandidate | None:
     """The one of those taken that lies above or below it in the tree."""
     above = _line(one.node)
     return next(

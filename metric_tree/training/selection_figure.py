@@ -15,7 +15,7 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.files import whole_file
-from metric_tree.training.selection import TRAINING_LISTS, Candidate, Rules
+from metric_tree.training.selection import TRAINING_LISTS, CategoryCandidate, Rules
 
 __all__ = ["SUFFIXES", "write_figure"]
 
@@ -29,7 +29,11 @@ _JITTER, _SEED = 0.3, 0
 
 
 def write_figure(
-    file: Path, ranked: Sequence[Candidate], taken: Sequence[Candidate], paper: Collection[str], rules: Rules
+    file: Path,
+    ranked: Sequence[CategoryCandidate],
+    taken: Sequence[CategoryCandidate],
+    paper: Collection[str],
+    rules: Rules,
 ) -> None:
     """Draw the candidates under each rule, ours and the paper's marked.
 
@@ -61,8 +65,8 @@ def write_figure(
 
 
 def _groups(
-    ranked: Sequence[Candidate], taken: Sequence[Candidate], paper: Collection[str]
-) -> dict[str, Sequence[Candidate]]:
+    ranked: Sequence[CategoryCandidate], taken: Sequence[CategoryCandidate], paper: Collection[str]
+) -> dict[str, Sequence[CategoryCandidate]]:
     return {
         "candidates": ranked,
         "the paper's": [one for one in ranked if one.node.node_id in paper],
@@ -70,7 +74,9 @@ def _groups(
     }
 
 
-def _panel(panel: Any, groups: dict[str, Sequence[Candidate]], value: Any, threshold: float, label: str) -> None:
+def _panel(
+    panel: Any, groups: dict[str, Sequence[CategoryCandidate]], value: Any, threshold: float, label: str
+) -> None:
     """One rule: its figure along, the narrowing up, the threshold dashed."""
     for name, ones in groups.items():
         heights: FloatArray = np.array([one.narrowing for one in ones])
@@ -82,7 +88,7 @@ def _panel(panel: Any, groups: dict[str, Sequence[Candidate]], value: Any, thres
     panel.set(xlabel=label, ylabel="expected narrowing of ln scale, nats")
 
 
-def _ranking(panel: Any, taken: Sequence[Candidate], paper: Collection[str]) -> None:
+def _ranking(panel: Any, taken: Sequence[CategoryCandidate], paper: Collection[str]) -> None:
     """Ours by what one object of each narrows: the standard deviation of log scale that is left."""
     left = [one.sd for one in taken]
     colours = [_COLOURS["the paper's" if one.node.node_id in paper else "ours"] for one in taken]

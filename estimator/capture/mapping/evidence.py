@@ -119,7 +119,7 @@ class Evidence:
 class ModelShape:
     """A model as the gates see it.
 
-    names : registered frames; centres : (v, 3); rotations : (v, 3, 3); points : how many; angle_deg : median over the
+    names : registered frames; centres : (v, 3); points : how many; angle_deg : median over the
     points of the widest angle between two views of it; error_px : median reprojection error; focal : over the longer
     side; lens_bend : largest displacement by the lens within the picture, as a share of the longer side;
     focal_deviation : of `focal_deviation`, None where it could not be computed; focal_spread : of `focal_spread`.
@@ -127,7 +127,6 @@ class ModelShape:
 
     names: tuple[str, ...]
     centres: FloatArray
-    rotations: FloatArray
     points: int
     angle_deg: float
     error_px: float
@@ -162,7 +161,6 @@ def model_shape(folder: Path, focal_deviation: float | None = None) -> ModelShap
     return ModelShape(
         tuple(view.name for view in scene.views),
         np.array([view.centre for view in scene.views]),
-        np.array([view.rotation for view in scene.views]),
         len(scene.points),
         _median_angle(scene),
         _median_error(scene),

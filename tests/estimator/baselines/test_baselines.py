@@ -13,7 +13,7 @@ from scipy.stats import multivariate_normal
 
 from estimator.baselines import paper, sucar
 from estimator.baselines.candidates import CANDIDATES, candidate_scales, estimate_on
-from estimator.baselines.paper import Mixture, authors_lists, fit_mixture, paper_result
+from estimator.baselines.paper import PaperMixture, authors_lists, fit_mixture, paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scene import Camera, Instance, Scene, View
@@ -33,7 +33,7 @@ def test_product_without_jacobian_is_low() -> None:
     spread = 0.3
     sizes = generator.normal(1000, spread * 1000, 4000)
     heights = sizes[sizes > 100] / 1000  # at scale one
-    mixture = Mixture(("height",), np.ones(1), np.array([[1000.0]]), np.array([[[(spread * 1000) ** 2]]]))
+    mixture = PaperMixture(("height",), np.ones(1), np.array([[1000.0]]), np.array([[[(spread * 1000) ** 2]]]))
     scales = np.linspace(0.5, 1.5, 1001)
     product = np.stack([mixture.log_density(scales[:, None] * height * 1000, [0]) for height in heights[:600]])
     found = estimate_on(scales, product, 0.9)
@@ -184,7 +184,7 @@ def test_the_baselines_have_no_jacobian(mini: Tree, monkeypatch: pytest.MonkeyPa
     scene, instance = _scene(height=0.8)
     by_box = sucar_result(scene, [instance], mini, Options(method="sucar"))
     assert by_box.modes[0].scale == pytest.approx(1.25, rel=0.01)
-    wide = Mixture(("height",), np.ones(1), np.array([[1000.0]]), np.array([[[300.0**2]]]))
+    wide = PaperMixture(("height",), np.ones(1), np.array([[1000.0]]), np.array([[[300.0**2]]]))
     monkeypatch.setattr(paper, "_node_mixture", lambda *_: (wide, False))
     by_paper = paper_result([_object("1", "bar stool", (0.5, 0.5, 0.8))], mini, Options(method="paper"))
     assert by_paper.modes[0].scale == pytest.approx(1.25, rel=0.01)

@@ -78,9 +78,7 @@ def _evidence(n: int = 20) -> Evidence:
 
 def _shape(evidence: Evidence) -> ModelShape:
     n = len(evidence.names)
-    return ModelShape(
-        tuple(evidence.names), np.eye(n, 3), np.tile(np.eye(3), (n, 1, 1)), 4000, 9.0, 0.4, 0.8, 0.01, 0.01
-    )
+    return ModelShape(tuple(evidence.names), np.eye(n, 3), 4000, 9.0, 0.4, 0.8, 0.01, 0.01)
 
 
 def test_a_good_capture_passes() -> None:

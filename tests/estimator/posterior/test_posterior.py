@@ -217,7 +217,7 @@ def test_mass_beyond_the_grid_counts() -> None:
     u = np.linspace(-1, 1, 50)
     flat = grid.curve(u, np.zeros(50), np.zeros((0, 3)))
     low, high = grid.interval(flat, 0.9)
-    ends = 1 + grid.ROOM
+    ends = 1 + grid.PRIOR_MARGIN_LOG
     assert math.log(low) == pytest.approx(-ends + 0.05 * 2 * ends, abs=0.02)
     assert math.log(high) == pytest.approx(ends - 0.05 * 2 * ends, abs=0.02)
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import MOST_OBJECTS, Posterior, posterior
-from estimator.posterior.sameness import ALIKE, RELATED, _kind_weights, hypotheses
+from estimator.posterior.sameness import ALIKE_SHARE, RELATED_SHARE, _kind_weights, hypotheses
 from metric_tree.prior import Prior
 from tests.synthetic.priors import evidence, prior
 
@@ -79,7 +79,7 @@ def test_hypotheses_keep_the_spread_of_one_object() -> None:
 def test_a_stated_sameness_is_the_mean_share(stated: float) -> None:
     weights = _kind_weights(replace(BOTTLE, sameness=stated))
     assert weights.sum() == pytest.approx(1)
-    assert weights @ [0.0, RELATED, ALIKE] == pytest.approx(stated, abs=1e-6)
+    assert weights @ [0.0, RELATED_SHARE, ALIKE_SHARE] == pytest.approx(stated, abs=1e-6)
 
 
 def test_identical_objects_know_little_more_than_one() -> None:

@@ -14,7 +14,7 @@ from estimator.posterior.class_error import shared_error as estimators_error
 from metric_cli.verbs import main
 from metric_tree.prior import Prior
 from metric_tree.training.selection import (
-    Candidate,
+    CategoryCandidate,
     Rules,
     candidates,
     choose,
@@ -76,9 +76,9 @@ def test_divergence_is_the_spread_of_log_size() -> None:
 
 def _candidate(
     tree: Tree, name: str, narrows: float, lists: int = 4, samples: int = 100, sources: int = 3
-) -> Candidate:
+) -> CategoryCandidate:
     prior = replace(_prior(0.1, 0.05), n=samples, n_sources=sources)
-    return Candidate(tree.node(name), prior, divergence(prior), tuple("abcd"[:lists]), narrows, 0.1)
+    return CategoryCandidate(tree.node(name), prior, divergence(prior), tuple("abcd"[:lists]), narrows, 0.1)
 
 
 def test_each_rule_excludes_and_says_so(mini: Tree) -> None:

@@ -27,6 +27,9 @@ ROOMS = {
     "metric_tree/fit": "tests/metric_tree/fit tests/metric_tree/build",
     "estimator/posterior": "tests/estimator/posterior tests/estimator/records/test_result.py",
     "estimator/geometry": "tests/estimator/geometry",
+    "estimator/evidence": "tests/estimator/evidence",
+    "taxonomy": "tests/taxonomy",
+    "insertion": "tests/insertion",
 }
 #: Seconds for the tests of one mutant; a mutant that makes them hang counts as killed.
 TIMEOUT = 600

@@ -16,9 +16,9 @@ from metric_tree.context import ContextModel, Where, where_of
 from metric_tree.prior import Prior
 from metric_tree.release import BadRelease, Release, first_in_circle, open_release
 from metric_tree.releases import release_directory
-from taxonomy.naming.candidates import Names
-from taxonomy.naming.label_votes import label_votes
+from taxonomy.naming.nodes import Names
 from taxonomy.naming.resolver import Resolver
+from taxonomy.words.senses import label_votes
 
 __all__ = ["DETECTORS", "AmbiguousName", "Meaning", "NoPrior", "Node", "Tree", "UnknownName", "open_tree"]
 
@@ -301,7 +301,7 @@ class Tree:
     def _label_node(self, text: str, vocabulary: str) -> Node | None:
         """The node of a label; None if no list of the detectors has it in this tree."""
         if vocabulary == DETECTORS:
-            from taxonomy.naming.label_votes import listed_nodes
+            from taxonomy.words.senses import listed_nodes
 
             known = (node_id for node_id in listed_nodes(text) if node_id in self._places)
             return next(map(self.node, known), None)
@@ -318,10 +318,10 @@ class Tree:
         """The node, or the nearest kind of it that this release has."""
         if node_id in self._places:
             return node_id
-        from taxonomy.naming.evidence import senses
+        from taxonomy.words.senses import senses
 
         lemma = node_id.removeprefix("mt:").partition(".n.")[0].replace("_", " ")
-        chains = (sense.nodes for sense in senses(lemma) if sense.nodes[:1] == (node_id,))
+        chains = (sense.chain for sense in senses(lemma) if sense.chain[:1] == (node_id,))
         return next((above for chain in chains for above in chain if above in self._places), node_id)
 
     def prior_dims(self, node_id: str) -> tuple[tuple[str, ...], ...]:

@@ -138,6 +138,11 @@ class Catalogue:
             if leaf.parent_id not in {kind.node_id for kind in levels.kinds} or leaf.node_id in levels.nodes:
                 raise BadLevels(f"leaf {leaf.node_id}: expected a new id under a kind; found {leaf.parent_id!r}")
 
+    @property
+    def added_aliases(self) -> Mapping[str, str]:
+        """The leaf or kind of each alias that a reviewer added; the last one's of an alias that several have."""
+        return {word: node for node, words in self._reviewed_aliases.added.items() for word in words}
+
     def leaf_of(self, concept: str) -> str | None:
         """The leaf of what a source names: a synset or an insertion; None where it has no place yet.
 

@@ -26,6 +26,7 @@ ROOMS = [
     "crawler.fetch",
     "crawler.imports",
     "taxonomy",
+    "taxonomy.words",
     "taxonomy.naming",
     "taxonomy.matching",
     "metric_tree",

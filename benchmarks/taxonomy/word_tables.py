@@ -24,8 +24,8 @@ from pathlib import Path
 from metric_base.folders import taxonomy_directory
 from taxonomy.catalogue import OTHER, Catalogue, default_catalogue
 from taxonomy.label_lists import vocabulary
-from taxonomy.naming.spelling import fold_text
 from taxonomy.wordnet import WordNet, default_wordnet
+from taxonomy.words.spelling import fold_text
 
 #: Steps up from a concept to a node that still says enough of its size.
 STEPS = 4

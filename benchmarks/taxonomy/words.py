@@ -24,7 +24,7 @@ from metric_tree.tree import Tree, open_tree
 from taxonomy.catalogue import default_catalogue
 from taxonomy.curated import curated_ranges
 from taxonomy.levels import replaced_ids
-from taxonomy.naming.spelling import plain_fold
+from taxonomy.words.spelling import plain_fold
 
 #: Levels between an expected node and a kind of it that still counts.
 STEPS = 1

@@ -171,7 +171,7 @@ def _record(arguments: argparse.Namespace) -> None:
     from metric_base.folders import taxonomy_directory
     from taxonomy.matching.decisions import NONE, WITHDRAWN, BadDecision, Decision, decisions, record_decision
     from taxonomy.matching.lexicon import default_lexicon
-    from taxonomy.naming.spelling import fold_text
+    from taxonomy.words.spelling import fold_text
 
     source, separator, words = arguments.subject.partition(": ")
     if separator and arguments.what == "match":

@@ -21,7 +21,7 @@ _BELIEF = {"decision": 0.97, "source synset": 0.95, "class": 0.95, "exact": 0.95
 _TITLE = "title "
 _TITLE_BELIEF = 0.8
 
-_CERTAINTY = {"ruled": 1.02, "sole": 1.0, "domain": 0.97, "frequent": 0.9, "rare": 0.85}
+_CERTAINTY = {"ruled": 1.02, "sole": 1.0, "path": 1.0, "domain": 0.97, "usual": 0.97, "frequent": 0.9, "rare": 0.85}
 _BELIEF_WEIGHT = 6.0
 
 _FILE = "reliability.json"

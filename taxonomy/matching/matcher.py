@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 
 from taxonomy.matching.decisions import EVERY_SOURCE, Decision, default_rulings
+from taxonomy.matching.domains import DOMAINS, Domain, fits
 from taxonomy.matching.finding import THRESHOLD, Finding, measured_reliability, no_concept
 from taxonomy.matching.lexicon import Lexicon, default_lexicon
 from taxonomy.matching.namer import Namer
-from taxonomy.matching.senses import DOMAINS, sense
 from taxonomy.matching.source_reading import BadReading, Reading, default_readings, reading_of
-from taxonomy.matching.words import noun_phrase
-from taxonomy.naming.spelling import fold_text
 from taxonomy.wordnet import UnknownSynset
+from taxonomy.words.phrases import noun_phrase
+from taxonomy.words.spelling import fold_text
 
 __all__ = ["THRESHOLD", "Finding", "Matcher", "default_matcher"]
 
@@ -75,7 +75,7 @@ class Matcher:
             or self._finding_by_source_synset(synset, subject)
             or self._of_class(reading, category_path, subject)
             or self._of_title(reading, category_path, texts, title)
-            or self._of_words(reading, texts, subject)
+            or self._of_words(reading, texts, subject, category_path)
         )
         return self._narrow(finding, reading, title)
 
@@ -94,7 +94,7 @@ class Matcher:
             concept = self.lexicon.wordnet.synset_at(synset) if synset[1:].isdigit() else synset
         except UnknownSynset:
             return None
-        if not (self.lexicon.knows(concept) and sense((concept,), DOMAINS["things"], self.lexicon)):
+        if not (self.lexicon.knows(concept) and fits(self.lexicon.sense(concept), DOMAINS["things"])):
             return None
         return Finding(concept, self._namer.score("source synset"), "the source names it", "source synset", subject)
 
@@ -120,12 +120,21 @@ class Matcher:
                 )
         return no_concept("unknown", "no name in the title", fold_text(title))
 
-    def _of_words(self, reading: Reading, texts: tuple[str, ...], subject: str) -> Finding:
-        findings = [self._namer.finding(text, DOMAINS[reading.domain], reading.whole) for text in texts]
-        said = (one for one in findings if one.rule == "decision" or one.concept)
+    def _of_words(self, reading: Reading, texts: tuple[str, ...], subject: str, path: tuple[str, ...]) -> Finding:
+        domain = DOMAINS[reading.domain]
+        near = tuple(self._named_by_path(path[:-1], domain)) if reading.words == "last" else ()
+        findings = [self._namer.finding(text, domain, reading.whole, near) for text in texts]
+        named = (one for one in findings if one.rule == "decision" or one.concept)
         return replace(
-            next(said, findings[0] if findings else no_concept("none", "no words", subject)), subject=subject
+            next(named, findings[0] if findings else no_concept("none", "no words", subject)), subject=subject
         )
+
+    def _named_by_path(self, path: tuple[str, ...], domain: Domain) -> Iterator[str]:
+        """The concepts that elements of a category path are names of."""
+        for part in path:
+            finding = self._namer.finding(part, domain, whole=True)
+            if finding.concept:
+                yield finding.concept
 
     def _narrow(self, finding: Finding, reading: Reading, title: str) -> Finding:
         """A narrower concept that the title's noun phrase names, where the source is read so."""
@@ -134,7 +143,7 @@ class Matcher:
         narrower = self._namer.finding(title, DOMAINS[reading.domain])
         if narrower.concept in (None, finding.concept) or not narrower.rule.startswith(("exact", "compound")):
             return finding
-        if not self.lexicon.is_a(narrower.concept or "", (finding.concept,)):
+        if not self.lexicon.is_a(narrower.concept or "", finding.concept):
             return finding
         return replace(narrower, subject=finding.subject, reason=f"{finding.reason}; title: {narrower.reason}")
 

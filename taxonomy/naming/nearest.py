@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from taxonomy.naming.answers import Answer
-from taxonomy.naming.candidates import Names
-from taxonomy.naming.evidence import senses
-from taxonomy.naming.phrases import LEAST_NAMED, PERSON
-from taxonomy.naming.spelling import plain_fold, singular_phrases
+from taxonomy.naming.nodes import PERSON, Answer, Names
+from taxonomy.words.senses import senses
+from taxonomy.words.spelling import plain_fold, singular_phrases
 
 __all__ = ["Nearest"]
 
 #: Likeness of spelling (`difflib`'s ratio) from which a name is worth comparing letter by letter.
 NEAR_SPELLING = 0.75
+
+#: Levels from the root from which a broader kind is offered.
+LEAST_OFFERED = 3
 
 
 class Nearest:
@@ -66,8 +67,8 @@ class Nearest:
     def _kinds(self, form: str) -> list[str]:
         """The name of the nearest kind of what WordNet says of the text first, if it says something of a size."""
         meant = next(iter(senses(form)), None)
-        kind = next((node for node in meant.nodes if node in self._names), None) if meant else None
-        usable = kind is not None and kind != PERSON and len(self._names.ancestors(kind)) + 1 >= LEAST_NAMED
+        kind = next((node for node in meant.chain if node in self._names), None) if meant else None
+        usable = kind is not None and kind != PERSON and len(self._names.ancestors(kind)) + 1 >= LEAST_OFFERED
         return [plain_fold(self._names.shown(kind))] if kind is not None and usable else []
 
 

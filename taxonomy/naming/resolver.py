@@ -4,7 +4,7 @@ The forms of a text are tried from the plainest to the boldest, and the first th
 written, without numbers and articles, singular, without spaces; two alternatives that agree (`couch/sofa`), the last
 part of a dotted path; what a count names (`pair of scissors`), the name before `with` or `riding`; a word of WordNet
 whose kind is in the tree; the name without adjectives, colours, materials and rooms; the head noun, if compounds that
-end in it are known to be such things. What is left is unknown: no likeness of spelling is ever taken for a name.
+end in it are known to be such items. An answer says what was dropped on the way.
 """
 
 from __future__ import annotations
@@ -12,24 +12,47 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
-from taxonomy.naming.answers import NEAR, Answer, Lookup
-from taxonomy.naming.candidates import Candidate, Names
-from taxonomy.naming.evidence import coded_node
-from taxonomy.naming.modifiers import (
+from taxonomy.naming.nearest import Nearest
+from taxonomy.naming.nodes import NEAR, PERSON, Answer, Candidate, Names, folded_forms
+from taxonomy.words.phrases import (
     after_counts,
     container_and_content,
     is_plain_adjective,
     leading_phrase,
+    modifiers,
     without_numbers,
+    word_list,
 )
-from taxonomy.naming.nearest import Nearest
-from taxonomy.naming.phrases import Phrases
-from taxonomy.naming.spelling import plain_fold
+from taxonomy.words.senses import coded_node, head_trust, senses
+from taxonomy.words.spelling import plain_fold, singular_phrases, written_forms
 
 __all__ = ["NEAR", "Answer", "Resolver"]
 
+#: What words in brackets add to a candidate that they name: more than anything else does.
+HINT = 10.0
+
+#: Share of the known compounds of a head noun that are such items, from which the head alone is taken.
+HEAD_TRUST = 0.65
+#: Compounds that must be known before a head noun is taken.
+HEAD_COMPOUNDS = 4
+#: Words of the longest compound whose head noun is taken.
+LONGEST_COMPOUND = 4
+
+#: Levels of the tree (the root is 1) from which a broader kind is taken: a stocking is not footwear of 30 by 10 cm. One
+#: level further up only by its own name (an electric car is a car), and never further (not a container or a vehicle).
+LEAST_DEPTH = 4
+LEAST_NAMED = 3
+
+#: Above everything that lives.
+_LIVING = {"animal.n.01", "mt:human", PERSON, "organism.n.01"}
+
+#: Above what grows and what is eaten, people left out.
+_GROWING = {"animal.n.01", "plant.n.02", "food.n.01"}
+
 _CODE = re.compile(r"^(?:n\d{8}|/m/[0-9a-z_]+|/g/[0-9a-z_]+)$")
+_BRACKETS = re.compile(r"[\s_]*\(([^()]*)\)")
 _ALTERNATIVES = re.compile(r"\s*(?:/|\||\bor\b)\s*")
 
 
@@ -43,29 +66,81 @@ class Resolver:
 
     def __init__(self, names: Names) -> None:
         self._names = names
-        self._lookup = Lookup(names)
-        self._phrases = Phrases(names, self._lookup)
         self._nearest = Nearest(names, self.answer)
 
     def answer(self, text: str) -> Answer | None:
         """What a text means, or None if nothing of the tree is meant."""
         if text in self._names:
-            return Answer((Candidate(text, math.inf, "id"),), "id", math.inf)
+            return _certain(text, "id")
         if _CODE.match(text):
             node = coded_node(text)
-            return self._lookup.at(node, "code") if node else None
-        if written := self._lookup.literal(text):
+            return _certain(node, "code") if node and node in self._names else None
+        if written := self._written(text):
             return written
         parts = [part for part in _ALTERNATIVES.split(text) if part]
         if len(parts) > 1:
             return self._common_answer(parts)
         return self._compound_answer(text) or self._phrase(text)
 
+    def nodes_by_relevance(self, text: str, limit: int) -> Iterator[str]:
+        """At most `limit` nodes for what a person types: meanings, names that begin so or hold it, like spellings."""
+        return self._nearest.nodes(text, limit)
+
+    def nearest(self, text: str, count: int = 3) -> list[str]:
+        """Known names that may help with an unknown text: of near spelling, a broader kind, the head noun; or none."""
+        return self._nearest.names(text, count)
+
+    def _written(self, text: str) -> Answer | None:
+        """The answer for a text that is a name as it is, in brackets, counted, plural, or without its spaces."""
+        hint = _BRACKETS.search(text)
+        bare = _BRACKETS.sub("", text) if hint else text
+        for form in folded_forms(text):
+            if answer := self._best(self._names.candidates(form), None):
+                return answer
+        for plain in dict.fromkeys((bare, without_numbers(bare))):
+            for form in folded_forms(plain):
+                if answer := self._of_form(form, hint[1] if hint else None):
+                    return answer
+        return None
+
+    def _of_form(self, form: str, hint: str | None = None) -> Answer | None:
+        """The answer for a folded form: as it is, singular, without its spaces."""
+        for written in written_forms(form, lambda: self._names.letters) if form else ():
+            if candidates := self._names.candidates(written):
+                return self._best(candidates, None if written == form else "folded", hint)
+        return None
+
+    def _best(self, candidates: Sequence[Candidate], how: str | None, hint: str | None = None) -> Answer | None:
+        """The likeliest of several candidates, as an answer; None of none."""
+        if not candidates:
+            return None
+        if hint is not None:
+            candidates = self._order_by_hint(candidates, hint)
+        best = candidates[0]
+        rival = next((one for one in candidates[1:] if not self._same(best.node_id, one.node_id)), None)
+        margin = best.score - rival.score if rival else math.inf
+        return Answer(tuple(candidates), how or best.how, margin)
+
+    def _order_by_hint(self, candidates: Sequence[Candidate], hint: str) -> list[Candidate]:
+        """Candidates whose kinds the words in brackets name come first (`bow (weapon)`)."""
+        words = set(plain_fold(hint).split())
+
+        def names(one: Candidate) -> bool:
+            above = (one.node_id, *self._names.ancestors(one.node_id), *self._names.hypernyms(one.node_id))
+            shown = (plain_fold(node.partition(".")[0].removeprefix("mt:")) for node in above)
+            return any(words & set(name.split()) for name in shown)
+
+        hinted = [replace(one, score=one.score + HINT) for one in candidates if names(one)]
+        return hinted + [one for one in candidates if not names(one)]
+
+    def _same(self, one: str, other: str) -> bool:
+        return one == other or self._names.kin(one, other)
+
     def _compound_answer(self, text: str) -> Answer | None:
         """The answer for dotted paths and inverted names (`table, dining`)."""
         if "." in text.strip(".") and " " not in text.strip():
             *_, before, last = ["", *filter(None, text.split("."))]
-            return self._lookup.literal(last) or (self._lookup.literal(before) if before and plain_fold(last) else None)
+            return self._written(last) or (self._written(before) if before and plain_fold(last) else None)
         parts = [part.strip() for part in text.split(",") if part.strip()]
         if len(parts) > 1:
             inverted = " ".join((*parts[1:], parts[0])) if len(parts) == 2 else ""
@@ -77,7 +152,7 @@ class Resolver:
         """The one answer of several alternatives, or None where they disagree."""
         answers = [answer for part in parts if (answer := self.answer(part)) is not None]
         first = answers[0] if len(answers) == len(parts) else None
-        same = first is not None and all(self._lookup.same(first.node_id, one.node_id) for one in answers)
+        same = first is not None and all(self._same(first.node_id, one.node_id) for one in answers)
         return first if same else None
 
     def _phrase(self, text: str) -> Answer | None:
@@ -85,27 +160,97 @@ class Resolver:
         plain = text.replace("_", " ").replace("-", " ") if " " not in text.strip() else text
         if holding := container_and_content(plain):
             container, content = holding
-            return self._lookup.of_form(plain_fold(f"{content} {container}")) or self._lookup.of_form(container)
+            return self._of_form(plain_fold(f"{content} {container}")) or self._of_form(container)
         counted = after_counts(plain)
         if counted and (answer := self.answer(counted)):
             return answer
         form = plain_fold(without_numbers(plain))
         words = form.split()
         adjective = len(words) > 1 and is_plain_adjective(words[0])
-        answer = self._phrases.bare(words) if adjective else self._phrases.of_wordnet(form)
-        if answer and adjective and self._phrases.misleads(form, answer):
-            return self._phrases.of_wordnet(form)
+        answer = self._bare(words) if adjective else self._of_wordnet(form)
+        if answer and adjective and self._misleads(form, answer):
+            return self._of_wordnet(form)
         if answer:
             return answer
         led = leading_phrase(plain)
         if led and (answer := self.answer(led)):
             return answer
-        return self._phrases.bare(words) if not led else None
+        return self._bare(words) if not led else None
 
-    def nodes_by_relevance(self, text: str, limit: int) -> Iterator[str]:
-        """At most `limit` nodes for what a person types: meanings, names that begin so or hold it, like spellings."""
-        return self._nearest.nodes(text, limit)
+    def _bare(self, words: Sequence[str]) -> Answer | None:
+        """The answer for a name after its modifiers are taken away, one by one from the left."""
+        living = False
+        while len(words) > 1 and (leading := modifiers(words)):
+            living = living or words[0] in word_list("of_the_living")
+            words = words[leading:]
+            form = " ".join(words)
+            answer = self._of_form(form) or self._of_wordnet(form)
+            if answer and (self._too_broad(answer.node_id, words[-1]) or (living and not self._lives(answer.node_id))):
+                return None
+            if answer:
+                return replace(answer, how="modifier stripped")
+            if senses(form):
+                return None
+        return self._head(words)
 
-    def nearest(self, text: str, count: int = 3) -> list[str]:
-        """Known names that may help with an unknown text: of near spelling, a broader kind, the head noun; or none."""
-        return self._nearest.names(text, count)
+    def _head(self, words: Sequence[str]) -> Answer | None:
+        """The answer for the head noun, if the compounds that end in it are such items."""
+        if not 1 < len(words) <= LONGEST_COMPOUND or word_list("alienating") & set(words[:-1]):
+            return None
+        head = next((one for one in (words[-1], *singular_phrases(words[-1])) if self._names.candidates(one)), None)
+        answer = self._best(self._names.candidates(head), "broader kind") if head else None
+        if head is None or answer is None or answer.ambiguous or senses(" ".join(words)):
+            return None  # what WordNet knows as a whole is not such an item, or would have been found
+        if self._is_of_another_kind(words[-2], answer.node_id):
+            return None
+        kinds, compounds = head_trust(head).get(answer.node_id, (0, 0))
+        trusted = compounds >= HEAD_COMPOUNDS and kinds / compounds >= HEAD_TRUST
+        return answer if trusted or head in word_list("containers") else None
+
+    def _of_wordnet(self, form: str) -> Answer | None:
+        """The nearest kind in the tree of a word that the tree lacks."""
+        forms = (form, *singular_phrases(form), form.replace(" ", ""))
+        known = next(filter(None, map(senses, forms)), ())
+        objects = [sense for sense in known if sense.chain and not sense.is_a((PERSON,))]
+        people = list(known) if all(sense.chain for sense in known) else []  # a piranha is not a person but a fish
+        meant = [known[0]] if any(sense.count for sense in known) else objects or people
+        places = [next((node for node in sense.chain if node in self._names), None) for sense in meant]
+        node = places[0] if places else None
+        if node is None or any(other is None or not self._same(node, other) for other in places):
+            return None  # what is meant first has no size, has no place in the tree, or is one of several items
+        return None if self._too_broad(node, form.rpartition(" ")[2]) else _certain(node, "broader kind")
+
+    def _too_broad(self, node: str, head: str) -> bool:
+        """Whether a node is so far up that it says little of a size, unless the text calls it by its own name."""
+        heads = {head, *singular_phrases(head)}
+        depth = len(self._names.ancestors(node)) + 1
+        named = any(node in self._names.owners(one) for one in heads)
+        broad = depth < LEAST_NAMED or (depth < LEAST_DEPTH and not named)
+        return broad and node != PERSON and self._names.has_kinds(node)
+
+    def _misleads(self, form: str, answer: Answer) -> bool:
+        """Whether WordNet knows a whole name as something that lives, and what is left of it does not, or the reverse.
+
+        A blue tit is a bird and not a blue tit.
+        """
+        kinds = [sense.concept for sense in senses(form) if sense.chain and sense.concept in self._names]
+        return bool(kinds) and all(self._lives(kind) != self._lives(answer.node_id) for kind in kinds)
+
+    def _is_of_another_kind(self, modifier: str, head: str) -> bool:
+        """Whether a compound's first noun is something that lives or is eaten, and its head is neither.
+
+        The bulb of garlic is not a light bulb, and a dog's bed is not for people.
+        """
+        candidates = self._names.candidates(modifier)
+        return bool(candidates) and self._grows(candidates[0].node_id) and not self._grows(head)
+
+    def _grows(self, node: str) -> bool:
+        return bool(_GROWING & {node, *self._names.ancestors(node)})
+
+    def _lives(self, node: str) -> bool:
+        return bool(_LIVING & {node, *self._names.ancestors(node), *self._names.hypernyms(node)})
+
+
+def _certain(node: str, how: str) -> Answer:
+    """The answer that is one node."""
+    return Answer((Candidate(node, math.inf if how == "id" else 0.0, how),), how, math.inf)

@@ -6,9 +6,9 @@ from functools import cache
 import pytest
 
 from taxonomy.insertions import PREFIX
+from taxonomy.matching.domains import DOMAINS, fits
 from taxonomy.matching.lexicon import Lexicon, default_lexicon
-from taxonomy.matching.senses import DOMAINS, fits
-from taxonomy.naming.spelling import fold_text, singulars
+from taxonomy.words.spelling import fold_text, singulars
 
 #: WordNet has the word but means something else, or lumps what differs in size (docs/explanation/matching.md).
 HOMONYMS = frozenset(
@@ -177,7 +177,7 @@ def namesakes(lexicon: Lexicon) -> set[str]:
     for one in lexicon.inserted.values():
         name = fold_text(one.name)
         spellings = {name, *singulars(name), name.replace(" ", ""), *singulars(name.replace(" ", ""))}
-        if any(fits(sense, DOMAINS["things"], lexicon) for spelling in spellings for sense in senses(spelling)):
+        if any(fits(lexicon.sense(sense), DOMAINS["things"]) for spelling in spellings for sense in senses(spelling)):
             found.add(one.id)
     return found
 

@@ -16,8 +16,8 @@ from taxonomy.matching.finding import THRESHOLD, reliabilities
 from taxonomy.matching.lexicon import Lexicon
 from taxonomy.matching.matcher import Matcher, default_matcher
 from taxonomy.matching.source_reading import BadReading, Reading, default_readings, readings
-from taxonomy.naming.spelling import fold_text
 from taxonomy.wordnet import WordNet
+from taxonomy.words.spelling import fold_text
 
 INSERTED = {
     "mt:office_chair": Insertion(
@@ -332,3 +332,18 @@ def test_the_reliability_that_ships_is_of_the_development_half() -> None:
     record = json.loads((taxonomy_directory() / "reliability.json").read_text(encoding="utf-8"))
     assert record["measured_on"].startswith("development half")
     assert all(0 <= share <= 1 for share in record["reliability"].values())
+
+
+@pytest.mark.parametrize(
+    ("path", "concept"),
+    [
+        (("bicycle", "road bike"), "bicycle.n.01"),
+        (("bicycle", "gravel bike"), "bicycle.n.01"),
+        (("scooter",), "scooter.n.02"),
+    ],
+)
+def test_a_source_means_by_a_word_what_a_user_means(wordnet: WordNet, path: tuple[str, ...], concept: str) -> None:
+    """By an alias, by what the path names besides, by the reviewed order: WordNet's first bike is a motorcycle."""
+    assert wordnet.knows(concept)
+    found = default_matcher().finding("bicycle_geometry", path)
+    assert (found.concept, found.settled) == (concept, True)

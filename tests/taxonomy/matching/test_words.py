@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taxonomy.matching.words import Phrase, noun_phrase
-from taxonomy.naming.spelling import fold_text, singulars, spelling_of
+from taxonomy.words.phrases import endings, noun_phrase, pairs
+from taxonomy.words.spelling import fold_text, singulars, spelling_of
 
 TITLES = st.text(alphabet=st.characters(codec="utf-8"), max_size=80)
 WORDS = st.text(alphabet="abcdefghijklmnopqrstuvwxyz", min_size=1, max_size=14)
@@ -50,9 +50,9 @@ def test_a_noun_phrase_is_found_for_whatever_is_said(text: str) -> None:
 
 @given(st.lists(WORDS, min_size=1, max_size=6))
 def test_endings_grow_shorter_and_keep_the_head(words: list[str]) -> None:
-    endings = list(Phrase(words).endings())
-    assert [len(ending.split()) for ending in endings] == list(range(len(words), 0, -1))
-    assert all(ending.split()[-1] == words[-1] for ending in endings)
+    runs = list(endings(words))
+    assert [len(ending.split()) for ending in runs] == list(range(len(words), 0, -1))
+    assert all(ending.split()[-1] == words[-1] for ending in runs)
 
 
 @pytest.mark.parametrize(
@@ -121,5 +121,5 @@ def _plural(word: str) -> str:
 
 
 def test_what_describes_a_part_is_no_modifier_of_the_thing():
-    assert "high chair" not in set(Phrase(["high", "back", "leather", "chair"]).pairs())
-    assert "swivel chair" in set(Phrase(["swivel", "leather", "chair"]).pairs())
+    assert "high chair" not in set(pairs(["high", "back", "leather", "chair"]))
+    assert "swivel chair" in set(pairs(["swivel", "leather", "chair"]))

@@ -16,9 +16,9 @@ from taxonomy.catalogue import OTHER, default_catalogue
 from taxonomy.categories import Category
 from taxonomy.curated import curated_ranges
 from taxonomy.levels import LEAF
-from taxonomy.naming.candidates import own_names
-from taxonomy.naming.evidence import reviewed_meanings
-from taxonomy.naming.spelling import plain_fold
+from taxonomy.naming.nodes import own_names
+from taxonomy.words.senses import reviewed_meanings
+from taxonomy.words.spelling import plain_fold
 
 
 def shared_names(leaves: Iterable[str]) -> dict[str, list[Category]]:

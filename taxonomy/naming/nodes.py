@@ -8,13 +8,19 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from taxonomy.naming.evidence import Sense, reviewed_meanings, senses
-from taxonomy.naming.spelling import fold_text, plain_fold
+from taxonomy.words.senses import Sense, label_votes, reviewed_meanings, senses
+from taxonomy.words.spelling import by_letters, fold_text, plain_fold
 
-__all__ = ["Candidate", "Names", "folded_forms", "own_names"]
+__all__ = ["NEAR", "PERSON", "Answer", "Candidate", "Names", "folded_forms", "own_names"]
+
+#: A juicer is an appliance before it is somebody.
+PERSON = "person.n.01"
 
 #: Ends the id of a leaf of items that no source names closer; only its full name means it.
 _OTHER = "/other"
+
+#: Two senses whose evidence differs by less are both meant.
+NEAR = 1.05
 
 #: What speaks for a node, in units in which a difference of one is clear. A label of COCO is worth more than a name of
 #: one's own, that more than WordNet's order of senses; items decide only by a difference of some four hundred times.
@@ -42,6 +48,25 @@ class Candidate:
     how: str
 
 
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a text means: the likeliest candidate first; `how` it was reached; `margin` to the next that is not kin."""
+
+    candidates: tuple[Candidate, ...]
+    how: str
+    margin: float
+
+    @property
+    def node_id(self) -> str:
+        """The node that is meant."""
+        return self.candidates[0].node_id
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether another sense is as likely."""
+        return self.margin < NEAR
+
+
 class Names:
     """The nodes of a release by their names.
 
@@ -64,7 +89,7 @@ class Names:
         items: Sequence[int],
         parents: Sequence[str | None],
         hypernyms: Callable[[str], Sequence[str]],
-        labels: Callable[[str], Mapping[str, float]],
+        labels: Callable[[str], Mapping[str, float]] = label_votes,
     ) -> None:
         self._items = dict(zip(ids, items, strict=True))
         self._parents = dict(zip(ids, parents, strict=True))
@@ -87,12 +112,9 @@ class Names:
         return self._forms
 
     @cached_property
-    def compact(self) -> Mapping[str, tuple[str, ...]]:
+    def letters(self) -> Mapping[str, tuple[str, ...]]:
         """Folded names by their letters alone: `tvmonitor`."""
-        spelt: defaultdict[str, list[str]] = defaultdict(list)
-        for form in self._forms:
-            spelt[form.replace(" ", "")].append(form)
-        return {letters: tuple(forms) for letters, forms in spelt.items()}
+        return by_letters(self._forms)
 
     def shown(self, node_id: str) -> str:
         """The name of a node."""
@@ -151,7 +173,7 @@ class Names:
         return [first, *listed[1:], *rest]
 
     def _candidate(self, form: str, node: str, own: bool | None, votes: float, known: Sequence[Sense]) -> Candidate:
-        places = [place for place, sense in enumerate(known) if sense.nodes[:1] == (node,)]
+        places = [place for place, sense in enumerate(known) if sense.chain[:1] == (node,)]
         score = min(votes, MOST_LABEL_WEIGHT) + TENFOLD_ITEMS * min(math.log10(1 + self._items[node]), 3)
         if own:
             score += OWN_NAME
@@ -177,15 +199,15 @@ def own_names(node_id: str, name: str) -> tuple[str, ...]:
 
 def _sense_score(place: int, known: Sequence[Sense]) -> float:
     most = max(sense.count for sense in known)
-    before = sum(bool(sense.nodes) for sense in known[:place])
+    before = sum(bool(sense.chain) for sense in known[:place])
     return USED_MOST * (known[place].count + 1) / (most + 1) - EACH_SENSE_BEFORE * before
 
 
 def _astray(place: int, known: Sequence[Sense], form: str) -> bool:
     """Whether the taxonomy calls another thing by the word, which it means first, and this one hardly ever."""
     lemma = form.replace(" ", "_")
-    first = any(sense.nodes and sense.nodes[0].partition(".")[0] == lemma for sense in known[:place])
-    counts = [sense.count + 1 for sense in known if sense.nodes]
+    first = any(sense.chain and sense.concept.partition(".")[0] == lemma for sense in known[:place])
+    counts = [sense.count + 1 for sense in known if sense.chain]
     rare = known[place].count == 0 or (known[place].count + 1) / sum(counts) < LEAST_SHARE
     return first and rare
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 
-__all__ = ["fold_text", "plain_fold", "singular_phrases", "singulars", "spelling_of"]
+__all__ = ["by_letters", "fold_text", "plain_fold", "singular_phrases", "singulars", "spelling_of", "written_forms"]
 
 #: British to American, as WordNet's lemmas are spelt; whole words only, singular and plural.
 _SPELLINGS = {
     "aeroplane": "airplane", "aluminium": "aluminum", "armour": "armor", "catalogue": "catalog", "centre": "center",
     "colour": "color", "cosy": "cozy", "draught": "draft", "fibre": "fiber", "grey": "gray", "humour": "humor",
-    "jewellery": "jewelry", "kerb": "curb", "litre": "liter", "metre": "meter", "moulding": "molding",
+    "jewellery": "jewelry", "kerb": "curb", "licence": "license", "litre": "liter", "metre": "meter",
+    "moulding": "molding",
     "mould": "mold", "plough": "plow", "pouffe": "pouf", "pyjama": "pajama", "sabre": "saber",
     "sceptre": "scepter", "theatre": "theater", "tyre": "tire", "woollen": "woolen", "yoghurt": "yogurt",
 }  # fmt: skip
@@ -21,12 +23,17 @@ _SPELLINGS = {
 _SPELLINGS |= {f"{british}s": f"{american}s" for british, american in _SPELLINGS.items()}
 
 #: Plurals that no rule forms.
-_IRREGULAR = {
+_IRREGULAR_WORDS = {
     "children": "child", "feet": "foot", "geese": "goose", "halves": "half", "knives": "knife", "leaves": "leaf",
     "lice": "louse", "loaves": "loaf", "men": "man", "mice": "mouse", "oxen": "ox", "people": "person",
     "scarves": "scarf", "shelves": "shelf", "teeth": "tooth", "wolves": "wolf", "women": "woman", "axes": "axe",
     "dice": "die", "cacti": "cactus", "calves": "calf", "wives": "wife", "thieves": "thief", "hooves": "hoof",
 }  # fmt: skip
+
+IRREGULAR = {plural: (single,) for plural, single in _IRREGULAR_WORDS.items()}
+
+#: Shortest name that is looked up without its spaces: shorter ones meet by accident.
+SHORTEST_COMPACT = 5
 
 _CAMEL = re.compile(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 _SEPARATORS = re.compile(r"[^0-9a-z]+")
@@ -88,18 +95,45 @@ def singulars(word: str) -> Iterator[str]:
         yield word[:-1]
 
 
-def singular_phrases(phrase: str) -> Iterator[str]:
+def singular_phrases(phrase: str, irregular: Mapping[str, Sequence[str]] = IRREGULAR) -> Iterator[str]:
     """The folded phrase with its last word singular, or the word before `of` (`loaves of bread`); irregular first.
 
     >>> list(singular_phrases("wine glasses"))[0]
     'wine glass'
     """
     head, _, last = phrase.rpartition(" ")
-    for single in dict.fromkeys((*([_IRREGULAR[last]] if last in _IRREGULAR else ()), *singulars(last))):
+    for single in dict.fromkeys((*irregular.get(last, ()), *singulars(last))):
         yield f"{head} {single}".strip()
     first, of, rest = phrase.partition(" of ")
     if of:
-        yield from (f"{single} of {rest}" for single in singular_phrases(first))
+        yield from (f"{single} of {rest}" for single in singular_phrases(first, irregular))
+
+
+def by_letters(names: Iterable[str]) -> Mapping[str, tuple[str, ...]]:
+    """Folded names by their letters alone: `barstool` of `bar stool`."""
+    spaced: defaultdict[str, list[str]] = defaultdict(list)
+    for name in names:
+        spaced[name.replace(" ", "")].append(name)
+    return {letters: tuple(forms) for letters, forms in spaced.items()}
+
+
+def written_forms(
+    phrase: str,
+    letters: Callable[[], Mapping[str, tuple[str, ...]]],
+    irregular: Mapping[str, Sequence[str]] = IRREGULAR,
+) -> Iterator[str]:
+    """The names that a folded phrase may be a spelling of: itself, its singulars, then those with the same letters.
+
+    Parameters
+    ----------
+    phrase : folded; letters : gives the known names by their letters; irregular : singulars of irregular plurals
+    """
+    yield phrase
+    singles = tuple(singular_phrases(phrase, irregular))
+    yield from singles
+    for compact in dict.fromkeys(one.replace(" ", "") for one in (phrase, *singles)):
+        if len(compact) >= SHORTEST_COMPACT:
+            yield from letters().get(compact, ())
 
 
 def _foreign_singulars(word: str) -> Iterator[str]:

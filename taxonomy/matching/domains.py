@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 from taxonomy.insertions import PREFIX
-from taxonomy.matching.lexicon import Lexicon
+from taxonomy.words.senses import Sense, reviewed_meanings
 
-__all__ = ["DOMAINS", "Domain", "Sense", "fits", "sense"]
+__all__ = ["DOMAINS", "Certainty", "Domain", "chosen_sense", "fits"]
+
+#: Why a sense was chosen: no other is possible; the domain prefers it; the category path names it too; it is
+#: the usual one in a reviewed order; it is the most frequent of several; it is the only one possible, yet not frequent.
+Certainty = Literal["sole", "domain", "path", "usual", "frequent", "rare"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,14 +26,6 @@ class Domain:
     requires: tuple[str, ...]
     prefers: tuple[str, ...] = ()
     narrow: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Sense:
-    """The concept chosen and why: `sole` (no other sense is possible), `domain`, `frequent`, or `rare`."""
-
-    concept: str
-    certainty: str
 
 
 #: Things with a size: what is made, what lives, what is eaten; the last few are abstractions to WordNet.
@@ -89,30 +86,41 @@ DOMAINS = {
 }  # fmt: skip
 
 
-def sense(concepts: Sequence[str], domain: Domain, lexicon: Lexicon) -> Sense | None:
-    """The concept that the domain means, of those a name may have; None where none is a thing of the domain.
+def chosen_sense(
+    senses: Sequence[Sense], domain: Domain, word: str = "", near: Collection[str] = ()
+) -> tuple[Sense, Certainty] | None:
+    """The sense that the domain means, of those a word may have, and why; None where no sense is an object of it.
 
-    Insertions come before WordNet's senses: a reviewer has put them there for the name. Among the others those that
-    the domain prefers come first, then WordNet's own order, which is by frequency in its texts.
+    Insertions come first: a reviewer has put them there for the word. Then, where only one sense is possible or the
+    domain prefers one, that one; the one that the rest of the category path names; the first of a
+    clear reviewed order; WordNet's own order, which is by frequency in its texts.
+
+    Parameters
+    ----------
+    senses : in WordNet's order; word : what they are senses of
+    near : concepts that the rest of the category path names
     """
-    possible = [concept for concept in concepts if fits(concept, domain, lexicon)]
+    possible = [sense for sense in senses if fits(sense, domain)]
     if not possible:
         return None
-    if possible[0].startswith(PREFIX):
-        return Sense(possible[0], "sole")
-    if len(possible) == 1 and possible[0] == concepts[0]:
-        return Sense(possible[0], "sole")
-    preferred = [concept for concept in possible if lexicon.is_a(concept, domain.prefers)]
-    if len(preferred) == 1 or (domain.narrow and not preferred):
-        return Sense((preferred or possible)[0], "domain")
-    best = (preferred or possible)[0]
-    if domain.narrow:
-        return Sense(best, "domain")
-    return Sense(best, "rare" if len(possible) == 1 else "frequent")
+    if possible[0].concept.startswith(PREFIX) or (len(possible) == 1 and possible[0] == senses[0]):
+        return possible[0], "sole"
+    preferred = [sense for sense in possible if sense.is_a(domain.prefers)]
+    among = preferred or possible
+    if len(preferred) == 1 or domain.narrow:
+        return among[0], "domain"
+    named = [sense for sense in possible if sense.concept in near]
+    if named:
+        return named[0], "path"
+    order = reviewed_meanings(word)
+    usual = [sense for sense in possible if order and order.clear and sense.concept == order.nodes[0]]
+    if usual:
+        return usual[0], "usual"
+    return among[0], "rare" if len(possible) == 1 else "frequent"
 
 
-def fits(concept: str, domain: Domain, lexicon: Lexicon) -> bool:
-    """Whether the domain holds the concept and it says enough to have a size."""
-    if concept.startswith(PREFIX) and not domain.narrow:
-        return True  # a reviewer has put it in as a thing with a size, wherever WordNet would have it
-    return concept not in _SAYS_NOTHING and lexicon.is_a(concept, domain.requires)
+def fits(sense: Sense, domain: Domain) -> bool:
+    """Whether the domain holds a sense and it says enough to have a size."""
+    if sense.concept.startswith(PREFIX) and not domain.narrow:
+        return True  # a reviewer has put it in as an item with a size, wherever WordNet would have it
+    return sense.concept not in _SAYS_NOTHING and sense.is_a(domain.requires)

@@ -1,0 +1,1 @@
+"""What words mean: folding, spelling, phrases, modifiers and senses, for a source's words and a user's alike."""

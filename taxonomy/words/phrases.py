@@ -1,0 +1,157 @@
+"""The grammar of a name: which words name the item, and which count it, hold it, describe it or follow it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from functools import cache
+from itertools import pairwise
+
+from metric_base.folders import taxonomy_directory
+
+__all__ = [
+    "after_counts",
+    "container_and_content",
+    "endings",
+    "is_plain_adjective",
+    "leading_phrase",
+    "modifiers",
+    "noun_phrase",
+    "pairs",
+    "without_numbers",
+    "word_list",
+]
+
+_ASIDES = re.compile(r"\([^()]*\)|\[[^\[\]]*\]")
+_QUOTED = re.compile(r"[\"“”][^\"“”]*[\"“”]|(?<!\w)['‘][^'’]+['’](?!\w)")
+_ARTICLES = re.compile(r"^(?:an?|the|his|her|one)\s+", re.IGNORECASE)
+#: In the words of people and detectors a number is a count; in a catalogue it may be the name's (a two-handled cup).
+_COUNTED = re.compile(r"^(?:an?|the|one|two|three|four|five|six|several|many|some|few|multiple)\s+", re.IGNORECASE)
+
+_FOLLOWING = "with|without|in|on|at|by|from|for"
+#: Begins what a source says of an item after its name: how it looks, what it shows, what it is made of.
+_AFTER_NOUN = re.compile(
+    rf"\s*(?:[,;:|]|\s[-–—]\s|\s(?:{_FOLLOWING}|w|f|depicting|showing|containing|representing|decorated|inscribed|"
+    r"commemorating|made|used|including|incl|based|after|to)\b|(?<=[a-z])\+|/(?=\s))",
+    re.IGNORECASE,
+)
+#: Begins what a picture shows an item do, or where it is: `man riding a bike`.
+_AFTER_NAME = re.compile(
+    rf"\s+(?:{_FOLLOWING}|near|next|beside|behind|under|against|above|below|inside|who|that|which|wearing|riding|"
+    r"holding|carrying|sitting|standing|lying|walking|running|driving|parked|made|using|playing|eating|looking|"
+    r"leaning|hanging|mounted|covered|filled|full|and)\b.*$",
+    re.IGNORECASE,
+)
+
+_FEW = r"an?|the|one|two|three|four|five|six|eight|ten|twelve|\d+"
+#: Words before `of` that count or show the item named after it.
+_COUNTS = re.compile(
+    r"^(?:(?:one|two|three|part|half|each)\s+of\s+)?(?:an?\s+)?(?:the\s+)?"
+    r"(?:close[- ]?up|photo|picture|image|view|pair|set|nest|group|stack|pile|bunch|row|herd|flock|pack|piece|"
+    r"collection|lot|roll|couple|heap|crowd|type|kind|part|cluster|number|slice)s?\s+of\s+"
+    rf"(?:(?:{_FEW})\s+)?(?P<rest>.+)$",
+    re.IGNORECASE,
+)
+_ONE_OF_A_PAIR = re.compile(r"^one\s+of\s+(?:an?|the)\s+(?:pair|set)\s+of\s+", re.IGNORECASE)
+_LEADING_NUMBER = re.compile(r"^\d[\d.,/xX]*\s*(?:(?:cm|mm|m|in|inch|inches|ft|oz|ml|l)\b)?\s+(?=[A-Za-z])")
+_NUMBER = re.compile(r"(?<![\w/])[#(]?\d+(?:[.,x×]\d+)*(?:-|\s)?(?:inch|inches|in|cm|mm|m|ft|l|ml|oz)?\)?(?![\w/])")
+# nothing is given back once it is taken: digits can be parted in more ways than there is time to try
+_SUFFIX = re.compile(r"(?:\s*+[#(]\d++\)?+|[._ #-]*+\d++)++$")
+
+_MODIFYING = ("colours", "materials", "sizes", "shapes", "states", "patterns", "places")
+
+
+@cache
+def word_list(name: str) -> frozenset[str]:
+    """The words of a list of `data/taxonomy/word_lists.txt`, such as `colours`."""
+    return _word_lists()[name]
+
+
+@cache
+def _word_lists() -> dict[str, frozenset[str]]:
+    lines = (taxonomy_directory() / "word_lists.txt").read_text(encoding="utf-8").splitlines()
+    text = "\n".join(line for line in lines if not line.startswith("#"))
+    named = (part.partition("]") for part in text.split("[")[1:])
+    return {name: frozenset(words.split()) for name, _, words in named}
+
+
+def noun_phrase(text: str) -> str:
+    """The part of a source's title that names the item, not folded: asides, quotations and what follows are cut.
+
+    >>> noun_phrase('Plate with floral decoration')
+    'Plate'
+    >>> noun_phrase('One of a pair of candlesticks, "Raleigh" pattern (frosted)')
+    'candlesticks'
+    """
+    plain = _QUOTED.sub(" ", _ASIDES.sub(" ", text.replace("™", " ").replace("®", " "))).strip(" ,;:-–—")
+    cut = _AFTER_NOUN.split(" " + plain, maxsplit=1)[0].strip() or plain.strip()
+    cut = _ONE_OF_A_PAIR.sub("", cut)
+    cut = _LEADING_NUMBER.sub("", after_counts(cut) or cut)
+    return _ARTICLES.sub("", cut).strip() or cut
+
+
+def leading_phrase(text: str) -> str | None:
+    """The name before what is said about it: `man` of `man riding a bike`; None where nothing follows.
+
+    >>> leading_phrase("woman with umbrella")
+    'woman'
+    """
+    cut = _AFTER_NAME.sub("", text).strip()
+    return cut if cut and cut != text.strip() else None
+
+
+def after_counts(text: str) -> str | None:
+    """What a count names: `scissors` of `pair of scissors`; None where nothing is counted."""
+    counted = _COUNTS.match(text)
+    return counted["rest"] if counted else None
+
+
+def without_numbers(text: str) -> str:
+    """The text without counts, sizes, running numbers and articles: `2 chairs`, `chair.001`, `55 inch tv`, `the chair`.
+
+    >>> without_numbers("chair.001"), without_numbers("the 55-inch tv")
+    ('chair', 'tv')
+    """
+    plain = _SUFFIX.sub("", text.strip()) or text
+    plain = _COUNTED.sub("", plain.strip())
+    bare = " ".join(_NUMBER.sub(" ", plain).split())
+    return _COUNTED.sub("", bare).strip() or plain
+
+
+def container_and_content(text: str) -> tuple[str, str] | None:
+    """The container and its content in `a cup of coffee`; None where no container is named before `of`.
+
+    >>> container_and_content("a glass of red wine")
+    ('glass', 'red wine')
+    """
+    first, of, rest = _COUNTED.sub("", text.strip()).partition(" of ")
+    container = first.strip().lower()
+    return (container, rest.strip()) if of and container in word_list("containers") and rest.strip() else None
+
+
+def modifiers(words: Sequence[str]) -> int:
+    """How many of the first words leave the item the same: one colour, or the two of `wall-mounted`."""
+    if len(words) > 2 and words[1] in word_list("compounding"):
+        return 2
+    return int(bool(words) and any(words[0] in word_list(name) for name in _MODIFYING))
+
+
+def is_plain_adjective(word: str) -> bool:
+    """Whether the word is a colour or a size, so that a compound that begins with it is rarely a name."""
+    return word in word_list("colours") or word in word_list("sizes") or word in {"old", "young", "new"}
+
+
+def endings(words: Sequence[str]) -> Iterator[str]:
+    """Every run of words that ends with the head, longest first.
+
+    >>> list(endings(["swivel", "office", "chair"]))
+    ['swivel office chair', 'office chair', 'chair']
+    """
+    return (" ".join(words[start:]) for start in range(len(words)))
+
+
+def pairs(words: Sequence[str]) -> Iterator[str]:
+    """Each modifier with the head alone, nearest first: `swivel office chair` has `swivel chair`."""
+    for modifier, following in reversed(list(pairwise(words[:-1]))):
+        if following not in word_list("described"):
+            yield f"{modifier} {words[-1]}"

@@ -17,6 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from estimator.assets.check import AssetCheck, check_asset
     from estimator.geometry.measurement import measure_objects
     from estimator.pipeline import estimate_scale
     from estimator.reading import read_instances, read_scene
@@ -26,12 +27,14 @@ if TYPE_CHECKING:
     from estimator.results.estimate import scale_of_objects
 
 __all__ = [
+    "AssetCheck",
     "Camera",
     "Instance",
     "MeasuredObject",
     "ScaleResult",
     "Scene",
     "View",
+    "check_asset",
     "estimate_scale",
     "measure_objects",
     "read_instances",
@@ -41,12 +44,14 @@ __all__ = [
 
 #: The module of each name; it is imported when the name is first used, so that light commands stay light.
 _HOMES = {
+    "AssetCheck": "estimator.assets.check",
     "Camera": "estimator.records.scene",
     "Instance": "estimator.records.scene",
     "MeasuredObject": "estimator.records.measured_object",
     "ScaleResult": "estimator.records.result",
     "Scene": "estimator.records.scene",
     "View": "estimator.records.scene",
+    "check_asset": "estimator.assets.check",
     "estimate_scale": "estimator.pipeline",
     "measure_objects": "estimator.geometry.measurement",
     "read_instances": "estimator.reading",

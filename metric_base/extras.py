@@ -14,6 +14,7 @@ MODULES_BY_EXTRA: dict[str, tuple[str, ...]] = {
     "crawl": ("scrapy", "lxml", "extruct", "redis", "twisted", "w3lib"),
     "build": ("nltk", "pooch", "requests", "xlrd", "yaml"),
     "images": ("rembg",),
+    "assets": ("trimesh", "collada", "lxml"),
     "cluster": ("distributed",),
 }
 

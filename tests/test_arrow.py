@@ -50,6 +50,7 @@ ROOMS = [
     "estimator.results",
     "estimator.baselines",
     "estimator.outputs",
+    "estimator.assets",
     "estimator.capture.mapping",
     "estimator.capture.dense",
     "estimator.capture",

@@ -87,8 +87,11 @@ class FolderResolver:
     get = __getitem__
 
 
-def gltf_header(data: bytes) -> tuple[dict[str, Any], bytes]:
-    """The JSON of a file, and the binary chunk that follows it in a GLB; FieldError where it cannot be read here."""
+def gltf_header(data: bytes, *, compressed: bool = False) -> tuple[dict[str, Any], bytes]:
+    """The JSON of a file, and the binary chunk that follows it in a GLB; FieldError where it cannot be read here.
+
+    compressed : meshes may be compressed, for a caller that needs no more than their stated boxes.
+    """
     if len(data) >= 20 and struct.unpack_from("<I", data)[0] == _MAGIC:
         length, kind = struct.unpack_from("<II", data, 12)
         whole = kind == _JSON and 20 + length <= len(data)
@@ -106,7 +109,7 @@ def gltf_header(data: bytes) -> tuple[dict[str, Any], bytes]:
     expect(version.startswith("2."), "asset.version", "2.x", version)
     required = header.get("extensionsRequired", [])
     expect(isinstance(required, list), "extensionsRequired", "an array", required)
-    _expect_known(required)
+    _expect_known([name for name in required if not (compressed and name in _COMPRESSED)])
     return header, binary
 
 

@@ -26,13 +26,15 @@ VERBS = {
     "explain": "why an item is in its category",
     "validate": "every rule of a release",
     "report": "a readable page about a release",
+    "check-asset": "whether 3-D models are at true size",
+    "true-size": "the true size of a model without one",
     "select": "the categories fit for segmentation and scale",
     "render": "pictures of items that have a textured model",
     "cutout": "foreground masks for the images of a release",
     "export": "training data for instance segmentation",
 }
 
-_MODULES = {"import": "import_", "list": "list_"}
+_MODULES = {"import": "import_", "list": "list_", "check-asset": "check_asset", "true-size": "true_size"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -1,0 +1,189 @@
+"""How often `check-asset` is right: open models at their true size and with each error put in.
+
+    python -m benchmarks.estimator.assets MODELS [--raw DIR] [--work DIR] [--write docs/evidence/assets.md]
+
+MODELS holds `models.csv` and the files that it names. The tree that judges is built of the raw items in DIR without
+the sources of these models (`OWN_SOURCES`). Categories are halved by a hash of their name: the constants of
+`estimator/assets` were chosen on the first half, the page reports the second. Models of several objects (stacks,
+sets) are left out: no single size is theirs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import hashlib
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from estimator.assets.asset import Asset, Body, Word
+from estimator.assets.category_words import named_category
+from estimator.assets.check import AssetCheck, check_body
+from metric_base.arrays import FloatArray
+from metric_base.errors import InputError
+from metric_tree.build.steps import Options, build_release
+from metric_tree.tree import Tree, open_tree
+
+#: Sources that hold these models or their sizes.
+OWN_SOURCES = frozenset({"open_models", "gazebo_models", "sweethome3d", "ycb_hope_dims", "bop_small"})
+#: Words of models that show several objects.
+SEVERAL = ("stack", "row of", "set", "pair", "cards", "cutlery", "boxes", "books", "logs", "glasses", "tools", "apples",
+           "flowers", "tulips", "pillows")  # fmt: skip
+SLIPS = (1000.0, 100.0, 25.4, 10.0, 3.28, 2.54, 0.394, 0.305, 0.1, 0.0394, 0.01, 0.001)
+SEED = 7
+#: Edges of the reliability diagram.
+EDGES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.9, 0.95, 0.99, 1.0001)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """One model with one error (or none) and what is said of it."""
+
+    error: str
+    category: str
+    tier: str
+    wrong_probability: float
+    check: AssetCheck
+
+
+def main() -> None:
+    """Print the tables, or write them."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("models", type=Path)
+    parser.add_argument("--raw", type=Path, help="raw items of all sources; without it the shipped tree judges")
+    parser.add_argument("--work", type=Path, default=Path("/tmp/assets-tree"), help="the tree that is built")  # noqa: S108
+    parser.add_argument("--half", type=int, choices=(0, 1), default=1)
+    parser.add_argument("--write", type=Path)
+    arguments = parser.parse_args()
+    tree = _tree(arguments.raw, arguments.work)
+    rows = list(csv.DictReader((arguments.models / "models.csv").open(encoding="utf-8")))
+    trials = list(_trials([row for row in rows if _half(row["category"]) == arguments.half], tree))
+    text = "\n".join(_page(trials))
+    if arguments.write:
+        page = arguments.write.read_text(encoding="utf-8")
+        head, _, rest = page.partition("<!-- tables -->")
+        _, _, tail = rest.partition("<!-- end -->")
+        arguments.write.write_text(f"{head}<!-- tables -->\n{text}\n<!-- end -->{tail}", encoding="utf-8")
+    else:
+        print(text)
+
+
+def _tree(raw: Path | None, work: Path) -> Tree:
+    if raw is None:
+        return open_tree()
+    if not work.exists():
+        files = [
+            path
+            for path in sorted(raw.glob("*.jsonl*"))
+            if not any(word in path.name for word in ("quarantine", "pictures"))
+            and path.name.split(".")[0] not in OWN_SOURCES
+        ]
+        build_release(files, work, Options(version="0.0.0", created="2026-11-22", name="assets", heldout=False))
+    return open_tree(work)
+
+
+def _half(category: str) -> int:
+    return int(hashlib.sha256(category.encode()).hexdigest(), 16) % 2
+
+
+def _trials(rows: Iterable[dict[str, str]], tree: Tree) -> Iterator[Trial]:
+    generator = np.random.default_rng(SEED)
+    for row in rows:
+        if any(word in row["category"] for word in SEVERAL):
+            continue
+        try:
+            category = named_category(tree, row["category"])
+        except InputError:
+            continue
+        size = np.array([float(row[f"{axis}_mm"]) for axis in ("length", "height", "width")]) / 1000  # y up
+        for error, extents, centred in _errors(size, generator):
+            low = -extents / 2 if centred else np.zeros(3)
+            body = Body(row["file"], low, low + extents, (Word("title", row["category"]),))
+            check = check_body(row["file"], body, Asset(Path(row["file"]), "glb", 1.0, "y", (body,)), tree, category)
+            if check.hypotheses:
+                wrong = sum(one.probability for one in check.hypotheses if one.what not in ("right", "unlike"))
+                yield Trial(error, row["category"], check.tier or "not stated", wrong, check)
+
+
+def _errors(size: FloatArray, generator: np.random.Generator) -> Iterator[tuple[str, FloatArray, bool]]:
+    yield "none", size, False
+    for factor in SLIPS:
+        yield f"x {factor:g}", size * factor, False
+    yield "unit box", size / size.max(), True
+    yield "any scale", size * np.exp(generator.uniform(-6, 6)), False
+    yield "turned", size[[0, 2, 1]], False
+    stretched = size.copy()
+    stretched[generator.integers(3)] *= 3
+    yield "one side x 3", stretched, False
+
+
+def _page(trials: list[Trial]) -> Iterator[str]:
+    right = [trial for trial in trials if trial.error == "none"]
+    alarms = [trial for trial in right if trial.check.is_wrong]
+    kinds = len({t.category for t in right})
+    yield f"{len(right)} models, {kinds} categories; called wrong: {len(alarms) / len(right):.1%}"
+    yield ""
+    yield "| error | not called right | called wrong | the factor within 2 % |"
+    yield "|---|---|---|---|"
+    groups: dict[str, list[Trial]] = defaultdict(list)
+    for trial in trials:
+        groups[trial.error].append(trial)
+    for error, group in groups.items():
+        not_right, wrong = (_share(flags) for flags in ((t.check.verdict != "right" for t in group), _wrong(group)))
+        yield f"| {error} | {not_right} | {wrong} | {_exact(error, group)} |"
+    yield ""
+    yield "| tier | models | right ones called wrong | slips of 10 and more called wrong |"
+    yield "|---|---|---|---|"
+    for tier in sorted({trial.tier for trial in trials}):
+        own = [t for t in right if t.tier == tier]
+        slips = [t for t in trials if t.tier == tier and t.error.startswith("x ") and not 0.11 < float(t.error[2:]) < 9]
+        yield f"| {tier} | {len(own)} | {_share(_wrong(own))} | {_share(_wrong(slips))} |"
+    yield ""
+    yield from _reliability(trials)
+    yield ""
+    names = ", ".join(f"{t.category} ({t.check.verdict})" for t in alarms)
+    yield f"Right ones called wrong: {names or 'none'}."
+
+
+def _reliability(trials: list[Trial]) -> Iterator[str]:
+    """Stated probability of a wrong scale against how often it is wrong, with the errors as frequent as assumed."""
+    share = {
+        "none": 0.75,
+        **dict.fromkeys((f"x {factor:g}" for factor in SLIPS), 0.18 / len(SLIPS)),
+        "unit box": 0.04,
+        "any scale": 0.03,
+    }
+    yield "| stated probability of a wrong scale | trials | wrong, weighted as the prior assumes |"
+    yield "|---|---|---|"
+    used = [trial for trial in trials if trial.error in share]
+    for low, high in pairwise(EDGES):
+        inside = [trial for trial in used if low <= trial.wrong_probability < high]
+        weights = np.array([share[trial.error] for trial in inside])
+        wrong = np.array([trial.error != "none" for trial in inside])
+        if inside:
+            yield f"| {low:.2f} to {min(high, 1):.2f} | {len(inside)} | {(weights * wrong).sum() / weights.sum():.2f} |"
+
+
+def _wrong(trials: Iterable[Trial]) -> Iterator[bool]:
+    return (trial.check.is_wrong for trial in trials)
+
+
+def _share(flags: Iterable[bool]) -> str:
+    values = list(flags)
+    return f"{np.mean(values):.1%}" if values else "-"
+
+
+def _exact(error: str, group: list[Trial]) -> str:
+    if not error.startswith("x "):
+        return ""
+    factor = float(error[2:])
+    return _share(t.check.factor is not None and abs(t.check.factor * factor - 1) < 0.02 for t in group)
+
+
+if __name__ == "__main__":
+    main()

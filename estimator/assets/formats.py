@@ -1,0 +1,106 @@
+"""A file of a 3-D model, whatever its format, read in a process of its own with bounded memory and time."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import TimeoutError as FutureTimeout
+from concurrent.futures.process import BrokenProcessPool
+from pathlib import Path
+
+from estimator.assets.asset import Asset, Word
+from metric_base.errors import InputError
+
+__all__ = ["SUFFIXES", "asset_files", "read_asset", "read_assets"]
+
+GLTF_SUFFIXES = (".gltf", ".glb")
+ROBOT_SUFFIXES = (".urdf", ".sdf", ".xml", ".mjcf")
+MESH = (".obj", ".stl", ".ply", ".off")
+USD = (".usd", ".usda", ".usdc", ".usdz")
+#: The files that are read, by their ending.
+SUFFIXES = (*GLTF_SUFFIXES, *USD, *MESH, ".dae", *ROBOT_SUFFIXES)
+#: Seconds and bytes of memory that reading one file may take: the largest sound one, of 512 MiB, takes half of these.
+MAX_SECONDS, MAX_MEMORY = 120.0, 6 << 30
+
+
+def asset_files(paths: Iterable[Path]) -> Iterator[Path]:
+    """The files of models: files as they are named, and of folders all below them, in order of name."""
+    for path in paths:
+        if path.is_dir():
+            yield from (file for file in sorted(path.rglob("*")) if file.suffix.lower() in SUFFIXES and file.is_file())
+        else:
+            yield path
+
+
+def read_asset(path: Path) -> Asset:
+    """What a file states, with the words of its own name and of its folder's, in this process.
+
+    Raises
+    ------
+    InputError
+        It is of no known format, damaged, too large, or names files outside its folder.
+    """
+    asset = _read(path)
+    words = (Word("file name", path.stem), Word("folder", path.parent.name))
+    return Asset(asset.file, asset.format, asset.unit_m, asset.up, asset.bodies, (*asset.words, *words))
+
+
+def read_assets(paths: Iterable[Path]) -> Iterator[tuple[Path, Asset | InputError]]:
+    """What each file states, or why it cannot be read; a file that ends its process ends no other's."""
+    pool: ProcessPoolExecutor | None = None
+    try:
+        for path in paths:
+            pool = pool or _pool()
+            try:
+                yield path, pool.submit(read_asset, path).result(MAX_SECONDS)
+            except InputError as error:
+                yield path, error
+            except (BrokenProcessPool, FutureTimeout, MemoryError) as error:
+                how = f"more than {MAX_SECONDS:g} s" if isinstance(error, FutureTimeout) else "one that ends its reader"
+                _stop(pool)
+                pool = None
+                yield path, InputError(f"{path}: file: expected a model that can be read, found {how}")
+    finally:
+        if pool is not None:
+            _stop(pool)
+
+
+def _read(path: Path) -> Asset:
+    suffix = path.suffix.lower()
+    if not path.is_file():
+        raise InputError(f"{path}: file: expected a 3-D model, found {'a folder' if path.is_dir() else 'no such file'}")
+    if suffix in GLTF_SUFFIXES:
+        from estimator.assets.gltf_bodies import read_gltf
+
+        return read_gltf(path)
+    if suffix in USD:
+        from estimator.assets.usd import read_usd
+
+        return read_usd(path)
+    if suffix in ROBOT_SUFFIXES:
+        from estimator.assets.robots import read_robot
+
+        return read_robot(path, _read)
+    if suffix in MESH or suffix == ".dae":
+        from estimator.assets.meshes import read_collada, read_mesh
+
+        return read_collada(path) if suffix == ".dae" else read_mesh(path)
+    raise InputError(f"{path}: file: expected one of {', '.join(SUFFIXES)}, found {suffix or 'no ending'}")
+
+
+def _pool() -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _limit_memory)
+
+
+def _limit_memory() -> None:
+    import resource
+
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY if hard < 0 else min(MAX_MEMORY, hard), hard))
+
+
+def _stop(pool: ProcessPoolExecutor) -> None:
+    for process in list((pool._processes or {}).values()):
+        process.kill()
+    pool.shutdown(wait=False, cancel_futures=True)

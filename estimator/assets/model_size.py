@@ -1,0 +1,66 @@
+"""The true size of a model's file whose category is known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from estimator.assets.asset import joined_body
+from estimator.assets.category_words import named_category
+from estimator.assets.check import extents_text, node_model, node_tier
+from estimator.assets.formats import read_asset
+from estimator.assets.true_size import LEVEL, true_size
+from metric_base.errors import InputError
+from metric_tree.tree import Tree
+
+__all__ = ["ModelSize", "model_true_size"]
+
+
+@dataclass(frozen=True, slots=True)
+class ModelSize:
+    """What the stated size is to be multiplied by, and the height in metres: low, median, high; and the reason."""
+
+    file: str
+    category: str
+    tier: str | None
+    factor: tuple[float, float, float]
+    height_m: tuple[float, float, float]
+    reason: str
+
+    def to_json(self) -> dict[str, Any]:
+        """The record of the command."""
+        names = ("low", "median", "high")
+        return {
+            "schema": "metric-tree/true-size/1",
+            "file": self.file,
+            "category": self.category,
+            "tier": self.tier,
+            "level": LEVEL,
+            "factor": dict(zip(names, (float(f"{one:.6g}") for one in self.factor), strict=True)),
+            "true_height_m": dict(zip(names, self.height_m, strict=True)),
+            "reason": self.reason,
+        }
+
+
+def model_true_size(path: Path, category: str, tree: Tree) -> ModelSize:
+    """The true size of a model as an object of a category, from its proportions and the category's sizes.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, the category is unknown, or no size of it is known.
+    """
+    asset = read_asset(path)
+    named = named_category(tree, category)
+    assert named.node is not None  # a stated category is a node, or an error
+    model = node_model(tree, named.node.node_id, named.is_broader)
+    if model is None:
+        raise InputError(f"--category: expected a category with a known size; found {named.node.name}")
+    body = joined_body(asset.bodies, path.stem)
+    size = true_size(body, asset.up, model)
+    tier = node_tier(named.node)
+    reason = (
+        f"{named.node.name} ({tier or 'tier not stated'}), {extents_text(body.extents_m.tolist())} as the file says"
+    )
+    return ModelSize(str(path), named.node.node_id, tier, size.factor, size.height_m, reason)

@@ -1,0 +1,153 @@
+"""`metric-tree check-asset FILE...`: whether 3-D models are at true size."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from metric_base.errors import InputError
+from metric_base.progress import progress
+from metric_cli.terminal import print_table, warn
+
+if TYPE_CHECKING:
+    from estimator.assets.asset import Asset
+    from estimator.assets.check import AssetCheck
+    from metric_tree.tree import Tree
+
+__all__ = ["HELP", "add_arguments", "run"]
+
+HELP = "Whether 3-D models are at true size: one line a model; exit 3 if any is wrong."
+
+ALL_RIGHT, INPUT_ERROR, SOME_WRONG = 0, 2, 3
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's arguments."""
+    add = parser.add_argument
+    add(
+        "files",
+        metavar="FILE",
+        nargs="*",
+        type=Path,
+        help="models (glTF, USD, OBJ, STL, PLY, DAE, URDF, ...) or folders",
+    )
+    add("--category", metavar="NAME", help="what all of them are; else the files' own words say")
+    add(
+        "--batch",
+        metavar="LIST",
+        type=Path,
+        help="table of boxes (CSV or Parquet: name, x, y, z in metres), or file names",
+    )
+    add("--up", choices=("x", "y", "z"), help="the axis that points up in boxes")
+    add("--out", metavar="FILE.jsonl", type=Path, help="one JSON line a model; a run that was stopped goes on there")
+    add("--report", metavar="FILE.html", type=Path, help="a page, the most wrong first, with drawings to scale")
+    add("--fix", metavar="OUT", type=Path, help="write what is wrong at its true size: a file, or a folder for many")
+    add("--bake", action="store_true", help="with --fix: change the vertices of glTF, not a node above them")
+    add("--strict", action="store_true", help="exit 3 also for what is not known")
+    add("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check each model; 3 if one is wrong, else 2 if one cannot be read."""
+    from metric_tree.tree import open_tree
+
+    if not arguments.files and arguments.batch is None:
+        raise InputError("arguments: expected FILE... or --batch LIST; found neither")
+    tree = open_tree(arguments.tree)
+    checks, unread = [], 0
+    done = _lines_there(arguments.out)
+    for outcome in progress(_outcomes(arguments, tree, done), "models"):
+        if isinstance(outcome, InputError):
+            warn(str(outcome))
+            unread += 1
+            continue
+        checks.append(outcome)
+        _print_line(arguments, outcome)
+        if arguments.fix is not None and outcome.is_wrong:
+            _fix(arguments, outcome)
+    if arguments.report is not None:
+        from estimator.assets.report import write_report
+
+        write_report(arguments.report, checks)
+    if not arguments.json and len(checks) > 1:
+        _print_counts(checks)
+    wrong = any(check.is_wrong or (arguments.strict and check.verdict == "not known") for check in checks)
+    return SOME_WRONG if wrong else INPUT_ERROR if unread else ALL_RIGHT
+
+
+def _outcomes(arguments: argparse.Namespace, tree: Tree, done: int) -> Iterator[AssetCheck | InputError]:
+    from estimator.assets.check import check_bodies
+
+    for number, asset in enumerate(_assets(arguments)):
+        if number < done:
+            continue
+        if isinstance(asset, InputError):
+            yield asset
+        else:
+            yield from check_bodies(asset, tree, arguments.category)
+
+
+def _assets(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
+    from estimator.assets.boxes import read_boxes
+    from estimator.assets.formats import asset_files, read_assets
+    from metric_base.input_files import read_text
+
+    files = list(arguments.files)
+    if arguments.batch is not None:
+        if arguments.batch.suffix.lower() in {".csv", ".parquet"}:
+            yield from read_boxes(arguments.batch, arguments.up)
+        else:
+            folder = arguments.batch.parent
+            files += [folder / line.strip() for line in read_text(arguments.batch).split("\n") if line.strip()]
+    for _, asset in read_assets(asset_files(files)):
+        yield asset
+
+
+def _lines_there(out: Path | None) -> int:
+    """How many models an earlier run wrote; InputError for a file that is none of its kind."""
+    if out is None or not out.exists():
+        return 0
+    lines = out.read_text(encoding="utf-8").split("\n")
+    rows = [line for line in lines if line.strip()]
+    if rows and '"metric-tree/asset/1"' not in rows[0]:
+        raise InputError(f"{out}: --out: expected results of check-asset, or no file yet; found another file")
+    return len({json.loads(row)["file"] for row in rows})
+
+
+def _print_line(arguments: argparse.Namespace, check: AssetCheck) -> None:
+    from estimator.assets.check import verdict_line
+
+    row = json.dumps(check.to_json(), ensure_ascii=False, allow_nan=False)
+    if arguments.out is not None:
+        with arguments.out.open("a", encoding="utf-8") as lines:
+            lines.write(row + "\n")
+    if arguments.json:
+        print(row)  # noqa: T201 - the command's result
+    elif arguments.batch is None or check.is_wrong:
+        name = check.file if Path(check.file).stem == check.body else f"{check.file}: {check.body}"
+        print(f"{name}: {verdict_line(check)}")  # noqa: T201 - the command's result
+
+
+def _print_counts(checks: list[AssetCheck]) -> None:
+    counts = Counter(check.verdict for check in checks)
+    print_table(["verdict", "models"], counts.most_common())
+
+
+def _fix(arguments: argparse.Namespace, check: AssetCheck) -> None:
+    from estimator.assets.mending import write_at_scale
+
+    source = Path(check.file)
+    factor: Any = check.factor if check.verdict == "wrong unit" else None
+    if check.verdict == "arbitrary scale" and check.true_size is not None:
+        factor = check.true_size.factor[1]
+    if factor is None:
+        warn(f"{source}: not written: {check.verdict} says no factor")
+        return
+    many = len(arguments.files) > 1 or arguments.files[0].is_dir()
+    if many:
+        arguments.fix.mkdir(parents=True, exist_ok=True)
+    write_at_scale(source, arguments.fix / source.name if many else arguments.fix, factor, baked=arguments.bake)

@@ -206,7 +206,7 @@ def frame_outlines(
         front = front_points(view, each.cloud, row)
         masks = each.carrier.masks(row, view)
         share = hidden_share(layer, box, view, masks, front, on_support(hidden.body, each.cloud, front))
-        outline[box.slices] = layer.alpha * (1 - share) > 0.5
+        outline[box.slices] = layer.alpha * (1 - share.share) > 0.5
     return outlines
 
 

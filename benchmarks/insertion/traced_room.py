@@ -24,7 +24,8 @@ from insertion.exports.metric_frame import MetricFrame, metric_frame, object_mat
 from insertion.footage.footage import PictureFootage, Stills
 from insertion.models.gltf import read_model
 from insertion.models.size import Size
-from insertion.pipeline.frames import Placed, insert_objects
+from insertion.pipeline.frames import insert_objects
+from insertion.pipeline.objects import Placed
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import Stage, make_stage
 from insertion.placement.place import Place
@@ -285,9 +286,10 @@ def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.fl
 def _object_mask(stage: Stage, placed: Placed, row: int) -> NDArray[np.bool_]:
     """Pixels of the object that nothing hides, by our own renderer's outline."""
     from insertion.light.environment import HEIGHT, WIDTH, Environment
-    from insertion.render.boxes import Box, window_behind
+    from insertion.render.boxes import window_behind
     from insertion.render.context import gl_context
     from insertion.render.renderer import ObjectRenderer
+    from insertion.scene.box import Box
 
     view = stage.scene.views[row]
     ones = np.ones((HEIGHT, WIDTH, 3), np.float32)

@@ -35,7 +35,8 @@ from insertion.footage.footage import Shot, Stills
 from insertion.footage.picture_writer import picture_writer
 from insertion.footage.video_footage import VideoFootage, video_footage
 from insertion.models.gltf import read_model
-from insertion.pipeline.frames import Placed, insert_objects, place_objects, resize
+from insertion.pipeline.frames import insert_objects
+from insertion.pipeline.objects import Placed, place_objects, resize
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.result import FrameReport
 from insertion.pipeline.stage import Stage, make_stage

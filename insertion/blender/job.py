@@ -11,9 +11,10 @@ import numpy as np
 from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
 from insertion.light.environment import Environment
-from insertion.pipeline.frames import Placed
-from insertion.render.boxes import Box, window_behind
+from insertion.pipeline.objects import Placed
+from insertion.render.boxes import window_behind
 from insertion.render.pinhole import Window, focal_lengths
+from insertion.scene.box import Box
 from metric_base.pictures import write_picture
 
 __all__ = ["SAMPLES", "full_window", "ideal_window", "insertion_job", "support_albedo", "write_environment"]

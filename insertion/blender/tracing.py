@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.records.scene import Camera
-from insertion.blender.job import full_window, ideal_window, insertion_job
+from insertion.blender.job import ideal_window, insertion_job
 from insertion.blender.process import VARIABLE, blender_program, run_blender
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.footage.footage import Shot
 from insertion.light.environment import Environment
 from insertion.light.estimate import environment_at
-from insertion.pipeline.frames import Placed
+from insertion.pipeline.objects import Placed
 from insertion.pipeline.stage import Stage
-from insertion.scene.rays import camera_rays
+from insertion.render.layers import through_lens
+from insertion.scene.box import Box
 from metric_base.errors import InputError
 
 __all__ = ["export_blend", "traced_layers", "write_blend"]
@@ -43,7 +43,8 @@ def traced_layers(
         def layer(shot: Shot) -> Layer:
             assert shot.view is not None  # only shots with a pose are drawn on
             ideal = np.load(folder / f"{stems[shot.index]}.npy", allow_pickle=False).astype(np.float32)
-            return _bent(ideal, shot.view.camera)
+            camera = shot.view.camera
+            return through_lens(ideal, shot.view, Box(0, 0, camera.width, camera.height))
 
         yield layer
 
@@ -69,14 +70,3 @@ def write_blend(file: Path, stage: Stage, objects: Sequence[Placed], environment
         folder = Path(name)
         job = insertion_job(objects, camera_keys(shots, frame), frame, environment, folder, ideal_window)
         run_blender(job | {"blend": str(file.resolve()), "rate": frame_rate(shots)}, folder)
-
-
-def _bent(ideal: Layer, camera: Camera) -> Layer:
-    """The ideal picture through the lens."""
-    import cv2
-
-    window = full_window(camera)
-    rays = camera_rays(camera)
-    x = rays[..., 0] * np.float32(window.fx) + np.float32(window.cx - window.x0 - 0.5)
-    y = rays[..., 1] * np.float32(window.fy) + np.float32(window.cy - window.y0 - 0.5)
-    return np.asarray(cv2.remap(ideal, x, y, cv2.INTER_LINEAR), dtype=np.float32)

@@ -1,176 +1,132 @@
-"""One picture with one object in it."""
+"""Layers joined to a picture: the light that the objects take, then the objects, each behind what hides it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.records.scene import Instance, View
 from insertion.colour.encoding import linear_to_srgb, srgb_to_linear
 from insertion.composite.blur import blur_layer
 from insertion.composite.match import Look, grain
-from insertion.composite.occlusion import hidden_share, on_support
-from insertion.composite.received import received_share
-from insertion.placement.surface import Surface
-from insertion.render.boxes import Box, cast_box, object_box, shadow_box
-from insertion.render.layers import object_layer, shadow_layer
-from insertion.render.renderer import ObjectImage, ObjectRenderer
-from insertion.scene.cloud import Cloud, FrontPoints
+from insertion.render.layers import ObjectLayers
+from insertion.scene.box import Box
 
-__all__ = ["Composed", "compose", "compose_traced"]
+__all__ = ["Joined", "behind_each_other", "compose", "compose_traced"]
 
 Picture = NDArray[np.uint8]
+#: Pixels of the picture change where an object covers this much of them, or takes this much of their light.
+LEAST_COVER, LEAST_LOSS = 1e-3, 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Composed:
-    """A picture with an object.
+class Joined:
+    """The layers of one object with what the picture does to them, over the box of the layers.
 
-    silhouette : the box of the object's own pixels (x, y, width, height), or None; visible : the share of them that
-    nothing hides; box, alpha, depth : the object's visible coverage and its depth in a part of the picture.
+    hidden : (h, w) share of each pixel in which something hides the object; share : (h, w, 3) of the light that the
+    object leaves to what each pixel shows.
     """
 
-    picture: Picture
-    silhouette: tuple[int, int, int, int] | None
-    visible: float
-    box: Box | None = None
-    alpha: NDArray[np.float32] | None = None
-    depth: NDArray[np.float32] | None = None
+    layers: ObjectLayers
+    hidden: NDArray[np.float32]
+    share: NDArray[np.float32]
 
-    def whole(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """(h, w) visible coverage and depth (NaN where the object is not) over the whole picture."""
-        alpha = np.zeros(self.picture.shape[:2], np.float32)
-        depth = np.full(self.picture.shape[:2], np.nan, np.float32)
-        if self.box is not None and self.alpha is not None and self.depth is not None:
-            alpha[self.box.slices], depth[self.box.slices] = self.alpha, self.depth
+    @property
+    def alpha(self) -> NDArray[np.float32]:
+        """(h, w) visible coverage."""
+        return self.layers.image.alpha * (1 - self.hidden)
+
+    @property
+    def visible(self) -> float:
+        """The share of the object's coverage that nothing hides."""
+        total = float(self.layers.image.alpha.sum())
+        return float(self.alpha.sum()) / total if total > 0 else 0.0
+
+    def whole(self, shape: tuple[int, ...]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """(h, w) visible coverage and depth (NaN where the object is not) over a whole picture of a shape."""
+        alpha, depth = np.zeros(shape[:2], np.float32), np.full(shape[:2], np.nan, np.float32)
+        alpha[self.layers.box.slices], depth[self.layers.box.slices] = self.alpha, self.layers.image.depth
         return alpha, depth
 
 
-def compose(
-    picture: Picture,
-    view: View,
-    renderer: ObjectRenderer,
-    cloud: Cloud,
-    front: FrontPoints,
-    instances: Sequence[Instance],
-    plane: Surface | None,
-    look: Look,
-    seed: int,
-) -> Composed:
-    """The picture (h, w, 3) with the object, its shadow, and what stands in front of both.
+def behind_each_other(joined: Sequence[Joined]) -> list[Joined]:
+    """The objects, each hidden also where another one is nearer, pixel by pixel."""
+    result = []
+    for number, item in enumerate(joined):
+        hidden, box = item.hidden.copy(), item.layers.box
+        for other_number, other in enumerate(joined):
+            common = box.overlap(other.layers.box)
+            if other_number == number or common is None:
+                continue
+            here, there = common.within(box), common.within(other.layers.box)
+            with np.errstate(invalid="ignore"):
+                nearer = other.layers.image.depth[there] < item.layers.image.depth[here]
+            # what hides the other one hides this one behind it, too
+            cover = other.layers.image.alpha[there] * nearer
+            hidden[here] = 1 - (1 - hidden[here]) * (1 - cover)
+        result.append(replace(item, hidden=hidden))
+    return result
 
-    In linear light: out = frame * share * (1 - a) + gain * object * (1 - hidden), a = alpha * (1 - hidden).
+
+def compose(picture: Picture, joined: Sequence[Joined], look: Look, seed: int) -> Picture:
+    """The picture (h, w, 3) with all objects.
+
+    In linear light, with a = alpha (1 - hidden) of each object:
+    out = frame * product of share * (1 - sum of a) + gain * sum of object * (1 - hidden).
     """
-    body_box = object_box(view, renderer.body)
-    dark_box = shadow_box(view, renderer.body, renderer.plane)
-    if body_box is None and dark_box is None:
-        return Composed(picture, None, 0.0)
-    box = dark_box.union(body_box) if dark_box is not None else body_box
-    assert box is not None  # one of the two is there
-    box = box.union(cast_box(view, renderer.body, renderer.casting))
-    layer = _nothing(box)
-    if body_box is not None:
-        layer = _within(object_layer(renderer, view, body_box), body_box, box)
-    hidden = hidden_share(layer, box, view, instances, front, on_support(renderer.body, cloud, front))
-    share, plane_depth = shadow_layer(renderer, view, box)
-    share = received_share(share, plane_depth, renderer, view, box, front, instances, plane)
-    before = picture[box.slices]
-    after = _blend(before, layer, hidden, share, look, box, seed)
-    out = picture.copy()
-    out[box.slices] = after
-    visible = _visible(layer.alpha, hidden)
-    return Composed(out, _silhouette(layer.alpha, box), visible, box, layer.alpha * (1 - hidden), layer.depth)
+    if not joined:
+        return picture
+    box = joined[0].layers.box
+    for item in joined[1:]:
+        box = box.union(item.layers.box)
+    share = np.ones((*box.shape, 3), np.float32)
+    covering = np.zeros((*box.shape, 4), np.float32)
+    for item in joined:
+        own, image = item.layers.box.within(box), item.layers.image
+        share[own] *= item.share
+        covering[own] += np.dstack([image.colour, image.alpha]) * (1 - item.hidden)[..., None]
+    return _blended(picture, covering, share, look, box, seed)
 
 
 def compose_traced(
-    picture: Picture,
-    view: View,
-    renderers: Sequence[ObjectRenderer],
-    traced: NDArray[np.float32],
-    cloud: Cloud,
-    front: FrontPoints,
-    instances: Sequence[Instance],
-    look: Look,
-    seed: int,
-) -> tuple[Picture, list[Composed]]:
-    """The picture with all objects as another renderer drew them together, and what each of them covers.
+    picture: Picture, traced: NDArray[np.float32], joined: Sequence[Joined], look: Look, seed: int
+) -> Picture:
+    """The picture (h, w, 3) with all objects as another renderer drew them together.
 
     traced : (h, w, 4) linear light, premultiplied, of the objects and their shadows on the support, through the lens.
+    joined : the layers of the objects over the whole picture, whose depths say which of them each pixel shows.
     """
-    whole = Box(0, 0, view.camera.width, view.camera.height)
-    hidden = np.zeros(whole.shape, np.float32)
-    each = []
-    for renderer in renderers:
-        box = object_box(view, renderer.body)
-        if box is None:
-            each.append(Composed(picture, None, 0.0))
-            continue
-        layer = _within(object_layer(renderer, view, box), box, whole)
-        covered = hidden_share(layer, whole, view, instances, front, on_support(renderer.body, cloud, front))
-        hidden = np.maximum(hidden, covered)
-        silhouette, alpha = _silhouette(layer.alpha, whole), layer.alpha * (1 - covered)
-        each.append(Composed(picture, silhouette, _visible(layer.alpha, covered), whole, alpha, layer.depth))
-    flat = np.ones((*whole.shape, 3), np.float32)
-    layer = ObjectImage(traced[..., :3], traced[..., 3], np.full(whole.shape, np.nan, np.float32))
-    return _blend(picture, layer, hidden, flat, look, whole, seed), each
+    whole = Box(0, 0, picture.shape[1], picture.shape[0])
+    depth = np.full(whole.shape, np.inf, np.float32)
+    # a pixel of the shadow alone is hidden where the receiver is not what it shows
+    hidden = np.ones(whole.shape, np.float32)
+    for item in joined:
+        hidden = np.minimum(hidden, 1 - (item.share < 1 - LEAST_LOSS).any(axis=-1))
+    for item in joined:
+        own = np.nan_to_num(item.layers.image.depth, nan=np.inf)
+        nearer = own < depth
+        hidden[nearer], depth[nearer] = item.hidden[nearer], own[nearer]
+    covering = traced * (1 - hidden)[..., None]
+    return _blended(picture, covering, np.ones((*whole.shape, 3), np.float32), look, whole, seed)
 
 
-def _blend(
-    before: Picture,
-    layer: ObjectImage,
-    hidden: NDArray[np.float32],
-    share: NDArray[np.float32],
-    look: Look,
-    box: Box,
-    seed: int,
+def _blended(
+    picture: Picture, covering: NDArray[np.float32], share: NDArray[np.float32], look: Look, box: Box, seed: int
 ) -> Picture:
-    """The picture (h, w, 3) of a box with the layer over it, 8-bit sRGB.
+    """The picture (h, w, 3), 8-bit sRGB, with a layer over a box of it.
 
-    before : (h, w, 3); hidden : (h, w) share of the layer that something hides; share : (h, w, 3) of the light that is
-    left.
+    covering : (h, w, 4) of the box, linear and premultiplied; share : (h, w, 3) of the light that is left.
     """
-    light = srgb_to_linear(before)
-    kept = (1 - hidden)[..., None]
-    covering = np.dstack([layer.colour * look.gain.astype(np.float32) * kept, layer.alpha[..., None] * kept])
-    covering = blur_layer(covering, look.blur)
-    alpha = covering[..., 3:]
-    mixed = light * share * (1 - alpha) + covering[..., :3]
+    before = picture[box.slices]
+    gain = np.append(look.gain, 1.0).astype(np.float32)
+    covering = blur_layer(covering * gain, look.blur)
+    alpha = np.clip(covering[..., 3:], 0.0, 1.0)
+    changed = (alpha[..., 0] > LEAST_COVER) | ((1 - share).max(axis=-1) > LEAST_LOSS)
+    mixed = srgb_to_linear(before) * share * (1 - alpha) + covering[..., :3]
     grey = linear_to_srgb(mixed)
-    grey += grain(look, box, grey.mean(axis=-1), seed) * alpha
-    changed = (alpha[..., 0] > 1e-3) | ((1 - share).max(axis=-1) > 1e-3)
-    return np.where(changed[..., None], np.clip(np.rint(grey), 0, 255).astype(np.uint8), before)
-
-
-def _silhouette(alpha: NDArray[np.float32], box: Box) -> tuple[int, int, int, int] | None:
-    """The box of the object's own pixels (x, y, width, height), by its coverage alpha (h, w); None without."""
-    rows, columns = np.flatnonzero((alpha > 0.5).any(axis=1)), np.flatnonzero((alpha > 0.5).any(axis=0))
-    if not len(rows):
-        return None
-    x, y = box.x0 + int(columns[0]), box.y0 + int(rows[0])
-    return x, y, int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1
-
-
-def _visible(alpha: NDArray[np.float32], hidden: NDArray[np.float32]) -> float:
-    """The share of the coverage alpha (h, w) that is not hidden; hidden : (h, w) share of each pixel."""
-    total = float(alpha.sum())
-    return float((alpha * (1 - hidden)).sum()) / total if total > 0 else 0.0
-
-
-def _within(layer: ObjectImage, inner: Box, outer: Box) -> ObjectImage:
-    """The layer of a box inside a larger one."""
-    whole = _nothing(outer)
-    rows = slice(inner.y0 - outer.y0, inner.y1 - outer.y0)
-    columns = slice(inner.x0 - outer.x0, inner.x1 - outer.x0)
-    for large, small in zip(
-        (whole.colour, whole.alpha, whole.depth), (layer.colour, layer.alpha, layer.depth), strict=True
-    ):
-        large[rows, columns] = small
-    return whole
-
-
-def _nothing(box: Box) -> ObjectImage:
-    empty = np.zeros(box.shape, np.float32)
-    return ObjectImage(np.zeros((*box.shape, 3), np.float32), empty, np.full(box.shape, np.nan, np.float32))
+    grey += grain(look, box, grey, seed) * alpha
+    out = picture.copy()
+    out[box.slices] = np.where(changed[..., None], np.clip(np.rint(grey), 0, 255).astype(np.uint8), before)
+    return out

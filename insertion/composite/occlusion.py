@@ -8,18 +8,19 @@ cloud decides pixel by pixel.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import Instance, View
 from insertion.render.body import Body
-from insertion.render.boxes import Box
 from insertion.render.renderer import ObjectImage
+from insertion.scene.box import Box, mask_in_box
 from insertion.scene.cloud import Cloud, FrontPoints
 from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["hidden_share", "mask_in_box", "on_support"]
+__all__ = ["Occlusion", "hidden_share", "on_support"]
 
 #: Points that an order in depth rests on.
 MIN_POINTS = 4
@@ -42,10 +43,23 @@ BORDER_PX = 8
 #: Gaps between things that hide the object are closed up to twice this width, unless points are seen through them:
 #: masks do not always meet. In pixels at a width of 640.
 GAP_PX = 5
-#: Points within this share of the object's size of the support plane belong to it.
-SUPPORT_SHARE = 0.05
+#: Points within this share of the object's size of the support plane belong to it, or within this share of their own
+#: depth, which is the noise of a cloud; but never so much of the object's size that its upper part is meant.
+SUPPORT_SHARE, SUPPORT_NOISE, MOST_SUPPORT = 0.05, 0.012, 0.3
 #: Edges of occluders are as soft as a lens makes them, one sigma in pixels.
 EDGE_PX = 0.6
+#: An edge is looked for within so many pixels at a width of 640: how far masks and carried masks are off.
+MATTE_PX = 4.0
+#: What the guided filter takes for texture: a variance of the colours in 0 to 1. How much steeper its edges are made.
+MATTE_SMOOTH, MATTE_CONTRAST = 2e-4, 2.5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Occlusion:
+    """share : (h, w) of each pixel in which something nearer hides the object; front : (h, w) pixels of what does."""
+
+    share: NDArray[np.float32]
+    front: NDArray[np.bool_]
 
 
 def hidden_share(
@@ -55,15 +69,17 @@ def hidden_share(
     instances: Sequence[Instance],
     front: FrontPoints,
     on_support: BoolArray,
-) -> NDArray[np.float32]:
-    """(h, w) share of each pixel of the box in which something nearer hides the object.
+    picture: NDArray[np.uint8] | None = None,
+) -> Occlusion:
+    """What hides the object in the pixels of a box.
 
-    on_support : (m,) the points of `front` that are on what the object stands on; they hide nothing.
+    on_support : (m,) the points of `front` that are on what the object stands on; they hide nothing. picture :
+    (h, w, 3) of the box, whose edges the hidden part follows; None leaves it as masks and points have it.
     """
     import cv2
 
     if not (layer.alpha > 0).any():
-        return np.zeros(box.shape, np.float32)
+        return Occlusion(np.zeros(box.shape, np.float32), np.zeros(box.shape, dtype=bool))
     inside = front.inside(box.x0, box.y0, box.x1, box.y1)
     pixels = inside.pixels - [box.x0, box.y0]
     depths = np.where(front.marks_inside(on_support, box.x0, box.y0, box.x1, box.y1), np.inf, inside.depths)
@@ -71,7 +87,8 @@ def hidden_share(
     hidden = np.zeros(box.shape, dtype=bool)
     masked = np.zeros(box.shape, dtype=bool)
     silhouette = layer.alpha > 0.5
-    reach = max(1, round(AROUND_PX * view.camera.width / 640))
+    width_factor = view.camera.width / 640
+    reach = max(1, round(AROUND_PX * width_factor))
     around = cv2.dilate(silhouette.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)) > 0
     behind = _object_depth(layer)
     unknown = []
@@ -88,20 +105,63 @@ def hidden_share(
     for mask in unknown:
         if _stands_on(hidden, mask):
             hidden |= mask
-    times = view.camera.width / 640
     if front.dense:
-        size = 2 * round(BORDER_PX * times) + 1
+        size = 2 * round(BORDER_PX * width_factor) + 1
         at = pixels.astype(np.int64)
         free = ~(cv2.dilate(masked.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)[at[:, 1], at[:, 0]]
-        hidden |= _nearer_pixels(~masked & around, behind, pixels[free], depths[free], DENSE_PX * times)
-    hidden = _without_gaps(hidden, round(GAP_PX * times), behind, pixels[sure], depths[sure])
-    return np.asarray(cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), EDGE_PX))
+        hidden |= _nearer_pixels(~masked & around, behind, pixels[free], depths[free], DENSE_PX * width_factor)
+    hidden = _without_gaps(hidden, round(GAP_PX * width_factor), behind, pixels[sure], depths[sure])
+    if picture is None or not (hidden & around).any():
+        share = cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), EDGE_PX)
+    else:
+        share = matte(hidden, picture, round(MATTE_PX * width_factor))
+    return Occlusion(np.asarray(share), hidden)
 
 
-def on_support(body: Body, cloud: Cloud, front: FrontPoints) -> BoolArray:
-    """(m,) which points are on the support plane: what an object stands on never hides it."""
-    rise = (cloud.points[front.rows] - body.position) @ body.basis[2]
-    return np.asarray(np.abs(rise) < SUPPORT_SHARE * body.unit)
+def on_support(body: Body, cloud: Cloud, front: FrontPoints, sigma: float = 0.0) -> BoolArray:
+    """(m,) which points are on the support plane: what an object stands on never hides it.
+
+    sigma : of the plane's own points, scene units; a dense cloud is rougher than a small object's foot is high.
+    """
+    rise = np.abs((cloud.points[front.rows] - body.position) @ body.basis[2])
+    rough = np.minimum(np.maximum(3 * sigma, SUPPORT_NOISE * front.depths), MOST_SUPPORT * body.unit)
+    return np.asarray(rise < np.maximum(SUPPORT_SHARE * body.unit, rough))
+
+
+def matte(hidden: NDArray[np.bool_], picture: NDArray[np.uint8], reach: int) -> NDArray[np.float32]:
+    """(h, w) share of each pixel that is hidden: the edge of `hidden` (h, w) moved to the edge in the picture near it.
+
+    The guided filter (He, Sun and Tang 2013): in each window the matte is a linear function of the picture's colours.
+    It decides within `reach` pixels of the edge; further away the masks are right.
+    """
+    import cv2
+
+    reach = max(reach, 2)
+    size = (2 * reach + 1, 2 * reach + 1)
+    rough = hidden.astype(np.float32)
+    guide = cv2.GaussianBlur(picture, (0, 0), 0.5).astype(np.float32) / 255
+
+    def mean(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.asarray(cv2.blur(values, size, borderType=cv2.BORDER_REPLICATE), dtype=np.float32)
+
+    middle, level = mean(guide), mean(rough)
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    products = {pair: mean(guide[..., pair[0]] * guide[..., pair[1]]) for pair in pairs}
+    spread = np.empty((*rough.shape, 3, 3), np.float32)
+    for i, j in pairs:
+        spread[..., i, j] = spread[..., j, i] = products[i, j] - middle[..., i] * middle[..., j]
+    spread += np.eye(3, dtype=np.float32) * MATTE_SMOOTH
+    along = np.stack([mean(guide[..., k] * rough) - middle[..., k] * level for k in range(3)], axis=-1)
+    slope = np.linalg.solve(spread, along[..., None])[..., 0]
+    offset = level - (slope * middle).sum(axis=-1)
+    fitted = (mean(slope) * guide).sum(axis=-1) + mean(offset)
+    # an edge that the picture does not show stays where it was; the contrast brings a weak one back to 0 and 1
+    shown = np.clip((fitted - 0.5) * MATTE_CONTRAST + 0.5, 0.0, 1.0)
+    strength = mean((slope * along).sum(axis=-1)) / np.maximum(mean(level * (1 - level)), 1e-3)
+    weight = np.clip((strength - 0.3) / 0.4, 0.0, 1.0)
+    plain = cv2.GaussianBlur(rough, (0, 0), EDGE_PX)
+    band = (level > 1e-3) & (level < 1 - 1e-3)
+    return np.asarray(np.where(band, weight * shown + (1 - weight) * plain, rough), dtype=np.float32)
 
 
 def _object_depth(layer: ObjectImage) -> NDArray[np.float32]:
@@ -208,16 +268,3 @@ def _nearer_pixels(
     nearer = depths[nearest] < behind[rows, columns, None] * (1 - 3 * CLEARLY)
     result[rows, columns] = (nearer.mean(axis=1) > DENSE_SHARE) & (distance[:, DENSE_POINTS // 2] < reach)
     return np.asarray(median_filter(result, 5))
-
-
-def mask_in_box(item: Instance, box: Box) -> NDArray[np.bool_] | None:
-    """(h, w) the instance's mask over the box, None where they do not meet."""
-    x, y = item.origin
-    height, width = item.mask.shape
-    left, top, right, bottom = max(x, box.x0), max(y, box.y0), min(x + width, box.x1), min(y + height, box.y1)
-    if left >= right or top >= bottom:
-        return None
-    mask = np.zeros(box.shape, dtype=bool)
-    part = item.mask[top - y : bottom - y, left - x : right - x]
-    mask[top - box.y0 : bottom - box.y0, left - box.x0 : right - box.x0] = part
-    return mask

@@ -16,7 +16,7 @@ from estimator.records.scene import Camera
 from insertion.exports.glb import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Glb
 from insertion.exports.metric_frame import CameraKey, MetricFrame, keys_by_camera, object_matrix
 from insertion.models.model import Material, Part
-from insertion.pipeline.frames import Placed
+from insertion.pipeline.objects import Placed
 from insertion.render.pinhole import focal_lengths
 from metric_base.arrays import FloatArray
 

@@ -12,7 +12,7 @@ from estimator.records.scene import Camera
 from insertion.exports.metric_frame import CameraKey, MetricFrame, keys_by_camera, object_matrix
 from insertion.exports.usd_materials import bind_material
 from insertion.models.model import Part
-from insertion.pipeline.frames import Placed
+from insertion.pipeline.objects import Placed
 from insertion.render.pinhole import focal_lengths
 
 __all__ = ["write_usd_scene"]

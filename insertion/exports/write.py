@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from estimator.capture.pictures import PICTURE_SUFFIXES
 from estimator.outputs.rescaled import write_scaled
+from insertion.composite.compose import Joined
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.exports.nerfstudio import write_transforms
 from insertion.footage.footage import Shot
-from insertion.pipeline.frames import Placed
+from insertion.pipeline.objects import Placed
 from insertion.pipeline.result import InsertionResult
 from insertion.pipeline.stage import Stage
 from metric_base.files import OutputNames, output_names
@@ -75,11 +76,13 @@ class LayerWriter:
         """Keep the picture (h, w, 3) as it was, under the name that `transforms.json` gives it."""
         write_picture(self._folder / "pictures" / self._names[shot.name], picture[..., ::-1])
 
-    def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
+    def layers(self, shot: Shot, number: int, joined: Joined) -> None:
         """Write one object's visible coverage (h, w), 0 to 255, and its depth (h, w), 16 bits.
 
         The depth is 0 where the object is not, and where it is beyond what 16 bits hold.
         """
+        assert shot.view is not None  # it has layers
+        alpha, depth = joined.whole((shot.view.camera.height, shot.view.camera.width))
         name = self._layers[shot.name]
         file = name.with_name(f"{name.stem}_{number}.png")
         write_picture(self._folder / "mask" / file, np.rint(255 * alpha).astype(np.uint8))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from insertion.placement.surface import Surface
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
@@ -21,7 +22,7 @@ class Place:
 
     position : (3,) in the scene; basis : (3, 3) rows two horizontal axes and up; camera : (3,) the camera that the
     place was chosen from; support : a name for a person; plane : its number, lowest first, None for a small level
-    patch that is no plane.
+    patch that is no plane, whose extent is `surface` if it is known.
     """
 
     position: FloatArray
@@ -29,6 +30,7 @@ class Place:
     camera: FloatArray
     support: str
     plane: int | None = None
+    surface: Surface | None = None
 
 
 @dataclass(frozen=True, slots=True)

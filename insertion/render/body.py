@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from insertion.colour.encoding import srgb_to_linear
+from insertion.light.environment import Environment
 from insertion.models.model import Material, Model
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Body", "BodyPart", "body_of"]
+__all__ = ["Body", "BodyPart", "body_of", "colliding", "with_bodies"]
+
+
+#: Objects further apart than so many times their sizes do not shade each other.
+SHADING_SIZES = 3.0
+#: Points of a part by which another object mirrors it.
+SPOTS = 8000
+#: Side of the cells in which two bodies are compared, in sizes of the smaller one, and how many a touch shares.
+COLLISION_CELL, TOUCHING_CELLS = 0.05, 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,6 +60,16 @@ class Body:
         """(n, 3) all vertices in the local frame."""
         return np.concatenate([part.vertices for part in self.parts])
 
+    def parts_of(self, other: Body) -> tuple[BodyPart, ...]:
+        """The parts of another body in this one's local frame."""
+        scale, offset = other.unit / self.unit, (other.position - self.position) / self.unit
+        return tuple(replace(part, vertices=scale * part.vertices + offset) for part in other.parts)
+
+    def near(self, other: Body) -> bool:
+        """Whether another body is so near that one may shade the other."""
+        apart = float(np.linalg.norm(other.position - self.position))
+        return apart < SHADING_SIZES * (self.unit + other.unit)
+
     def camera(self, rotation: FloatArray, translation: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Rotation (3, 3) and translation (3,) from the local frame to the camera, in units of `unit`."""
         return rotation, (rotation @ self.position + translation) / self.unit
@@ -78,6 +98,60 @@ def body_of(model: Model, position: FloatArray, basis: FloatArray, heading: Floa
         for part in model.parts
     )
     return Body(parts, np.asarray(position, dtype=np.float64), basis, unit * units_per_metre)
+
+
+def with_bodies(environment: Environment, body: Body, others: Sequence[Body]) -> Environment:
+    """The environment about the middle of a body with other bodies in it, for what the body mirrors.
+
+    Each cell of the map shows the nearest of the points spread over the others, matt under the environment's light.
+    """
+    if not others:
+        return environment
+    corners = body.corners
+    middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+    axes = np.concatenate([environment.basis, -environment.basis])
+    light = np.array([environment.irradiance(axis) for axis in axes]) / np.pi  # (6, 3)
+    places, colours = [], []
+    for part in (part for other in others for part in body.parts_of(other)):
+        spots, normals = _spread_over(part)
+        toward = normals @ axes.T  # (n, 6)
+        places.append(spots - middle)
+        colours.append(_mean_colour(part) * ((np.maximum(toward, 0) ** 2) @ light))
+    away, colour = np.concatenate(places), np.concatenate(colours)
+    distance = np.linalg.norm(away, axis=1)
+    radiance = environment.radiance.copy()
+    height, width = radiance.shape[:2]
+    local = away @ environment.basis.T / np.maximum(distance, 1e-9)[:, None]
+    row = np.minimum(np.arccos(np.clip(local[:, 2], -1, 1)) / np.pi * height, height - 1).astype(np.int64)
+    turn = np.arctan2(local[:, 1], local[:, 0]) / (2 * np.pi) + 0.5
+    column = np.minimum(turn * width, width - 1).astype(np.int64)
+    order = np.argsort(-distance)  # the nearest is written last
+    radiance[row[order], column[order]] = colour[order]
+    return replace(environment, radiance=radiance)
+
+
+def colliding(one: Body, two: Body) -> bool:
+    """Whether two bodies go through each other: their surfaces share more cells than a touch does."""
+    cell = COLLISION_CELL * min(one.unit, two.unit)
+    cells = []
+    for body in (one, two):
+        spots = np.concatenate([_spread_over(part)[0] for part in body.parts])
+        inside = spots @ body.basis[2] * body.unit > cell  # both feet are on one floor
+        at = (body.position + body.unit * spots[inside] - one.position) / cell
+        cells.append({tuple(row) for row in np.unique(np.floor(at).astype(np.int64), axis=0).tolist()})
+    return len(cells[0] & cells[1]) > TOUCHING_CELLS
+
+
+def _spread_over(part: BodyPart) -> tuple[FloatArray, FloatArray]:
+    """(SPOTS, 3) points spread over a part's triangles by their area, and the triangles' unit normals there."""
+    generator = np.random.default_rng(0)
+    one, two, three = (part.vertices[part.faces[:, k]] for k in range(3))
+    across = np.cross(two - one, three - one)
+    area = np.linalg.norm(across, axis=1)
+    face = generator.choice(len(area), SPOTS, p=area / area.sum()) if area.sum() > 0 else np.zeros(SPOTS, np.int64)
+    first, second = np.sqrt(generator.random(SPOTS))[:, None], generator.random(SPOTS)[:, None]
+    at = one[face] * (1 - first) + two[face] * first * (1 - second) + three[face] * first * second
+    return at, across[face] / np.maximum(area[face, None], 1e-12)
 
 
 def _area(part: BodyPart) -> float:

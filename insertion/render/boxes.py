@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -12,10 +11,11 @@ from estimator.records.scene import Camera, View
 from insertion.render.body import Body
 from insertion.render.pinhole import Window, focal_lengths
 from insertion.render.shadows import PlaneMap
+from insertion.scene.box import Box
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray
 
-__all__ = ["CAST_SIZES", "Box", "cast_box", "object_box", "shadow_box", "window_behind"]
+__all__ = ["CAST_SIZES", "cast_box", "object_box", "shadow_box", "window_behind"]
 
 #: Pixels around the projected vertices: blur and filters reach so far.
 MARGIN_PX = 6
@@ -25,32 +25,6 @@ SHADOW_SHARE = 0.004
 CAST_SIZES = 3.0
 #: The ideal picture behind a strongly curved lens is cut at this many times the picture.
 WIDEST = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """Pixels x0 .. x1, y0 .. y1 of a picture, the ends not included."""
-
-    x0: int
-    y0: int
-    x1: int
-    y1: int
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns."""
-        return self.y1 - self.y0, self.x1 - self.x0
-
-    @property
-    def slices(self) -> tuple[slice, slice]:
-        """For arrays (h, w, ...)."""
-        return slice(self.y0, self.y1), slice(self.x0, self.x1)
-
-    def union(self, other: Box | None) -> Box:
-        """The box about both."""
-        if other is None:
-            return self
-        return Box(min(self.x0, other.x0), min(self.y0, other.y0), max(self.x1, other.x1), max(self.y1, other.y1))
 
 
 def object_box(view: View, body: Body) -> Box | None:

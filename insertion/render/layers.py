@@ -1,33 +1,94 @@
-"""The object and its shadow as layers over a box of a picture, through the recovered lens."""
+"""What one object brings to a picture, as layers through the recovered lens; nothing of the picture is in them yet."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import View
-from insertion.render.boxes import Box, window_behind
+from insertion.render.boxes import cast_box, object_box, shadow_box, window_behind
 from insertion.render.renderer import ObjectImage, ObjectRenderer
+from insertion.scene.box import Box
 from insertion.scene.rays import camera_rays
 from insertion.scene.scale import ScaleUsed
 
-__all__ = ["draw_interval", "object_layer", "shadow_layer"]
+__all__ = ["ObjectLayers", "draw_interval", "object_layer", "object_layers", "shadow_layer", "through_lens"]
 
 
-def object_layer(renderer: ObjectRenderer, view: View, box: Box) -> ObjectImage:
-    """The object over the box: rendered with an ideal camera, then bent by the lens."""
+@dataclass(frozen=True, slots=True, eq=False)
+class ObjectLayers:
+    """The layers of one object over a box of a picture.
+
+    image : the object itself; plane_share : (h, w, 3) of the light that still reaches its support plane; plane_depth :
+    (h, w) of that plane in scene units, NaN where a pixel does not look at it.
+    """
+
+    box: Box
+    image: ObjectImage
+    plane_share: NDArray[np.float32]
+    plane_depth: NDArray[np.float32]
+
+    @property
+    def silhouette(self) -> tuple[int, int, int, int] | None:
+        """The box of the object's own pixels (x, y, width, height); None without any."""
+        own = self.image.alpha > 0.5
+        rows, columns = np.flatnonzero(own.any(axis=1)), np.flatnonzero(own.any(axis=0))
+        if not len(rows):
+            return None
+        x, y = self.box.x0 + int(columns[0]), self.box.y0 + int(rows[0])
+        return x, y, int(columns[-1] - columns[0]) + 1, int(rows[-1] - rows[0]) + 1
+
+
+def object_layers(renderer: ObjectRenderer, view: View, whole: bool = False) -> ObjectLayers | None:
+    """The layers of an object in a view; None where neither it nor its shadow is in the picture.
+
+    whole : over the whole picture instead of the box that they change.
+    """
+    own = object_box(view, renderer.body)
+    dark = shadow_box(view, renderer.body, renderer.plane)
+    if own is None and dark is None:
+        return None
+    box = dark.union(own) if dark is not None else own
+    assert box is not None  # one of the two is there
+    box = box.union(cast_box(view, renderer.body, renderer.casting))
+    if whole:
+        box = Box(0, 0, view.camera.width, view.camera.height)
+    image = ObjectImage(
+        np.zeros((*box.shape, 3), np.float32), np.zeros(box.shape, np.float32), np.full(box.shape, np.nan, np.float32)
+    )
+    if own is not None:
+        part = object_layer(renderer, view, own)
+        for large, small in zip(
+            (image.colour, image.alpha, image.depth), (part.colour, part.alpha, part.depth), strict=True
+        ):
+            large[own.within(box)] = small
+    return ObjectLayers(box, image, *shadow_layer(renderer, view, box))
+
+
+def through_lens(ideal: NDArray[np.float32], view: View, box: Box, nearest: bool = False) -> NDArray[np.float32]:
+    """A layer (h, w) or (h, w, c) of the ideal window behind a box, bent by the lens; 0 beyond it.
+
+    nearest : take the nearest pixel, and NaN beyond the window, as a depth needs it.
+    """
     import cv2
 
     window = window_behind(view.camera, box)
-    ideal = renderer.image(window, view.rotation, view.translation)
     rays = camera_rays(view.camera)[box.slices]
     # OpenCV counts from the centre of the first pixel, COLMAP from its corner
     x = rays[..., 0] * np.float32(window.fx) + np.float32(window.cx - window.x0 - 0.5)
     y = rays[..., 1] * np.float32(window.fy) + np.float32(window.cy - window.y0 - 0.5)
-    stacked = np.dstack([ideal.colour, ideal.alpha])
-    bent = cv2.remap(stacked, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(0, 0, 0, 0))
-    depth = cv2.remap(ideal.depth, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=np.nan)
-    return ObjectImage(bent[..., :3], bent[..., 3], depth)
+    how, beyond = (cv2.INTER_NEAREST, np.nan) if nearest else (cv2.INTER_LINEAR, 0.0)
+    bent = cv2.remap(ideal, x, y, how, borderMode=cv2.BORDER_CONSTANT, borderValue=(beyond,) * 4)
+    return np.asarray(bent, dtype=np.float32)
+
+
+def object_layer(renderer: ObjectRenderer, view: View, box: Box) -> ObjectImage:
+    """The object over the box: rendered with an ideal camera, then bent by the lens."""
+    ideal = renderer.image(window_behind(view.camera, box), view.rotation, view.translation)
+    bent = through_lens(np.dstack([ideal.colour, ideal.alpha]), view, box)
+    return ObjectImage(bent[..., :3], bent[..., 3], through_lens(ideal.depth, view, box, nearest=True))
 
 
 def shadow_layer(renderer: ObjectRenderer, view: View, box: Box) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -76,14 +137,8 @@ def draw_interval(
     return out
 
 
-def _outline(view: View, renderer: ObjectRenderer, times: float) -> NDArray[np.uint8]:
-    """(h, w) mask, 0 or 1, of the object grown `times` about its foot, in the real picture."""
-    import cv2
-
+def _outline(view: View, renderer: ObjectRenderer, scale_factor: float) -> NDArray[np.uint8]:
+    """(h, w) mask, 0 or 1, of the object grown by a factor about its foot, in the real picture."""
     whole = Box(0, 0, view.camera.width, view.camera.height)
-    window = window_behind(view.camera, whole)
-    alpha = renderer.outline(window, view.rotation, view.translation, times)
-    rays = camera_rays(view.camera)
-    x = rays[..., 0] * np.float32(window.fx) + np.float32(window.cx - window.x0 - 0.5)
-    y = rays[..., 1] * np.float32(window.fy) + np.float32(window.cy - window.y0 - 0.5)
-    return np.asarray(cv2.remap(alpha, x, y, cv2.INTER_LINEAR) > 0.5, dtype=np.uint8)
+    alpha = renderer.outline(window_behind(view.camera, whole), view.rotation, view.translation, scale_factor)
+    return np.asarray(through_lens(alpha, view, whole) > 0.5, dtype=np.uint8)

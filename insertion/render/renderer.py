@@ -5,6 +5,7 @@ Everything that does not depend on the camera (shadow maps, light on the plane, 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from insertion.colour.encoding import luminance
 from insertion.light.environment import LEVELS, Environment, reflection_levels
 from insertion.light.lights import Lights, environment_lights
-from insertion.render.body import Body
+from insertion.render.body import Body, with_bodies
 from insertion.render.buffers import load_part
 from insertion.render.context import shader
 from insertion.render.deferred import DeferredTargets
@@ -29,7 +30,8 @@ OBJECT_CUTS, PLANE_CUTS = 6, 8
 SAMPLES = 4
 #: Framebuffers are made in steps of this many pixels, so that a window that grows slowly does not make one each frame.
 _STEP = 64
-_ATLAS, _PLANE, _ENVIRONMENT = 0, 1, 2
+#: Texture units; those of the materials and of the facts are between them.
+_ATLAS, _PLANE, _ENVIRONMENT, _OTHERS = 0, 1, 2, 12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,16 +50,32 @@ class ObjectImage:
 class ObjectRenderer:
     """One body in an OpenGL context (`gl_context`), which several may share."""
 
-    def __init__(self, context: Any, body: Body, environment: Environment, ground: Environment | None = None) -> None:
-        """The environment is about the middle of the body; ground : about its foot, where that differs."""
+    def __init__(
+        self,
+        context: Any,
+        body: Body,
+        environment: Environment,
+        ground: Environment | None = None,
+        *,
+        shading: Sequence[Body] = (),
+        before: Sequence[Body] = (),
+    ) -> None:
+        """The environment is about the middle of the body; ground : about its foot, where that differs.
+
+        shading : other inserted bodies, whose shadow falls on this one and which it mirrors; before : those of them
+        whose shadow is on the support already.
+        """
         self.body, self.environment = body, environment
         self._context = context
         corners = body.corners
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
         caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
         lights = _local_lights(environment, body, OBJECT_CUTS, middle, caster.radius)
+        near = [other for other in shading if body.near(other)]
+        others = {"OTHERS": 1} if near else {}
         self._program = self._context.program(
-            vertex_shader=shader("surface.vert"), fragment_shader=self._lit_shader("surface.frag", len(lights.power))
+            vertex_shader=shader("surface.vert"),
+            fragment_shader=self._lit_shader("surface.frag", len(lights.power), **others),
         )
         self._receive = self._context.program(
             vertex_shader=shader("full.vert"), fragment_shader=self._lit_shader("receive.frag", len(lights.power))
@@ -67,7 +85,7 @@ class ObjectRenderer:
         )
         self._light = self._context.program(
             vertex_shader=shader("full.vert"),
-            fragment_shader=self._lit_shader("light_samples.frag", len(lights.power), SAMPLES=SAMPLES),
+            fragment_shader=self._lit_shader("light_samples.frag", len(lights.power), SAMPLES=SAMPLES, **others),
         )
         caster_program = self._context.program(
             vertex_shader=shader("depth_only.vert"), fragment_shader=shader("depth_only.frag")
@@ -82,17 +100,52 @@ class ObjectRenderer:
         below = environment if ground is None else ground
         above = _local_lights(below, body, PLANE_CUTS, np.zeros(3), 0.0).above(body.basis[2])
         returned = _returned_light(below, body, above)
+        earlier = [part for other in before if body.near(other) for part in body.parts_of(other)]
         self.plane: PlaneMap = plane_map(
-            self._context, caster_program, self._parts, above, returned, body.basis, corners
+            self._context,
+            caster_program,
+            self._parts,
+            above,
+            returned,
+            body.basis,
+            corners,
+            [load_part(self._context, self._program, caster_program, part) for part in earlier],
+            np.concatenate([corners, *(part.vertices for part in earlier)]),
         )
         for program in (self._program, self._light, self._receive):
             _set_lights(program, lights, _returned_light(environment, body, lights), caster)
-        self._set_surroundings(environment)
+        self._others: Any = None
+        if near:
+            self._set_others(near, caster_program)
+        self._set_surroundings(with_bodies(environment, body, near))
         self._deferred = DeferredTargets(self._context, SAMPLES)
         self._targets: dict[tuple[int, int], tuple[Any, Any]] = {}
         quad = self._context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
         self._cover = self._context.vertex_array(self._receive, [(quad, "2f", "corner")])
         self._light_cover = self._context.vertex_array(self._light, [(quad, "2f", "corner")])
+
+    def _set_others(self, others: Sequence[Body], caster_program: Any) -> None:
+        """Shadow maps of the other bodies, as the lights see them."""
+        parts = [part for other in others for part in self.body.parts_of(other)]
+        corners = np.concatenate([part.vertices for part in parts])
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
+        lights = _local_lights(self.environment, self.body, OBJECT_CUTS, middle, caster.radius)
+        loaded = [load_part(self._context, self._program, caster_program, part) for part in parts]
+        self._others = shadow_atlas(self._context, caster_program, loaded, lights, caster)
+        right, above = light_axes(lights, caster.radius)
+        rows = {
+            "other_direction": lights.directions,
+            "other_near": lights.near[:, None],
+            "other_right": right,
+            "other_up": above,
+        }
+        for program in (self._program, self._light):
+            for name, values in rows.items():
+                program[name].write(np.ascontiguousarray(values, "f4").tobytes())
+            program["other_centre"].value = tuple(float(v) for v in caster.centre)
+            program["other_radius"].value = caster.radius
+            program["other_atlas"].value = _OTHERS
 
     def outline(
         self, window: Window, rotation: FloatArray, translation: FloatArray, times: float
@@ -162,8 +215,8 @@ class ObjectRenderer:
         self._atlas.use(_ATLAS)
         self._cover.render(mode=self._context.TRIANGLE_STRIP)
         share = np.frombuffer(target.read(components=3, dtype="f4"), "f4").reshape(height, width, 3).copy()
-        for thing in (*textures, target, result):
-            thing.release()
+        for resource in (*textures, target, result):
+            resource.release()
         return share
 
     @staticmethod
@@ -193,6 +246,8 @@ class ObjectRenderer:
     def _use_light(self) -> None:
         """Bind what the light needs; texture units are shared by all renderers of a context."""
         self._atlas.use(_ATLAS)
+        if self._others is not None:
+            self._others.use(_OTHERS)
         self._plane_texture.use(_PLANE)
         self._environment.use(_ENVIRONMENT)
 

@@ -87,8 +87,13 @@ def plane_map(
     returned: FloatArray,
     basis: FloatArray,
     corners: FloatArray,
+    others: Sequence[LoadedPart] = (),
+    all_corners: FloatArray | None = None,
 ) -> PlaneMap:
     """The light on the support plane with the object over it without: 1 - sum of (w_i - b_i) h_i / sum of w_i.
+
+    Beside `others`, which are inserted already, it is the light with all objects over the light with the others alone,
+    so that the shares of several objects multiply to the light with all; all_corners : (n, 3) the vertices of all.
 
     lights : above the horizon, about the object's foot; w_i = power_i cos(theta_i) d_i^2 / r_i^2 at each place of the
     plane; h_i is 1 where the object stands between light i and the plane, which then gets b_i = returned_i (n, 3)
@@ -97,6 +102,30 @@ def plane_map(
     """
     reach = float(np.abs(corners @ basis[:2].T).max() + MAP_HEIGHTS * max((corners @ basis[2]).max(), 0.05))
     local = lights.directions @ basis.T  # (n, 3) along the plane's axes
+    arguments = (context, program, lights, local, returned, basis, reach)
+    ends = corners if all_corners is None else all_corners
+    missing = _missing_light(*arguments, [*parts, *others], ends)
+    before = np.zeros_like(missing) if not others else _missing_light(*arguments, others, ends)
+    left = _open_light(local, lights, reach) - before
+    share = 1 - np.maximum(missing - before, 0.0) / np.maximum(left, 1e-12)
+    return PlaneMap(np.clip(share, 0.0, 1.0).astype(np.float32), reach)
+
+
+def _missing_light(
+    context: Any,
+    program: Any,
+    lights: Lights,
+    local: FloatArray,
+    returned: FloatArray,
+    basis: FloatArray,
+    reach: float,
+    parts: Sequence[LoadedPart],
+    corners: FloatArray,
+) -> NDArray[np.float32]:
+    """(MAP_PIXELS, MAP_PIXELS, 3) irradiance that parts with vertices `corners` (n, 3) take from the plane.
+
+    local : (n, 3) the lights' directions along the plane's axes; the other arguments are those of `plane_map`.
+    """
     blocked = context.texture((MAP_PIXELS, MAP_PIXELS), 1, dtype="f1")
     lost = context.texture((MAP_PIXELS, MAP_PIXELS), 4, dtype="f4")
     flat, sums = context.framebuffer([blocked]), context.framebuffer([lost])
@@ -124,11 +153,10 @@ def plane_map(
         weigh["power"].value, weigh["returned"].value = tuple(map(float, power)), tuple(map(float, back))
         cover.render(mode=context.TRIANGLE_STRIP)
     context.disable(context.BLEND)
-    missing = np.frombuffer(sums.read(components=3, dtype="f4"), "f4").reshape(MAP_PIXELS, MAP_PIXELS, 3)
-    share = 1 - missing / np.maximum(_open_light(local, lights, reach), 1e-12)
-    for thing in (cover, quad, weigh, flat, sums, blocked, lost):
-        thing.release()
-    return PlaneMap(np.clip(share, 0.0, 1.0).astype(np.float32), reach)
+    missing = np.frombuffer(sums.read(components=3, dtype="f4"), "f4").reshape(MAP_PIXELS, MAP_PIXELS, 3).copy()
+    for resource in (cover, quad, weigh, flat, sums, blocked, lost):
+        resource.release()
+    return missing
 
 
 def _open_light(directions: FloatArray, lights: Lights, reach: float) -> NDArray[np.float32]:

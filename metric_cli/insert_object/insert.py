@@ -80,7 +80,8 @@ def _run(options: argparse.Namespace) -> int:
     from insertion.exports.write import LayerWriter, write_exports
     from insertion.footage.picture_writer import picture_writer
     from insertion.footage.video_footage import VideoFootage
-    from insertion.pipeline.frames import insert_objects, place_objects
+    from insertion.pipeline.frames import insert_objects
+    from insertion.pipeline.objects import place_objects
     from metric_base.files import refuse_input
 
     _check_outputs(options)
@@ -156,7 +157,7 @@ def _preview(stage: Stage, request: ObjectRequest, tree: Tree | None, options: a
 
     from insertion.models.gltf import read_model
     from insertion.models.size import model_size
-    from insertion.pipeline.frames import space_for
+    from insertion.pipeline.objects import space_for
     from insertion.pipeline.preview import write_preview
     from metric_cli.terminal import print_json
 

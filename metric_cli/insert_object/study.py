@@ -52,7 +52,7 @@ def _report_parser() -> argparse.ArgumentParser:
 
 
 def _make(options: argparse.Namespace) -> int:
-    from insertion.pipeline.frames import place_objects
+    from insertion.pipeline.objects import place_objects
     from insertion.study.page import study_page
     from insertion.study.plan import plan_text
     from metric_base.files import output_file, whole_file
@@ -74,15 +74,15 @@ def _make(options: argparse.Namespace) -> int:
 
 def _pictures(stage: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
     """The chosen picture (h, w, 3) at every step: the first object grows and shrinks about its foot, the rest stays."""
-    from insertion.pipeline.frames import resize, single_picture
+    from insertion.pipeline.frames import single_pictures
+    from insertion.pipeline.objects import resize
     from insertion.study.page import STEPS
     from metric_base.progress import progress
 
     chosen = _shot(stage, placed, frame)
-    return {
-        step: single_picture(stage, [resize(placed[0], 1 + step / 100), *placed[1:]], chosen)
-        for step in progress(STEPS, "drawing the sizes")
-    }
+    variants = [[resize(placed[0], 1 + step / 100), *placed[1:]] for step in STEPS]
+    drawn = progress(single_pictures(stage, variants, chosen), "drawing the sizes", len(STEPS))
+    return dict(zip(STEPS, drawn, strict=True))
 
 
 def _shot(stage: Any, placed: Sequence[Any], frame: str | None) -> Any:

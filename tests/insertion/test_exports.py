@@ -22,7 +22,7 @@ from insertion.exports.metric_frame import camera_keys, metric_frame, object_mat
 from insertion.exports.nerfstudio import write_transforms
 from insertion.exports.usd_scene import write_usd_scene
 from insertion.light.estimate import environment_at
-from insertion.pipeline.frames import Placed, place_objects
+from insertion.pipeline.objects import Placed, place_objects
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import Stage
 from tests.synthetic.insertions import stage_of, video_room, write_glb

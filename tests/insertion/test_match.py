@@ -7,7 +7,7 @@ import pytest
 
 from insertion.composite.blur import blur_layer, blur_of
 from insertion.composite.match import Look, grain, look_of
-from insertion.render.boxes import Box
+from insertion.scene.box import Box
 from insertion.scene.cloud import Cloud, FrontPoints
 
 SHAPE = (240, 320)
@@ -49,7 +49,7 @@ def _look(grey: np.ndarray) -> Look:
 def test_an_object_gets_the_grain_of_the_picture(sigma: float) -> None:
     noise = np.random.default_rng(1).normal(0, sigma, SHAPE)
     look = _look(_patchwork() + noise)
-    added = grain(look, Box(0, 0, 80, 60), np.full((60, 80), 120, np.float32), 7)
+    added = grain(look, Box(0, 0, 80, 60), np.full((60, 80, 3), 120, np.float32), 7)
     assert added.std() == pytest.approx(sigma, rel=0.15)
 
 

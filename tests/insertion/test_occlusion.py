@@ -10,8 +10,8 @@ import numpy as np
 from estimator.records.scene import Camera, Instance, View
 from estimator.visibility.sights import Visibility
 from insertion.composite.occlusion import hidden_share
-from insertion.render.boxes import Box
 from insertion.render.renderer import ObjectImage
+from insertion.scene.box import Box
 from insertion.scene.cloud import Cloud, FrontPoints, front_points
 
 BOX = Box(0, 0, 160, 120)
@@ -44,7 +44,7 @@ def _points(*parts: tuple[tuple[int, int, int, int], float], count: int = 25) ->
 
 
 def _hidden(things: Sequence[Instance], points: FrontPoints) -> np.ndarray:
-    return hidden_share(_object(), BOX, VIEW, things, points, np.zeros(len(points.rows), bool)) > 0.5
+    return hidden_share(_object(), BOX, VIEW, things, points, np.zeros(len(points.rows), bool)).share > 0.5
 
 
 def test_the_near_leg_of_a_table_hides_and_the_far_one_does_not() -> None:

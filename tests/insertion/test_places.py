@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insertion.pipeline.frames import Placed, place_objects, space_for
+from insertion.pipeline.objects import Placed, place_objects, space_for
 from insertion.pipeline.preview import write_preview
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import Stage

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from estimator.records.scene import Camera, View
-from insertion.composite.received import received_share
+from insertion.composite.receivers import light_share, receivers_of
 from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots
 from insertion.models.model import Material, Model, Part
 from insertion.render.body import body_of
-from insertion.render.boxes import Box
 from insertion.render.context import gl_context
-from insertion.render.layers import shadow_layer
+from insertion.render.layers import object_layers
 from insertion.render.renderer import ObjectRenderer
+from insertion.scene.box import Box
 from insertion.scene.cloud import FrontPoints
 from metric_base.arrays import BoolArray, FloatArray
 from tests.synthetic.rooms.shapes import solid
@@ -82,8 +82,11 @@ def renderer() -> ObjectRenderer:
 
 def test_the_shadow_is_on_what_stands_beside_and_not_on_what_is_in_front(renderer: ObjectRenderer) -> None:
     view, whole = _view(), Box(0, 0, *SIZE)
-    share, depth = shadow_layer(renderer, view, whole)
-    received = received_share(share, depth, renderer, view, whole, _front(view), (), None)
+    layers = object_layers(renderer, view, whole=True)
+    assert layers is not None
+    share = layers.plane_share
+    receivers = receivers_of(layers, renderer.body, view, _front(view), (), None, np.zeros(whole.shape, bool))
+    received = light_share(layers, receivers, renderer.received_light(receivers.places, receivers.normals))
     board, floor = _pixel(view, (-0.125, BOARD_Y, 0.6)), _pixel(view, (0.5, -0.12, 0.0))
     assert share[board].max() < 0.6  # the floor behind the board is in shadow
     assert received[board].min() > 0.95

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insertion.pipeline.frames import Placed, insert_objects, place_objects, single_picture
+from insertion.pipeline.frames import insert_objects, single_pictures
+from insertion.pipeline.objects import Placed, place_objects
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.result import InsertionResult
 from tests.synthetic.insertions import RecordedRoom, added, stage_of, video_room, write_glb
@@ -110,7 +111,8 @@ def test_twice_the_same(inserted: Inserted) -> None:
     stage = stage_of(inserted.room)
     (placed,) = place_objects(stage, [inserted.placed.request])
     shot = stage.footage.shots[2]
-    np.testing.assert_array_equal(single_picture(stage, [placed], shot), inserted.pictures[shot.name])
+    (again,) = single_pictures(stage, [[placed]], shot)
+    np.testing.assert_array_equal(again, inserted.pictures[shot.name])
 
 
 def test_sizes_are_metres_over_scale(inserted: Inserted, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from estimator.reading import read_instances, read_scene
 from estimator.reconstructions.cameras import pixels_in_view
 from insertion.footage.footage import PictureFootage, Stills
-from insertion.pipeline.frames import place_objects
+from insertion.pipeline.objects import place_objects
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import make_stage
 from insertion.placement.place import At

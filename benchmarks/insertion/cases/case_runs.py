@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.insertion.cases.case_list import SHARED, Case, video_of, world_of
 from estimator.reading import read_scene
 from insertion.models.model import Model
-from insertion.pipeline.frames import Placed, place_objects
+from insertion.pipeline.objects import Placed, place_objects
 from metric_base.arrays import BoolArray
 from metric_cli.insert_object.insert import parser
 from metric_cli.insert_object.scene_arguments import requests_of, stage_of

@@ -18,8 +18,8 @@ import numpy as np
 from benchmarks.insertion.cases.case_list import CASES, Case, world_of
 from benchmarks.insertion.cases.case_runs import ratio_of, true_heights, whole_height, work_similarity
 from estimator.reconstructions.cameras import pixels_in_view
-from insertion.pipeline.frames import Placed as Inserted
-from insertion.pipeline.frames import place_objects, resize
+from insertion.pipeline.objects import Placed as Inserted
+from insertion.pipeline.objects import place_objects, resize
 from insertion.pipeline.stage import Stage
 from metric_base.arrays import FloatArray
 from metric_cli.insert_object.insert import parser

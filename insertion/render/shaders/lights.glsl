@@ -15,16 +15,43 @@ vec4 towards(int i, vec3 place) {
     return vec4(away * inversesqrt(squared), 1.0 / squared);
 }
 
-// Share of light i that reaches a place (0 in shadow, 1 lit).
-float lit(int i, vec3 place, vec3 normal) {
+// Share of a light that reaches a place past what is in an atlas: a light in a direction, one over its distance `near`.
+float reaching(sampler2DShadow atlas, int i, vec3 direction, float near, vec3 right, vec3 above, vec3 centre,
+               float radius, vec3 place, vec3 normal) {
     float slope = 1.0 - abs(dot(normal, towards(i, place).xyz));
-    vec3 from = place + normal * caster_radius * (0.012 + 0.035 * slope) - caster_centre;
-    float along = dot(light_direction[i], from), widening = 1.0 - along * light_near[i];
+    vec3 from = place + normal * radius * (0.012 + 0.035 * slope) - centre;
+    float along = dot(direction, from), widening = 1.0 - along * near;
     if (widening < 0.05) return 1.0;  // behind the light
-    vec2 at = vec2(dot(light_right[i], from), dot(light_up[i], from)) / widening;
+    vec2 at = vec2(dot(right, from), dot(above, from)) / widening;
     if (max(abs(at.x), abs(at.y)) > 0.97) return 1.0;
-    float depth = 0.5 - 0.5 * along / widening / (2.0 * caster_radius);
+    float depth = 0.5 - 0.5 * along / widening / (2.0 * radius);
     if (depth < 0.0) return 1.0;
     vec2 tile = vec2(i % TILES, i / TILES);
-    return texture(shadow_atlas, vec3((tile + 0.5 + 0.5 * at) / TILES, min(depth - 0.004, 1.0)));
+    return texture(atlas, vec3((tile + 0.5 + 0.5 * at) / TILES, min(depth - 0.004, 1.0)));
+}
+
+// Share of light i that reaches a place past the object itself (0 in shadow, 1 lit).
+float lit(int i, vec3 place, vec3 normal) {
+    return reaching(shadow_atlas, i, light_direction[i], light_near[i], light_right[i], light_up[i], caster_centre,
+                    caster_radius, place, normal);
+}
+
+#ifdef OTHERS
+uniform vec3 other_direction[N_LIGHTS];  // the same lights as seen from the other objects
+uniform float other_near[N_LIGHTS];
+uniform vec3 other_right[N_LIGHTS];
+uniform vec3 other_up[N_LIGHTS];
+uniform vec3 other_centre;
+uniform float other_radius;
+uniform sampler2DShadow other_atlas;
+#endif
+
+// Share of light i that the other inserted objects let through.
+float past_others(int i, vec3 place, vec3 normal) {
+#ifdef OTHERS
+    return reaching(other_atlas, i, other_direction[i], other_near[i], other_right[i], other_up[i], other_centre,
+                    other_radius, place, normal);
+#else
+    return 1.0;
+#endif
 }

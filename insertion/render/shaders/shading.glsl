@@ -63,7 +63,8 @@ vec4 shaded(Facts f) {
         if (facing <= 0.0 && lobe <= 0.0) continue;
         float open = dot(f.geometric, direction) > 0.0 ? lit(i, f.place, f.geometric) : 0.0;
         vec3 share = open * from_plane(f.place, direction);
-        vec3 arriving = power * share + light_returned[i] * (1.0 - open);
+        float past = open > 0.0 ? past_others(i, f.place, f.geometric) : 0.0;
+        vec3 arriving = power * share * past + light_returned[i] * (1.0 - open * past);
         diffuse += max(facing, 0.0) * arriving;
         if (dullness > 0.0) dull += rough_highlight(f.normal, to_eye, direction, f0, f.rough) * arriving;
         open_light += lobe * lobe * power;

@@ -92,8 +92,8 @@ def receivers_of(
     if bare.any():
         bare &= _not_nearer(bare, plane_depth, inside, own, box, step)
         if plane is not None:
-            places = _scene_places(view, rays, plane_depth) @ plane.plane.basis[:2].T
-            bare &= plane.holds(places.reshape(-1, 2)).reshape(bare.shape)
+            flat_places = _scene_places(view, rays, plane_depth) @ plane.plane.basis[:2].T
+            bare &= plane.holds(flat_places.reshape(-1, 2)).reshape(bare.shape)
     of_plane = np.isin(coarse, flat)
     off = median_filter(np.isfinite(depth) & ~(same & of_plane), SMOOTH_CELLS)
     on_plane = of_plane & (same | bare) & ~off

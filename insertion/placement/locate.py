@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from estimator.geometry.planes import SupportPlane
 from estimator.reconstructions.cameras import pixels_in_view
 from estimator.records.scene import View
 from insertion.placement.free_space import NEAR_POINTS, Space
 from insertion.placement.place import NoPlace, Place
 from insertion.placement.surface import Surface, cell_centres
-from insertion.scene.cloud import Cloud
+from insertion.scene.cloud import Cloud, front_points
 from insertion.scene.rays import ray_through
 from metric_base.arrays import FloatArray
 from metric_base.statistics import robust_sigma
@@ -22,6 +23,14 @@ NEAR_PX = 14.0
 SAME_HEIGHT = 0.012
 #: A small level patch: its points rise and fall by no more than this share of their distance from the camera.
 LEVEL_SHARE = 0.008
+#: A bare surface is made of what is around the click: within so many pixels at a width of 640, wider each time, of so
+#: many points at one height, which are this share of all points there that are not above it.
+AROUND_PX, LEAST_LEVEL, LEAST_SHARE = (14.0, 28.0, 56.0, 112.0), 6, 0.3
+#: Whoever looks along a surface (by this cosine with up) sees no place on it; a made surface is no nearer, and no
+#: farther, than its points by this factor; and nothing is nearer at the click by this share of the depth.
+GRAZING, MADE_DEPTHS, MADE_NEARER = 0.03, 1.5, 0.9
+#: Sides of the cells of a made surface along its extent.
+MADE_CELLS = 12
 
 
 def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
@@ -39,7 +48,7 @@ def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
         if not hits:
             return _level_patch(space, view, x, y, ray)
     if not hits:
-        raise NoPlace(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; see --preview")
+        return _made_surface(space, view, x, y, ray)
     depth, plane = min(hits)
     return _place(space, plane, view.centre + ray * depth, view.centre)
 
@@ -117,6 +126,52 @@ def _level_patch(space: Space, view: View, x: float, y: float, ray: FloatArray) 
         raise NoPlace(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; see --preview")
     basis = space.supports.surfaces[0].plane.basis if space.supports.surfaces else _basis(up)
     return Place(view.centre + depth * ray, basis, view.centre, "level patch")
+
+
+def _made_surface(space: Space, view: View, x: float, y: float, ray: FloatArray) -> Place:
+    """A place on a bare surface that the ray (3,) meets: level, at the height of the points around it in the picture.
+
+    Raises NoPlace where these have no height in common.
+    """
+    up, toward = space.supports.up.vector, float(ray @ space.supports.up.vector)
+    refused = NoPlace(f"--at: no level surface was reconstructed at x={x:g}, y={y:g} of {view.name}; see --preview")
+    if toward > -GRAZING:
+        raise refused
+    sight = front_points(view, space.cloud)
+    distance = np.hypot(*(sight.pixels - [x, y]).T) * 640 / view.camera.width
+    eye = float(view.centre @ up)
+    for reach in AROUND_PX:
+        near = np.flatnonzero(distance < reach)
+        if len(near) < LEAST_LEVEL:
+            continue
+        heights, depths = space.cloud.points[sight.rows[near]] @ up, sight.depths[near]
+        noise = SAME_HEIGHT * depths
+        # the height that most points share, those next to the click first
+        same = np.abs(heights[:, None] - heights) < noise
+        best = int((same @ (1 / (distance[near] + 5.0))).argmax())
+        level = np.flatnonzero(same[best])
+        above = heights > heights[best] + noise
+        depth = (float(np.median(heights[level])) - eye) / toward
+        close = near[distance[near] < AROUND_PX[0] / 2]
+        hidden = len(close) >= 3 and float(np.median(sight.depths[close])) < MADE_NEARER * depth
+        between = depths[level].min() / MADE_DEPTHS < depth < depths[level].max() * MADE_DEPTHS
+        if len(level) >= max(LEAST_LEVEL, LEAST_SHARE * np.count_nonzero(~above)) and between and not hidden:
+            position = view.centre + depth * ray
+            surface = _surface_at(space, position, space.cloud.points[sight.rows[near[level]]])
+            return Place(position, surface.plane.basis, view.centre, "bare surface", None, surface)
+    raise refused
+
+
+def _surface_at(space: Space, position: FloatArray, points: FloatArray) -> Surface:
+    """A level surface through a position (3,), as wide as the points (n, 3) around it and solid all over."""
+    basis = space.supports.surfaces[0].plane.basis if space.supports.surfaces else _basis(space.supports.up.vector)
+    flat = np.vstack([points, position[None]]) @ basis[:2].T
+    low, high = flat.min(axis=0) - 3 * space.radius, flat.max(axis=0) + 3 * space.radius
+    cell = float((high - low).max()) / MADE_CELLS
+    cells = np.ones(tuple(np.ceil((high - low) / cell).astype(int)), dtype=bool)
+    sigma = robust_sigma((points - position) @ basis[2]) if len(points) > 1 else 0.0
+    plane = SupportPlane(basis, float(position @ basis[2]), sigma, len(points), low, cell, cells)
+    return Surface(-1, plane, low, cell, cells, np.empty((0, 2)), np.empty(0))
 
 
 def _basis(up: FloatArray) -> FloatArray:

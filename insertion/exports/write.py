@@ -69,11 +69,13 @@ class LayerWriter:
         self._folder, self._millimetres = folder, 1000 * metres_per_unit
         self._names, free = _picture_names(shots), OutputNames(Path())
         self._layers = {shot.name: free.path(f"{Path(shot.name).with_suffix('')}.png") for shot in shots}
+        self._shape: tuple[int, ...] = (0, 0)
         for name in ("pictures", "depth", "mask"):
             (folder / name).mkdir()
 
     def picture(self, shot: Shot, picture: NDArray[np.uint8]) -> None:
         """Keep the picture (h, w, 3) as it was, under the name that `transforms.json` gives it."""
+        self._shape = picture.shape
         write_picture(self._folder / "pictures" / self._names[shot.name], picture[..., ::-1])
 
     def layers(self, shot: Shot, number: int, joined: Joined) -> None:
@@ -81,8 +83,7 @@ class LayerWriter:
 
         The depth is 0 where the object is not, and where it is beyond what 16 bits hold.
         """
-        assert shot.view is not None  # it has layers
-        alpha, depth = joined.whole((shot.view.camera.height, shot.view.camera.width))
+        alpha, depth = joined.whole(self._shape)
         name = self._layers[shot.name]
         file = name.with_name(f"{name.stem}_{number}.png")
         write_picture(self._folder / "mask" / file, np.rint(255 * alpha).astype(np.uint8))

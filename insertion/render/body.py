@@ -20,7 +20,7 @@ SHADING_SIZES = 3.0
 #: Points of a part by which another object mirrors it.
 SPOTS = 8000
 #: Side of the cells in which two bodies are compared, in sizes of the smaller one, and how many a touch shares.
-COLLISION_CELL, TOUCHING_CELLS = 0.05, 3
+COLLISION_CELL, TOUCHING_CELLS = 0.04, 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,6 +136,8 @@ def colliding(one: Body, two: Body) -> bool:
     cells = []
     for body in (one, two):
         spots = np.concatenate([_spread_over(part)[0] for part in body.parts])
+        middle = (body.corners.min(axis=0) + body.corners.max(axis=0)) / 2
+        spots = middle + (1 - COLLISION_CELL) * (spots - middle)  # what stands flush beside another does not cross it
         inside = spots @ body.basis[2] * body.unit > cell  # both feet are on one floor
         at = (body.position + body.unit * spots[inside] - one.position) / cell
         cells.append({tuple(row) for row in np.unique(np.floor(at).astype(np.int64), axis=0).tolist()})

@@ -35,7 +35,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     from metric_cli.terminal import exit_status
 
     words = list(sys.argv[1:] if argv is None else argv)
-    if words[:1] == ["study"]:
+    named_study = Path("study").is_dir() and all(word.startswith("-") for word in words[1:2])  # a scene of that name
+    if words[:1] == ["study"] and not named_study:
         from metric_cli.insert_object.study import run_study
 
         return exit_status(f"{PROGRAM} study", lambda: run_study(words[1:]))

@@ -160,6 +160,23 @@ def test_a_strip_is_two_triangles_that_look_the_same_way(tmp_path: Path) -> None
     np.testing.assert_allclose(part.normals, np.tile([0, 0, 1.0], (6, 1)))
 
 
+@pytest.mark.parametrize("scale", [[2.0, 1.0, 1.0], [-2.0, 1.0, 1.0]])
+def test_normals_and_faces_follow_their_node(tmp_path: Path, scale: list[float]) -> None:
+    """Normals turn with the inverse transpose, and a mirrored mesh keeps its outside outside."""
+    document = Glb("test")
+    tilted = np.array([[0.0, 0, 0], [1, 0, 1], [0, 1, 0]])  # its normal is (-1, 0, 1)
+    unit = np.tile(np.array([-1.0, 0, 1]) / np.sqrt(2), (3, 1))
+    attributes = {"POSITION": document.add_values(tilted), "NORMAL": document.add_values(unit)}
+    document.add("meshes", {"primitives": [{"attributes": attributes}]})
+    file = tmp_path / "a.glb"
+    file.write_bytes(document.data([document.add("nodes", {"mesh": 0, "scale": scale})]))
+    (part,) = read_model(file).parts
+    one, two, three = part.vertices[part.faces[0]]
+    across = np.cross(two - one, three - one)
+    np.testing.assert_allclose(part.normals[0], across / np.linalg.norm(across), atol=1e-6)
+    assert part.normals[0] @ [-np.sign(scale[0]), 0, 2] > 0.9
+
+
 def test_vertex_colours_stay_beside_a_material_and_are_not_rounded(tmp_path: Path) -> None:
     tint = np.array([0.1234567, 0.5, 0.002])
     (part,) = _square(

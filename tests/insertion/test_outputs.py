@@ -8,9 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from insertion.composite.compose import Joined
 from insertion.exports.write import LayerWriter
 from insertion.footage.footage import Shot
 from insertion.footage.picture_writer import picture_writer, preview_place
+from insertion.render.layers import ObjectLayers
+from insertion.render.renderer import ObjectImage
+from insertion.scene.box import Box
 from metric_base.errors import InputError
 from metric_base.files import refuse_input
 
@@ -40,9 +44,12 @@ def test_no_name_leads_out_of_the_output_or_onto_another(tmp_path: Path, source:
 def test_no_name_leads_out_of_an_export(tmp_path: Path, source: Path) -> None:
     (tmp_path / "export").mkdir()
     layers = LayerWriter(tmp_path / "export", SHOTS, 0.5)
+    ones, colours = np.ones((8, 9), np.float32), np.ones((8, 9, 3), np.float32)
+    image = ObjectImage(colours, ones, ones)
+    joined = Joined(ObjectLayers(Box(0, 0, 9, 8), image, colours, ones), 0 * ones, colours)
     for shot in SHOTS:
         layers.picture(shot, PICTURE)
-        layers.layers(shot, 0, np.ones((8, 9), np.float32), np.ones((8, 9), np.float32))
+        layers.layers(shot, 0, joined)
     for part in ("pictures", "mask", "depth"):
         assert len([path for path in (tmp_path / "export" / part).rglob("*") if path.is_file()]) == len(NAMES)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["export", "images"]

@@ -18,6 +18,7 @@ from insertion.study.page import ANSWERS_SCHEMA, STEPS, study_page
 from insertion.study.plan import FLAT, expected_intervals, plan_text
 from insertion.study.report import report_text
 from metric_base.errors import InputError
+from metric_cli.insert_object.insert import main
 from metric_cli.insert_object.study import run_study
 
 
@@ -141,3 +142,15 @@ def test_the_report_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert run_study(["report", str(tmp_path), "--figure", str(figure)]) == 0
     assert "just-noticeable step" in capsys.readouterr().out
     assert figure.stat().st_size > 5000
+
+
+def test_a_scene_folder_may_be_called_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "study").mkdir()
+    monkeypatch.chdir(tmp_path)
+    words = ["--model", "a.glb", "--scale", "1"]
+    assert main(["study", *words, "--out", "pictures"]) == 2
+    assert "insert-object: study" in capsys.readouterr().err  # read as a scene, which it is not
+    assert main(["study", "study", *words, "--out", "page.html"]) == 2
+    assert "insert-object study: study" in capsys.readouterr().err

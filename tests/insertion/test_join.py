@@ -1,0 +1,216 @@
+"""Layers joined to a picture: several objects, what stands in front of them and of their shadows, and one footage."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from estimator.records.scene import Camera, Instance, View
+from insertion.colour.encoding import linear_to_srgb
+from insertion.composite.compose import Joined, behind_each_other, compose, compose_traced
+from insertion.composite.match import Look
+from insertion.composite.receivers import light_share, receivers_of
+from insertion.light.environment import HEIGHT, WIDTH, Environment
+from insertion.models.model import Material, Model, Part
+from insertion.pipeline import frames
+from insertion.render.body import Body, body_of, colliding
+from insertion.render.boxes import window_behind
+from insertion.render.context import gl_context
+from insertion.render.layers import ObjectLayers, object_layers, through_lens
+from insertion.render.renderer import ObjectImage, ObjectRenderer
+from insertion.scene.box import Box
+from insertion.scene.cloud import FrontPoints
+from tests.synthetic.rooms.shapes import solid
+
+BOX = Box(0, 0, 40, 30)
+LOOK = Look(np.ones(3), np.eye(2) * 0.35**2, np.zeros((8, 3)), 0.0)
+GREY = np.full((30, 40, 3), 100, np.uint8)
+SIZE = (320, 240)
+
+
+def _flat(colour: float, depth: float, columns: slice, hidden: float = 0.0) -> Joined:
+    """A flat object over some columns of the box; hidden : everywhere."""
+    alpha = np.zeros(BOX.shape, np.float32)
+    alpha[:, columns] = 1.0
+    image = ObjectImage(
+        np.repeat(colour * alpha[..., None], 3, axis=2), alpha, np.where(alpha > 0, depth, np.nan).astype(np.float32)
+    )
+    layers = ObjectLayers(BOX, image, np.ones((*BOX.shape, 3), np.float32), np.full(BOX.shape, np.nan, np.float32))
+    return Joined(layers, np.full(BOX.shape, hidden, np.float32), np.ones((*BOX.shape, 3), np.float32))
+
+
+def test_the_nearer_object_blocks_the_farther_one_pixel_by_pixel() -> None:
+    near, far = _flat(0.9, 2.0, slice(0, 20)), _flat(0.1, 3.0, slice(10, 40))
+    for order in ([near, far], [far, near]):
+        out = compose(GREY, behind_each_other(order), LOOK, 0)
+        assert (out[15, :20] == round(float(linear_to_srgb(np.array(0.9))))).all()
+        assert (out[15, 21:] == round(float(linear_to_srgb(np.array(0.1))))).all()
+    visible = behind_each_other([near, far])[1].visible
+    assert visible == pytest.approx(2 / 3, abs=0.01)
+
+
+def test_a_traced_object_before_a_hidden_one_stays() -> None:
+    """One hidden object erased all that the other renderer drew before it."""
+    near, far = _flat(0.9, 2.0, slice(0, 20)), _flat(0.1, 3.0, slice(10, 40), hidden=1.0)
+    traced = np.zeros((*BOX.shape, 4), np.float32)
+    traced[:, :20], traced[:, 20:] = (0.9, 0.9, 0.9, 1.0), (0.1, 0.1, 0.1, 1.0)
+    out = compose_traced(GREY, traced, behind_each_other([near, far]), LOOK, 0)
+    assert (out[15, :19] > 230).all()
+    assert (out[15, 22:] == 100).all()
+
+
+def _box_model(size: tuple[float, float, float], colour: tuple[float, float, float] = (0.5, 0.5, 0.5)) -> Model:
+    mesh = solid("book", np.array(size))
+    corners = mesh.vertices[mesh.faces].reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1]
+    across = np.cross(corners[1::3] - corners[::3], corners[2::3] - corners[::3])
+    normals = np.repeat(across / np.linalg.norm(across, axis=1, keepdims=True), 3, axis=0)
+    faces = np.arange(len(corners)).reshape(-1, 3)
+    material = Material(np.array([*colour, 1.0]), 0.0, 0.9)
+    return Model("box", (Part(corners, normals, np.zeros((len(corners), 2)), faces, material),))
+
+
+def _body(x: float, size: tuple[float, float, float] = (0.3, 0.3, 0.6), y: float = 0.0) -> Body:
+    return body_of(_box_model(size), np.array([x, y, 0.0]), np.eye(3), np.array([0.0, -1.0, 0.0]), 1.0)
+
+
+def _view() -> View:
+    eye, target = np.array([0.0, -2.5, 1.2]), np.array([0.2, 0.0, 0.2])
+    ahead = (target - eye) / np.linalg.norm(target - eye)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    rotation = np.array([right, np.cross(ahead, right), ahead])
+    camera = Camera("PINHOLE", *SIZE, np.array([280.0, 280.0, SIZE[0] / 2, SIZE[1] / 2]))
+    return View("one", camera, rotation, -rotation @ eye, np.empty((0, 2)), np.empty(0, dtype=np.int64))
+
+
+@pytest.fixture(scope="module")
+def context() -> Iterator[Any]:
+    opened = gl_context()
+    yield opened
+    opened.release()
+
+
+def _environment() -> Environment:
+    """A strong light from the side of -x, high up."""
+    radiance = np.full((HEIGHT, WIDTH, 3), 0.05, np.float32)
+    radiance[18:22, 0:4] = 200.0
+    return Environment(radiance, np.eye(3), np.ones((HEIGHT, WIDTH), np.float32))
+
+
+def test_bodies_collide_where_their_surfaces_cross_and_not_where_they_touch() -> None:
+    assert colliding(_body(0.0), _body(0.2))
+    assert not colliding(_body(0.0), _body(0.32))
+    assert not colliding(_body(0.0), _body(2.0))
+
+
+def test_an_object_stands_in_the_shadow_of_another_and_shadows_are_not_doubled(context: Any) -> None:
+    one, two, view = _body(0.0), _body(0.5, (0.3, 0.3, 0.3)), _view()
+    alone = ObjectRenderer(context, two, _environment())
+    shaded = ObjectRenderer(context, two, _environment(), shading=[one], before=[one])
+    lit, dark = (object_layers(renderer, view, whole=True) for renderer in (alone, shaded))
+    assert lit is not None
+    assert dark is not None
+    inside = lit.image.alpha > 0.99
+    assert dark.image.colour[inside].mean() < 0.7 * lit.image.colour[inside].mean()
+    # the shares of both multiply to the light with both: where each alone takes the lamp, it is taken once
+    first = object_layers(ObjectRenderer(context, one, _environment()), view, whole=True)
+    assert first is not None
+    both = first.plane_share < 0.3
+    assert (lit.plane_share < 0.3)[both].any()
+    doubled = (first.plane_share * lit.plane_share)[both & (lit.plane_share < 0.3)]
+    once = (first.plane_share * dark.plane_share)[both & (lit.plane_share < 0.3)]
+    assert once.mean() > 1.5 * doubled.mean()
+
+
+def test_no_shadow_falls_on_what_stands_in_front(context: Any) -> None:
+    """A board before the floor, with an exact mask and few points: the floor's shadow was painted on it."""
+    body, view = _body(0.0), _view()
+    layers = object_layers(ObjectRenderer(context, body, _environment()), view, whole=True)
+    assert layers is not None
+    dark = (1 - layers.plane_share).max(axis=-1) > 0.3
+    rows, columns = np.nonzero(dark & (layers.image.alpha < 0.01))
+    x, y = int(np.median(columns)), int(np.median(rows))
+    mask = np.ones((16, 20), bool)
+    board = Instance("board", 0, "board", mask, (x - 10, y - 8), 1.0)
+    floor = np.stack(np.meshgrid(np.arange(4, SIZE[0], 8.0), np.arange(4, SIZE[1], 8.0)), axis=-1).reshape(-1, 2)
+    depth = layers.plane_depth[floor[:, 1].astype(int), floor[:, 0].astype(int)]
+    outside = np.isfinite(depth) & ~((np.abs(floor - [x, y]) < [12, 10]).all(axis=1))
+    for count in (0, 12):  # with no point of its own, and with some
+        own = np.random.default_rng(0).uniform([x - 9, y - 7], [x + 9, y + 7], (count, 2))
+        pixels = np.concatenate([floor[outside], own])
+        depths = np.concatenate([depth[outside], np.full(count, 0.5)])
+        front = FrontPoints(np.arange(len(pixels)), pixels, depths, False)
+        nothing = np.zeros(layers.box.shape, bool)
+        receivers = receivers_of(layers, body, view, front, [board], None, nothing)
+        share = light_share(layers, receivers, None)
+        inside = np.zeros(layers.box.shape, bool)
+        inside[y - 8 : y + 8, x - 10 : x + 10] = True
+        assert (share[inside] == 1).all()
+        assert share[dark & ~inside].mean() < 0.7
+
+
+@pytest.mark.parametrize("model", ["PINHOLE", "SIMPLE_RADIAL"])
+def test_a_layer_is_where_the_camera_sees_it(model: str) -> None:
+    """COLMAP's first pixel has its centre at (0.5, 0.5): half a pixel more or less is seen here."""
+    params = [50.0, 50.0, 20.0, 15.0] if model == "PINHOLE" else [50.0, 20.0, 15.0, 0.0]
+    view = View(
+        "0", Camera(model, 40, 30, np.array(params)), np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, np.int64)
+    )
+    box = Box(3, 4, 33, 24)
+    window = window_behind(view.camera, box)
+    x = np.arange(window.width) + window.x0 + 0.5
+    ramp = np.tile(x.astype(np.float32), (window.height, 1))
+    bent = through_lens(ramp, view, box)
+    np.testing.assert_allclose(bent, np.tile(np.arange(3, 33) + 0.5, (20, 1)), atol=1e-3)
+
+
+class _Footage:
+    """Three shots; counts how often they are decoded."""
+
+    def __init__(self) -> None:
+        self.decoded = 0
+        self.shots = tuple(SimpleNamespace(index=k, name=str(k), time_s=None, view=None, row=None) for k in range(3))
+
+    def pictures(self) -> Iterator[tuple[Any, np.ndarray]]:
+        for shot in self.shots:
+            self.decoded += 1
+            yield shot, GREY
+
+
+def _stage() -> Any:
+    return SimpleNamespace(footage=_Footage(), scale=None)
+
+
+def test_a_picture_is_decoded_once_for_all_sizes() -> None:
+    stage = _stage()
+    assert len(list(frames.single_pictures(stage, [[]] * 11, stage.footage.shots[1]))) == 11
+    assert stage.footage.decoded <= 3
+
+
+def test_the_context_is_released_where_writing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    released = []
+    monkeypatch.setattr(frames, "gl_context", lambda: SimpleNamespace(release=lambda: released.append(1)))
+
+    def full(*_: object) -> None:
+        raise OSError("disk full")
+
+    with pytest.raises(OSError, match="disk full"):
+        frames.insert_objects(_stage(), [], full)
+    assert released == [1]
+
+
+def test_each_result_has_its_own_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    place = SimpleNamespace(position=np.zeros(3), basis=np.eye(3), support="plane 0")
+    model = SimpleNamespace(name="a", warnings=())
+    placed = SimpleNamespace(
+        model=model, size=SimpleNamespace(warnings=()), warnings=(), size_m={}, place=place, heading_deg=0.0, body=None
+    )
+    monkeypatch.setattr(frames, "gl_context", lambda: SimpleNamespace(release=lambda: None))
+    monkeypatch.setattr(frames, "_renderer", lambda *_: SimpleNamespace(environment=None))
+    one, two = frames.insert_objects(_stage(), [placed, placed], lambda *_: None)  # type: ignore[list-item]
+    one.seconds["render"] = -1.0  # type: ignore[index]
+    assert two.seconds["render"] >= 0

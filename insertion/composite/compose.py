@@ -87,7 +87,7 @@ def compose(picture: Picture, joined: Sequence[Joined], look: Look, seed: int) -
         own, image = item.layers.box.within(box), item.layers.image
         share[own] *= item.share
         covering[own] += np.dstack([image.colour, image.alpha]) * (1 - item.hidden)[..., None]
-    return _blended(picture, covering, share, look, box, seed)
+    return _covered_picture(picture, covering, share, look, box, seed)
 
 
 def compose_traced(
@@ -109,10 +109,10 @@ def compose_traced(
         nearer = own < depth
         hidden[nearer], depth[nearer] = item.hidden[nearer], own[nearer]
     covering = traced * (1 - hidden)[..., None]
-    return _blended(picture, covering, np.ones((*whole.shape, 3), np.float32), look, whole, seed)
+    return _covered_picture(picture, covering, np.ones((*whole.shape, 3), np.float32), look, whole, seed)
 
 
-def _blended(
+def _covered_picture(
     picture: Picture, covering: NDArray[np.float32], share: NDArray[np.float32], look: Look, box: Box, seed: int
 ) -> Picture:
     """The picture (h, w, 3), 8-bit sRGB, with a layer over a box of it.

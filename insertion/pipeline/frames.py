@@ -87,7 +87,7 @@ def insert_objects(
     """
     seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
     started = time.perf_counter()
-    with _running(stage, objects) as running, _traced(stage, running, tracer) as traced:
+    with _renderers(stage, objects) as running, _open_tracer(stage, running, tracer) as traced:
         run = _Run(stage, running, Looks(smooth=video), show_interval, layers, traced)
         seconds["light"] = time.perf_counter() - started
         for shot, picture in progress(stage.footage.pictures(), "inserting", len(stage.footage.shots)):
@@ -111,12 +111,12 @@ def single_pictures(stage: Stage, variants: Sequence[Sequence[Placed]], shot: Sh
     if picture is None:
         raise LookupError(shot.name)
     for objects in variants:
-        with _running(stage, objects) as running:
+        with _renderers(stage, objects) as running:
             yield _draw_objects(_Run(stage, running, Looks(smooth=False)), shot, picture)
 
 
 @contextmanager
-def _running(stage: Stage, objects: Sequence[Placed]) -> Iterator[list[_Running]]:
+def _renderers(stage: Stage, objects: Sequence[Placed]) -> Iterator[list[_Running]]:
     """The objects with their renderers, in a context that is released at the end."""
     context = gl_context()
     try:
@@ -129,9 +129,10 @@ def _running(stage: Stage, objects: Sequence[Placed]) -> Iterator[list[_Running]
         context.release()
 
 
-def _traced(
+def _open_tracer(
     stage: Stage, running: Sequence[_Running], tracer: Tracer | None
 ) -> AbstractContextManager[Callable[[Shot], NDArray[np.float32]] | None]:
+    """What gives the (h, w, 4) layer of a shot; nothing where the embedded renderer draws."""
     if tracer is None:
         return nullcontext(None)
     return tracer(stage, [item.placed for item in running], running[0].renderer.environment)
@@ -155,7 +156,7 @@ def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:
     look = run.looks.next(picture, front, run.stage.cloud)
     masks = run.stage.masks(shot)
     traced = None if run.traced is None else run.traced(shot)
-    drawn = [_joined(run.stage, item, view, picture, front, masks, traced is not None) for item in run.objects]
+    drawn = [_layers_in_frame(run.stage, item, view, picture, front, masks, traced is not None) for item in run.objects]
     present = [number for number, one in enumerate(drawn) if one is not None]
     behind = behind_each_other([one for one in drawn if one is not None])
     joined = dict(zip(present, behind, strict=True))
@@ -175,7 +176,7 @@ def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:
     return out
 
 
-def _joined(
+def _layers_in_frame(
     stage: Stage,
     item: _Running,
     view: View,

@@ -18,6 +18,7 @@ __all__ = [
     "KINDS",
     "MAX_LINE",
     "SCHEMA",
+    "STATED_KINDS",
     "STATISTICS",
     "BadRawItem",
     "Kind",
@@ -32,10 +33,14 @@ SCHEMA = "metric-tree/raw/1"
 #: Bytes of a line; the longest that ships has 1,076.
 MAX_LINE = 1 << 20
 
-#: What a row is worth as evidence (INDEX of the open data): a maker's figure, a measurement, a norm, an
-#: artist's model, a catalogued object, a reviewed range, a category value.
-Kind = Literal["product", "measured", "standard", "asset", "museum", "curated", "default"]
+#: What a row is worth as evidence: a maker's figure, a measurement, a row of a table of norms, a size that a norm
+#: fixes for its whole class, an artist's model, a catalogued object, a judged range (`curated` before release 3.0.0), a
+#: category value.
+Kind = Literal["product", "measured", "standard", "norm", "asset", "museum", "judged", "curated", "default"]
 KINDS: frozenset[str] = frozenset(get_args(Kind))
+
+#: Kinds of rows that state the sizes of a whole class: they name its node, and are no things.
+STATED_KINDS = ("norm", "judged", "curated")
 
 #: What a row about many things states of them; a row without it is a thing.
 Statistic = Literal["mean", "median", "min", "max"]
@@ -77,7 +82,7 @@ class RawItem:
     synset: str | None = None
     #: How many physical rows of the source this item is (identical rows collapsed at import).
     count: int = 1
-    #: Of a curated row, by axis word: the (low, high) that holds nine of ten such things; the typical value is in
+    #: Of a norm or a judged range, by axis word: the (low, high) that holds nine of ten such things; the typical value is in
     #: `dimensions_mm`.
     ranges_mm: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: The room or drive in which the thing was measured: things of one scene are not independent.

@@ -14,7 +14,7 @@ from metric_tree.tree import Node
 __all__ = ["KINDS", "everyday_sentence", "item_quantiles", "shipped_evidence"]
 
 #: Kinds of evidence of items (`metric_tree.schema.ITEMS`).
-KINDS = ("measured", "product", "standard", "statistic", "curated", "asset", "museum", "default")
+KINDS = ("measured", "product", "standard", "norm", "statistic", "judged", "curated", "asset", "museum", "default")
 
 _AXES = {"height": "high", "length": "long", "width": "wide"}
 

@@ -21,8 +21,9 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.statistics import mixture_log_density
 from metric_tree.context import Context, ContextModel, Where, context_effect
+from metric_tree.tiers import TIERS, Evidence, tier_of_shares
 
-__all__ = ["FAMILY", "Prior", "UnknownDimension"]
+__all__ = ["FAMILY", "SHARED_KINDS", "Prior", "UnknownDimension"]
 
 FAMILY = "lognormal-mixture"
 
@@ -43,6 +44,11 @@ FLOOR_SD = 0.03
 #: error of 8 % common to all dimensions and of 5 % in each, what cars of one continent are off on another's streets.
 LONE_COMMON_SD, LONE_OWN_SD = 0.08, 0.05
 
+#: Kinds of evidence of which a row has the share of the fit's weight.
+SHARED_KINDS = (
+    "product", "measured", "standard", "norm", "statistic", "asset", "museum", "default", "judged",
+)  # fmt: skip
+
 _erf = np.frompyfunc(math.erf, 1, 1)
 
 
@@ -61,7 +67,9 @@ class Prior:
     shared_covariance : (d, d) between sources. The density of a new object of unknown source is the mixture
     with covariances + shared_covariance. sameness : share of the variance within a source that the things of one room
     have in common, 0 to 1, with its standard deviation; None in a release that does not say. contexts : how things of
-    some regions and years differ, for `in_context`; note : what that did.
+    some regions and years differ, for `in_context`; note : what that did. tier : what the size rests on, one of
+    `metric_tree.tiers.TIERS`, by the row's shares where a release is too old to say; evidence : the counts behind it;
+    norm : the document and clause that fix the size.
     """
 
     node_id: str
@@ -79,8 +87,15 @@ class Prior:
     sameness_sd: float | None = None
     contexts: tuple[Context, ...] = ()
     note: str | None = None
+    tier: str = ""
+    evidence: Evidence | None = None
+    norm: str | None = None
 
     def __post_init__(self) -> None:
+        if not self.tier:
+            tier = tier_of_shares(self.share_by_kind, self.n, self.n_sources, self.borrowed)
+            object.__setattr__(self, "tier", tier)
+        _expect(self.node_id, "tier", self.tier in TIERS, f"one of {', '.join(TIERS)}", self.tier)
         k, d = len(self.weights), len(self.dims)
         _expect(self.node_id, "weights", k > 0 and abs(float(np.sum(self.weights)) - 1) < 1e-6, "sum 1", self.weights)
         shapes = {"means": (k, d), "covariances": (k, d, d), "shared_covariance": (d, d)}
@@ -185,8 +200,10 @@ class Prior:
         """Covariance of the error that all objects of the class in one scene share, (d, d) in ln mm.
 
         It is `shared_covariance` with no standard deviation under `FLOOR_SD` in any direction; a stand-in where the
-        release knows of no disagreement between sources at all.
+        release knows of no disagreement between sources at all. A norm's tolerance is what it says.
         """
+        if self.tier == "norm":
+            return self.shared_covariance
         values, vectors = np.linalg.eigh(self.shared_covariance)
         if values.max() < FLOOR_SD**2:
             values, vectors = np.linalg.eigh(LONE_COMMON_SD**2 + LONE_OWN_SD**2 * np.eye(len(self.dims)))
@@ -213,12 +230,15 @@ class Prior:
             "shared_covariance": self.shared_covariance.tolist(),
             "n": self.n,
             "n_sources": self.n_sources,
-            "share_by_kind": sorted(self.share_by_kind.items()),
+            "share_by_kind": {kind: self.share_by_kind.get(kind) for kind in SHARED_KINDS},
             "borrowed": self.borrowed,
             "heldout_log_density": self.heldout_log_density,
             "sameness": self.sameness,
             "sameness_sd": self.sameness_sd,
             "contexts": [one.row() for one in self.contexts],
+            "tier": self.tier,
+            "evidence": self.evidence.record() if self.evidence else None,
+            "norm": self.norm,
         }
 
     @classmethod
@@ -256,12 +276,16 @@ class Prior:
             shared_covariance=np.array(row["shared_covariance"], dtype=float),
             n=row["n"],
             n_sources=row["n_sources"],
-            share_by_kind=dict(row["share_by_kind"]),
+            # pairs in a release older than 3.0.0
+            share_by_kind={kind: share for kind, share in dict(row["share_by_kind"]).items() if share is not None},
             borrowed=row["borrowed"],
             heldout_log_density=row["heldout_log_density"],
             sameness=row.get("sameness"),
             sameness_sd=row.get("sameness_sd"),
             contexts=tuple(map(Context.of_row, row.get("contexts") or ())),
+            tier=row.get("tier") or "",
+            evidence=Evidence.of_record(row["evidence"]) if row.get("evidence") else None,
+            norm=row.get("norm"),
         )
 
     @property

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
-from metric_tree.schema import ADDED_COLUMNS, SCHEMA, TABLES
+from metric_tree.schema import ADDED_COLUMNS, FORMER_TYPES, SCHEMA, TABLES
 
 __all__ = [
     "MANIFEST",
@@ -152,7 +152,7 @@ def _see_columns(table: pa.Table, path: Path) -> None:
                 continue
             raise BadRelease(f"{path}: {field.name}: expected the column; found none")
         column = table.column(field.name)
-        if not column.type.equals(field.type):
+        if not column.type.equals(field.type) and not column.type.equals(FORMER_TYPES.get(field.name, field.type)):
             raise BadRelease(f"{path}: {field.name}: expected {field.type}; found {column.type}")
         if field.name in NEVER_NULL and column.null_count:
             raise BadRelease(f"{path}: {field.name}: expected a value in every row; found {column.null_count} without")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import pyarrow as pa
 
-__all__ = ["ADDED_COLUMNS", "IMAGES", "ITEMS", "NODES", "PRIORS", "SCHEMA", "TABLES"]
+from metric_tree.prior import SHARED_KINDS
+
+__all__ = ["ADDED_COLUMNS", "FORMER_TYPES", "IMAGES", "ITEMS", "NODES", "PRIORS", "SCHEMA", "TABLES"]
 
 SCHEMA = "metric-tree/1"
 
@@ -31,6 +33,12 @@ _CONTEXTS = pa.list_(
     )
 )
 
+#: Share of each kind of evidence; releases before 3.0.0 have pairs of kind and share.
+_SHARES = pa.struct([(kind, pa.float64()) for kind in SHARED_KINDS])
+_EVIDENCE = pa.struct(
+    [("rows", pa.float64()), ("sources", pa.int64()), ("models", pa.int64()), ("ranges", pa.int64())]
+)
+
 NODES = pa.schema(
     [
         _column("node_id", pa.string(), "WordNet synset, mt:<name> for a reviewed insertion, or <id>/other"),
@@ -45,6 +53,7 @@ NODES = pa.schema(
         _column("dims", _STRINGS, "what to use as a prior by default"),
         _column("n_items", pa.int64(), "items of the fit at or below the node"),
         _column("n_own", pa.int64(), "items of the fit on the node itself"),
+        _column("tier", pa.string(), "what its size rests on: norm, measured, few, models, borrowed or judged; or null"),
     ],
     metadata={"schema": SCHEMA},
 )
@@ -60,7 +69,7 @@ ITEMS = pa.schema(
         _column("width_mm", pa.float64(), "shorter horizontal extent in the ordinary pose", "mm"),
         _column("height_mm", pa.float64(), "vertical extent in the ordinary pose", "mm"),
         _column("extents_mm", _NUMBERS, "every stated outer size, longest first", "mm"),
-        _column("kind", pa.string(), "product, measured, standard, asset, museum, curated or default"),
+        _column("kind", pa.string(), "product, measured, standard, norm, asset, museum, judged or default"),
         _column("year", pa.int32(), "year of the item where the source knows it"),
         _column("region", pa.string(), "ISO 3166 code or market of the item where the source knows it"),
         _column("url", pa.string(), "page or file of the item"),
@@ -81,7 +90,7 @@ PRIORS = pa.schema(
         _column("shared_covariance", _MATRIX, "(d, d) covariance between sources", "ln mm ^2"),
         _column("n", pa.int64(), "items of the fit after duplicates are collapsed"),
         _column("n_sources", pa.int64(), "sources of these items"),
-        _column("share_by_kind", pa.map_(pa.string(), pa.float64()), "share of the fit's weight by kind"),
+        _column("share_by_kind", _SHARES, "share of the fit's weight by kind, null of none"),
         _column("borrowed", pa.float64(), "share taken from the parent, 0 to 1"),
         _column(
             "heldout_log_density",
@@ -91,6 +100,9 @@ PRIORS = pa.schema(
         _column("sameness", pa.float64(), "share of the variance within a source that one room shares, or null"),
         _column("sameness_sd", pa.float64(), "standard deviation of that share, or null"),
         _column("contexts", _CONTEXTS, "offsets from the class's centre by source, region and years", "ln mm"),
+        _column("tier", pa.string(), "what the size rests on: norm, measured, few, models, borrowed or judged"),
+        _column("evidence", _EVIDENCE, "the counts behind the tier"),
+        _column("norm", pa.string(), "document and clause that fix the size, or null"),
     ],
     metadata={"schema": SCHEMA},
 )
@@ -115,7 +127,12 @@ IMAGES = pa.schema(
 )
 
 #: Columns that were added within version 1: a release that is older lacks them, which is no error.
-ADDED_COLUMNS = frozenset({"attribution", "pixels_per_metre", "sameness", "sameness_sd", "contexts"})
+ADDED_COLUMNS = frozenset(
+    {"attribution", "pixels_per_metre", "sameness", "sameness_sd", "contexts", "tier", "evidence", "norm"}
+)
+
+#: Types that a column had in releases before 3.0.0, which are read all the same.
+FORMER_TYPES = {"share_by_kind": pa.map_(pa.string(), pa.float64())}
 
 #: The tables of a release by file name; a release has exactly these beside its manifest.
 TABLES = {"nodes.parquet": NODES, "items.parquet": ITEMS, "priors.parquet": PRIORS, "images.parquet": IMAGES}

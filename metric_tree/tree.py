@@ -16,11 +16,12 @@ from metric_tree.context import ContextModel, Where, where_of
 from metric_tree.prior import Prior
 from metric_tree.release import BadRelease, Release, first_in_circle, open_release
 from metric_tree.releases import release_directory
+from metric_tree.tiers import at_least as is_at_least
 from taxonomy.naming.nodes import Names
 from taxonomy.naming.resolver import Resolver
 from taxonomy.words.senses import label_votes
 
-__all__ = ["DETECTORS", "AmbiguousName", "Meaning", "NoPrior", "Node", "Tree", "UnknownName", "open_tree"]
+__all__ = ["DETECTORS", "AmbiguousName", "Meaning", "NoPrior", "Node", "ThinEvidence", "Tree", "UnknownName", "open_tree"]
 
 #: Stands for all label lists of detectors where a vocabulary is asked for.
 DETECTORS = "detectors"
@@ -41,6 +42,10 @@ class UnknownName(InputError, KeyError):
 
 class AmbiguousName(UnknownName):
     """A name that means several nodes alike; the message lists them."""
+
+
+class ThinEvidence(UnknownName):
+    """A node whose size rests on less than was asked for; the message names the nearest above it that does not."""
 
 
 class NoPrior(UnknownName):
@@ -134,6 +139,11 @@ class Node:
             dims = (dims,)
         prior = self.tree.prior(self.node_id, tuple(dims) if dims is not None else self.dims)
         return prior if where is None else prior.in_context(where_of(where), self.tree.context_model)
+
+    @property
+    def tier(self) -> str | None:
+        """What its size rests on, one of `metric_tree.tiers.TIERS`; None of a node without a prior."""
+        return self.tree.tier(self.node_id)
 
     def _rows(self, table: str) -> pa.Table:
         return self.tree.release.table(table, {node.node_id for node in self.descendants()})
@@ -229,10 +239,13 @@ class Tree:
         """The nodes right below a node."""
         return tuple(self.node(child) for child in self._below.get(node_id, ()))
 
-    def find(self, name: str, vocabulary: str | None = None, *, advice: bool = True) -> Node:
+    def find(
+        self, name: str, vocabulary: str | None = None, *, advice: bool = True, at_least: str | None = None
+    ) -> Node:
         """The node that a name means: an id, synset, name, alias, detector label or phrase; see `resolve`.
 
-        Without `advice` the error of an unknown name offers no others, which takes longer than all the rest.
+        Without `advice` the error of an unknown name offers no others, which takes longer than all the rest. With
+        `at_least` a node whose size rests on less than that tier (`metric_tree.tiers.TIERS`) is an error.
 
         Raises
         ------
@@ -240,6 +253,8 @@ class Tree:
             It means no node of the tree.
         AmbiguousName
             It means several, and nothing speaks for one of them: a bat is an animal and a stick.
+        ThinEvidence
+            Its tier is under `at_least`.
 
         >>> import metric_tree
         >>> tree = metric_tree.open()
@@ -251,6 +266,8 @@ class Tree:
             rivals = (meaning.node, *meaning.alternatives)[:LISTED]
             candidates = ", ".join(f"{node.node_id} ({node.n_items} items)" for node in rivals)
             raise AmbiguousName(f"{name!r} means several nodes: {candidates}; ask for one of them by its id")
+        if at_least is not None:
+            _see_tier(meaning.node, at_least)
         return meaning.node
 
     def resolve(self, text: str, vocabulary: str | None = None, *, advice: bool = True) -> Meaning:
@@ -335,6 +352,13 @@ class Tree:
             self._priors[key] = self._read_prior(node_id, dims)
         return self._priors[key]
 
+    def tier(self, node_id: str) -> str | None:
+        """The tier of a node's main prior; None of a node without one."""
+        if (tier := self._tiers.get(node_id)) is not None:
+            return tier
+        rows = self._prior_rows.get(node_id)  # a release before 3.0.0
+        return self.prior(node_id, rows[0][0]).tier if rows else None
+
     def _read_prior(self, node_id: str, dims: tuple[str, ...]) -> Prior:
         rows = self._prior_rows.get(node_id, [])
         containing = [(len(had), row) for had, row in rows if set(dims) <= set(had)]
@@ -348,6 +372,13 @@ class Tree:
     @cached_property
     def _priors(self) -> dict[tuple[str, tuple[str, ...]], Prior]:
         return {}
+
+    @cached_property
+    def _tiers(self) -> dict[str, str | None]:
+        """Tier by node where the table of nodes has it."""
+        if "tier" not in self._table.column_names:
+            return {}
+        return dict(zip(self._places, self._table["tier"].to_pylist(), strict=True))
 
     @cached_property
     def _prior_table(self) -> pa.Table:
@@ -395,6 +426,17 @@ def open_tree(ref: str | Path | None = None) -> Tree:
     5
     """
     return Tree(open_release(release_directory(ref)))
+
+
+def _see_tier(node: Node, least: str) -> None:
+    """ThinEvidence unless a node's size rests on the tier `least` or a better one."""
+    if node.tier is not None and is_at_least(node.tier, least):
+        return
+    above, found = node.parent, node.tier or "no size"
+    while above is not None and (above.tier is None or not is_at_least(above.tier, least)):
+        above = above.parent
+    instead = f"; {above.name!r} above it is {above.tier}" if above is not None else ""
+    raise ThinEvidence(f"{node.node_id}: tier: expected {least} or better; found {found}{instead}")
 
 
 def _node(tree: Tree, row: dict[str, Any]) -> Node:

@@ -1,9 +1,10 @@
-"""Curated ranges: what an annotator says of a category that nobody measured, each row with its reason or standard.
+"""Sizes that a norm fixes, and ranges that a language model judged (data/curated/README.md).
 
-A range holds nine of ten such things in the writer's judgement. The rows enter the build as raw items of kind
-`curated`, which a class's real items replace. Three tables of one form: `ranges.csv` for the tree, and `blind.csv` and
-`blind_wide.csv`, written for classes that have measured items before these were opened, to see how far such ranges can
-be trusted (docs/explanation/levels.md).
+A norm's row is one size that a standard allows, with its tolerance, document and clause; a class may have several. A
+range holds nine of ten such things in the writer's judgement. The rows enter the build as raw items of the kinds `norm`
+and `judged`. Three tables of ranges of one form: `ranges.csv` for the tree, and `blind.csv` and `blind_wide.csv`,
+written for classes that have measured items before these were opened, to see how far such ranges can be trusted
+(docs/explanation/levels.md).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from crawler.items import RawItem
 from metric_base.errors import Unquoted, in_file
@@ -25,19 +27,25 @@ __all__ = [
     "SOURCE",
     "BadRange",
     "CuratedRange",
+    "Norm",
     "Triple",
     "blind_ranges",
-    "curated_items",
     "curated_ranges",
+    "judged_items",
+    "norm_items",
+    "norms",
 ]
 
-#: Source id of the rows in a release; they are the project's own words, under its own licence.
-SOURCE = "curated"
+#: Source ids of the rows in a release; they are the project's own words, under its own licence.
+SOURCE, NORMS = "judged", "norms"
 LICENCE = "Apache-2.0"
 
 _AXES = tuple(DIMENSIONS.values())
 _ENDS = ("low", "typical", "high")
-_COLUMNS = ("node_id", *(f"{axis}_{end}" for axis in _AXES for end in _ENDS), "reason", "standard", "reviewer")
+_COLUMNS = ("node_id", *(f"{axis}_{end}" for axis in _AXES for end in _ENDS), "reason", "reviewer", "written")
+_NORM_COLUMNS = (
+    "node_id", "size", *_COLUMNS[1:-3], "document", "clause", "region", "reviewer", "written",
+)  # fmt: skip
 
 #: Two writers' ranges; the second had been told how narrow the first one's were.
 BLIND_TABLES = ("blind", "blind_wide")
@@ -59,8 +67,39 @@ class CuratedRange:
     typical: Triple
     high: Triple
     reason: str
-    standard: str
     reviewer: str
+    written: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Norm:
+    """One size in mm that a standard allows, in the ordinary pose: from low to high by its tolerance.
+
+    `size` is what the standard calls it; an axis that the standard leaves open is None.
+    """
+
+    node_id: str
+    size: str
+    low: Triple
+    typical: Triple
+    high: Triple
+    document: str
+    clause: str
+    region: str | None
+    reviewer: str
+    written: str
+
+
+def norms(path: Path | None = None) -> tuple[Norm, ...]:
+    """The norms that ship with the project, or those of another file.
+
+    Raises
+    ------
+    BadRange
+        A cell is no positive number, an axis is half filled or out of order, no document or clause is named, or the
+        sizes of one class state different axes.
+    """
+    return _norms(path or _directory() / "norms.csv")
 
 
 def curated_ranges(path: Path | None = None) -> tuple[CuratedRange, ...]:
@@ -79,28 +118,51 @@ def blind_ranges(table: str = "blind") -> tuple[CuratedRange, ...]:
     return _ranges(_directory() / f"{table}.csv")
 
 
-def curated_items() -> Iterator[RawItem]:
+def judged_items() -> Iterator[RawItem]:
     """One raw item for each range: the typical size, the range by axis, and the node in place of a category.
 
-    Ranges of the first blind table are among them: they speak of classes that have items, too. A range that cites a
-    standard has the flag `norm`.
+    Ranges of the first blind table are among them: they speak of classes that have items, too.
     """
     own = curated_ranges()
     known = {row.node_id for row in own}
     for row in (*own, *(row for row in blind_ranges() if row.node_id not in known)):
-        axes = [axis for axis, value in enumerate(row.typical) if value is not None]
-        yield RawItem(
-            source=SOURCE,
-            source_id=row.node_id,
-            title=row.reason,
-            category_path=(row.node_id,),
-            dimensions_mm={_AXES[axis]: row.typical[axis] for axis in axes},
-            ranges_mm={_AXES[axis]: (_not_none(row.low[axis]), _not_none(row.high[axis])) for axis in axes},
-            licence=LICENCE,
-            kind="curated",
-            flags=("norm",) if row.standard else (),
-            synset=row.node_id,
-        )
+        yield _item(row, source=SOURCE, source_id=row.node_id, title=row.reason, kind="judged")
+
+
+def norm_items() -> Iterator[RawItem]:
+    """One raw item for each size that a norm allows; the title is its document and clause."""
+    for row in norms():
+        name = f"{row.node_id} {row.size}"
+        title = f"{row.document}, {row.clause}"
+        yield _item(row, source=NORMS, source_id=name, title=title, kind="norm", region=row.region)
+
+
+def _item(row: CuratedRange | Norm, **fields: Any) -> RawItem:
+    axes = [axis for axis, value in enumerate(row.typical) if value is not None]
+    return RawItem(
+        category_path=(row.node_id,),
+        dimensions_mm={_AXES[axis]: row.typical[axis] for axis in axes},
+        ranges_mm={_AXES[axis]: (_not_none(row.low[axis]), _not_none(row.high[axis])) for axis in axes},
+        licence=LICENCE,
+        synset=row.node_id,
+        **fields,
+    )
+
+
+@cache
+def _norms(file: Path) -> tuple[Norm, ...]:
+    found: list[Norm] = []
+    axes: dict[str, tuple[bool, ...]] = {}
+    for place, row in table_rows(file, _NORM_COLUMNS):
+        with in_file(place, BadRange):
+            low, typical, high = _triples(row)
+            for column in ("size", "document", "clause", "reviewer", "written"):
+                expect(bool(row[column]), column, "a text", Unquoted("none"))
+            stated = tuple(value is not None for value in typical)
+            expect(axes.setdefault(row["node_id"], stated) == stated, "axes", "those of the class's other sizes", stated)
+            texts = {name: row[name] for name in ("node_id", "size", "document", "clause", "reviewer", "written")}
+            found.append(Norm(low=low, typical=typical, high=high, region=row["region"] or None, **texts))
+    return tuple(found)
 
 
 @cache
@@ -113,21 +175,21 @@ def _ranges(file: Path) -> tuple[CuratedRange, ...]:
 
 
 def _range(row: dict[str, str]) -> CuratedRange:
+    low, typical, high = _triples(row)
+    expect(bool(row["reason"]), row["node_id"], "at least one axis and a reason", Unquoted("none"))
+    texts = {name: row[name] for name in ("node_id", "reason", "reviewer", "written")}
+    return CuratedRange(low=low, typical=typical, high=high, **texts)
+
+
+def _triples(row: dict[str, str]) -> tuple[Triple, Triple, Triple]:
+    """Low, typical and high of the three axes; each axis has all of them, in order, or none."""
     values = [[_number(row, f"{axis}_{end}") for end in _ENDS] for axis in _AXES]
     for axis, ends in zip(_AXES, values, strict=True):
         known = [end for end in ends if end is not None]
         expect(len(known) in {0, 3} and known == sorted(known), axis, "low, typical and high in order, or none", ends)
     low, typical, high = zip(*values, strict=True)
-    expect(bool(any(typical) and row["reason"]), row["node_id"], "at least one axis and a reason", Unquoted("none"))
-    return CuratedRange(
-        node_id=row["node_id"],
-        low=low,
-        typical=typical,
-        high=high,
-        reason=row["reason"],
-        standard=row["standard"],
-        reviewer=row["reviewer"],
-    )
+    expect(bool(any(typical)), row["node_id"], "at least one axis and a reason", Unquoted("none"))
+    return low, typical, high
 
 
 def _number(row: dict[str, str], column: str) -> float | None:

@@ -85,8 +85,8 @@ def _classes(arguments: argparse.Namespace) -> Iterator[ClassRows]:
     clean_rows(arguments.raw, work)
     for path in sorted(work.glob("clean-*.classes")):
         for one in pickle.loads(path.read_bytes()):  # noqa: S301 - written by this very program
-            real = np.flatnonzero(np.asarray(one.kinds) != "curated")
-            one = _chosen_rows(one, real)  # noqa: PLW2901 - a class without its curated range
+            real = np.flatnonzero(~np.isin(one.kinds, ["judged", "norm"]))
+            one = _chosen_rows(one, real)  # noqa: PLW2901 - a class without its range
             if one.axes == AXES and _complete(one).sum() >= CLASS_ROWS and not _is_round(one):
                 yield one
 

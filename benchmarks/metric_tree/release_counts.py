@@ -127,7 +127,7 @@ def funnel(found: Counted, paths: Mapping[str, Path_], tree: Tree) -> list[tuple
         ("matched to a leaf", len(taken)),
         ("merged concepts: leaves they reach", len({found.leaves[item_id] for item_id in found.leaves.keys() & paths})),
         ("leaves with items after repeats and slips", sum(node.n_items > 0 for node in leaves)),
-        ("leaves in all, with curated ranges", len(leaves)),
+        ("leaves in all, with norms and ranges", len(leaves)),
     ]
 
 
@@ -170,10 +170,10 @@ def _print_evidence(tree: Tree, found: Counted) -> None:
 
 
 def _source_counts(tree: Tree) -> list[tuple[str, int]]:
-    records = [record for record in tree.release.manifest["sources"] if record["id"] != "curated"]
+    records = [record for record in tree.release.manifest["sources"] if record["kind"] not in {"curated", "judged", "norm"}]
     kinds = Counter(record["kind"] for record in records).most_common()
     shipped = ("whose rows ship", sum(not record["withheld"] for record in records))
-    return [("all, curated ranges left out", len(records)), *((f"kind {kind}", n) for kind, n in kinds), shipped]
+    return [("all, norms and ranges left out", len(records)), *((f"kind {kind}", n) for kind, n in kinds), shipped]
 
 
 def _items(raw: Sequence[Path]) -> Iterator[RawItem]:

@@ -22,7 +22,7 @@ from metric_base.progress import progress_bars
 from metric_cli.terminal import print_json, print_table, warn
 from metric_tree.build.ingest import SHARDS, raw_files
 from metric_tree.build.steps import Build, Options, build_release, shipped_curated
-from metric_tree.build.tables import CURATED
+from crawler.items import STATED_KINDS
 from metric_tree.release import open_release
 
 __all__ = ["HELP", "add_arguments", "executor_of", "run"]
@@ -67,7 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="declarations of your own, SOURCE.toml each, beside the package's, for the terms and kinds of RAW",
     )
-    parser.add_argument("--without-curated", action="store_true", help="leave out the project's curated ranges")
+    parser.add_argument("--without-curated", action="store_true", help="leave out the project's norms and judged ranges")
     parser.add_argument(
         "--carry", metavar="DIR", type=Path, help="take nodes, priors and the choice of rows from this release"
     )
@@ -127,9 +127,9 @@ def _warn(build: Build) -> None:
     manifest = build.release.manifest
     if "carried" in manifest:  # the sources are those of the release that is carried over
         return
-    used = [record for record in manifest["sources"] if record["id"] != CURATED.id]
+    used = [record for record in manifest["sources"] if record["kind"] not in STATED_KINDS]
     if not any(record["n_fit"] for record in used):
-        warn(f"no raw item was taken: the release holds curated ranges alone; see {build.log / 'quarantine.jsonl'}")
+        warn(f"no raw item was taken: the release holds norms and judged ranges alone; see {build.log / 'quarantine.jsonl'}")
     # a declared source has its address in the manifest; that its rows are withheld is its declaration's own choice
     unknown = (record for record in used if record["withheld"] and not record["url"])
     withheld = [record["id"] for record in unknown if not record["n_rows"]]

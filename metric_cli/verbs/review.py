@@ -25,8 +25,8 @@ HELP = "What waits for a reviewer (list), subjects without answers (blind), reco
 
 SCHEMA = "metric-tree/review/1"
 
-#: Sources of raw items that are neither declared nor sites: the curated ranges, and what our spider asks Wikidata.
-UNDECLARED = ("curated", "wikidata")
+#: Sources of raw items that are neither declared nor sites: our norms and ranges, and what our spider asks Wikidata.
+UNDECLARED = ("norms", "judged", "wikidata")
 
 #: A host's name, as `crawl generic` gives it to its items: `shop.example`.
 HOST = re.compile(r"[a-z0-9-]+(\.[a-z0-9-]+)*\.[a-z]{2,}")

@@ -21,7 +21,7 @@ from metric_tree.fit.class_prior import class_prior
 from metric_tree.fit.class_rows import ClassRows, without_open_numbers
 from metric_tree.fit.contexts import ContextCell, cells_of
 from metric_tree.fit.em import Belief
-from metric_tree.fit.evidence import STATEMENTS, STRONG
+from metric_tree.fit.evidence import JUDGED, NORM, STATEMENTS, STRONG
 from metric_tree.fit.kinds import KindModel
 from metric_tree.fit.moments import Moments, extent_moments, moments
 from metric_tree.fit.sameness import Sameness, class_sameness
@@ -51,7 +51,7 @@ class NodeClass:
     """Of one leaf: moments in the axes of its pose, then by extents; items by source, rows by kind, kind by source.
 
     sameness : what the things of one room have in common, where rooms are known; cells : means by source, region and
-    years, in the axes of the pose.
+    years, in the axes of the pose; norm : document and clause of the standards that fix the size.
     """
 
     node_id: str
@@ -61,6 +61,7 @@ class NodeClass:
     kinds: Mapping[str, str]
     sameness: Sameness | None = None
     cells: tuple[ContextCell, ...] = ()
+    norm: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,6 +198,7 @@ def _class(table: pa.Table, sizes: FloatArray) -> tuple[NodeClass, ClassRows]:
         dict(zip(source.tolist(), kind.tolist(), strict=True)),
         class_sameness(own, source, scene),
         cells_of(own, _worlds(source, scene), kind, *places, _scene_shares(scene)),
+        "; ".join(sorted(set(table.filter(pa.array(kind == NORM))["title"].to_pylist()))) or None,
     )
     return node_class, frames[0]
 
@@ -241,7 +243,7 @@ def _scene_shares(scene: NDArray[np.str_]) -> FloatArray:
 def _trust_mask(kind: NDArray[np.str_], flags: Sequence[Sequence[str] | None]) -> NDArray[np.bool_]:
     """Rows of a fit, (n,), less those whose size may be a package's, where others speak of the class."""
     doubted: NDArray[np.bool_] = np.array([PACKAGE in (row or ()) for row in flags], dtype=bool)
-    others = ~doubted & np.isin(kind, sorted(STRONG | {"curated"}))
+    others = ~doubted & np.isin(kind, sorted(STRONG | {JUDGED}))
     return ~doubted if others.any() else np.full(len(kind), True)
 
 

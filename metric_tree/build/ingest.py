@@ -22,7 +22,7 @@ from typing import Any
 
 import pyarrow as pa
 
-from crawler.items import RawItem, bounded_lines, items_of_lines
+from crawler.items import STATED_KINDS, RawItem, bounded_lines, items_of_lines
 from metric_base.errors import InputError
 from metric_tree.axes import Sizes, sizes_from_words, stated_sizes
 from metric_tree.build.exclusions import shipped_exclusions
@@ -53,12 +53,12 @@ BLOCK_LINES = 20_000
 #: Matches that a worker remembers; categories repeat, titles mostly do not.
 REMEMBERED = 200_000
 
-#: Half-width of a curated range in standard deviations: low and high hold nine of ten (`RawItem.ranges_mm`).
+#: Half-width of a stated range in standard deviations: low and high hold nine of ten (`RawItem.ranges_mm`).
 RANGE_SD = 1.645
 
 #: A person's range is stated from memory: narrow ones are too narrow and wide ones too wide. With s the stated standard
 #: deviation of ln size, that of the things about the typical size is WIDENING s^WIDENING_POWER: least squares over the
-#: 118 axes that have a curated range and fifteen items or more of products, measurements and norms, of two sources or
+#: 118 axes that have a judged range and fifteen items or more of products, measurements and norms, of two sources or
 #: more. No range is taken for more than `MOST_WIDENING` times as wide as was said.
 #: A norm's tolerance is what it says.
 WIDENING, WIDENING_POWER, MOST_WIDENING = 0.76, 0.71, 1.7
@@ -236,7 +236,7 @@ def _row(
     if node_id is None or shipped_exclusions().covers(item.source, node_id, item.title):
         return None, "no_category" if node_id is None else "excluded"
     pose = _poses(taxonomy)[node_id]
-    if item.kind == "curated":
+    if item.kind in STATED_KINDS:
         stated: Sizes | None = stated_sizes(item.dimensions_mm, pose)
     else:
         stated = sizes_from_words(item.dimensions_mm, item.extents_mm, pose)
@@ -255,7 +255,7 @@ def _row(
         "height_mm": stated.height,
         "extents_mm": stated.extents,
         "range_sd": _range_sd(item, stated),
-        "kind": item.kind if item.statistic is None else "statistic",
+        "kind": _kind(item),
         "year": item.year,
         "region": item.region,
         "url": item.url or None,
@@ -264,6 +264,13 @@ def _row(
         "scene": item.scene,
         "relative_sd": item.relative_sd,
     }, ""
+
+
+def _kind(item: RawItem) -> str:
+    """What a row counts as: a mean of many is a statistic, a range of before release 3.0.0 a judged one."""
+    if item.statistic is not None:
+        return "statistic"
+    return "judged" if item.kind == "curated" else item.kind
 
 
 _remembered: dict[tuple[object, ...], Match] = {}
@@ -296,12 +303,12 @@ def _shards(factory: Callable[[], Taxonomy]) -> dict[str, int]:
 
 
 def _range_sd(item: RawItem, stated: Sizes) -> list[float] | None:
-    """Standard deviation of ln size of each extent that an item states of many things: a curated range, a statistic."""
+    """Standard deviation of ln size of each extent that an item states of many things: a norm, a range, a statistic."""
     if item.relative_sd is not None:
         return [item.relative_sd] * len(stated.extents)
     if not item.ranges_mm:
         return None
-    spread = stated_spread if "norm" in item.flags else believed_spread
+    spread = stated_spread if item.kind == "norm" else believed_spread
     spreads = {item.dimensions_mm.get(word): spread(low, high) for word, (low, high) in item.ranges_mm.items()}
     return [spreads.get(extent, math.nan) for extent in stated.extents]
 

@@ -37,7 +37,8 @@ from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, 
 from metric_tree.build.log import report
 from metric_tree.build.row_files import RowFiles, sibling_references
 from metric_tree.build.tables import (
-    CURATED,
+    JUDGED_SOURCE,
+    NORM_SOURCE,
     Hierarchy,
     evidence_counts,
     kept_categories,
@@ -111,10 +112,10 @@ def shipped_taxonomy() -> Taxonomy:
 
 
 def shipped_curated() -> Iterable[RawItem]:
-    """The package's curated ranges, which speak where a class has no items."""
-    from taxonomy.curated import curated_items
+    """The package's norms, which fix a class, and its judged ranges, which speak where a class has few items."""
+    from taxonomy.curated import judged_items, norm_items
 
-    return curated_items()
+    return (*norm_items(), *judged_items())
 
 
 def build_release(
@@ -136,7 +137,7 @@ def build_release(
     ----------
     raw : files or folders of raw items, with the pictures of a crawl beside them; log : `<out>.build` by default
     taxonomy : a function at the top of a module, so that a worker can call it
-    curated : raw items of kind `curated`
+    curated : raw items of the kinds `norm` and `judged`
     declared : sources by id, those of `data/sources` by default; rows of others are used and not shipped
     carried : a release whose choice of rows, nodes and priors holds, where `raw` lacks sources that it was fitted with:
         the rows are made again, and are the same to the byte
@@ -217,7 +218,7 @@ class Steps:
         """Step 2: the classes, without their rows, and the rows dropped by reason."""
         rows = RowFiles(tuple(sorted(self.work.directory.glob("ingest-*.arrow"))))
         repeated, siblings = rows.repeats(), sibling_references(rows, self.taxonomy().categories())
-        licences = {source.id: source.licence for source in (*self.declared.values(), CURATED) if source.ship}
+        licences = {source.id: source.licence for source in (*self.declared.values(), JUDGED_SOURCE, NORM_SOURCE) if source.ship}
         licences |= dict.fromkeys(self.options.private, PRIVATE_LICENCE)
         ids = frozenset(self.carried.table("items")["item_id"].to_pylist()) if self.carried else None
         calls = ((rows.shard(number, repeated), licences, siblings, ids) for number in range(SHARDS))
@@ -275,7 +276,9 @@ class Steps:
         calls = ((path.read_bytes(), own, families, model, options.seed, options.heldout) for path in files)
         fitted = {prior.node_id: prior for priors in self._map("fit", class_priors, calls) for prior in priors}
         return {
-            one.node_id: class_contexts(
+            one.node_id: replace(fitted[one.node_id], norm=one.norm)
+            if one.norm
+            else class_contexts(
                 fitted[one.node_id], one.moments[0].axes, one.cells, np.diagonal(one.moments[0].within)
             )
             for one in classes

@@ -18,14 +18,15 @@ from metric_tree.fit.em import Belief
 from metric_tree.fit.evidence import EVIDENCE
 from metric_tree.fit.inner_priors import belief_of, inner_priors
 from metric_tree.fit.moments import VAGUE, Moments
-from metric_tree.fit.plain_names import WITNESS, commonness, is_called, plain_weights, presence
+from metric_tree.fit.plain_names import REAL_WITNESS, WITNESS, commonness, is_called, plain_weights, presence
 from metric_tree.fit.sameness import Sameness, shrunk_sameness
 from metric_tree.prior import Prior
 from metric_tree.schema import NODES, PRIORS
 from taxonomy.categories import Category
 
 __all__ = [
-    "CURATED",
+    "JUDGED_SOURCE",
+    "NORM_SOURCE",
     "Hierarchy",
     "evidence_counts",
     "kept_categories",
@@ -36,22 +37,34 @@ __all__ = [
 ]
 
 
-#: The project's own ranges as a source: written for it, under its licence.
-CURATED = Source(
-    id="curated",
-    title="Curated ranges of this project (data/curated)",
+#: The project's own tables as sources: written for it by a language model, under its licence.
+JUDGED_SOURCE = Source(
+    id="judged",
+    title="Ranges that a language model judged (data/curated/ranges.csv)",
     url="data/curated/ranges.csv",
     licence="Apache-2.0",
     licence_basis="written for this project",
-    kind="curated",
+    kind="judged",
     ship=True,
     attribution="Metric-Tree",
     reader="taxonomy.curated",
 )
+NORM_SOURCE = Source(
+    id="norms",
+    title="Sizes that standards fix, each with document and clause (data/curated/norms.csv)",
+    url="data/curated/norms.csv",
+    licence="Apache-2.0",
+    licence_basis="written for this project; sizes are facts",
+    kind="norm",
+    ship=True,
+    attribution="Metric-Tree",
+    reader="taxonomy.curated",
+)
+_OWN = {source.id: source for source in (JUDGED_SOURCE, NORM_SOURCE)}
 
 
 def kept_categories(categories: Sequence[Category], classes: Mapping[str, NodeClass]) -> list[Category]:
-    """The categories that have items or curated ranges at or below them, parents first."""
+    """The categories that have items, norms or ranges at or below them, parents first."""
     parents = {category.node_id: category.parent_id for category in categories}
     kept: set[str] = set()
     for node_id in classes:
@@ -137,8 +150,16 @@ class Hierarchy:
             upright = sum(float(weight) for weight, own in zip(weights, below, strict=True) if own[0].dims[0] in AXES)
             axes, plain = AXES if upright >= 0.5 else EXTENTS, priors.get(f"{category.node_id}/other", ())
             fitted = inner_priors(category.node_id, below, weights, axes, plain)
-            sources = len(items[category.node_id])
-            priors[category.node_id] = [replace(one, n_sources=sources or one.n_sources) for one in fitted]
+            sources = items[category.node_id]
+            real = sum(trust[source] >= REAL_WITNESS for source in sources)
+            priors[category.node_id] = [
+                replace(
+                    one,
+                    n_sources=len(sources) or one.n_sources,
+                    evidence=replace(one.evidence, sources=real) if one.evidence else None,
+                )
+                for one in fitted
+            ]
         return priors
 
     def with_sameness(
@@ -188,7 +209,8 @@ def node_table(
     rows = []
     for category in hierarchy.categories:
         row = {field.name: getattr(category, field.name, None) for field in NODES}
-        row["dims"] = _dims(category, priors.get(category.node_id, ()))
+        own_priors = priors.get(category.node_id, ())
+        row |= {"dims": _dims(category, own_priors), "tier": own_priors[0].tier if own_priors else None}
         rows.append(row | {"n_items": total[category.node_id], "n_own": own.get(category.node_id, 0)})
     return pa.Table.from_pylist(rows, schema=NODES)
 
@@ -226,7 +248,7 @@ def source_records(
     """The manifest's sources: those that the build used."""
     records = []
     for name in sorted(used):
-        source = declared.get(name, CURATED if name == CURATED.id else None)
+        source = declared.get(name, _OWN.get(name))
         record = {
             "id": name,
             "title": source.title if source else name,

@@ -28,10 +28,11 @@ from metric_tree.fit.class_rows import (
 )
 from metric_tree.fit.disagreement import disagreement, no_disagreement, with_statements
 from metric_tree.fit.em import Belief, Fitted, Mixture, Rows, complete_rows, fit_mixture
-from metric_tree.fit.evidence import shares
+from metric_tree.fit.evidence import JUDGED, NORM, shares
 from metric_tree.fit.kinds import KindModel
 from metric_tree.fit.moments import correlated_covariance
 from metric_tree.prior import Prior
+from metric_tree.tiers import Evidence, leaf_tier
 
 __all__ = ["class_prior", "heldout_log_density"]
 
@@ -51,6 +52,9 @@ GAUSSIAN_FREEDOM = 30.0
 #: Normal components that stand for a Student's t.
 T_COMPONENTS = 3
 
+#: Least standard deviation of ln size of a norm: a thousandth, what a tape measure tells.
+NORM_FLOOR = 0.001
+
 #: Folds of the published held-out log density, the complete rows below which none is published, and the rows that take
 #: part at most: a hundred tell the mean log density to a tenth, and the score is of no fit.
 FOLDS = 3
@@ -67,12 +71,15 @@ def class_prior(
     belief : the parent's moments; model : what kinds of evidence are worth; family : of the class; heldout : whether to
         score it
     """
+    evidence = rows.evidence
+    if NORM in rows.kinds:
+        return _norm_prior(rows, evidence)
     rows = without_museums(rows)
     statements = statements_of(rows)
     belief = own_belief(belief, statements)
     belief = replace(belief, covariance_rows=belief.covariance_rows / rows.worth)
     if rows.is_stated:
-        return _stated_prior(rows, statements, belief, model, family)
+        return _with_tier(_stated_prior(rows, statements, belief, model, family), evidence)
     weighed, sources, kinds = weighted_rows(rows)
     single = fit_mixture(weighed, 1, belief)
     x, known = complete_rows(weighed, single.mixture)
@@ -93,6 +100,7 @@ def class_prior(
     prior = _prior(
         rows, best, total, mass, 0.0 if stated else borrowed, len(between.sources), _shares(rows, statements, borrowed)
     )
+    prior = _with_tier(prior, evidence)
     if not heldout:
         return prior
     score = heldout_log_density(centred, components, placed, shared, published_axes(mass), seed)
@@ -185,6 +193,29 @@ def _stated_prior(rows: ClassRows, statements: Statements, belief: Belief, model
     total = sum(counts.values())
     by_kind = {kind: counts[kind] / total for kind in sorted(counts)}
     return _prior(rows, mixture, shared, known, borrowed, len(statements.names), by_kind)
+
+
+def _norm_prior(rows: ClassRows, evidence: Evidence) -> Prior:
+    """The prior of a class whose size a standard fixes: each size that it allows, alike, with its own tolerance.
+
+    No kind's bias, no parent and no item moves it. Rows of one class state the same axes.
+    """
+    first = np.searchsorted(rows.owner, np.arange(len(rows.kinds)))
+    chosen = np.array([kind == NORM for kind in rows.kinds])
+    means, sd = rows.x[first][chosen], np.maximum(np.nan_to_num(rows.range_sd[chosen]), NORM_FLOOR)
+    k = len(means)
+    covariances = sd[:, :, None] ** 2 * np.eye(sd.shape[1])  # (k, d, d)
+    mixture = Mixture(np.full(k, 1 / k), means, (1 - STATED_SHARED) * covariances)
+    stated = (~np.isnan(means)).all(axis=0).astype(float)
+    shared = STATED_SHARED * covariances.mean(axis=0)
+    prior = _prior(rows, mixture, shared, stated, 0.0, 1, {NORM: 1.0})
+    return replace(prior, tier="norm", evidence=evidence)
+
+
+def _with_tier(prior: Prior, evidence: Evidence) -> Prior:
+    """The prior with its counts and its tier."""
+    judged = prior.share_by_kind.get(JUDGED, 0.0)
+    return replace(prior, tier=leaf_tier(evidence, prior.borrowed, judged), evidence=evidence)
 
 
 def _scale_spread(rows: Rows, mean: FloatArray, kinds: Sequence[str], model: KindModel) -> Rows:

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray
 from metric_tree.fit.em import SPREAD_FLOOR, Belief, Rows
-from metric_tree.fit.evidence import STATEMENTS, STRONG, row_weights
+from metric_tree.fit.evidence import JUDGED, MODELS, STATEMENTS, STRONG, row_weights
+from metric_tree.tiers import Evidence
 
 __all__ = [
     "STATED_SHARED",
@@ -69,6 +70,22 @@ class ClassRows:
         return row_weights(self.sources, self.kinds, self.scene_share, stated, bool((self.range_sd > 0).any()))
 
     @property
+    def evidence(self) -> Evidence:
+        """The counts behind the class's tier: published means count as the real things that they are of."""
+        kinds = np.asarray(self.kinds)
+        real = np.isin(kinds, sorted(STRONG | {"statistic"}))
+        first = self.x[np.searchsorted(self.owner, np.arange(len(self.sources)))]
+        stated = (~np.isnan(first)).sum(axis=1)
+        named = ["product" if one else "default" for one in real]
+        weights = row_weights(self.sources, named, self.scene_share, stated)
+        return Evidence(
+            float(weights[real].sum()),
+            len({source for source, one in zip(self.sources, real, strict=True) if one}),
+            int(np.isin(kinds, MODELS).sum()),
+            int((kinds == JUDGED).sum()),
+        )
+
+    @property
     def worth(self) -> float:
         """How much a row says of the spread on average, 0 to 1; one where products and measurements alone count."""
         weights = self.weights
@@ -102,7 +119,7 @@ def without_museums(rows: ClassRows) -> ClassRows:
     kinds = np.asarray(rows.kinds)
     museum = kinds == "museum"
     models = int((kinds == "asset").sum()) >= ENOUGH_MODELS
-    else_known = models or bool(np.isin(kinds, sorted(STRONG | {"curated"})).any())
+    else_known = models or bool(np.isin(kinds, sorted(STRONG | {JUDGED})).any())
     return take_rows(rows, np.flatnonzero(~museum)) if museum.any() and else_known else rows
 
 

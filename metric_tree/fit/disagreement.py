@@ -89,7 +89,7 @@ def disagreement(
 
 
 def with_statements(one: Disagreement, names: Sequence[str], kinds: Sequence[str], means: FloatArray) -> Disagreement:
-    """With sources that state sizes of many things: curated ranges, means; means (s, d) in ln mm, NaN unstated."""
+    """With sources that state sizes of many things: norms, ranges, means; means (s, d) in ln mm, NaN unstated."""
     if not len(names):
         return one
     rows = np.where(np.isnan(means), 0.0, CERTAIN_ROWS)

@@ -8,7 +8,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["EVIDENCE", "KIND_WEIGHT", "SOURCE_HALF", "STATEMENTS", "STRONG", "row_weights", "shares"]
+__all__ = ["EVIDENCE", "JUDGED", "KIND_WEIGHT", "MODELS", "NORM", "SOURCE_HALF", "STATEMENTS", "STRONG", "row_weights", "shares"]
 
 #: Weight of one row by kind, for the shape of a class's distribution; where its centre lies is decided by
 #: `metric_tree.fit.kinds`. A maker's figure, a measurement and a norm are sizes of real things. An artist's model is
@@ -21,12 +21,19 @@ KIND_WEIGHT = {
     "asset": 0.35,
     "museum": 0.35,
     "default": 0.1,
-    "curated": 0.0,
+    "judged": 0.0,
     "statistic": 0.0,
+    "norm": 0.0,
 }
 
+#: The kind of a range that a reviewer or a program wrote, and that of a size that a standard fixes.
+JUDGED, NORM = "judged", "norm"
+
 #: Kinds of statements about many things at once.
-STATEMENTS = frozenset({"curated", "statistic"})
+STATEMENTS = frozenset({JUDGED, NORM, "statistic"})
+
+#: Kinds that are likenesses of things, rare things, or what someone finds typical.
+MODELS = ("asset", "museum", "default")
 
 #: Rows at which a source has half of its largest possible weight in a class. More rows of one shop tell of the shop:
 #: fifty already know its mean to a seventh of the spread, less than the disagreement between sources.
@@ -38,7 +45,7 @@ STRONG = frozenset({"product", "measured", "standard"})
 #: Kinds that are sizes of things one can put a rule to; a museum's are real, if rare or old.
 PHYSICAL = STRONG | {"museum"}
 
-#: Sets of kinds by which a release is counted; a curated range and a mean are none of them.
+#: Sets of kinds by which a release is counted; a judged range, a norm and a mean are none of them.
 EVIDENCE = {"any": frozenset(KIND_WEIGHT) - STATEMENTS, "physical": PHYSICAL, "strong": STRONG}
 
 #: With so many whole strong rows a class needs no other: three statuettes called `man` must not pull at people.

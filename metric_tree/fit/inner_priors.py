@@ -11,6 +11,7 @@ from metric_tree.fit.contexts import inner_contexts
 from metric_tree.fit.em import Belief, Mixture, raise_to_floor
 from metric_tree.fit.moments import VAGUE, Moments
 from metric_tree.prior import Prior
+from metric_tree.tiers import Evidence, mixture_tier
 
 __all__ = ["belief_of", "inner_priors", "reduce_mixture"]
 
@@ -68,7 +69,7 @@ def inner_priors(
         the leaf of things called by the plain name alone, wherever it is below
 
     A joint prior says as much as it has axes times the weight of the children that have them all: a measured height of
-    all people goes before a curated box of some.
+    all people goes before a judged box of some.
     """
     counted = np.flatnonzero(weights > 0)
     children, weights = [children[number] for number in counted.tolist()], weights[counted]
@@ -120,6 +121,7 @@ def _inner_prior(
         ),
         COMPONENTS,
     )
+    known = [child.evidence for child in having if child.evidence]
     kinds = sorted({kind for child in having for kind in child.share_by_kind})
     shared = np.einsum("c,cij->ij", share, np.array([child.shared_covariance for child in having]))
     by_kind = np.array([[child.share_by_kind.get(kind, 0.0) for kind in kinds] for child in having])
@@ -134,6 +136,8 @@ def _inner_prior(
         n_sources=max(child.n_sources for child in having),
         share_by_kind=dict(zip(kinds, (share @ by_kind).tolist(), strict=True)),
         borrowed=0.0,
+        tier=mixture_tier(zip([child.tier for child in having], share.tolist(), strict=True)),
+        evidence=Evidence.total(known, max(one.sources for one in known)) if known else None,
         contexts=inner_contexts(having, share, np.diagonal(shared), plain),
     )
 

@@ -26,17 +26,17 @@ from metric_tree.fit.disagreement import Disagreement
 __all__ = ["TARGET_KINDS", "KindModel", "learn_kinds"]
 
 #: Kinds that are sizes of things in the world: they define the target and have no bias.
-TARGET_KINDS = frozenset({"measured", "standard", "statistic"})
+TARGET_KINDS = frozenset({"measured", "standard", "statistic", "norm"})
 
 #: Prior standard deviation of a kind's bias (ln size). A shop's figure is of a real thing and may differ from the
 #: things in use by what people buy and keep, a few per cent; the others may be anything within a third.
-BIAS_SD: Mapping[str, float] = {"product": 0.05, "asset": 0.3, "museum": 0.3, "curated": 0.2, "default": 0.3}
+BIAS_SD: Mapping[str, float] = {"product": 0.05, "asset": 0.3, "museum": 0.3, "judged": 0.2, "default": 0.3}
 
 #: Prior standard deviation of a family's bias around its kind's: half of what the kinds themselves are allowed.
 FAMILY_SD: Mapping[str, float] = {kind: sd / 2 for kind, sd in BIAS_SD.items()}
 
 #: Kinds whose sources may lie further apart than those of products and measurements.
-EXCESS_KINDS = ("statistic", "curated", "asset", "museum", "default")
+EXCESS_KINDS = ("statistic", "judged", "asset", "museum", "default")
 
 #: Kinds whose things are not what is sold, used and measured today.
 WEAK_KINDS = frozenset({"asset", "museum", "default"})
@@ -72,7 +72,7 @@ class KindModel:
     share: float = 0.3
     spread: float = 0.05
     excess: Mapping[str, float] = field(
-        default_factory=lambda: {"statistic": 0.03, "curated": 0.1, "asset": 0.15, "museum": 0.35, "default": 0.1}
+        default_factory=lambda: {"statistic": 0.03, "judged": 0.1, "asset": 0.15, "museum": 0.35, "default": 0.1}
     )
     bias: Mapping[str, float] = field(default_factory=dict)
     family_bias: Mapping[str, float] = field(default_factory=dict)

@@ -16,7 +16,7 @@ from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 from taxonomy.categories import Category
 
-__all__ = ["WITNESS", "commonness", "is_called", "is_part", "plain_weights", "presence"]
+__all__ = ["REAL_WITNESS", "WITNESS", "commonness", "is_called", "is_part", "plain_weights", "presence"]
 
 #: Items below a node at which a source has half of a witness's weight: shares among ten are known to a sixth.
 WITNESS_HALF = 10.0
@@ -40,9 +40,13 @@ WITNESS = {
     "asset": 0.2,
     "museum": 0.01,
     "default": 0.1,
-    "curated": 0.0,
+    "judged": 0.0,
+    "norm": 0.0,
     "statistic": 0.0,
 }
+
+#: Sources of products, measurements and tables of norms have this or more.
+REAL_WITNESS = 0.5
 
 #: Part of the weight that all children share alike, for those that no witness holds ...
 EQUAL_SHARE = 0.1

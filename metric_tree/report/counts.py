@@ -9,6 +9,7 @@ from math import exp
 import numpy as np
 import pyarrow as pa
 
+from crawler.items import STATED_KINDS
 from metric_tree.build.log import SHARE, is_mixed
 from metric_tree.tree import Node, Tree, UnknownName
 from taxonomy.label_lists import Label, vocabulary
@@ -136,9 +137,9 @@ def mixed_leaves(tree: Tree) -> list[tuple[str, int, str]]:
 
 
 def known_shares(tree: Tree) -> tuple[int, float, float]:
-    """Shipped items that are no curated ranges, and the shares of them with a year and with a region."""
+    """Shipped items that are no norms or ranges, and the shares of them with a year and with a region."""
     items = tree.release.table("items").select(["kind", "year", "region"])
-    real = items.filter(pa.array([kind != "curated" for kind in items["kind"].to_pylist()], pa.bool_()))
+    real = items.filter(pa.array([kind not in STATED_KINDS for kind in items["kind"].to_pylist()], pa.bool_()))
     n = real.num_rows
     year, region = ((n - real[name].null_count) / max(n, 1) for name in ("year", "region"))
     return n, year, region

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from crawler.items import STATED_KINDS
 from metric_base.escaping import visible
 from metric_tree.axes import EXTENTS
 
@@ -55,7 +56,7 @@ def _panel(panel: Any, node: Node) -> None:
 
     dims = _dims(node)
     items = node.items()
-    items = items.filter(pc.not_equal(items["kind"], "curated"))  # a range is no item
+    items = items.filter(pc.invert(pc.is_in(items["kind"], pa.array(STATED_KINDS))))  # a range is no item
     highest, shown = 0.0, 0
     for dim in dims:
         colour = {**_COLOURS, **_EXTENT_COLOURS}[dim]

@@ -109,7 +109,7 @@ _SIZE_NOTE = (
 )
 
 _EVIDENCE = {
-    "any": "any but curated ranges",
+    "any": "any but norms and ranges",
     "physical": "product, measured, standard, museum",
     "strong": "product, measured, standard",
 }

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 
-from crawler.items import RawItem
+from crawler.items import STATED_KINDS, RawItem
 from taxonomy.catalogue import Catalogue, default_catalogue
 from taxonomy.categories import Category, Match
 from taxonomy.matching.matcher import Matcher, default_matcher
 
 __all__ = ["MatchedTaxonomy", "default_taxonomy"]
 
-#: Kind of the rows whose source names the node itself (`taxonomy.curated`), so that there is nothing to match.
-_CURATED = "curated"
 
 
 class MatchedTaxonomy:
@@ -29,7 +27,7 @@ class MatchedTaxonomy:
 
     def match(self, item: RawItem) -> Match:
         """The leaf of an item; without one, the reason says whether the words or the place are missing."""
-        if item.kind == _CURATED and item.synset:
+        if item.kind in STATED_KINDS and item.synset:
             return self._match(item.synset, 1.0, "the curated table names it")
         finding = self._matcher.finding(item.source, item.category_path, item.title, item.synset)
         if finding.concept is None or not finding.settled:

@@ -122,7 +122,7 @@ def test_a_source_that_a_folder_declares_is_known_to_the_build(raw, tmp_path, ca
 
 
 def test_a_build_of_nothing_but_curated_ranges_says_so(raw, tmp_path, capsys, monkeypatch):
-    curated = [replace(item, source="curated") for item in synthetic_items(per_class=4)]
+    curated = [replace(item, source="judged") for item in synthetic_items(per_class=4)]
     monkeypatch.setattr(command, "shipped_curated", lambda: curated)
     raw.write_text("")
     assert run(raw, "--out", tmp_path / "release", "--workers", 1, "--no-heldout") == 0

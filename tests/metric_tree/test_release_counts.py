@@ -65,7 +65,7 @@ def test_weaker_evidence_is_left_out_kind_by_kind(found):
 
 
 def test_curated_ranges_and_category_values_are_no_strong_evidence():
-    assert "curated" not in EVIDENCE["any"]
+    assert "judged" not in EVIDENCE["any"]
     assert EVIDENCE["strong"] < EVIDENCE["physical"] < EVIDENCE["any"]
     assert EVIDENCE["physical"] - EVIDENCE["strong"] == {"museum"}
 

@@ -152,7 +152,7 @@ def _prior(node_id: str, size: tuple[float, ...]) -> dict[str, Any]:
         "shared_covariance": np.full((3, 3), 0.04**2).tolist(),
         "n": _COUNTS[node_id],
         "n_sources": 1,
-        "share_by_kind": [("product", 1.0)],
+        "share_by_kind": {"product": 1.0},
         "borrowed": 0.0,
         "heldout_log_density": None,
     }

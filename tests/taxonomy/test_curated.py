@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 
 from crawler.items import RawItem
 from taxonomy.catalogue import default_catalogue
-from taxonomy.curated import BadRange, blind_ranges, curated_items, curated_ranges
+from taxonomy.curated import BadRange, blind_ranges, curated_ranges, judged_items, norm_items, norms
 
 HEADER = (
     "node_id,length_low,length_typical,length_high,width_low,width_typical,width_high,"
-    "height_low,height_typical,height_high,reason,standard,reviewer\n"
+    "height_low,height_typical,height_high,reason,reviewer,written\n"
 )
 
 
@@ -34,16 +34,42 @@ def test_length_is_the_longer_horizontal_extent():
 
 
 def test_items_carry_their_range_and_survive_a_line():
-    item = next(item for item in curated_items() if item.source_id == "tennis_ball.n.01")
-    assert item.kind == "curated"
-    assert item.ranges_mm["length"] == (65.4, 68.6)
-    assert RawItem.from_line(item.line()).synset == "tennis_ball.n.01"
+    item = next(item for item in judged_items() if item.source_id == "mug.n.04")
+    assert item.kind == "judged"
+    low, high = item.ranges_mm["height"]
+    assert low < (item.dimensions_mm["height"] or 0) < high
+    assert RawItem.from_line(item.line()).synset == "mug.n.04"
+    disc = next(item for item in norm_items() if item.synset == "compact_disk.n.01")
+    assert (disc.kind, disc.dimensions_mm["length"], disc.title[:9]) == ("norm", 120.0, "IEC 60908")
+
+
+def test_every_norm_has_a_leaf_a_document_and_a_clause_and_no_range_beside_it():
+    catalogue = default_catalogue()
+    poses = {category.node_id: category.pose for category in catalogue.categories}
+    ranges = {row.node_id for row in curated_ranges()}
+    assert len(norms()) > 100
+    for row in norms():
+        leaf = catalogue.leaf_of(row.node_id)
+        assert leaf is not None, row.node_id
+        assert poses[leaf] != "any" or None not in row.typical, row.node_id  # a lone size would be of an open axis
+        assert row.document
+        assert row.clause
+        assert row.node_id not in ranges
+
+
+def test_sizes_of_one_norm_state_the_same_axes(tmp_path):
+    table = tmp_path / "norms.csv"
+    header = HEADER.replace("node_id,", "node_id,size,").replace("reason,", "document,clause,region,")
+    rows = ["n,A,1,2,3,1,2,3,,,,ISO 1,1,,program,2026", "n,B,1,2,3,,,,,,,ISO 1,1,,program,2026"]
+    table.write_text(header + "\n".join(rows) + "\n")
+    with pytest.raises(BadRange, match=r"norms.csv:3: axes: expected those of the class's other sizes"):
+        norms(table)
 
 
 @given(st.lists(st.floats(0.1, 1e6), min_size=3, max_size=3).map(sorted))
 def test_a_row_reads_as_it_is_written(tmp_path_factory, ends):
     table = tmp_path_factory.mktemp("ranges") / "ranges.csv"
-    table.write_text(HEADER + f"mug.n.04,{ends[0]},{ends[1]},{ends[2]},,,,,,,a hand,,program\n")
+    table.write_text(HEADER + f"mug.n.04,{ends[0]},{ends[1]},{ends[2]},,,,,,,a hand,program,2026\n")
     (row,) = curated_ranges(table)
     assert (row.low[0], row.typical[0], row.high[0]) == tuple(ends)
     assert row.typical[1:] == (None, None)
@@ -61,6 +87,6 @@ def test_a_row_reads_as_it_is_written(tmp_path_factory, ends):
 )
 def test_a_bad_row_is_named_with_its_line(tmp_path, cells, message):
     table = tmp_path / "ranges.csv"
-    table.write_text(HEADER + f"mug.n.04,{cells},a hand,,program\n")
+    table.write_text(HEADER + f"mug.n.04,{cells},a hand,program,2026\n")
     with pytest.raises(BadRange, match=f"ranges.csv:2: .*{message}"):
         curated_ranges(table)

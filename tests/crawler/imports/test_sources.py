@@ -193,7 +193,7 @@ def test_a_row_without_a_page_of_its_own_has_that_of_its_file_or_its_set(tmp_pat
     [
         ({"schema": "metric-tree/raw/9"}, "schema: expected metric-tree/raw/1, found 'metric-tree/raw/9'"),
         ({"source": ""}, "source: expected a name"),
-        ({"kind": "guess"}, "kind: expected one of asset, curated, default"),
+        ({"kind": "guess"}, "kind: expected one of asset, curated, default, judged"),
         ({"year": "2001"}, "year: expected int | null, found str"),
         ({"extents_mm": [1, -2]}, "dimensions_mm: expected positive lengths"),
         ({"dimensions_mm": {"length": "long"}}, "dimensions_mm[...]: expected float | null, found str"),

@@ -139,12 +139,12 @@ def test_what_is_refused_is_kept_with_its_reason(tmp_path):
 def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
     def curated(name: str) -> RawItem:
         return RawItem(
-            source="curated",
+            source="judged",
             source_id=name,
             category_path=(name,),
             dimensions_mm={"length": 400.0, "width": 350.0, "height": 450.0},
             ranges_mm={"length": (350.0, 450.0), "height": (400.0, 700.0)},
-            kind="curated",
+            kind="judged",
         )
 
     items = [item for item in synthetic_items() if item.category_path[-1] != "stool"]
@@ -153,16 +153,16 @@ def test_curated_ranges_give_a_prior_where_there_is_nothing_else(tmp_path):
     tree = open_tree(release.directory)
     stool, prior = tree.find("stool"), tree.find("stool").prior()
     assert stool.n_items == prior.n == 0
-    assert prior.share_by_kind == {"curated": 1.0}
+    assert prior.share_by_kind == {"judged": 1.0}
     assert prior.quantile(0.5) == pytest.approx([400, 350, 450])
     spread = prior.log_sd()
     assert spread[0] == pytest.approx(believed_spread(350, 450), rel=0.01)
     assert spread[2] == pytest.approx(believed_spread(400, 700), rel=0.01)
     sofa = tree.find("sofa").prior()  # a range far off counts as one source of five
-    assert 0 < sofa.share_by_kind["curated"] < 0.5
+    assert 0 < sofa.share_by_kind["judged"] < 0.5
     assert 1300 < sofa.quantile(0.5)[0] < 2000
     assert [finding for finding in findings(release.directory) if finding.is_error] == []
-    assert next(r for r in release.manifest["sources"] if r["id"] == "curated")["n_fit"] == 0
+    assert next(r for r in release.manifest["sources"] if r["id"] == "judged")["n_fit"] == 0
 
 
 def test_rows_are_made_again_without_the_withheld_sources(tmp_path, release):

@@ -80,10 +80,10 @@ def test_children_without_witness_share_a_tenth_or_more_where_witnesses_weigh_li
 
 
 def test_a_node_speaks_of_the_axes_that_most_of_it_states():
-    people = [[child("adult", 7.4, ("height",), "measured")], [child("baby", 6.5, AXES, "curated")]]
+    people = [[child("adult", 7.4, ("height",), "measured")], [child("baby", 6.5, AXES, "judged")]]
     found = inner_priors("person", people, np.array([0.9, 0.1]), AXES)
     assert [prior.dims for prior in found] == [("height",)]
-    assert found[0].share_by_kind == pytest.approx({"measured": 0.9, "curated": 0.1})
+    assert found[0].share_by_kind == pytest.approx({"measured": 0.9, "judged": 0.1})
 
 
 def test_an_axis_that_more_children_state_has_a_row_of_its_own():

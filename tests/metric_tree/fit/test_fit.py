@@ -131,24 +131,24 @@ def with_range(x, sources, kinds) -> ClassRows:
     """Rows beside one curated range."""
     sd = np.vstack([RANGE_SD, np.full((len(x), 3), np.nan)])
     return class_rows(
-        np.concatenate([TYPICAL, x]), sources=["curated", *sources], kinds=["curated", *kinds], range_sd=sd
+        np.concatenate([TYPICAL, x]), sources=["judged", *sources], kinds=["judged", *kinds], range_sd=sd
     )
 
 
 def test_a_range_alone_is_published_as_it_is_stated():
-    prior = class_prior(class_rows(TYPICAL, kinds=["curated"], range_sd=RANGE_SD), VAGUE, NONE)
+    prior = class_prior(class_rows(TYPICAL, kinds=["judged"], range_sd=RANGE_SD), VAGUE, NONE)
     assert prior.quantile(0.5) == pytest.approx([1000, 500, 700])
     assert prior.log_sd() == pytest.approx(RANGE_SD[0])  # within and between sources together, below the floor too
-    assert prior.share_by_kind == {"curated": 1.0}
+    assert prior.share_by_kind == {"judged": 1.0}
 
 
 def test_two_museum_pieces_do_not_discard_a_range():
     pieces = np.log([[2600.0, 1500.0, 300.0], [2500.0, 1400.0, 280.0]])
-    model = KindModel(0.3, 0.05, {"museum": 0.35, "curated": 0.05})
+    model = KindModel(0.3, 0.05, {"museum": 0.35, "judged": 0.05})
     prior = class_prior(with_range(pieces, ["a", "a"], ["museum"] * 2), VAGUE, model, heldout=False)
     assert prior.quantile(0.5) == pytest.approx([1000, 500, 700], rel=0.15)
     assert np.all(prior.log_sd() < [0.25, 0.25, 0.2])
-    assert prior.share_by_kind["curated"] > 0.8
+    assert prior.share_by_kind["judged"] > 0.8
 
 
 def test_one_real_row_does_not_widen_a_norm():
@@ -161,8 +161,8 @@ def test_a_weak_row_does_not_draw_a_norm_to_its_parent():
     wide = Belief(np.log([1000.0, 900.0, 800.0]), 1.0, correlated_covariance(np.full(3, 0.5)), 8.0)
     rows = class_rows(
         np.log([[57.0] * 3, [58.0] * 3]),
-        sources=["curated", "models"],
-        kinds=["curated", "asset"],
+        sources=["judged", "models"],
+        kinds=["judged", "asset"],
         range_sd=np.array([[0.02] * 3, [np.nan] * 3]),
     )
     prior = class_prior(rows, wide, KindModel(0.3, 0.05), heldout=False)
@@ -203,7 +203,7 @@ def test_numbers_of_no_axis_are_left_out_where_anything_else_speaks():
 
 
 @pytest.mark.parametrize(
-    ("kinds", "left"), [(["product"], 1), (["curated"], 1), (["asset"] * 3, 3), (["asset"], 3), (["museum"], 3)]
+    ("kinds", "left"), [(["product"], 1), (["judged"], 1), (["asset"] * 3, 3), (["asset"], 3), (["museum"], 3)]
 )
 def test_museums_speak_where_nothing_else_does(kinds: list[str], left: int):
     whole = [*kinds, "museum", "museum"]

@@ -101,10 +101,10 @@ def test_the_bias_and_the_spread_of_a_kind_are_learned_and_do_not_spoil_the_rest
 
 
 def test_museums_do_not_set_the_centre_of_a_class_that_has_anything_better():
-    model = KindModel(0.3, 0.05, {"museum": 0.35, "curated": 0.1})
+    model = KindModel(0.3, 0.05, {"museum": 0.35, "judged": 0.1})
     x = np.tile([5.4, 5.2, 5.5], (40, 1)) + np.random.default_rng(0).normal(0, 0.2, (40, 3))
     museum = disagreement(x, np.ones_like(x), np.ones(40), ["museum"] * 40, ["museum"] * 40, WITHIN)
-    stated = with_statements(museum, ["curated"], ["curated"], np.array([[4.7, 4.4, 4.6]]))
+    stated = with_statements(museum, ["judged"], ["judged"], np.array([[4.7, 4.4, 4.6]]))
     centre = class_centre(stated, shared_covariance(stated, model, ""), model, "").mean
     assert np.abs(centre - [4.7, 4.4, 4.6]).max() < 0.2
     assert class_centre(museum, shared_covariance(museum, model, ""), model, "").mean == pytest.approx(x.mean(axis=0))

@@ -43,7 +43,7 @@ def test_shares_of_items_that_know_year_and_region(tree, tmp_path):
     content = minitree.rows()
     for number, row in enumerate(content["items.parquet"]):
         row["year"], row["region"] = (2001 if number < 10 else None), None
-        row["kind"] = "curated" if number == 0 else row["kind"]
+        row["kind"] = "judged" if number == 0 else row["kind"]
     assert known_shares(Tree(minitree.release(tmp_path / "dated", content))) == (39, pytest.approx(9 / 39), 0)
 
 

@@ -24,7 +24,7 @@ LEAST_ITEMS = 8
 #: Kinds of items that are things somebody made, sold or measured.
 REAL = frozenset({"product", "measured", "standard"})
 #: Kinds that are statements about a category and no thing at all.
-NO_THING = frozenset({"curated", "default"})
+NO_THING = frozenset({"curated", "judged", "norm", "default"})
 
 
 def held_out_pool(

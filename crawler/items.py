@@ -82,8 +82,8 @@ class RawItem:
     synset: str | None = None
     #: How many physical rows of the source this item is (identical rows collapsed at import).
     count: int = 1
-    #: Of a norm or a judged range, by axis word: the (low, high) that holds nine of ten such things; the typical value is in
-    #: `dimensions_mm`.
+    #: Of a norm or a judged range, by axis word: the (low, high) that holds nine of ten such things; the typical value
+    #: is in `dimensions_mm`.
     ranges_mm: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     #: The room or drive in which the thing was measured: things of one scene are not independent.
     scene: str | None = None

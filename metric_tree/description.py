@@ -9,6 +9,7 @@ import numpy as np
 
 from metric_base.errors import InputError
 from metric_tree.prior import Prior
+from metric_tree.tiers import tier_words
 from metric_tree.tree import Node
 
 __all__ = ["KINDS", "everyday_sentence", "item_quantiles", "shipped_evidence"]
@@ -31,7 +32,8 @@ def everyday_sentence(name: str, prior: Prior) -> str:
     """The median and the 90 % interval of the main axis in words.
 
     `A mug is about 9.5 cm high; nine of ten are 8 to 12 cm.` The axis is the
-    height where the prior has one, else the first of its dimensions.
+    height where the prior has one, else the first of its dimensions. What the size rests on stands before it, unless
+    it is measured.
 
     Parameters
     ----------
@@ -46,8 +48,11 @@ def everyday_sentence(name: str, prior: Prior) -> str:
     plural = name.rpartition(" ")[2].lower() in _PLURALS.split()
     subject = f"{name[:1].upper()}{name[1:]} are" if plural else f"{article} {name} is"
     unit, factor = _unit(middle)
+    ground = "" if prior.tier == "measured" else f"{tier_words(prior.tier, prior.norm)}: "
+    if ground and not name[:2].isupper():
+        subject = subject[:1].lower() + subject[1:]
     return (
-        f"{subject} about {_number(middle / factor)} {unit} {how}; "
+        f"{ground}{subject} about {_number(middle / factor)} {unit} {how}; "
         f"nine of ten are {_number(float(low) / factor)} to {_number(float(high) / factor)} {unit}."
     )
 

@@ -35,9 +35,7 @@ _CONTEXTS = pa.list_(
 
 #: Share of each kind of evidence; releases before 3.0.0 have pairs of kind and share.
 _SHARES = pa.struct([(kind, pa.float64()) for kind in SHARED_KINDS])
-_EVIDENCE = pa.struct(
-    [("rows", pa.float64()), ("sources", pa.int64()), ("models", pa.int64()), ("ranges", pa.int64())]
-)
+_EVIDENCE = pa.struct([("rows", pa.float64()), ("sources", pa.int64()), ("models", pa.int64()), ("ranges", pa.int64())])
 
 NODES = pa.schema(
     [
@@ -53,7 +51,9 @@ NODES = pa.schema(
         _column("dims", _STRINGS, "what to use as a prior by default"),
         _column("n_items", pa.int64(), "items of the fit at or below the node"),
         _column("n_own", pa.int64(), "items of the fit on the node itself"),
-        _column("tier", pa.string(), "what its size rests on: norm, measured, few, models, borrowed or judged; or null"),
+        _column(
+            "tier", pa.string(), "what its size rests on: norm, measured, few, models, borrowed or judged; or null"
+        ),
     ],
     metadata={"schema": SCHEMA},
 )

@@ -1,4 +1,4 @@
-"""What a size rests on, in six tiers (docs/reference/tiers.md): a norm, many real things, few, models, kin, judgement."""
+"""What a size rests on, in six tiers (docs/reference/tiers.md)."""
 
 from __future__ import annotations
 
@@ -120,9 +120,7 @@ def tier_of_shares(shares: Mapping[str, float], n: int, n_sources: int, borrowed
     shares : of the fit's weight by kind; n : items; n_sources : sources of any kind.
     """
     total = sum(shares.values()) or 1.0
-    real, models, judged = (
-        sum(shares.get(kind, 0.0) for kind in kinds) / total for kinds in (_REAL, _MODELS, _JUDGED)
-    )
+    real, models, judged = (sum(shares.get(kind, 0.0) for kind in kinds) / total for kinds in (_REAL, _MODELS, _JUDGED))
     sources = max(n_sources - (judged > 0) - (models > 0), int(real > 0))
     evidence = Evidence(real / max(real + models, 1e-12) * n, sources, round(models * n), int(judged > 0))
     return leaf_tier(evidence, borrowed, judged)

@@ -21,7 +21,17 @@ from taxonomy.naming.nodes import Names
 from taxonomy.naming.resolver import Resolver
 from taxonomy.words.senses import label_votes
 
-__all__ = ["DETECTORS", "AmbiguousName", "Meaning", "NoPrior", "Node", "ThinEvidence", "Tree", "UnknownName", "open_tree"]
+__all__ = [
+    "DETECTORS",
+    "AmbiguousName",
+    "Meaning",
+    "NoPrior",
+    "Node",
+    "ThinEvidence",
+    "Tree",
+    "UnknownName",
+    "open_tree",
+]
 
 #: Stands for all label lists of detectors where a vocabulary is asked for.
 DETECTORS = "detectors"

@@ -151,7 +151,7 @@ def _item(row: CuratedRange | Norm, **fields: Any) -> RawItem:
 
 @cache
 def _norms(file: Path) -> tuple[Norm, ...]:
-    found: list[Norm] = []
+    rows: list[Norm] = []
     axes: dict[str, tuple[bool, ...]] = {}
     for place, row in table_rows(file, _NORM_COLUMNS):
         with in_file(place, BadRange):
@@ -159,10 +159,12 @@ def _norms(file: Path) -> tuple[Norm, ...]:
             for column in ("size", "document", "clause", "reviewer", "written"):
                 expect(bool(row[column]), column, "a text", Unquoted("none"))
             stated = tuple(value is not None for value in typical)
-            expect(axes.setdefault(row["node_id"], stated) == stated, "axes", "those of the class's other sizes", stated)
+            expect(
+                axes.setdefault(row["node_id"], stated) == stated, "axes", "those of the class's other sizes", stated
+            )
             texts = {name: row[name] for name in ("node_id", "size", "document", "clause", "reviewer", "written")}
-            found.append(Norm(low=low, typical=typical, high=high, region=row["region"] or None, **texts))
-    return tuple(found)
+            rows.append(Norm(low=low, typical=typical, high=high, region=row["region"] or None, **texts))
+    return tuple(rows)
 
 
 @cache

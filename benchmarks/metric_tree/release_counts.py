@@ -170,7 +170,9 @@ def _print_evidence(tree: Tree, found: Counted) -> None:
 
 
 def _source_counts(tree: Tree) -> list[tuple[str, int]]:
-    records = [record for record in tree.release.manifest["sources"] if record["kind"] not in {"curated", "judged", "norm"}]
+    records = [
+        record for record in tree.release.manifest["sources"] if record["kind"] not in {"curated", "judged", "norm"}
+    ]
     kinds = Counter(record["kind"] for record in records).most_common()
     shipped = ("whose rows ship", sum(not record["withheld"] for record in records))
     return [("all, norms and ranges left out", len(records)), *((f"kind {kind}", n) for kind, n in kinds), shipped]

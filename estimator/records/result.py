@@ -59,7 +59,7 @@ class Alternative:
 class ObjectReport:
     """One object: its extents in scene units by dimension, what was used, its own scale, and the verdict.
 
-    views : pictures whose masks it was measured from.
+    views : pictures whose masks it was measured from; tier : what the size of its category rests on.
     """
 
     id: str
@@ -77,6 +77,7 @@ class ObjectReport:
     score: float = 1.0
     notes: tuple[str, ...] = ()
     views: int = 0
+    tier: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -154,6 +155,7 @@ class ScaleResult:
             "node": item.node,
             "points": item.points,
             "views": item.views,
+            "tier": item.tier,
             "score": _round(item.score),
             "dimensions": {name: _round(value) for name, value in item.dimensions.items()},
             "dimensions_m": metres,

@@ -128,6 +128,7 @@ def _report(
         score=item.score,
         notes=(*item.notes, *meaning.notes),
         views=item.views,
+        tier=meaning.prior.tier if meaning.prior is not None else None,
     )
 
 

@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from crawler.imports.sources import declared_sources
+from crawler.items import STATED_KINDS
 from metric_base.errors import InputError
 from metric_base.progress import progress_bars
 from metric_cli.terminal import print_json, print_table, warn
 from metric_tree.build.ingest import SHARDS, raw_files
 from metric_tree.build.steps import Build, Options, build_release, shipped_curated
-from crawler.items import STATED_KINDS
 from metric_tree.release import open_release
 
 __all__ = ["HELP", "add_arguments", "executor_of", "run"]
@@ -67,7 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         help="declarations of your own, SOURCE.toml each, beside the package's, for the terms and kinds of RAW",
     )
-    parser.add_argument("--without-curated", action="store_true", help="leave out the project's norms and judged ranges")
+    parser.add_argument(
+        "--without-curated", action="store_true", help="leave out the project's norms and judged ranges"
+    )
     parser.add_argument(
         "--carry", metavar="DIR", type=Path, help="take nodes, priors and the choice of rows from this release"
     )
@@ -129,7 +131,7 @@ def _warn(build: Build) -> None:
         return
     used = [record for record in manifest["sources"] if record["kind"] not in STATED_KINDS]
     if not any(record["n_fit"] for record in used):
-        warn(f"no raw item was taken: the release holds norms and judged ranges alone; see {build.log / 'quarantine.jsonl'}")
+        warn(f"no raw item was taken: the release holds norms and ranges alone; see {build.log / 'quarantine.jsonl'}")
     # a declared source has its address in the manifest; that its rows are withheld is its declaration's own choice
     unknown = (record for record in used if record["withheld"] and not record["url"])
     withheld = [record["id"] for record in unknown if not record["n_rows"]]

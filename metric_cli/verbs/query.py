@@ -33,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")
     parser.add_argument("--where", metavar="region=R,year=Y", help="for a region and a year: region=europe,year=2011")
     parser.add_argument("--vocabulary", help="read NAME as this label list does (coco_80, lvis_v1, ...)")
+    parser.add_argument("--at-least", metavar="TIER", help="refuse a size that rests on less: norm, measured, few, ...")
     parser.add_argument("--kind", help="also the sizes of the shipped items of this kind: product, measured, ...")
     parser.add_argument("--images", metavar="N", type=int, help="name N pictures, spread over the sizes")
     parser.add_argument("--sheet", metavar="FILE.png", type=Path, help="draw them to one scale (12 unless --images)")
@@ -41,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the node and its prior."""
-    node = open_tree(arguments.tree).find(arguments.name, arguments.vocabulary)
+    node = open_tree(arguments.tree).find(arguments.name, arguments.vocabulary, at_least=arguments.at_least)
     dims = tuple(arguments.dims.split(",")) if arguments.dims else None
     description = summary(node, dims, where_of(arguments.where) if arguments.where is not None else None)
     if arguments.kind is not None:
@@ -74,6 +75,9 @@ def summary(node: Node, dims: tuple[str, ...] | None = None, where: Where | None
         "n_items": node.n_items,
         "children": [child.node_id for child in node.children],
         "dims": list(prior.dims) if prior else list(node.dims),
+        "tier": prior.tier if prior else None,
+        "tier_evidence": prior.evidence.record() if prior and prior.evidence else None,
+        "norm": prior.norm if prior else None,
         "where": prior.note if prior else None,
         "sentence": everyday_sentence(node.name.partition(" (")[0], prior) if prior else None,
         "shipped": shipped_evidence(node),
@@ -123,6 +127,8 @@ def _print(description: dict[str, Any]) -> None:
             ("path", " > ".join(description["path"])),
             ("pose", description["pose"]),
             ("items", description["n_items"]),
+            ("tier", description["tier"] or "none"),
+            *([("norm", description["norm"])] if description["norm"] else []),
             ("in words", description["sentence"] or "nothing is known of its size"),
             *([("where", description["where"])] if description["where"] else []),
             ("evidence", _shares(description)),
@@ -139,7 +145,8 @@ def _print(description: dict[str, Any]) -> None:
         print_table(["prior"], [("none: no item with a size at or below this node",)])
         return
     prior = description["prior"]
-    title = f"mm; {prior['n']} items of {prior['n_sources']} sources, {prior['borrowed']:.0%} borrowed from the parent"
+    counted = f"{prior['n']} items of {prior['n_sources']} sources, {prior['borrowed']:.0%} borrowed from the parent"
+    title = f"{description['tier']}, mm; {counted}"
     _print_quantiles(description["quantiles_mm"], title)
     if "items_of_kind" in description:
         own = description["items_of_kind"]

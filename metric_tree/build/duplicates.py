@@ -46,7 +46,7 @@ def duplicates(
     common : words that tell nothing (names of the categories)
     """
     rounded = np.nan_to_num(np.round(np.log(sizes) / ROUNDING), nan=MISSING).astype(np.int64)
-    rank = [(not shipped[i], -KIND_WEIGHT[kind[i]], i) for i in range(len(node))]
+    rank = [(not shipped[i], -KIND_WEIGHT.get(kind[i], 0.0), i) for i in range(len(node))]
     repeats = np.full(len(node), -1, dtype=np.intp)
     first: dict[tuple[object, ...], int] = {}
     across: dict[tuple[object, ...], list[tuple[int, frozenset[str]]]] = {}

@@ -218,7 +218,9 @@ class Steps:
         """Step 2: the classes, without their rows, and the rows dropped by reason."""
         rows = RowFiles(tuple(sorted(self.work.directory.glob("ingest-*.arrow"))))
         repeated, siblings = rows.repeats(), sibling_references(rows, self.taxonomy().categories())
-        licences = {source.id: source.licence for source in (*self.declared.values(), JUDGED_SOURCE, NORM_SOURCE) if source.ship}
+        licences = {
+            source.id: source.licence for source in (*self.declared.values(), JUDGED_SOURCE, NORM_SOURCE) if source.ship
+        }
         licences |= dict.fromkeys(self.options.private, PRIVATE_LICENCE)
         ids = frozenset(self.carried.table("items")["item_id"].to_pylist()) if self.carried else None
         calls = ((rows.shard(number, repeated), licences, siblings, ids) for number in range(SHARDS))
@@ -278,9 +280,7 @@ class Steps:
         return {
             one.node_id: replace(fitted[one.node_id], norm=one.norm)
             if one.norm
-            else class_contexts(
-                fitted[one.node_id], one.moments[0].axes, one.cells, np.diagonal(one.moments[0].within)
-            )
+            else class_contexts(fitted[one.node_id], one.moments[0].axes, one.cells, np.diagonal(one.moments[0].within))
             for one in classes
         }
 

@@ -16,7 +16,7 @@ from metric_tree.checks import items, nodes, priors
 from metric_tree.checks.finding import Finding
 from metric_tree.pictures import image_path
 from metric_tree.release import BadRelease, Release, open_release, sha256
-from metric_tree.schema import ADDED_COLUMNS, TABLES
+from metric_tree.schema import ADDED_COLUMNS, FORMER_TYPES, TABLES
 
 __all__ = ["CODES", "Finding", "findings"]
 
@@ -76,9 +76,8 @@ def _file_findings(release: Release) -> Iterator[Finding]:
             if field.name not in table.column_names:
                 if field.name not in ADDED_COLUMNS:
                     yield Finding("E104", f"{name}: {field.name}", "expected the column; found none")
-            elif not table.schema.field(field.name).type.equals(field.type):
-                found_type = table.schema.field(field.name).type
-                yield Finding("E104", f"{name}: {field.name}", f"expected {field.type}; found {found_type}")
+            elif (own_type := table.schema.field(field.name).type) not in (field.type, FORMER_TYPES.get(field.name)):
+                yield Finding("E104", f"{name}: {field.name}", f"expected {field.type}; found {own_type}")
 
 
 def _count_findings(release: Release, tables: _Tables) -> Iterator[Finding]:

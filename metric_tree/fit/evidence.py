@@ -8,7 +8,18 @@ import numpy as np
 
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["EVIDENCE", "JUDGED", "KIND_WEIGHT", "MODELS", "NORM", "SOURCE_HALF", "STATEMENTS", "STRONG", "row_weights", "shares"]
+__all__ = [
+    "EVIDENCE",
+    "JUDGED",
+    "KIND_WEIGHT",
+    "MODELS",
+    "NORM",
+    "SOURCE_HALF",
+    "STATEMENTS",
+    "STRONG",
+    "row_weights",
+    "shares",
+]
 
 #: Weight of one row by kind, for the shape of a class's distribution; where its centre lies is decided by
 #: `metric_tree.fit.kinds`. A maker's figure, a measurement and a norm are sizes of real things. An artist's model is

@@ -51,12 +51,13 @@ def size_figure(nodes: Sequence[Node]) -> str:
 
 
 def _panel(panel: Any, node: Node) -> None:
+    import pyarrow as pa
     import pyarrow.compute as pc
     from matplotlib.ticker import LogLocator, NullLocator
 
     dims = _dims(node)
     items = node.items()
-    items = items.filter(pc.invert(pc.is_in(items["kind"], pa.array(STATED_KINDS))))  # a range is no item
+    items = items.filter(pc.invert(pc.is_in(items["kind"], pa.array(STATED_KINDS, pa.string()))))  # a range is no item
     highest, shown = 0.0, 0
     for dim in dims:
         colour = {**_COLOURS, **_EXTENT_COLOURS}[dim]

@@ -13,7 +13,6 @@ from taxonomy.matching.matcher import Matcher, default_matcher
 __all__ = ["MatchedTaxonomy", "default_taxonomy"]
 
 
-
 class MatchedTaxonomy:
     """A `Taxonomy`: the concept that the matcher finds, on the leaf that the catalogue gives it."""
 

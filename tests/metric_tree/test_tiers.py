@@ -79,7 +79,10 @@ def test_a_row_of_an_older_release_has_a_tier(shares, n, sources, borrowed, tier
 
 def test_a_row_keeps_its_tier_counts_and_norm() -> None:
     prior = replace(
-        synthetic_prior("disc", [[120.0, 120.0, 1.2]]), tier="norm", evidence=Evidence(3.25, 2, 1, 0), norm="IEC 60908, clause 6"
+        synthetic_prior("disc", [[120.0, 120.0, 1.2]]),
+        tier="norm",
+        evidence=Evidence(3.25, 2, 1, 0),
+        norm="IEC 60908, clause 6",
     )
     again = Prior.of_row(prior.row())
     assert (again.tier, again.evidence, again.norm) == (prior.tier, prior.evidence, prior.norm)

@@ -58,6 +58,10 @@ ROWS = {
     "scannet18_boxes": 19963,
     "scannet_fine_boxes": 7797,
     "us_cars_carsheet": 19596,
+    "abo_3dmodels": 7953,
+    "energy_star_2025": 980,
+    "faa_aircraft_2025": 388,
+    "eloshapes_mice": 995,
     "vsibench_scannet": 1224,
 }
 

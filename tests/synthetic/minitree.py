@@ -155,6 +155,7 @@ def _prior(node_id: str, size: tuple[float, ...]) -> dict[str, Any]:
         "share_by_kind": {"product": 1.0},
         "borrowed": 0.0,
         "heldout_log_density": None,
+        "tier": "measured",
     }
 
 

@@ -130,9 +130,7 @@ RANGE_SD = np.array([[0.1, 0.12, 0.02]])
 def with_range(x, sources, kinds) -> ClassRows:
     """Rows beside one curated range."""
     sd = np.vstack([RANGE_SD, np.full((len(x), 3), np.nan)])
-    return class_rows(
-        np.concatenate([TYPICAL, x]), sources=["judged", *sources], kinds=["judged", *kinds], range_sd=sd
-    )
+    return class_rows(np.concatenate([TYPICAL, x]), sources=["judged", *sources], kinds=["judged", *kinds], range_sd=sd)
 
 
 def test_a_range_alone_is_published_as_it_is_stated():

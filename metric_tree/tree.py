@@ -442,11 +442,11 @@ def _see_tier(node: Node, least: str) -> None:
     """ThinEvidence unless a node's size rests on the tier `least` or a better one."""
     if node.tier is not None and is_at_least(node.tier, least):
         return
-    above, found = node.parent, node.tier or "no size"
+    above, own = node.parent, node.tier or "no size"
     while above is not None and (above.tier is None or not is_at_least(above.tier, least)):
         above = above.parent
     instead = f"; {above.name!r} above it is {above.tier}" if above is not None else ""
-    raise ThinEvidence(f"{node.node_id}: tier: expected {least} or better; found {found}{instead}")
+    raise ThinEvidence(f"{node.node_id}: tier: expected {least} or better; found {own}{instead}")
 
 
 def _node(tree: Tree, row: dict[str, Any]) -> Node:

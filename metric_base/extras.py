@@ -16,6 +16,9 @@ MODULES_BY_EXTRA: dict[str, tuple[str, ...]] = {
     "images": ("rembg",),
     "assets": ("trimesh", "collada", "lxml"),
     "cluster": ("distributed",),
+    "serve": ("jinja2", "markupsafe", "starlette", "uvicorn"),
+    "mcp": ("mcp",),
+    "pandas": ("pandas",),
 }
 
 

@@ -325,6 +325,10 @@ class Tree:
             return ()
         return tuple(self.node(node_id) for node_id in self._resolver.nodes_by_relevance(text, limit))
 
+    def names(self) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Every folded name that a node has, with the ids of the nodes it may mean, the likeliest first."""
+        return self._resolver.names()
+
     def _label_node(self, text: str, vocabulary: str) -> Node | None:
         """The node of a label; None if no list of the detectors has it in this tree."""
         if vocabulary == DETECTORS:

@@ -68,8 +68,14 @@ ROOMS = [
     "insertion.blender",
     "insertion.study",
     "insertion",
+    "explorer.content",
+    "explorer.drawings",
+    "explorer.pages",
+    "explorer",
+    "explorer.server",
     "metric_cli",
     "metric_cli.verbs",
+    "metric_cli.explore",
     "metric_cli.estimate_scale",
     "metric_cli.insert_object",
 ]
@@ -78,7 +84,22 @@ PACKAGES = list(dict.fromkeys(room.partition(".")[0] for room in ROOMS))
 #: More than this in one folder is hard to see.
 MOST_MODULES = 16
 #: What a query never loads.
-HEAVY = ["sklearn", "open3d", "nltk", "scrapy", "pandas", "scipy", "matplotlib", "cv2", "pycolmap", "rembg", "dask"]
+HEAVY = [
+    "sklearn",
+    "open3d",
+    "nltk",
+    "scrapy",
+    "pandas",
+    "scipy",
+    "matplotlib",
+    "cv2",
+    "pycolmap",
+    "rembg",
+    "dask",
+    "jinja2",
+    "starlette",
+    "mcp",
+]
 
 
 def _module(path: Path) -> str:

@@ -32,9 +32,19 @@ VERBS = {
     "render": "pictures of items that have a textured model",
     "cutout": "foreground masks for the images of a release",
     "export": "training data for instance segmentation",
+    "serve": "the explorer and its JSON over HTTP",
+    "site": "the explorer as files",
 }
 
-_MODULES = {"import": "import_", "list": "list_", "check-asset": "check_asset", "true-size": "true_size"}
+#: Verbs whose module is not `verbs.VERB`.
+_MODULES = {
+    "import": "verbs.import_",
+    "list": "verbs.list_",
+    "check-asset": "verbs.check_asset",
+    "true-size": "verbs.true_size",
+    "site": "explore.site",
+    "serve": "explore.serve",
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -47,7 +57,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parser_of(verb: str) -> argparse.ArgumentParser:
     """The argument parser of a verb."""
-    module = import_module(f"metric_cli.verbs.{_MODULES.get(verb, verb)}")
+    module = import_module(f"metric_cli.{_MODULES.get(verb, f'verbs.{verb}')}")
     parser = OneLineParser(
         prog=f"metric-tree {verb}", description=module.HELP, conflict_handler="resolve", allow_abbrev=False
     )

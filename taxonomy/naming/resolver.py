@@ -82,6 +82,12 @@ class Resolver:
             return self._common_answer(parts)
         return self._compound_answer(text) or self._phrase(text)
 
+    def names(self) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Every folded name with the nodes it may mean, the likeliest first: for an index outside of Python."""
+        for form in self._names.forms:
+            if owners := tuple(one.node_id for one in self._names.candidates(form)):
+                yield form, owners
+
     def nodes_by_relevance(self, text: str, limit: int) -> Iterator[str]:
         """At most `limit` nodes for what a person types: meanings, names that begin so or hold it, like spellings."""
         return self._nearest.nodes(text, limit)

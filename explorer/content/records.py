@@ -1,0 +1,190 @@
+"""The JSON answers, as msgspec records: one schema for the files of a site, the server and its OpenAPI description."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+
+__all__ = [
+    "ImagesAnswer", "ItemsAnswer", "NodeAnswer", "NodeRef", "PriorAnswer", "Problem", "ReleaseRef", "ReleasesAnswer",
+    "ScaleRequest", "SearchAnswer", "TreeRef", "VocabularyAnswer", "VocabularyRow",
+]  # fmt: skip
+
+#: Sizes in mm by dimension and quantile: `{"height": {"0.5": 912.0}}`.
+Quantiles = dict[str, dict[str, float]]
+
+
+class TreeRef(msgspec.Struct):
+    """A release."""
+
+    name: str
+    version: str
+
+
+class NodeRef(msgspec.Struct):
+    """A node in a list: its id, name, level, tier and median sizes in mm."""
+
+    node: str
+    name: str
+    level: int
+    tier: str
+    n_items: int
+    median_mm: dict[str, float]
+
+
+class PriorAnswer(msgspec.Struct, kw_only=True):
+    """A size distribution over ln mm: weights (k,), means (k, d), covariances (k, d, d), and B (d, d) between sources.
+
+    `log_density` has one number for each of the sizes that were asked for with `density_at`.
+    """
+
+    schema: str = "metric-tree/prior/1"
+    tree: TreeRef
+    node: str
+    dims: list[str]
+    tier: str
+    n: int
+    n_sources: int
+    borrowed: float
+    share_by_kind: dict[str, float]
+    where: str | None
+    quantiles_mm: Quantiles
+    family: str
+    weights: list[float]
+    means: list[list[float]]
+    covariances: list[list[list[float]]]
+    shared_covariance: list[list[float]]
+    log_density: list[float] | None = None
+
+
+class NodeAnswer(msgspec.Struct, kw_only=True):
+    """A category: where it is in the tree, its sizes, and what they rest on."""
+
+    schema: str = "metric-tree/node/1"
+    tree: TreeRef
+    node: str
+    name: str
+    synset: str | None
+    level: int
+    path: list[str]
+    path_ids: list[str]
+    aliases: list[str]
+    labels: dict[str, list[str]]
+    pose: str
+    tier: str
+    sentence: str
+    n_items: int
+    n_shipped: int
+    n_images: int
+    dims: list[str]
+    prior_dims: list[list[str]]
+    quantiles_mm: Quantiles
+    n_sources: int
+    share_by_kind: dict[str, float]
+    borrowed: float
+    shipped: dict[str, dict[str, int]]
+    children: list[NodeRef]
+    links: dict[str, str]
+
+
+class ItemsAnswer(msgspec.Struct, kw_only=True):
+    """A page of the shipped items at or below a node; a field without a value is left out.
+
+    `next` is the address of the page after it.
+    """
+
+    schema: str = "metric-tree/items/1"
+    tree: TreeRef
+    node: str
+    n_shipped: int
+    items: list[dict[str, Any]]
+    next: str | None
+
+
+class ImagesAnswer(msgspec.Struct, kw_only=True):
+    """The pictures of items at or below a node, the first 24; paths are relative to the release."""
+
+    schema: str = "metric-tree/images/1"
+    tree: TreeRef
+    node: str
+    n_images: int
+    images: list[dict[str, Any]]
+
+
+class SearchHit(msgspec.Struct):
+    """A node that a text may mean, the name that matched left to the reader."""
+
+    node: str
+    name: str
+    path: list[str]
+    tier: str
+    n_items: int
+    labels: dict[str, list[str]]
+
+
+class SearchAnswer(msgspec.Struct, kw_only=True):
+    """Nodes for a text, the likeliest first."""
+
+    schema: str = "metric-tree/search/1"
+    tree: TreeRef
+    query: str
+    hits: list[SearchHit]
+
+
+class ReleaseRef(msgspec.Struct):
+    """A release that is served; `base` is its path."""
+
+    name: str
+    version: str
+    created: str
+    base: str
+    counts: dict[str, Any]
+
+
+class ReleasesAnswer(msgspec.Struct, kw_only=True):
+    """The releases, the default one first."""
+
+    schema: str = "metric-tree/releases/1"
+    releases: list[ReleaseRef]
+
+
+class VocabularyRow(msgspec.Struct):
+    """A label, its node, and the node's size; null where it names nothing with a size."""
+
+    label: str
+    node: str | None
+    reason: str
+    name: str | None
+    tier: str | None
+    n_items: int | None
+    quantiles_mm: Quantiles | None
+
+
+class VocabularyAnswer(msgspec.Struct, kw_only=True):
+    """A label list of a detector or a benchmark."""
+
+    schema: str = "metric-tree/vocabulary/1"
+    tree: TreeRef
+    vocabulary: str
+    labels: list[VocabularyRow]
+
+
+class ScaleRequest(msgspec.Struct, kw_only=True):
+    """Measured objects (`metric-tree/objects/1`) with known lengths and a context, both optional."""
+
+    schema: str = "metric-tree/objects/1"
+    objects: list[dict[str, Any]]
+    known_lengths: list[dict[str, float]] = []
+    where: dict[str, Any] | None = None
+    level: float = 0.9
+
+
+class Problem(msgspec.Struct, kw_only=True):
+    """An error (RFC 9457)."""
+
+    type: str = "about:blank"
+    title: str
+    status: int
+    detail: str
+    instance: str | None = None

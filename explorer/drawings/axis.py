@@ -1,0 +1,67 @@
+"""A logarithmic axis of lengths, and pieces of SVG that all drawings share."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+from itertools import pairwise
+
+from explorer.content.units import length_text
+
+__all__ = ["LogAxis", "path_data", "svg"]
+
+#: Ticks of an axis at most: more would meet at the width of a telephone.
+MOST_TICKS = 6
+
+
+@dataclass(frozen=True, slots=True)
+class LogAxis:
+    """Lengths from `low` to `high` mm, drawn from `start` to `end` pixels by their logarithm."""
+
+    low: float
+    high: float
+    start: float
+    end: float
+
+    def at(self, mm: float) -> float:
+        """The pixel of a length; one outside the axis is drawn at its end."""
+        share = (math.log(mm) - math.log(self.low)) / (math.log(self.high) - math.log(self.low))
+        return self.start + min(max(share, 0.0), 1.0) * (self.end - self.start)
+
+    def ticks(self) -> list[float]:
+        """Round lengths in mm, evenly spread: 1, 2, 5 times powers of ten, or powers of ten alone."""
+        first, last = math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))
+        for steps in (_FINE, (1, 2, 5), (1, 3), (1,)):
+            every = [step * 10.0**power for power in range(first, last + 1) for step in steps]
+            inside = [tick for tick in every if self.low <= tick <= self.high]
+            if len(inside) <= MOST_TICKS:
+                return inside
+        return inside[:: math.ceil(len(inside) / MOST_TICKS)]
+
+    def svg(self, y: float, top: float) -> str:
+        """The ticks as grid lines from `y` up to `top`, with their lengths below."""
+        return "".join(
+            f'<path class="grid" d="M{self.at(tick):.1f} {y:g}V{top:g}"/>'
+            f'<text x="{self.at(tick):.1f}" y="{y + 12:g}" text-anchor="middle">{length_text(tick)}</text>'
+            for tick in self.ticks()
+        )
+
+
+_FINE = (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)
+
+
+def path_data(points: Iterable[Sequence[float]]) -> str:
+    """The data of an SVG path through points: steps of tenths of a pixel, each from where the one before ended."""
+    tenths = [(round(10 * x), round(10 * y)) for x, y in points]
+    steps = [(x - a, y - b) for (a, b), (x, y) in pairwise(tenths)]
+    return f"M{tenths[0][0] / 10:g} {tenths[0][1] / 10:g}l" + " ".join(f"{x / 10:g} {y / 10:g}" for x, y in steps)
+
+
+def svg(width: float, height: float, title: str, body: str, kind: str = "") -> str:
+    """A drawing that fills its column, with a title that a screen reader reads."""
+    return (
+        f'<svg viewBox="0 0 {width:g} {height:g}" role="img" class="drawing {kind}" '
+        f'aria-label="{escape(title)}">{body}</svg>'
+    )

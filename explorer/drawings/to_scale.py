@@ -1,0 +1,108 @@
+"""An object drawn to scale beside a person, a door and a hand: front and side, with the 5 to 95 % band."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from explorer.content.units import length_text
+from explorer.drawings.axis import svg
+
+__all__ = ["Box", "to_scale"]
+
+WIDTH, HEIGHT, FLOOR, MARGIN, GAP = 340, 236, 196, 10, 14
+
+#: Name, width and height in mm, and an outline in a box of 100 by 100: a person of 1.70 m, a door of 0.9 by 2.0 m (as
+#: doors of homes are), a hand of 19 cm (the median of ANSUR II).
+_REFERENCES = (
+    (
+        "person",
+        480.0,
+        1700.0,
+        "M50 0c9 0 13 4 13 8s-4 8-9 8c22 0 30 3 34 9l8 25c2 5-8 7-11 3l-7-20v67h-22V62h-12v38"
+        "H22V33l-7 20c-3 4-13 2-11-3l8-25c4-6 12-9 34-9-5 0-9-4-9-8s4-8 13-8Z",
+    ),
+    ("door", 900.0, 2000.0, "M0 100V0H100V100H92V4H8V100Z M80 52a4 2 0 1 0 .1 0Z"),
+    (
+        "hand",
+        90.0,
+        190.0,
+        "M22 100l-3-22L3 52c-5-8 5-13 10-6l13 15L21 14c-1-8 10-9 12-1l7 33L43 5c1-8 12-8 13 0"
+        "l1 41 8-36c2-8 13-6 12 2l-5 38 10-24c4-7 13-4 11 4L82 76l-4 24Z",
+    ),
+)
+
+#: A reference is shown if its height is between these shares of the object's longest side.
+LEAST_SHARE, MOST_SHARE = 0.035, 9.0
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """An object's extents in mm: what is across, deep and up at the 5 %, 50 % and 95 % quantile, and their names."""
+
+    across: tuple[float, float, float]
+    up: tuple[float, float, float]
+    deep: tuple[float, float, float] | None
+    names: tuple[str, str, str]
+
+
+def to_scale(name: str, box: Box) -> str:
+    """The SVG of an object beside what everyone knows the size of."""
+    longest = max(box.across[2], box.up[2], box.deep[2] if box.deep else 0)
+    beside = [one for one in _REFERENCES if LEAST_SHARE <= one[2] / longest <= MOST_SHARE]
+    if len(beside) == len(_REFERENCES) and longest < 450:
+        beside = [_REFERENCES[2]]  # beside a person a mug is a dot
+    widths = [box.across[2], *([box.deep[2]] if box.deep else []), *(one[1] for one in beside)]
+    tallest = max(box.up[2], *(one[2] for one in beside), 0) if beside else box.up[2]
+    scale = min((WIDTH - 2 * MARGIN - GAP * (len(widths) - 1)) / sum(widths), (FLOOR - MARGIN) / tallest)
+    x = (WIDTH - sum(widths) * scale - GAP * (len(widths) - 1)) / 2
+    body = f'<path class="floor" d="M0 {FLOOR}H{WIDTH}"/>'
+    labels: list[tuple[float, str]] = []
+    views = [(box.across, "front")] + ([(box.deep, "side")] if box.deep else [])
+    for widths_mm, view in views:
+        body += _bands(x + widths_mm[2] * scale / 2, widths_mm, box.up, scale)
+        labels.append((x + widths_mm[2] * scale / 2, view))
+        x += widths_mm[2] * scale + GAP
+    for reference, wide, high, outline in beside:
+        body += (
+            f'<path class="reference" fill-rule="evenodd" transform="translate({x:.1f} {FLOOR - high * scale:.1f}) '
+            f'scale({wide * scale / 100:.4f} {high * scale / 100:.4f})" d="{outline}"/>'
+        )
+        labels.append((x + wide * scale / 2, reference))
+        x += wide * scale + GAP
+    body += _labels(labels) + _bar(scale)
+    known = f"{box.names[0]} {length_text(box.across[1])}, {box.names[1]} {length_text(box.up[1])}"
+    deep = f", {box.names[2]} {length_text(box.deep[1])}" if box.deep else ""
+    others = f" beside {', '.join(one[0] for one in beside)}" if beside else ""
+    return svg(WIDTH, HEIGHT, f"{name} to scale{others}: {known}{deep}", body, "to-scale")
+
+
+def _bands(middle: float, wide: tuple[float, ...], high: tuple[float, ...], scale: float) -> str:
+    """The boxes of the 95 %, 50 % and 5 % quantiles, on the floor."""
+    boxes = zip(("band", "object", "least"), (2, 1, 0), strict=True)
+    return "".join(
+        f'<rect class="{kind}" x="{middle - wide[q] * scale / 2:.1f}" y="{FLOOR - high[q] * scale:.1f}" '
+        f'width="{wide[q] * scale:.1f}" height="{high[q] * scale:.1f}"/>'
+        for kind, q in boxes
+    )
+
+
+def _labels(labels: list[tuple[float, str]]) -> str:
+    """Names under the drawings; on two lines in turn, where narrow ones would meet."""
+    texts, last, row = "", -100.0, 0
+    for x, text in labels:
+        row = 1 - row if x - last < 6 * len(text) + 12 else 0
+        last = x
+        placed = min(max(x, 16.0), WIDTH - 20.0)
+        texts += f'<text x="{placed:.1f}" y="{FLOOR + 13 + 11 * row}" text-anchor="middle">{text}</text>'
+    return texts
+
+
+def _bar(scale: float) -> str:
+    """A bar of a round length."""
+    most = 90 / scale
+    power = 10.0 ** int(f"{most:e}".partition("e")[2])
+    length = next(step * power for step in (5, 2, 1) if step * power <= most)
+    return (
+        f'<path class="bar" d="M{MARGIN} {HEIGHT - 6}v4h{length * scale:.1f}v-4"/>'
+        f'<text x="{MARGIN + length * scale + 5:.1f}" y="{HEIGHT - 2}">{length_text(length)}</text>'
+    )

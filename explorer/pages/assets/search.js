@@ -1,0 +1,178 @@
+// Search as you type: the index is made by the tree's resolver; this unfolds and ranks it.
+"use strict";
+(function () {
+  const root = document.documentElement.dataset.root;
+  const LIMIT = 12;
+  function fold(text) {
+    return text.toLowerCase().normalize("NFKD").replace(/[\u0300-\u036f]/g, "").replace(/[^a-z0-9]+/g, " ").trim();
+  }
+  function spelled(slug) { return slug.replace(/^mt-/, "").split(".")[0].replace(/_/g, " "); }
+  const names = [], labels = [];
+  function addName(name, owners) { names.push({ name, owners, words: name.split(" ") }); }
+  const nodes = MT_NAMES.nodes.split("\n").map((line) => {
+    const [slug, name, tier, items, parent] = line.split("\t");
+    return { slug, name: name || spelled(slug), tier: MT_NAMES.tiers[tier], items: Number(items), parent: parent === "" ? -1 : Number(parent), labels: [] };
+  });
+  const shared = new Set();
+  for (const line of MT_NAMES.shared.split("\n")) if (line) {
+    const [name, owners] = line.split("\t");
+    shared.add(name);
+    addName(name, owners.split(",").map(Number));
+  }
+  nodes.forEach((node, place) => { const own = fold(node.name); if (!shared.has(own)) addName(own, [place]); });
+  MT_NAMES.aliases.split("\n").forEach((line, place) => { if (line) for (const name of line.split(",")) addName(name, [place]); });
+  MT_NAMES.labels.split("\n").forEach((line, place) => {
+    if (line) for (const entry of line.split(",")) {
+      const [label, letters] = entry.split("@");
+      const lists = [...letters].map((letter) => MT_NAMES.lists[letter.charCodeAt(0) - 97]);
+      const name = label || fold(nodes[place].name);
+      nodes[place].labels.push([name, lists]);
+      labels.push({ name, node: place, lists });
+    }
+  });
+  // Letters that differ (insert, delete, change, swap), or more than `most`.
+  function slips(a, b, most) {
+    if (Math.abs(a.length - b.length) > most) return most + 1;
+    let before = [], last = Array.from({ length: b.length + 1 }, (_, k) => k);
+    for (let i = 1; i <= a.length; i++) {
+      const row = [i];
+      let least = i;
+      for (let j = 1; j <= b.length; j++) {
+        let cost = Math.min(last[j] + 1, row[j - 1] + 1, last[j - 1] + (a[i - 1] === b[j - 1] ? 0 : 1));
+        if (i > 1 && j > 1 && a[i - 1] === b[j - 2] && a[i - 2] === b[j - 1]) cost = Math.min(cost, before[j - 2] + 1);
+        row.push(cost);
+        if (cost < least) least = cost;
+      }
+      if (least > most) return most + 1;
+      before = last;
+      last = row;
+    }
+    return last[b.length];
+  }
+  function likeness(name, words, text, singular) {
+    if (name.name === text) return 100;
+    if (name.name === singular) return 95;
+    if (name.name.startsWith(text)) return 80 - Math.min(name.name.length - text.length, 20);
+    if (words.every((word) => name.words.some((own) => own.startsWith(word)))) return 55 - Math.min(name.name.length - text.length, 20);
+    return 0;
+  }
+  function misspelled(name, text) {
+    const most = text.length < 4 ? 0 : text.length < 8 ? 1 : 2;
+    if (!most) return 0;
+    const found = slips(text, name.name, most);
+    if (found <= most) return 50 - 8 * found;
+    if (text.includes(" ")) return 0;
+    return name.words.some((word) => slips(text, word, most) <= most) ? 24 : 0;
+  }
+  function search(query) {
+    const text = fold(query);
+    if (!text) return [];
+    const words = text.split(" "), singular = text.replace(/ies$/, "y").replace(/(ch|sh|s|x)es$/, "$1").replace(/s$/, "");
+    const lists = MT_NAMES.lists.filter((list) => words.includes(list.split("_")[0]));
+    const found = new Map();
+    const take = (place, score, why) => {
+      const old = found.get(place);
+      const whole = score + Math.min(Math.log10(1 + nodes[place].items) * 3, 10);
+      if (!old || old.score < whole) found.set(place, { place, score: whole, why });
+    };
+    if (lists.length) {
+      const rest = words.filter((word) => !lists.some((list) => list.split("_")[0] === word)).join(" ");
+      for (const label of labels) {
+        const list = label.lists.find((one) => lists.includes(one));
+        if (list && rest && label.name.startsWith(rest)) take(label.node, label.name === rest ? 130 : 105, label.name + " in " + list);
+      }
+    }
+    for (const name of names) {
+      const score = likeness(name, words, text, singular);
+      if (score) name.owners.forEach((place, k) => take(place, score - 6 * k, name.name));
+    }
+    for (const label of labels) {
+      const own = label.name;
+      if (own === text) take(label.node, 60, label.name + " in " + label.lists.slice(0, 3).join(", "));
+    }
+    if (found.size < 4) for (const name of names) {
+      const score = misspelled(name, text);
+      if (score) name.owners.forEach((place, k) => take(place, score - 6 * k, name.name));
+    }
+    const hits = [...found.values()].sort((a, b) => b.score - a.score || a.place - b.place).slice(0, LIMIT).map(nodeHit);
+    for (const [id, title] of MT_NAMES.sources) {
+      if (hits.length < LIMIT + 3 && fold(id + " " + title).split(" ").some((word) => word.startsWith(words[0])) && words.every((word) => fold(id + " " + title).includes(word)))
+        hits.push({ href: root + "sources/" + id + ".html", name: title, note: "source", tier: null });
+    }
+    for (const list of MT_NAMES.lists) if (fold(list).startsWith(text)) hits.push({ href: root + "vocabularies/" + list + ".html", name: list, note: "label list", tier: null });
+    return hits;
+  }
+  function nodeHit(hit) {
+    const node = nodes[hit.place];
+    const path = [];
+    for (let one = node.parent; one >= 0 && path.length < 2; one = nodes[one].parent) path.unshift(nodes[one].name);
+    const said = fold(hit.why || "") === fold(node.name) ? "" : ' · "' + hit.why + '"';
+    const lists = node.labels.flatMap(([, lists]) => lists);
+    const shown = lists.length ? " · label of " + [...new Set(lists)].slice(0, 3).join(", ") : "";
+    return { href: root + "nodes/" + node.slug + ".html", slug: node.slug, name: node.name, tier: node.tier, note: path.join(" › ") + said + shown };
+  }
+  window.metricTree.search = search;
+
+  const box = document.getElementById("search"), list = document.getElementById("hits");
+  let chosen = -1;
+  function show() {
+    const hits = search(box.value);
+    chosen = -1;
+    list.replaceChildren(...hits.map((hit, k) => {
+      const item = document.createElement("li");
+      item.role = "option";
+      item.id = "hit-" + k;
+      item.setAttribute("aria-selected", "false");
+      const link = document.createElement("a");
+      link.href = hit.href;
+      link.tabIndex = -1;
+      link.append(hit.name + " ");
+      if (hit.tier) {
+        const tier = document.createElement("span");
+        tier.className = "tier tier-" + hit.tier;
+        tier.textContent = hit.tier;
+        link.append(tier);
+      }
+      const note = document.createElement("small");
+      note.textContent = hit.note;
+      link.append(note);
+      item.append(link);
+      return item;
+    }));
+    if (box.value.trim() && !hits.length) {
+      const item = document.createElement("li");
+      item.role = "option";
+      item.setAttribute("aria-selected", "false");
+      item.textContent = "nothing like it; the tree page has all categories";
+      list.append(item);
+    }
+    list.hidden = !box.value.trim();
+    box.setAttribute("aria-expanded", String(!list.hidden));
+    box.removeAttribute("aria-activedescendant");
+  }
+  function move(step) {
+    const items = [...list.children].filter((item) => item.id);
+    if (!items.length) return;
+    chosen = (chosen + step + items.length + (chosen < 0 && step < 0 ? 1 : 0)) % items.length;
+    items.forEach((item, k) => item.setAttribute("aria-selected", String(k === chosen)));
+    items[chosen].scrollIntoView({ block: "nearest" });
+    box.setAttribute("aria-activedescendant", items[chosen].id);
+  }
+  box.addEventListener("input", show);
+  box.addEventListener("keydown", (event) => {
+    if (event.key === "ArrowDown") move(1);
+    else if (event.key === "ArrowUp") move(-1);
+    else if (event.key === "Escape") { list.hidden = true; box.setAttribute("aria-expanded", "false"); return; }
+    else return;
+    event.preventDefault();
+  });
+  box.form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const link = list.children[Math.max(chosen, 0)]?.querySelector("a");
+    if (link) location.href = link.href;
+  });
+  document.addEventListener("click", (event) => {
+    if (!box.form.contains(event.target)) { list.hidden = true; box.setAttribute("aria-expanded", "false"); }
+  });
+  if (box.value) show();
+})();

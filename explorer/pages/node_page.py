@@ -1,0 +1,251 @@
+"""The page of a node."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from markupsafe import Markup
+
+from explorer.content.addresses import (
+    LEAST_PARQUET,
+    LISTED_LEVEL,
+    csv_of,
+    json_of,
+    page_of,
+    parquet_of,
+    prior_of,
+    slug,
+)
+from explorer.content.answers import node_answer, outside_links, shown_name
+from explorer.content.catalogue import AXES, QUANTILES, Catalogue
+from explorer.content.units import length_text
+from explorer.drawings.distributions import KINDS, distribution
+from explorer.drawings.scatter import scatter
+from explorer.drawings.to_scale import Box, to_scale
+from explorer.pages.small_multiples import multiples
+from explorer.pages.templating import page_bytes, web_address
+from metric_base.arrays import FloatArray, IntArray
+from metric_base.regions import region_of
+from metric_tree.context import Where
+from metric_tree.prior import Prior
+from metric_tree.tree import Node
+
+__all__ = ["node_page"]
+
+#: Items in the page itself; the others are loaded when they are asked for.
+SHOWN_ITEMS = 20
+
+#: Pictures of a page, and pixels of the largest one's longest side; no picture is drawn smaller than the least.
+SHOWN_PICTURES, LARGEST_PX, LEAST_PX = 12, 180, 12
+
+#: Steps of the slider of years at most.
+YEAR_STEPS = 9
+
+#: Fewest items for a drawing of one dimension against another.
+LEAST_POINTS = 5
+
+ISSUES = "https://github.com/metric-tree/metric-tree/issues/new"
+
+
+def node_page(catalogue: Catalogue, node: Node) -> bytes:
+    """The page of a node."""
+    answer = node_answer(catalogue, node)
+    prior, rows = catalogue.prior(node), catalogue.rows(node)
+    sizes, kinds = catalogue.sizes[rows], catalogue.kinds[rows]
+    table = catalogue.quantiles(node)
+    plot, plot_dims = _scatter(prior, sizes, kinds) if prior else ("", "")
+    siblings = node.parent.children if node.parent else ()
+    return page_bytes(
+        catalogue,
+        "node.html",
+        "../",
+        node.name,
+        description=answer.sentence,
+        node=node,
+        slug=slug(node.node_id),
+        answer=answer,
+        line=[
+            {"name": name, "href": page_of(node_id)} for name, node_id in zip(answer.path, answer.path_ids, strict=True)
+        ],
+        evidence=_evidence(node, answer.n_sources),
+        quantiles=QUANTILES,
+        sizes=list(zip(answer.dims, table.T.tolist(), strict=True)),
+        drawing=Markup(to_scale(shown_name(node), _box(prior, table))) if prior else "",
+        distributions=[
+            (dim, Markup(distribution(dim, prior.marginal((dim,)), _known(sizes, dim), _kinds_of(sizes, kinds, dim))))
+            for dim in prior.dims
+        ]
+        if prior
+        else [],
+        scatter=Markup(plot) if plot else "",
+        scatter_dims=plot_dims,
+        kinds=[kind for kind in KINDS if (kinds == kind).any()],
+        context=_context(node, prior) if prior else None,
+        source_rows=[_source_row(catalogue, name, n) for name, n in answer.shipped["source"].items()],
+        facts=_facts(catalogue, rows, answer.shipped["region"]),
+        children=multiples(catalogue, node.children, node),
+        siblings=multiples(catalogue, siblings, node) if len(siblings) > 1 else None,
+        pictures=_pictures(catalogue, node),
+        items=[_item(catalogue, row) for row in _spread(rows, sizes)],
+        n_shipped=len(rows),
+        listed=node.level >= LISTED_LEVEL,
+        parquet=len(rows) >= LEAST_PARQUET,
+        dims_code="(" + ", ".join(f'"{dim}"' for dim in answer.dims) + ("," if len(answer.dims) == 1 else "") + ")",
+        json_href=json_of(node.node_id),
+        prior_href=prior_of(node.node_id),
+        csv_href=csv_of(node.node_id),
+        parquet_href=parquet_of(node.node_id),
+        outside=outside_links(catalogue, node),
+        report_href=_report(catalogue, node, answer.sentence),
+    )
+
+
+def _evidence(node: Node, n_sources: int) -> str:
+    items = f"{node.n_items:,} item{'' if node.n_items == 1 else 's'}"
+    sources = f"{n_sources} source{'' if n_sources == 1 else 's'}"
+    return f"From {items} and {sources}." if node.n_items else f"From no real item, and {sources}."
+
+
+def _known(sizes: FloatArray, dim: str) -> FloatArray:
+    column = sizes[:, AXES.index(dim)]
+    known: FloatArray = column[~np.isnan(column)]
+    return known
+
+
+def _kinds_of(sizes: FloatArray, kinds: Any, dim: str) -> Any:
+    return kinds[~np.isnan(sizes[:, AXES.index(dim)])]
+
+
+def _scatter(prior: Prior, sizes: FloatArray, kinds: Any) -> tuple[str, str]:
+    """Length against height where there are items with both, else the first two dimensions; and what was drawn."""
+    dims = prior.dims
+    pair = ("length", "height") if {"length", "height"} <= set(dims) else dims[:2]
+    if len(pair) < 2:
+        return "", ""
+    columns = sizes[:, [AXES.index(dim) for dim in pair]]
+    known = ~np.isnan(columns).any(axis=1)
+    if known.sum() < LEAST_POINTS:
+        return "", ""
+    return scatter(prior.marginal(pair), columns[known], kinds[known]), f"{pair[0]} against {pair[1]}"
+
+
+def _box(prior: Prior, table: FloatArray) -> Box:
+    """What is drawn to scale: length across, height up and width deep; a dimension that is not known is another's."""
+    spans = {dim: tuple(float(v) for v in table[[0, 2, 4], k]) for k, dim in enumerate(prior.dims)}
+    names = list(spans)
+    across = next((dim for dim in ("length", "extent1", "width", *names) if dim in spans), names[0])
+    up = next(
+        (dim for dim in ("height", "extent2", "width", "length", *names) if dim in spans and dim != across), across
+    )
+    deep = next((dim for dim in ("width", "extent3", *names) if dim in spans and dim not in {across, up}), None)
+    triple = {dim: (v[0], v[1], v[2]) for dim, v in spans.items()}
+    return Box(triple[across], triple[up], triple[deep] if deep else None, (across, up, deep or ""))
+
+
+def _context(node: Node, prior: Prior) -> dict[str, Any] | None:
+    """Quantiles by region and year, where the contexts of the prior state some; None where they do not."""
+    model = node.tree.context_model
+    regions = sorted(
+        {region for one in prior.contexts if (region := region_of(one.region or "world")) and region != "world"}
+    )
+    years = [one.year for one in prior.contexts if one.year is not None]
+    if model is None or not (regions or years):
+        return None
+    steps = _year_steps(min(years), max(years)) if years else []
+    asked: list[float | None] = [*steps] or [None]
+    table: dict[str, list[list[list[float]]]] = {}
+    for region in ("world", *regions):
+        table[region] = []
+        for year in asked:
+            where = Where(None if region == "world" else region, year)
+            plain = where.region is None and where.year is None
+            moved = prior if plain else prior.in_context(where, model)
+            rows = np.stack([moved.quantile(q) for q in (0.05, 0.5, 0.95)]).T
+            table[region].append([[float(f"{mm:.4g}") for mm in row] for row in rows])
+    return {"regions": list(table), "years": [round(year) for year in steps], "table": table}
+
+
+def _year_steps(first: float, last: float) -> list[float]:
+    """Round years from the first to the last."""
+    step = next(step for step in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000) if (last - first) / step < YEAR_STEPS - 1)
+    years = range(int(first // step * step), int(math.ceil(last / step) * step) + 1, step)
+    return [float(year) for year in years]
+
+
+def _source_row(catalogue: Catalogue, name: str, n: int) -> dict[str, Any]:
+    record = catalogue.sources.get(name, {})
+    return {
+        "id": name,
+        "title": record.get("title", name),
+        "kind": record.get("kind", ""),
+        "licence": record.get("licence") or "none stated",
+        "n": n,
+    }
+
+
+def _facts(catalogue: Catalogue, rows: IntArray, regions: dict[str, int]) -> str:
+    years = [year for year in catalogue.items["year"].take(rows).to_pylist() if year is not None]
+    parts = []
+    if years:
+        parts.append(f"Years {min(years)} to {max(years)} ({len(years):,} items state one).")
+    stated = {region: n for region, n in regions.items() if region != "unstated"}
+    if stated:
+        parts.append("Regions: " + ", ".join(f"{region} {n:,}" for region, n in stated.items()) + ".")
+    return " ".join(parts)
+
+
+def _spread(rows: IntArray, sizes: FloatArray) -> IntArray:
+    """Rows of the items that a page shows: spread over the sizes, the largest first."""
+    largest = np.nanmax(np.nan_to_num(sizes), axis=1) if len(rows) else np.zeros(0)
+    order = np.argsort(-largest, kind="stable")
+    chosen = np.linspace(0, len(order) - 1, min(SHOWN_ITEMS, len(order))).astype(int)
+    spread: IntArray = rows[order[chosen]]
+    return spread
+
+
+def _item(catalogue: Catalogue, row: int) -> dict[str, Any]:
+    (item,) = catalogue.items.slice(int(row), 1).to_pylist()
+    sizes: Sequence[float | None] = [item[f"{dim}_mm"] for dim in ("length", "width", "height")]
+    if not any(sizes):
+        sizes = [*(item["extents_mm"] or ()), None, None, None][:3]
+    return {**item, "sizes": sizes, "url": web_address(item["url"]), "title": (item["title"] or item["item_id"])[:90]}
+
+
+def _pictures(catalogue: Catalogue, node: Node) -> list[dict[str, Any]]:
+    """Cut-out pictures with their items' sizes, all to one scale."""
+    found: list[tuple[dict[str, Any], dict[str, Any], str, float]] = []
+    for image in catalogue.images(node):
+        path, row = image["cutout_path"] or image["path"], catalogue.item_rows.get(image["item_id"])
+        if path is None or row is None or len(found) >= 4 * SHOWN_PICTURES:
+            continue
+        (item,) = catalogue.items.slice(row, 1).to_pylist()
+        if item["extents_mm"]:
+            found.append((image, item, path, max(item["extents_mm"])))
+    chosen = [found[k] for k in np.linspace(0, len(found) - 1, min(len(found), SHOWN_PICTURES)).astype(int)]
+    largest = max((longest for *_, longest in chosen), default=1.0)
+    return [_picture(image, item, path, longest / largest) for image, item, path, longest in chosen]
+
+
+def _picture(image: dict[str, Any], item: dict[str, Any], path: str, share: float) -> dict[str, Any]:
+    side = max(image["width_px"], image["height_px"])
+    pixels = max(share * LARGEST_PX, LEAST_PX) / side
+    credit = image.get("attribution") or f"{item['source']} ({image['licence'] or 'no licence stated'})"
+    return {
+        "path": path,
+        "title": item["title"] or item["item_id"],
+        "width": max(1, round(image["width_px"] * pixels)),
+        "height": max(1, round(image["height_px"] * pixels)),
+        "size": " × ".join(length_text(mm) for mm in item["extents_mm"]),
+        "credit": credit if len(credit) < 160 else credit[:157] + "…",
+        "url": web_address(image["source_url"]),
+    }
+
+
+def _report(catalogue: Catalogue, node: Node, sentence: str) -> str:
+    known = f"Node: {node.node_id}\nRelease: {catalogue.tree.version}\nThe page says: {sentence}"
+    body = f"{known}\n\nWhat is wrong:\n\nA source:\n"
+    return f"{ISSUES}?title={quote(f'{node.name}: ')}&body={quote(body)}"

@@ -1,0 +1,54 @@
+"""The Jinja2 environment of the pages: escaping, and filters for lengths and addresses."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+from urllib.parse import urlsplit
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from explorer.content.addresses import page_of, slug
+from explorer.content.catalogue import Catalogue
+from explorer.content.tiers import MEANINGS
+from explorer.content.units import length_text
+
+__all__ = ["main_dimension", "page_bytes", "web_address"]
+
+
+def page_bytes(catalogue: Catalogue, template: str, root: str, title: str, **values: Any) -> bytes:
+    """A page as UTF-8; `root` leads from its folder to that of the release (`../` or nothing)."""
+    tree, created = catalogue.tree, catalogue.tree.release.manifest["created"]
+    text = _environment().get_template(template).render(tree=tree, created=created, root=root, title=title, **values)
+    return text.encode()
+
+
+def web_address(text: Any) -> str:
+    """An address that a link may have: of the web, and of nothing else that a source may state; else nothing."""
+    return text if isinstance(text, str) and urlsplit(text).scheme in {"http", "https"} else ""
+
+
+def main_dimension(dims: Any) -> str:
+    """The dimension that stands for a size: the height, else the first."""
+    return "height" if "height" in dims else next(iter(dims), "")
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("explorer.pages"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        auto_reload=False,
+    )
+    environment.globals["tiers"] = MEANINGS
+    environment.globals["description"] = ""
+    environment.filters |= {
+        "length_text": length_text,
+        "page": page_of,
+        "slug": slug,
+        "main_dim": lambda sizes: (main_dimension(sizes), sizes[main_dimension(sizes)]),
+    }
+    return environment

@@ -1,0 +1,163 @@
+"""What differs between two releases: nodes, tiers, priors that moved, with the items that moved them, and licences."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from metric_tree.tree import Node, NoPrior, Tree
+
+__all__ = ["MEDIAN_MOVED", "SPREAD_MOVED", "MovedPrior", "ReleaseDiff", "release_diff"]
+
+#: A prior has moved if a median moves by this share: less than sources of one class differ by.
+MEDIAN_MOVED = 0.05
+#: Or if an interval, as a ratio of its ends on the log axis, widens or narrows by this share.
+SPREAD_MOVED = 0.2
+
+
+@dataclass(frozen=True, slots=True)
+class MovedPrior:
+    """A node whose prior moved: medians in mm, the shares by which median and log interval changed, and the blame.
+
+    blame : shipped items by source that the node gained (+) or lost (-), the most first.
+    """
+
+    node: str
+    dim: str
+    before_mm: float
+    after_mm: float
+    median: float
+    spread: float
+    blame: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class ReleaseDiff:
+    """What changed from the release `before` to `after`; nodes are ids.
+
+    merged : old id to the node that its items went to; moved, renamed, tiers : id to what it was and is.
+    """
+
+    before: str
+    after: str
+    nodes_before: int
+    nodes_after: int
+    added: list[str]
+    removed: list[str]
+    merged: dict[str, str]
+    moved: dict[str, tuple[str | None, str | None]]
+    renamed: dict[str, tuple[str, str]]
+    tiers: dict[str, tuple[str, str]]
+    priors: list[MovedPrior]
+    items: dict[str, tuple[int, int]]
+    licences: dict[str, tuple[int, int]]
+
+    @property
+    def share_moved(self) -> float:
+        """Share of the nodes of both releases whose prior moved."""
+        both = self.nodes_before - len(self.removed)
+        return len(self.priors) / both if both else 0.0
+
+    def record(self) -> dict[str, Any]:
+        """The diff as a JSON object (`metric-tree/diff/1`)."""
+        fields = {name: getattr(self, name) for name in self.__dataclass_fields__ if name != "priors"}
+        priors = [{name: getattr(one, name) for name in one.__dataclass_fields__} for one in self.priors]
+        return {"schema": "metric-tree/diff/1", **fields, "priors": priors, "share_moved": round(self.share_moved, 5)}
+
+
+def release_diff(before: Tree, after: Tree) -> ReleaseDiff:
+    """What changed between two releases."""
+    old, new = ({node.node_id: node for node in tree} for tree in (before, after))
+    both = [node_id for node_id in old if node_id in new]
+    homes = tuple(_homes(tree) for tree in (before, after))
+    pairs = [(old[node_id], new[node_id]) for node_id in both]
+    removed = [node_id for node_id in old if node_id not in new]
+    gains = _gains(*homes)
+    return ReleaseDiff(
+        before=before.version,
+        after=after.version,
+        nodes_before=len(old),
+        nodes_after=len(new),
+        added=[node_id for node_id in new if node_id not in old],
+        removed=removed,
+        merged=_homes_of_removed(removed, *homes),
+        moved={a.node_id: (a.parent_id, b.parent_id) for a, b in pairs if a.parent_id != b.parent_id},
+        renamed={a.node_id: (a.name, b.name) for a, b in pairs if a.name != b.name},
+        tiers=dict(_tiers(pairs)),
+        priors=sorted(_moved_priors(pairs, gains), key=lambda one: (-abs(np.log1p(one.median)), one.node)),
+        items=_counts(before, after, "source"),
+        licences=_counts(before, after, "licence"),
+    )
+
+
+def _homes(tree: Tree) -> dict[str, tuple[str, str]]:
+    """Node and source of each shipped item."""
+    table = tree.release.table("items").select(["item_id", "node_id", "source"]).to_pydict()
+    return dict(zip(table["item_id"], zip(table["node_id"], table["source"], strict=True), strict=True))
+
+
+def _homes_of_removed(
+    removed: list[str], then: dict[str, tuple[str, str]], now: dict[str, tuple[str, str]]
+) -> dict[str, str]:
+    """Where most items of each removed node are now."""
+    gone = set(removed)
+    went: dict[str, Counter[str]] = {}
+    for item, (node_id, _) in then.items():
+        if node_id in gone and item in now:
+            went.setdefault(node_id, Counter())[now[item][0]] += 1
+    return {node_id: counts.most_common(1)[0][0] for node_id, counts in went.items()}
+
+
+def _gains(then: dict[str, tuple[str, str]], now: dict[str, tuple[str, str]]) -> dict[str, Counter[str]]:
+    """Items by source that each leaf gained or lost."""
+    gains: dict[str, Counter[str]] = {}
+    for sign, homes, others in ((1, now, then), (-1, then, now)):
+        for item, (node_id, source) in homes.items():
+            if others.get(item, ("", ""))[0] != node_id:
+                gains.setdefault(node_id, Counter())[source] += sign
+    return gains
+
+
+def _tiers(pairs: list[tuple[Node, Node]]) -> Iterator[tuple[str, tuple[str, str]]]:
+    for a, b in pairs:
+        then, now = (getattr(node, "tier", None) for node in (a, b))
+        if then and now and then != now:
+            yield a.node_id, (str(then), str(now))
+
+
+def _moved_priors(pairs: list[tuple[Node, Node]], gains: dict[str, Counter[str]]) -> Iterator[MovedPrior]:
+    """Of each node of both releases whose prior moved, the dimension that moved most."""
+    for a, b in pairs:
+        dims = tuple(dim for dim in b.dims if dim in a.dims)
+        try:
+            then, now = (node.prior(dims) for node in (a, b))
+        except NoPrior:
+            continue
+        old, new = (np.stack([prior.quantile(q) for q in (0.05, 0.5, 0.95)]) for prior in (then, now))  # (3, d)
+        median = new[1] / old[1] - 1
+        spread = np.log(new[2] / new[0]) / np.log(old[2] / old[0]) - 1
+        moved = (np.abs(median) >= MEDIAN_MOVED) | (np.abs(spread) >= SPREAD_MOVED)
+        if moved.any():
+            k = int(np.argmax(np.maximum(np.abs(np.log1p(median)) / MEDIAN_MOVED, np.abs(spread) / SPREAD_MOVED)))
+            then_mm, now_mm, by, wider = (float(f"{v:.4g}") for v in (old[1, k], new[1, k], median[k], spread[k]))
+            yield MovedPrior(b.node_id, dims[k], then_mm, now_mm, by, wider, _blame(b, gains))
+
+
+def _blame(node: Node, gains: dict[str, Counter[str]]) -> dict[str, int]:
+    total: Counter[str] = Counter()
+    for one in node.descendants():
+        total.update(gains.get(one.node_id, {}))
+    return {source: n for source, n in sorted(total.items(), key=lambda pair: -abs(pair[1])) if n}
+
+
+def _counts(before: Tree, after: Tree, column: str) -> dict[str, tuple[int, int]]:
+    """Shipped items by a column, before and after, where they differ."""
+    then, now = (
+        Counter(value or "unstated" for value in tree.release.table("items")[column].to_pylist())
+        for tree in (before, after)
+    )
+    return {name: (then[name], now[name]) for name in sorted({*then, *now}) if then[name] != now[name]}

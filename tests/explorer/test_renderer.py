@@ -1,0 +1,122 @@
+"""The bytes of the site, of the server and of the functions behind both are the same."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+from pathlib import Path
+
+import httpx
+import pytest
+
+from explorer.content.catalogue import Catalogue
+from explorer.renderer import answer, site_addresses
+from explorer.site import write_site
+from metric_base.errors import InputError
+from metric_tree.tree import Tree
+
+#: One address of each kind.
+KINDS = [
+    "index.html", "tree.html", "about.html", "compare.html", "scale.html", "sources/index.html", "sources/made.html",
+    "vocabularies/index.html", "vocabularies/coco_80.html", "vocabularies/coco_80.csv", "changes/0.0.1.html",
+    "nodes/swivel_chair.n.01.html", "nodes/mt-bar_stool.html", "nodes/entity.n.01.html", "assets/names.js",
+    "assets/sizes.js", "assets/style.css", "v1/releases.json", "v1/nodes/swivel_chair.n.01.json",
+    "v1/nodes/swivel_chair.n.01/prior.json", "v1/nodes/swivel_chair.n.01/items.json",
+    "v1/nodes/swivel_chair.n.01/images.json", "v1/nodes/swivel_chair.n.01/items.csv", "v1/vocabularies/coco_80.json",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("prefix", ["", "releases/0.0.1/"])
+@pytest.mark.parametrize("address", KINDS)
+def test_site_and_server_have_the_same_bytes(base: str, site: Path, address: str, prefix: str) -> None:
+    if prefix and address.startswith("changes"):
+        address = "changes/0.0.2.html"
+    served = httpx.get(f"{base}/{prefix}{address}")
+    assert served.status_code == 200
+    assert served.content == (site / prefix / address).read_bytes()
+
+
+def test_every_address_of_the_site_has_an_answer_and_every_link_leads_to_one(catalogue: Catalogue, site: Path) -> None:
+    addresses = set(site_addresses(catalogue))
+    assert len(addresses) > 100
+    broken = set()
+    for page in site.rglob("*.html"):
+        for link in re.findall(r'(?:href|src)="([^"#?]*)', page.read_text(encoding="utf-8")):
+            if link and not link.startswith(("http:", "https:")) and not (page.parent / link).resolve().is_file():
+                broken.add((str(page.relative_to(site)), link))
+    assert broken == set()
+
+
+def test_a_page_loads_nothing_from_outside(site: Path) -> None:
+    loading = re.compile(r'<(?:script|img|link|iframe)[^>]+(?:src|href)="(?:https?:)?//')
+    assert [page for page in site.rglob("*.html") if loading.search(page.read_text(encoding="utf-8"))] == []
+
+
+def test_text_of_a_source_is_escaped(trees: list[Tree]) -> None:
+    catalogue = Catalogue(trees)
+    rows = catalogue.items.to_pylist()
+    rows[0]["title"], rows[0]["url"] = "<script>alert(1)</script>", "javascript:alert(1)"
+    catalogue.__dict__["items"] = type(catalogue.items).from_pylist(rows, schema=catalogue.items.schema)
+    page = answer(catalogue, f"nodes/{rows[0]['node_id']}.html")
+    assert page is not None
+    assert b"<script>alert" not in page.body
+    assert b"javascript:" not in page.body
+    assert b"&lt;script&gt;alert" in page.body
+
+
+def test_a_page_says_the_tier_then_the_size(catalogue: Catalogue) -> None:
+    page = answer(catalogue, "nodes/swivel_chair.n.01.html")
+    assert page is not None
+    text = page.body.decode()
+    assert (
+        text.index('class="tier')
+        < text.index('<p class="sentence">A swivel chair is about 1.1 m high')
+        < text.index("<h2")
+    )
+    assert text.count('<svg viewBox="0 0 340') == 5  # to scale, three dimensions, one against another
+    assert len(gzip.compress(page.body)) < 60_000
+
+
+def test_the_index_of_names_means_what_the_resolver_means(catalogue: Catalogue) -> None:
+    made = answer(catalogue, "assets/names.js")
+    assert made is not None
+    content = json.loads(made.body.decode().removeprefix("var MT_NAMES=").rstrip(";\n"))
+    nodes = [line.split("\t")[0] for line in content["nodes"].split("\n")]
+    shared = dict(line.split("\t") for line in content["shared"].split("\n"))
+    owners = [nodes[int(place)] for place in shared["mouse"].split(",")]
+    assert owners[0] == catalogue.tree.resolve("mouse").node.node_id == "mouse.n.04"
+    assert set(owners) == {"mouse.n.04", "mouse.n.01"}
+    line = content["labels"].split("\n")[nodes.index("mouse.n.04")]
+    assert chr(97 + content["lists"].index("coco_80")) in line.split("@")[1]
+
+
+def test_what_changed(catalogue: Catalogue) -> None:
+    page = answer(catalogue, "changes/0.0.1.html")
+    assert page is not None
+    text = page.body.decode()
+    assert "bar stool" in text.partition("New categories")[0]
+    assert "-18%" in text  # exp(-.2) - 1
+    assert "track ball" in text
+    assert "rat</a>" in text.partition("New categories")[2]
+
+
+@pytest.mark.parametrize(
+    "address", ["nodes/none.html", "v1/nodes/none.json", "../manifest.json", "assets/../x", "v1/nodes/a/b/c.json", ""]
+)
+def test_nothing_is_elsewhere(catalogue: Catalogue, address: str) -> None:
+    assert answer(catalogue, address) is None
+
+
+def test_a_site_replaces_nothing(trees: list[Tree], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="already exists"):
+        write_site(tmp_path, trees)
+    with pytest.raises(InputError, match="different versions"):
+        write_site(tmp_path / "site", [trees[0], trees[0]])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_spreadsheets_run_no_cell() -> None:
+    from explorer.content.tables import csv_text
+
+    assert csv_text(["a"], [["=1+1"], ["plain"], [None], [[1.5, 2.0]]]) == b'a\n\'=1+1\nplain\n""\n1.5 2.0\n'

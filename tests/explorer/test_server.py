@@ -1,0 +1,203 @@
+"""The HTTP server: questions, errors in one shape, caching, bounds, and the tools of the Model Context Protocol."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+from typing import Any
+
+import httpx
+import msgspec
+import numpy as np
+import pytest
+
+from explorer.content.catalogue import Catalogue
+from explorer.content.records import NodeAnswer, PriorAnswer, Problem, SearchAnswer
+
+OBJECTS = {
+    "schema": "metric-tree/objects/1",
+    "objects": [
+        {"id": f"chair {k}", "category": "swivel chair", "dimensions": {"length": 0.31, "width": 0.3, "height": 0.525}}
+        for k in range(3)
+    ],
+}
+
+
+def test_questions_answer_as_the_tree_does(base: str, catalogue: Catalogue) -> None:
+    node = msgspec.json.decode(httpx.get(f"{base}/v1/nodes/mt:bar_stool").content, type=NodeAnswer)
+    assert (node.node, node.level, node.n_shipped) == ("mt:bar_stool", 5, 9)
+    asked = {"dims": "height,length", "quantiles": "0.1,0.9", "density_at": "760,420,700,400"}
+    answered = httpx.get(f"{base}/v1/nodes/mt-bar_stool/prior", params=asked)
+    answer = msgspec.json.decode(answered.content, type=PriorAnswer)
+    prior = catalogue.tree.find("bar stool").prior(("height", "length"))
+    assert answer.dims == ["height", "length"]
+    assert answer.quantiles_mm["height"]["0.9"] == pytest.approx(prior.quantile(0.9)[0], rel=1e-4)
+    assert answer.log_density == pytest.approx(prior.log_density(np.array([[760, 420], [700, 400]])))
+    hits = msgspec.json.decode(httpx.get(f"{base}/v1/search", params={"q": "mouse"}).content, type=SearchAnswer).hits
+    assert [hit.node for hit in hits[:2]] == ["mouse.n.04", "mouse.n.01"]
+    assert "coco_80" in hits[0].labels
+
+
+def test_items_come_a_page_at_a_time(base: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("explorer.content.answers.PAGE_ROWS", 4)
+    following, titles = "v1/nodes/pointer.n.01/items?page=cDE", []
+    while following:
+        page = httpx.get(f"{base}/{following}").json()
+        titles += [item["title"] for item in page["items"]]
+        following = page["next"]
+    assert len(titles) == len(set(titles)) == page["n_shipped"] == 13
+
+
+@pytest.mark.parametrize(
+    ("path", "status", "text"),
+    [
+        ("/nowhere", 404, "nothing is at"),
+        ("/v1/nodes/none", 404, "no node has this id"),
+        ("/releases/9.9.9/index.html", 404, "no release"),
+        ("/v1/search?q=", 422, "1 to 300"),
+        ("/v1/search?q=a&limit=0", 422, "1 to 50"),
+        ("/v1/search?q=a&limti=3", 422, "limti"),
+        ("/v1/nodes/rat.n.01/prior?dims=depth", 422, "expected a prior that holds depth"),
+        ("/v1/nodes/rat.n.01/prior?dims=height,height", 422, "each once"),
+        ("/v1/nodes/rat.n.01/prior?quantiles=2", 422, "between 0 and 1"),
+        ("/v1/nodes/rat.n.01/prior?quantiles=a", 422, "expected numbers"),
+        ("/v1/nodes/rat.n.01/prior?density_at=1,2", 422, "3 numbers each"),
+        ("/v1/nodes/rat.n.01/prior?where=region=mars", 422, "region"),
+        ("/v1/nodes/rat.n.01/items?cursor=x", 422, "cursor"),
+        ("/pictures/aa/" + "a" * 64 + ".webp", 404, "nothing is at"),
+    ],
+)
+def test_errors_have_one_shape(base: str, path: str, status: int, text: str) -> None:
+    answer = httpx.get(base + path)
+    problem = msgspec.json.decode(answer.content, type=Problem)
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert (answer.status_code, problem.status) == (status, status)
+    assert text in problem.detail
+
+
+def test_a_method_that_is_not_taken(base: str) -> None:
+    answer = httpx.delete(f"{base}/v1/releases")
+    assert answer.status_code == 405
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_caching_compression_and_other_origins(base: str) -> None:
+    first = httpx.get(f"{base}/nodes/rat.n.01.html", headers={"accept-encoding": "gzip"})
+    assert first.headers["content-encoding"] == "gzip"
+    assert "max-age" in first.headers["cache-control"]
+    assert first.headers["access-control-allow-origin"] == "*"
+    again = httpx.get(f"{base}/nodes/rat.n.01.html", headers={"if-none-match": first.headers["etag"]})
+    assert (again.status_code, again.content) == (304, b"")
+    asked = {"origin": "https://example.org", "access-control-request-method": "POST"}
+    assert "POST" not in httpx.options(f"{base}/v1/scale", headers=asked).headers["access-control-allow-methods"]
+    assert httpx.head(f"{base}/index.html").content == b""
+
+
+def test_the_scale_of_objects(base: str) -> None:
+    answer = httpx.post(f"{base}/v1/scale", json=OBJECTS, timeout=60)
+    record = answer.json()
+    assert record["schema"] == "metric-tree/scale/1"
+    assert record["scale"] == pytest.approx(2, rel=0.1)
+    assert answer.content == httpx.post(f"{base}/v1/scale", json=OBJECTS, timeout=60).content
+    known = {**OBJECTS, "known_lengths": [{"units": 1.0, "metres": 2.05}]}
+    with_length = httpx.post(f"{base}/v1/scale", json=known, timeout=60).json()
+    widths = [math.log(one["interval"]["high"] / one["interval"]["low"]) for one in (record, with_length)]
+    assert widths[1] < widths[0]
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "text"),
+    [
+        (b"{", 422, "expected metric-tree/objects/1"),
+        (b'{"objects": []}', 422, "1 to 500"),
+        (json.dumps({"objects": [{"category": "rat", "dimensions": {"height": -1}}]}).encode(), 422, "height"),
+        (json.dumps({**OBJECTS, "known_lengths": [{"units": 0}]}).encode(), 422, "known_lengths[0]"),
+        (json.dumps({**OBJECTS, "level": 2}).encode(), 422, "level"),
+        (b" " * 1_000_001, 413, "1,000,000"),
+    ],
+)
+def test_a_request_of_the_scale_is_checked(base: str, body: bytes, status: int, text: str) -> None:
+    answer = httpx.post(f"{base}/v1/scale", content=body, headers={"content-type": "application/json"}, timeout=60)
+    assert (answer.status_code, text in answer.json()["detail"]) == (status, True), answer.json()
+
+
+def test_too_many_jobs_are_refused_at_once(base: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("explorer.server.scale_jobs.MOST_JOBS", 0)
+    answer = httpx.post(f"{base}/v1/scale", json=OBJECTS)
+    assert (answer.status_code, answer.headers["retry-after"]) == (503, "5")
+
+
+def test_the_description_fits_the_answers(base: str) -> None:
+    """Requests made from the server's own OpenAPI description: no internal error, and every answer as described."""
+    import schemathesis
+    from hypothesis import HealthCheck, Phase, settings
+
+    schema = schemathesis.openapi.from_url(f"{base}/openapi.json")
+    seen = set()
+
+    for operation in schema.get_all_operations():
+        case_of = operation.ok().as_strategy()
+
+        @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.generate])
+        @__import__("hypothesis").given(case=case_of)
+        def check(case: Any) -> None:
+            case.call_and_validate(timeout=60)
+            seen.add(case.path)
+
+        check()
+    assert len(seen) == 9
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_the_command_serves_logs_and_stops(catalogue: Catalogue) -> None:
+    code = "import sys; from metric_cli.verbs import main; sys.exit(main(sys.argv[1:]))"
+    words = ["serve", "--port", "0", "--tree", str(catalogue.tree.release.directory)]
+    with subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True) as server:
+        assert server.stderr is not None
+        address = next(line.split()[-5] for line in server.stderr if "running on" in line)
+        assert httpx.get(f"{address}/healthz").json()["releases"] == {"0.0.2": catalogue.etag}
+        assert json.loads(next(server.stderr))["path"] == "/healthz"
+        os.kill(server.pid, signal.SIGTERM)
+        server.wait(20)
+    assert server.returncode == 128 + signal.SIGTERM
+
+
+def test_tools_of_the_model_context_protocol(catalogue: Catalogue) -> None:
+    """By the protocol's own client, over standard input and output."""
+    import asyncio
+
+    from mcp import ClientSession, StdioServerParameters
+    from mcp.client.stdio import stdio_client
+
+    code = "import sys; from metric_cli.verbs import main; sys.exit(main(sys.argv[1:]))"
+    words = ["-c", code, "serve", "--mcp", "--tree", str(catalogue.tree.release.directory)]
+
+    async def ask() -> dict[str, Any]:
+        server = StdioServerParameters(command=sys.executable, args=words)
+        async with stdio_client(server) as (read, write), ClientSession(read, write) as session:
+            await session.initialize()
+            tools = {tool.name for tool in (await session.list_tools()).tools}
+            asked = {
+                "search": {"query": "mouse"},
+                "node": {"name": "mouse", "vocabulary": "coco_80"},
+                "prior": {"name": "rat", "dims": ["height"]},
+                "compare": {"names": ["rat", "trackball"]},
+                "vocabulary": {"name": "coco_80"},
+                "scale": {"objects": OBJECTS["objects"]},
+            }
+            answers = {name: await session.call_tool(name, given) for name, given in asked.items()}
+            refused = await session.call_tool("node", {"name": "no such thing"})
+            return {"tools": tools, "answers": answers, "refused": refused}
+
+    told = asyncio.run(ask())
+    assert told["tools"] == {"search", "node", "prior", "compare", "vocabulary", "scale"}
+    records = {name: json.loads(answer.content[0].text) for name, answer in told["answers"].items()}
+    assert records["node"]["node"] == "mouse.n.04"
+    assert list(records["prior"]["quantiles_mm"]) == ["height"]
+    assert [row["node"] for row in records["compare"]["nodes"]] == ["rat.n.01", "trackball.n.01"]
+    assert records["scale"]["scale"] == pytest.approx(2, rel=0.1)
+    assert "no such thing" in told["refused"].content[0].text

@@ -14,6 +14,9 @@ import httpx
 import msgspec
 import numpy as np
 import pytest
+import schemathesis
+from hypothesis import HealthCheck, Phase, given, settings
+from schemathesis.specs.openapi.checks import positive_data_acceptance
 
 from explorer.content.catalogue import Catalogue
 from explorer.content.records import NodeAnswer, PriorAnswer, Problem, SearchAnswer
@@ -132,20 +135,18 @@ def test_too_many_jobs_are_refused_at_once(base: str, monkeypatch: pytest.Monkey
 
 
 def test_the_description_fits_the_answers(base: str) -> None:
-    """Requests made from the server's own OpenAPI description: no internal error, and every answer as described."""
-    import schemathesis
-    from hypothesis import HealthCheck, Phase, settings
+    """Requests made from the server's own OpenAPI description: no internal error, and every answer as described.
 
+    That all requests of the described form are accepted is not checked: no form tells which names a release has.
+    """
     schema = schemathesis.openapi.from_url(f"{base}/openapi.json")
     seen = set()
-
     for operation in schema.get_all_operations():
-        case_of = operation.ok().as_strategy()
 
         @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.generate])
-        @__import__("hypothesis").given(case=case_of)
+        @given(case=operation.ok().as_strategy())
         def check(case: Any) -> None:
-            case.call_and_validate(timeout=60)
+            case.call_and_validate(timeout=60, excluded_checks=[positive_data_acceptance])
             seen.add(case.path)
 
         check()

@@ -11,6 +11,7 @@ import importlib
 import importlib.util
 import inspect
 import os
+import re
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,7 +23,7 @@ WIDTH = "100"
 NOTE = "<!-- Written by `make reference`. Do not edit. -->"
 #: Commands: the program, and where its parser comes from.
 PROGRAMS = {"estimate-scale": "metric_cli.estimate_scale.estimate", "insert-object": "metric_cli.insert_object.insert"}
-APIS = ("metric_tree", "estimator")
+APIS = ("metric_tree", "estimator", "insertion")
 
 
 def commands() -> str:
@@ -85,7 +86,8 @@ def _members(owner: str, value: type) -> Iterator[str]:
 
 def _signature(function: Callable[..., Any]) -> str:
     try:
-        return str(inspect.signature(function)).replace("'", "")
+        text = str(inspect.signature(function)).replace("'", "")
+        return re.sub(r"<function (\w+) at 0x\w+>", r"\1", text)
     except (TypeError, ValueError):
         return "(...)"
 

@@ -18,6 +18,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from estimator.assets.check import AssetCheck, check_asset
+    from estimator.capture.capture import Capture, capture_video
+    from estimator.capture.mapping.failures import CaptureFailure
     from estimator.geometry.measurement import measure_objects
     from estimator.pipeline import estimate_scale
     from estimator.reading import read_instances, read_scene
@@ -29,11 +31,14 @@ if TYPE_CHECKING:
 __all__ = [
     "AssetCheck",
     "Camera",
+    "Capture",
+    "CaptureFailure",
     "Instance",
     "MeasuredObject",
     "ScaleResult",
     "Scene",
     "View",
+    "capture_video",
     "check_asset",
     "estimate_scale",
     "measure_objects",
@@ -46,12 +51,15 @@ __all__ = [
 _HOMES = {
     "AssetCheck": "estimator.assets.check",
     "Camera": "estimator.records.scene",
+    "Capture": "estimator.capture.capture",
+    "CaptureFailure": "estimator.capture.mapping.failures",
     "Instance": "estimator.records.scene",
     "MeasuredObject": "estimator.records.measured_object",
     "ScaleResult": "estimator.records.result",
     "Scene": "estimator.records.scene",
     "View": "estimator.records.scene",
     "check_asset": "estimator.assets.check",
+    "capture_video": "estimator.capture.capture",
     "estimate_scale": "estimator.pipeline",
     "measure_objects": "estimator.geometry.measurement",
     "read_instances": "estimator.reading",

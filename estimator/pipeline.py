@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import metric_tree
+from estimator.records import METHODS
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.records.scale_evidence import ScaleEvidence
@@ -27,10 +28,7 @@ if TYPE_CHECKING:
     from estimator.geometry.up import Up
     from estimator.instances.detector import Detector
 
-__all__ = ["METHODS", "estimate_scale", "objects_result", "scene_estimate"]
-
-#: Our posterior, ours with heights alone, the paper, and Sucar and Hayet.
-METHODS = ("default", "height", "paper", "sucar")
+__all__ = ["estimate_scale", "objects_result", "scene_estimate"]
 
 
 def estimate_scale(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import io
 import json
 import os
@@ -20,6 +19,7 @@ from metric_base.errors import InputError
 from metric_base.escaping import visible, visible_json
 from metric_base.extras import missing_extra
 from metric_base.files import WRITE_ERRORS
+from metric_base.spelling import advice, near_spellings
 from metric_cli.signals import INTERRUPTED, Terminated, orderly_termination
 from metric_cli.streams import flush_or_silence, make_streams_forgiving
 
@@ -63,19 +63,13 @@ DONE, INTERNAL_ERROR, INPUT_ERROR, TERMINATED = 0, 1, 2, 143
 class OneLineParser(argparse.ArgumentParser):
     """A parser whose errors are one line, with the option that was probably meant.
 
-    A value may begin with a minus and a digit, such as the list `-0.5,0.2`, which argparse takes for an option.
+    A value may begin with a minus and a digit, such as the list `-0.5,0.2`, which older versions of argparse take for
+    an option.
     """
 
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As argparse does, with such values joined to their options."""
-        words = list(sys.argv[1:] if args is None else args)
-        joined: list[str] = []
-        for word in words:
-            if joined and joined[-1].startswith("--") and "=" not in joined[-1] and re.match(r"-\.?\d", word):
-                joined[-1] += f"={word}"
-            else:
-                joined.append(word)
-        return super().parse_known_args(joined, namespace)
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # as of Python 3.14; before, whole numbers alone
 
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong as an error of the input."""
@@ -83,9 +77,8 @@ class OneLineParser(argparse.ArgumentParser):
         if unknown is None:
             raise InputError(f"arguments: {message} (--help lists them)")
         word = next((word for word in unknown[1].split() if word.startswith("-")), unknown[1].strip())
-        near = difflib.get_close_matches(word.partition("=")[0], self._option_string_actions, n=1)
-        advice = f"did you mean {near[0]}?" if near else "--help lists them"
-        raise InputError(f"arguments: no option is called {word}; {advice}")
+        near = near_spellings(word.partition("=")[0], self._option_string_actions, n=1)
+        raise InputError(f"arguments: no option is called {word}{advice(near) or '; --help lists them'}")
 
 
 def exit_status(program: str, run: Callable[[], int]) -> int:

@@ -6,9 +6,37 @@
 (1, 2)
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from metric_tree.prior import Prior
 from metric_tree.release import BadRelease
 from metric_tree.tree import AmbiguousName, Node, NoPrior, Tree, UnknownName
 from metric_tree.tree import open_tree as open  # noqa: A004 - as in gzip.open
 
-__all__ = ["AmbiguousName", "BadRelease", "NoPrior", "Node", "Prior", "Tree", "UnknownName", "open"]
+if TYPE_CHECKING:
+    from metric_tree.build.steps import Build, build_release
+    from metric_tree.build.steps import Options as BuildOptions
+
+__all__ = [
+    "AmbiguousName",
+    "BadRelease",
+    "Build",
+    "BuildOptions",
+    "NoPrior",
+    "Node",
+    "Prior",
+    "Tree",
+    "UnknownName",
+    "build_release",
+    "open",
+]
+
+#: The name in its module of what is imported when it is first used, so that a query stays light.
+_LATE = {"Build": "Build", "BuildOptions": "Options", "build_release": "build_release"}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _LATE:
+        raise AttributeError(f"module 'metric_tree' has no attribute {name!r}")
+    return getattr(import_module("metric_tree.build.steps"), _LATE[name])

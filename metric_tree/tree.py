@@ -11,6 +11,7 @@ from typing import Any
 
 import pyarrow as pa
 
+from metric_base import spelling
 from metric_base.errors import InputError
 from metric_tree.context import ContextModel, Where, where_of
 from metric_tree.prior import Prior
@@ -307,8 +308,8 @@ class Tree:
             return Meaning(listed, "label list", math.inf, (), False)
         answer = self._resolver.answer(text)
         if answer is None:
-            nearest = " or ".join(repr(name) for name in (self._resolver.nearest(text) if advice else ()))
-            raise UnknownName(f"no node is called {text!r}" + (f"; did you mean {nearest}?" if nearest else ""))
+            nearest = self._resolver.nearest(text) if advice else ()
+            raise UnknownName(f"no node is called {text!r}{spelling.advice(nearest)}")
         nodes = [self.node(candidate.node_id) for candidate in answer.candidates]
         return Meaning(nodes[0], answer.how, answer.margin, tuple(nodes[1:]), answer.ambiguous)
 

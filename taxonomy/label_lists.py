@@ -6,7 +6,6 @@ node was taken. Labels themselves are facts about the lists; the first column na
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -14,6 +13,7 @@ from pathlib import Path
 
 from metric_base.errors import InputError
 from metric_base.folders import taxonomy_directory
+from metric_base.spelling import near_spellings
 from taxonomy.levels import replaced_ids, table_rows
 
 __all__ = ["STUFF", "VOID", "Label", "UnknownLabel", "label_of", "labelled_node", "vocabularies", "vocabulary"]
@@ -121,7 +121,7 @@ def _nearest(label: str, name: str, node_ids: Sequence[str]) -> list[str]:
     senses = [row.label for row in rows if "_(" in row.label and _fold(row.label.split("_(")[0]) == _fold(label)]
     if same or senses:
         return list(dict.fromkeys(senses + same))
-    like = difflib.get_close_matches(_fold(label), list(_index(name)), n=NEAREST)
+    like = near_spellings(_fold(label), _index(name), n=NEAREST)
     return [_index(name)[key].label for key in like]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections import Counter
@@ -83,6 +84,14 @@ ROOMS = [
 PACKAGES = list(dict.fromkeys(room.partition(".")[0] for room in ROOMS))
 #: More than this in one folder is hard to see.
 MOST_MODULES = 16
+#: What only the command line does: prints, parses options, exits.
+TERMINAL = re.compile(r"\b(print\(|argparse\b|sys\.std(out|err|in)\b|sys\.exit\b|SystemExit\b|progress_bars?\b)")
+#: Programs of their own, started by ours: their standard output is a pipe to the process that waits for them.
+WORKERS = {
+    "estimator/capture/mapping/colmap_worker.py",
+    "estimator/capture/dense/patch_match_worker.py",
+    "insertion/blender/script.py",
+}
 #: What a query never loads.
 HEAVY = [
     "sklearn",
@@ -171,6 +180,23 @@ def test_modules_import_each_other_in_no_circle() -> None:
     modules = {name: path for name, path in paths.items() if path.name != "__init__.py"}
     graph = {name: set(_imports(path.read_text(encoding="utf-8"))) & set(modules) for name, path in modules.items()}
     TopologicalSorter(graph).prepare()  # raises CycleError, which names the circle
+
+
+def _code(path: Path) -> str:
+    """A module without its docstrings and comments."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            node.value = ast.Constant(value=None)
+    return ast.unparse(tree)
+
+
+def test_nothing_below_the_command_line_prints_parses_or_exits() -> None:
+    paths = (path for package in PACKAGES if package != "metric_cli" for path in (ROOT / package).rglob("*.py"))
+    named = {str(path.relative_to(ROOT)): path for path in paths}
+    prints = {name: TERMINAL.findall(_code(path)) for name, path in named.items() if name not in WORKERS}
+    assert {name: uses for name, uses in prints.items() if uses} == {}
+    assert set(named) >= WORKERS
 
 
 @pytest.mark.parametrize("package", PACKAGES)

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.accuracy.cases import scenes_on_disk, synthetic_rooms
 from benchmarks.accuracy.methods import Case
 from estimator import Instance, ScaleResult, Scene, estimate_scale
-from metric_base.progress import progress
+from metric_cli.progress import with_bar
 from tests.synthetic.rooms.sizes import typical_sizes
 from tests.synthetic.same_scene import annotated_twice, moved_scene, points_twice, shuffled
 
@@ -96,7 +96,7 @@ def main() -> None:
     cases = [case for folder in SCENES if folder.is_dir() for case in scenes_on_disk(folder) if case.name in names]
     cases += islice(synthetic_rooms([7], typical_sizes), FORMS * given.rooms)
     print(f"| {' | '.join(('case', 'name', 'status', *WAYS))} |\n|{'---|' * (3 + len(WAYS))}")
-    for case in progress(cases, "estimating"):
+    for case in with_bar(cases, "estimating"):
         print(f"| {' | '.join(movements(case))} |", flush=True)
 
 

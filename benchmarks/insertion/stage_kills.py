@@ -62,7 +62,7 @@ def _seconds(work: Path, stage: str) -> float:
 
 def _kill(work: Path, frames: int, stage: str, after: float) -> tuple[object, ...]:
     process = _start(work, frames)
-    part = work / f".{stage}.part"
+    part = work / f".metric-tree.{stage}.part"
     while process.poll() is None and not part.exists():
         time.sleep(0.002)
     time.sleep(after)

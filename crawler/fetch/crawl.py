@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from crawler.fetch import DELAY_SECONDS
 from crawler.fetch.fail_fast import FailFastFrontier, storage_errors
 from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier, has_no_result
 from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
@@ -47,7 +48,7 @@ class Crawl:
     contact: str
     cache: Path | None = None
     private: bool = False
-    delay: float = 1.0
+    delay: float = DELAY_SECONDS
     redis: str = ""
     worker: str = ""
     site: Path | None = None

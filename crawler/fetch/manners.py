@@ -14,6 +14,7 @@ from scrapy.exceptions import IgnoreRequest
 from scrapy.http import Response, TextResponse
 from scrapy.settings import default_settings
 
+from crawler.fetch import DELAY_SECONDS
 from crawler.fetch.addresses import REFUSED, is_literal, is_public
 from crawler.fetch.frontier import OFF_SITE, PRIVATE
 from crawler.page.page import MAXIMUM_BYTES
@@ -47,7 +48,9 @@ def user_agent(contact: str) -> str:
     return f"metric-tree/1 (object sizes for research; {contact})"
 
 
-def settings(*, contact: str, cache: Path | None = None, private: bool = False, delay: float = 1.0) -> dict[str, Any]:
+def settings(
+    *, contact: str, cache: Path | None = None, private: bool = False, delay: float = DELAY_SECONDS
+) -> dict[str, Any]:
     """Scrapy's settings for a crawl that may be left alone.
 
     Parameters

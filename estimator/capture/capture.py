@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from estimator.capture.cautions import capture_cautions, write_cautions
+from estimator.capture.cautions import capture_cautions, read_cautions, write_cautions
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from estimator.capture.localisation import localised_frames
@@ -22,14 +23,23 @@ from estimator.reconstructions.colmap import read_colmap
 from estimator.records.scene import Camera, Scene
 from metric_base.errors import InputError
 from metric_base.input_files import read_json
-from metric_base.progress import progress_bar
+from metric_base.progress import NoticeCallback, ProgressCallback, no_notice, silent, with_progress
 
-__all__ = ["CaptureOptions", "reconstruct"]
+__all__ = ["Capture", "CaptureOptions", "capture_video", "reconstruct"]
 
 REPORT = "reconstruction.json"
 #: Features and matches, kept so that a later stage can be made again.
 DATABASES = "databases"
 DENSE = ("dense.ply", "dense.ply.vis")
+#: What each stage writes.
+STAGES = {
+    "frames": ("frames", FRAMES_FILE),
+    "features": (f"{DATABASES}/features.db", f"{DATABASES}/features.json"),
+    "matches": (f"{DATABASES}/matches.db", f"{DATABASES}/matches.json"),
+    "model": ("sparse", REPORT),
+    "poses": (FILE_NAME,),
+    "dense": DENSE,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +64,75 @@ class CaptureOptions:
             raise InputError.at("--camera-model", "model", "one of COLMAP's, such as SIMPLE_RADIAL", self.camera_model)
 
 
-def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> None:
+@dataclass(frozen=True, slots=True, eq=False)
+class Capture:
+    """A reconstruction of a video or of pictures.
+
+    scene : its cameras and points; folder : the work folder, which `read_scene` and `insert_objects` take, too;
+    cautions : what to know about every scale that rests on it; seconds : wall time of the stages that were made.
+    """
+
+    scene: Scene
+    folder: Path
+    cautions: tuple[str, ...]
+    seconds: Mapping[str, float]
+
+
+def capture_video(
+    source: Path | str,
+    work: Path | str,
+    *,
+    frames: int | None = None,
+    focal_px: float | None = None,
+    camera_model: str = "SIMPLE_RADIAL",
+    dense: bool = False,
+    progress: ProgressCallback = silent,
+    notice: NoticeCallback = no_notice,
+) -> Capture:
+    """A scene from a video or a folder of pictures.
+
+    Parameters
+    ----------
+    source : the video, or the folder of pictures
+    work : folder that keeps every stage: a second call with the same arguments makes nothing again, and nothing is
+        replaced in it that another program wrote
+    frames : how many frames to use, by default as many as the motion asks for
+    focal_px : focal length in pixels of the source, which is then not refined
+    camera_model : COLMAP's name
+    dense : whether to make dense points, too
+    progress : is called with the name of a step, how much of it is done, and of how much or None
+    notice : is called with a sentence on how the dense points are made
+
+    Raises
+    ------
+    CaptureFailure
+        The capture cannot be used: `failure.code` says why, `failure.message` what to record instead.
+    InputError
+        The video or the pictures cannot be read, or the work folder holds files of others.
+
+    Examples
+    --------
+    >>> import estimator, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     capture = estimator.capture_video("data/scenes/demo_video/video.mp4", folder, frames=8)
+    >>> len(capture.scene.views)
+    8
+    """
+    folder = WorkFolder(Path(work))
+    options = CaptureOptions(frames, focal_px, camera_model, dense)
+    with folder.lock():
+        reconstruct(Path(source), folder, options, progress, notice)
+        scene = read_colmap(folder.path / "sparse" / "0", folder.path)
+        return Capture(scene, folder.path, read_cautions(folder.path), dict(folder.seconds))
+
+
+def reconstruct(
+    path: Path,
+    work: WorkFolder,
+    options: CaptureOptions,
+    progress: ProgressCallback = silent,
+    notice: NoticeCallback = no_notice,
+) -> None:
     """Frames, `sparse/0`, `frame_poses.json` and `cautions.json` in the work folder, which the caller has locked.
 
     Stages whose outputs are there, made from the same inputs, are not made again.
@@ -66,32 +144,34 @@ def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> None:
     InputError
         The video or the pictures cannot be read.
     """
+    work.check_ownership(STAGES)  # before an hour of work, not after
     source = source_of(path)
     inputs = {"source": content_digest(path) if path.is_file() else _folder_digest(source), "frames": options.frames}
     frames_digest = work.stage(
-        "frames", inputs, ["frames", FRAMES_FILE], lambda part: make_frames(part, source, options.frames)
+        "frames", inputs, STAGES["frames"], lambda part: make_frames(part, source, options.frames, progress)
     )
     frames = read_frames(work.path)
     lens = _lens(frames, options)
     pictures = work.path / "frames"
     databases = work.path / DATABASES
+    in_order = isinstance(source, Video)
     features_digest = work.stage(
         "features",
         {"frames": frames_digest, "lens": [lens.model, lens.focal_px]},
-        [f"{DATABASES}/features.db", f"{DATABASES}/features.json"],
-        lambda part: make_features(_make_folder(part / DATABASES), pictures, _cameras(frames, lens)),
+        STAGES["features"],
+        lambda part: make_features(_make_folder(part / DATABASES), pictures, _cameras(frames, lens), progress),
     )
     matches_digest = work.stage(
         "matches",
         {"features": features_digest},
-        [f"{DATABASES}/matches.db", f"{DATABASES}/matches.json"],
-        lambda part: make_matches(_make_folder(part / DATABASES), databases, frames.names, isinstance(source, Video)),
+        STAGES["matches"],
+        lambda part: make_matches(_make_folder(part / DATABASES), databases, frames.names, in_order, progress),
     )
     model_digest = work.stage(
         "model",
         {"matches": matches_digest, "fixed": lens.fixed},
-        ["sparse", REPORT],
-        lambda part: make_model(part, databases, pictures, _evidence(databases, frames), lens),
+        STAGES["model"],
+        lambda part: make_model(part, databases, pictures, _evidence(databases, frames), lens, progress),
     )
     failure = read_json(work.path / REPORT).get("failure")
     if failure is not None:
@@ -99,12 +179,12 @@ def reconstruct(path: Path, work: WorkFolder, options: CaptureOptions) -> None:
     work.stage(
         "poses",
         {"model": model_digest, "frames": frames_digest},
-        [FILE_NAME],
-        lambda part: _make_poses(part, source, frames, read_colmap(work.path / "sparse" / "0")),
+        STAGES["poses"],
+        lambda part: _make_poses(part, source, frames, read_colmap(work.path / "sparse" / "0"), progress),
     )
     dense_inputs = {"model": model_digest, "frames": frames_digest}
     if options.dense:
-        work.stage("dense", dense_inputs, DENSE, lambda part: _make_dense(part, work.path))
+        work.stage("dense", dense_inputs, DENSE, lambda part: _make_dense(part, work.path, progress, notice))
     else:
         work.discard_stale("dense", dense_inputs, DENSE)
     report = read_json(work.path / REPORT)
@@ -154,14 +234,11 @@ def _pair(row: list[Any]) -> Pair:
     return Pair(first, second, matches, inliers, planar, moved, matrix)
 
 
-def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene) -> None:
+def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene, progress: ProgressCallback) -> None:
     names = dict(zip(frames.indices, frames.names, strict=True))
     if isinstance(source, Video):
-        with progress_bar("poses of all frames", len(frames.times_s or ())) as told_done:
-            poses = []
-            for pose in localised_frames(source.frames(), scene, names, source.width):
-                poses.append(pose)
-                told_done(pose.index + 1, None)
+        localised = localised_frames(source.frames(), scene, names, source.width)
+        poses = list(with_progress(localised, "poses of all frames", progress, len(frames.times_s or ())))
     else:
         views = {view.name: view for view in scene.views}
         poses = [_picture_pose(index, name, views.get(name)) for index, name in names.items()]
@@ -169,10 +246,10 @@ def _make_poses(part: Path, source: Source, frames: Frames, scene: Scene) -> Non
     write_frame_poses(FramePoses(source.path.resolve(), camera, frames.turned_deg, tuple(poses)), part / FILE_NAME)
 
 
-def _make_dense(part: Path, work: Path) -> None:
+def _make_dense(part: Path, work: Path, progress: ProgressCallback, notice: NoticeCallback) -> None:
     from estimator.capture.dense.dense_points import make_dense_points
 
-    make_dense_points(work / "sparse" / "0", work / "frames", part / "dense.ply")
+    make_dense_points(work / "sparse" / "0", work / "frames", part / "dense.ply", progress, notice)
 
 
 def _picture_pose(index: int, name: str, view: Any) -> FramePose:

@@ -19,7 +19,7 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import read_json
 from metric_base.pictures import write_picture
-from metric_base.progress import progress_bar
+from metric_base.progress import ProgressCallback, silent
 
 __all__ = ["FRAMES_FILE", "Frames", "is_capture", "make_frames", "read_frames", "source_of"]
 
@@ -102,18 +102,17 @@ def source_of(path: Path) -> Source:
     return PictureFolder(path) if path.is_dir() else Video(path)
 
 
-def make_frames(part: Path, source: Source, wanted: int | None) -> None:
+def make_frames(part: Path, source: Source, wanted: int | None, progress: ProgressCallback = silent) -> None:
     """`frames/` and `frames.json` in the part folder."""
     (part / "frames").mkdir()
-    motion = _motion(source) if isinstance(source, Video) else None
+    motion = _motion(source, progress) if isinstance(source, Video) else None
     n = len(motion.step) if motion is not None else source.n_frames
     chosen = chosen_frames(motion, wanted) if motion is not None else _even(n, wanted)
     rows = []
-    with progress_bar("writing frames", n) as told_done:
-        for frame in source.frames():
-            told_done(frame.index + 1, None)
-            if frame.index in set(chosen.tolist()):
-                rows.append(_write_frame(part / "frames", frame, source))
+    for frame in source.frames():
+        progress("writing frames", frame.index + 1, n)
+        if frame.index in set(chosen.tolist()):
+            rows.append(_write_frame(part / "frames", frame, source))
     document = {
         "schema": SCHEMA,
         "source": str(source.path.resolve()),
@@ -145,12 +144,11 @@ def read_frames(folder: Path) -> Frames:
     )
 
 
-def _motion(video: Video) -> Motion:
+def _motion(video: Video, progress: ProgressCallback) -> Motion:
     def pictures() -> Iterator[tuple[float, NDArray[np.uint8]]]:
-        with progress_bar("reading the video", video.n_frames or None) as told_done:
-            for frame in video.frames():
-                told_done(frame.index + 1, None)
-                yield frame.time_s, frame.colour
+        for frame in video.frames():
+            progress("reading the video", frame.index + 1, video.n_frames or None)
+            yield frame.time_s, frame.colour
 
     motion = motion_of(pictures())
     if not len(motion.step):

@@ -22,6 +22,8 @@ __all__ = ["WorkFolder", "content_digest"]
 VERSION = 6
 STAMPS = "stamps"
 _LOCK = ".lock"
+#: What the names of our temporary files and folders begin with.
+_PART = ".metric-tree."
 _CHUNK = 1 << 22
 
 
@@ -46,7 +48,7 @@ class WorkFolder:
         """
         try:
             (self.path / STAMPS).mkdir(parents=True, exist_ok=True)
-            with (self.path / _LOCK).open("w") as lock:
+            with (self.path / _LOCK).open("a") as lock:
                 try:
                     fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 except BlockingIOError:
@@ -69,31 +71,87 @@ class WorkFolder:
         stamp = self._stamp(name)
         if stamp.get("key") == key and all((self.path / output).exists() for output in stamp["outputs"]):
             return str(stamp["digest"])
+        self.check_ownership({name: outputs})
         started, cpu = time.perf_counter(), sum(os.times()[:4])
-        part = self.path / f".{name}.part"
+        part = self.path / f"{_PART}{name}.part"
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir()
         make(part)
-        self._stamp_file(name).unlink(missing_ok=True)
         made = [output for output in outputs if (part / output).exists()]
+        digests = {output: content_digest(part / output) for output in made}
+        # a kill from here on leaves a stamp without a key: what stands there is ours, and is made again
+        before = {output: {*owned} for output, owned in self._own_digests(name).items()}
+        both = {output: sorted(before.get(output, set()) | {digest}) for output, digest in digests.items()}
+        self._write_stamp(name, {"key": None, "outputs": [], "owned": {**self._own_digests(name), **both}})
         for output in outputs:
-            _publish(part / output, self.path / output)
+            self._publish(part / output, self.path / output)
         shutil.rmtree(part, ignore_errors=True)
-        digest = _digest_of(b"".join(content_digest(self.path / output).encode() for output in made))
+        digest = _digest_of(b"".join(digests[output].encode() for output in made))
         self.seconds[name] = round(time.perf_counter() - started, 3)
         row = {"key": key, "outputs": made, "digest": digest, "seconds": self.seconds[name]}
+        row["owned"] = {output: [value] for output, value in digests.items()}
         row["cpu_seconds"] = round(sum(os.times()[:4]) - cpu, 3)  # of all threads and processes that it started
-        with whole_file(self._stamp_file(name)) as file:
-            file.write_text(json.dumps(row) + "\n", encoding="utf-8")
+        self._write_stamp(name, row)
         return digest
+
+    def check_ownership(self, stages: Mapping[str, Sequence[str]]) -> None:
+        """See that stages would replace nothing but what they wrote themselves.
+
+        stages : outputs by the name of the stage.
+
+        Raises
+        ------
+        InputError
+            There is a file or folder that the stage did not write, or that was changed since.
+        """
+        for name, outputs in stages.items():
+            owned = self._own_digests(name)
+            for output in outputs:
+                place = self.path / output
+                if not os.path.lexists(place):
+                    continue
+                if output not in owned:
+                    state = "it already exists and is not of an earlier run"
+                elif place.is_symlink() or (owned[output] and content_digest(place) not in owned[output]):
+                    state = "it was changed since the run that wrote it"
+                else:
+                    continue
+                expected = "a folder in which nothing has to be replaced; move it away or choose another folder"
+                raise InputError.at(place, "--work", expected, Unquoted(state))
+
+    def discard(self, name: str, outputs: Sequence[str]) -> None:
+        """Remove the outputs of a stage, which must be its own."""
+        self.check_ownership({name: outputs})
+        for output in outputs:
+            _remove(self.path / output)
+        self._stamp_file(name).unlink(missing_ok=True)
 
     def discard_stale(self, name: str, inputs: Mapping[str, Any], outputs: Sequence[str]) -> None:
         """Remove the outputs of a stage that is not asked for now and was made from other inputs."""
         stamp = self._stamp(name)
         if stamp and stamp.get("key") != _key(name, inputs):
-            for output in outputs:
-                _remove(self.path / output)
-            self._stamp_file(name).unlink(missing_ok=True)
+            self.discard(name, outputs)
+
+    def _own_digests(self, name: str) -> dict[str, list[str]]:
+        """The digests that each output of a stage may have; empty in a stamp of an older version."""
+        stamp = self._stamp(name)
+        owned = stamp.get("owned")
+        return owned if isinstance(owned, dict) else {output: [] for output in stamp.get("outputs", [])}
+
+    def _write_stamp(self, name: str, row: Mapping[str, Any]) -> None:
+        with whole_file(self._stamp_file(name)) as file:
+            file.write_text(json.dumps(row) + "\n", encoding="utf-8")
+
+    def _publish(self, made: Path, place: Path) -> None:
+        """Move what was made to its place, whole; what was there before goes first."""
+        if os.path.lexists(place):
+            old = self.path / f"{_PART}old.part"
+            _remove(old)
+            place.replace(old)  # a folder that is half removed would be nobody's
+            _remove(old)
+        if made.exists():
+            place.parent.mkdir(parents=True, exist_ok=True)
+            made.replace(place)
 
     def _stamp_file(self, name: str) -> Path:
         return self.path / STAMPS / f"{name}.json"
@@ -107,12 +165,9 @@ class WorkFolder:
 
     def _clear_leftovers(self) -> None:
         """What a killed run left: its parts, and nothing else."""
-        for folder in (self.path, self.path / STAMPS):
-            for entry in folder.glob(".*.part"):
-                if entry.is_dir():
-                    shutil.rmtree(entry, ignore_errors=True)
-                else:
-                    entry.unlink(missing_ok=True)
+        for folder, names in ((self.path, f"{_PART}*.part"), (self.path / STAMPS, ".*.part")):
+            for entry in folder.glob(names):
+                _remove(entry)
 
 
 def content_digest(path: Path) -> str:
@@ -133,15 +188,6 @@ def _key(name: str, inputs: Mapping[str, Any]) -> str:
 
 def _digest_of(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
-
-
-def _publish(made: Path, place: Path) -> None:
-    """Move what was made to its place, whole; what was there before is removed first."""
-    _remove(place)
-    if not made.exists():
-        return
-    place.parent.mkdir(parents=True, exist_ok=True)
-    made.replace(place)
 
 
 def _remove(place: Path) -> None:

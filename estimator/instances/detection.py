@@ -13,12 +13,14 @@ from estimator.instances.image_files import image_file
 from estimator.records.scene import Instance, Scene, View
 from metric_base.errors import InputError, Unquoted
 from metric_base.pictures import read_picture
-from metric_base.progress import progress
+from metric_base.progress import ProgressCallback, silent, with_progress
 
 __all__ = ["detect_instances"]
 
 
-def detect_instances(scene: Scene, images: Path, detector: Detector) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
+def detect_instances(
+    scene: Scene, images: Path, detector: Detector, progress: ProgressCallback = silent
+) -> tuple[tuple[Instance, ...], tuple[str, ...]]:
     """The instances that a detector sees in the scene's pictures, and warnings.
 
     images : the folder that holds them, by the views' names, else by their base names.
@@ -36,7 +38,7 @@ def detect_instances(scene: Scene, images: Path, detector: Detector) -> tuple[tu
         expected = f"pictures by the names of the model's views, such as {scene.views[0].name!r}"
         raise InputError.at(images, "--images", expected, Unquoted("none of them"))
     instances: list[Instance] = []
-    for row, view, file in progress(there, "detecting"):
+    for row, view, file in with_progress(there, "detecting", progress):
         instances += _instances(row, view, detector(_picture(file)), detector)
     if not instances:
         expected = f"a detection of score {MIN_SCORE} or more in one of {len(there)} pictures"

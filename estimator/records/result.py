@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -105,7 +106,7 @@ class ScaleResult:
         """0 resolved, 3 unresolved."""
         return 0 if self.status == "resolved" else 3
 
-    def record(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """The result as a JSON object (`metric-tree/scale/1`)."""
         record: dict[str, Any] = {
             "schema": SCHEMA,
@@ -135,7 +136,12 @@ class ScaleResult:
 
     def json(self) -> str:
         """The record as text, one field a line."""
-        return json.dumps(self.record(), indent=1, ensure_ascii=False, allow_nan=False)
+        return json.dumps(self.to_json(), indent=1, ensure_ascii=False, allow_nan=False)
+
+    def record(self) -> dict[str, Any]:
+        """The old name of `to_json`."""
+        warnings.warn("ScaleResult.record is called to_json", DeprecationWarning, stacklevel=2)
+        return self.to_json()
 
     def save(self, path: Path, option: str | None = None) -> None:
         """Write the JSON beside `path` and rename it: never half a file.

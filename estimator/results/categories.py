@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from metric_base.errors import InputError
+from metric_base.spelling import ADVICE
 from metric_tree.context import Where
 from metric_tree.prior import Prior
 from metric_tree.tree import DETECTORS, Node, Tree
@@ -14,9 +15,6 @@ __all__ = ["BROADER_SCORE", "LabelMeaning", "meanings"]
 #: What is left of the score of an object whose label is read as a broader kind: a foosball table is no usual table, and
 #: its chance of being unlike the prior is one in four rather than one in ten.
 BROADER_SCORE = 0.7
-
-#: What precedes the names that may be meant, in the reason why a name is unknown.
-ADVICE = "; did you mean "
 
 #: Unknown names for which others are offered: each takes some milliseconds, and nobody reads more of them.
 MAX_ADVISED_NAMES = 50

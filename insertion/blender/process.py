@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError
-from metric_base.progress import progress_bar
+from metric_base.progress import ProgressCallback, silent
 
 __all__ = ["VARIABLE", "blender_program", "run_blender"]
 
@@ -39,28 +39,31 @@ def blender_program() -> list[str]:
     return [program, "--background", "--factory-startup", "--python", str(_SCRIPT), "--"]
 
 
-def run_blender(job: Mapping[str, Any], folder: Path) -> None:
+def run_blender(job: Mapping[str, Any], folder: Path, progress: ProgressCallback = silent) -> None:
     """Run one job (`script.py` says what is in it); `folder` takes its files. Raises InputError if Blender fails."""
     file = folder / "job.json"
     file.write_text(json.dumps(job), encoding="utf-8")
     # Blender's Python must not see our packages
     clean = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
-    status, log = _run([*blender_program(), str(file)], clean, folder, len(job["keys"]) if job.get("out") else 0)
+    pictures = len(job["keys"]) if job.get("out") else 0
+    status, log = _run([*blender_program(), str(file)], clean, folder, pictures, progress)
     if status != 0 or "Traceback" in log:
         last = next((line for line in reversed(log.splitlines()) if line.strip()), "no word")
         raise InputError(f"--renderer blender: Blender ended with status {status}: {last.strip()}")
 
 
-def _run(words: list[str], environment: Mapping[str, str], folder: Path, pictures: int) -> tuple[int, str]:
-    """The status of a program and what it said, with a bar that counts the pictures in its folder."""
+def _run(
+    words: list[str], environment: Mapping[str, str], folder: Path, pictures: int, progress: ProgressCallback
+) -> tuple[int, str]:
+    """The status of a program and what it said; its progress is the number of pictures in its folder."""
     file = folder / "log.txt"
-    with file.open("w", encoding="utf-8") as log, progress_bar("Cycles", pictures or None) as shown:
+    with file.open("w", encoding="utf-8") as log:
         process = subprocess.Popen(words, stdout=log, stderr=subprocess.STDOUT, env=dict(environment))
         try:
             while process.poll() is None:
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(POLL_S)
-                shown(len(list(folder.glob("*.npy"))), None)
+                progress("Cycles", len(list(folder.glob("*.npy"))), pictures or None)
         finally:  # Ctrl-C ends it, too
             if process.poll() is None:
                 process.kill()

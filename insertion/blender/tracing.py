@@ -21,6 +21,7 @@ from insertion.pipeline.stage import Stage
 from insertion.render.layers import through_lens
 from insertion.scene.box import Box
 from metric_base.errors import InputError
+from metric_base.progress import ProgressCallback, silent
 
 __all__ = ["export_blend", "traced_layers", "write_blend"]
 
@@ -29,7 +30,7 @@ Layer = NDArray[np.float32]
 
 @contextmanager
 def traced_layers(
-    stage: Stage, objects: Sequence[Placed], environment: Environment
+    stage: Stage, objects: Sequence[Placed], environment: Environment, progress: ProgressCallback = silent
 ) -> Iterator[Callable[[Shot], Layer]]:
     """A function from a shot to its (h, w, 4) layer through the lens; all are rendered first, in one run."""
     frame = metric_frame(objects, stage.scale.metres_per_unit)
@@ -37,7 +38,7 @@ def traced_layers(
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
         job = insertion_job(objects, camera_keys(shots, frame), frame, environment, folder)
-        run_blender(job | {"out": str(folder)}, folder)
+        run_blender(job | {"out": str(folder)}, folder, progress)
         stems = {shot.index: f"{number:06d}" for number, shot in enumerate(shots)}
 
         def layer(shot: Shot) -> Layer:

@@ -26,7 +26,7 @@ from insertion.render.context import gl_context
 from insertion.render.layers import draw_interval, object_layers
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.cloud import FrontPoints, front_points
-from metric_base.progress import progress
+from metric_base.progress import ProgressCallback, silent, with_progress
 
 __all__ = ["LayerSink", "insert_objects", "single_pictures"]
 
@@ -34,8 +34,10 @@ Picture = NDArray[np.uint8]
 Writer = Callable[[Shot, Picture], None]
 #: The light on the support is taken from the middle of the lowest tenth of the object.
 GROUND = 0.1
-#: Opens another renderer: from a shot to its (h, w, 4) layer of linear light.
-Tracer = Callable[[Stage, Sequence[Placed], Environment], AbstractContextManager[Callable[[Shot], NDArray[np.float32]]]]
+#: From a shot to its (h, w, 4) layer of linear light.
+Traced = Callable[[Shot], NDArray[np.float32]]
+#: Opens another renderer.
+Tracer = Callable[[Stage, Sequence[Placed], Environment, ProgressCallback], AbstractContextManager[Traced]]
 
 
 class LayerSink(Protocol):
@@ -66,7 +68,7 @@ class _Run:
     looks: Looks
     show_interval: bool = False
     layers: LayerSink | None = None
-    traced: Callable[[Shot], NDArray[np.float32]] | None = None
+    traced: Traced | None = None
 
 
 def insert_objects(
@@ -78,6 +80,7 @@ def insert_objects(
     video: bool = False,
     layers: LayerSink | None = None,
     tracer: Tracer | None = None,
+    progress: ProgressCallback = silent,
 ) -> list[InsertionResult]:
     """Draw the objects into every picture of the footage and hand each to `write`, one at a time.
 
@@ -87,10 +90,10 @@ def insert_objects(
     """
     seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
     started = time.perf_counter()
-    with _renderers(stage, objects) as running, _open_tracer(stage, running, tracer) as traced:
+    with _renderers(stage, objects) as running, _open_tracer(stage, running, tracer, progress) as traced:
         run = _Run(stage, running, Looks(smooth=video), show_interval, layers, traced)
         seconds["light"] = time.perf_counter() - started
-        for shot, picture in progress(stage.footage.pictures(), "inserting", len(stage.footage.shots)):
+        for shot, picture in with_progress(stage.footage.pictures(), "inserting", progress, len(stage.footage.shots)):
             started = time.perf_counter()
             if layers is not None:
                 layers.picture(shot, picture)
@@ -130,12 +133,12 @@ def _renderers(stage: Stage, objects: Sequence[Placed]) -> Iterator[list[_Runnin
 
 
 def _open_tracer(
-    stage: Stage, running: Sequence[_Running], tracer: Tracer | None
-) -> AbstractContextManager[Callable[[Shot], NDArray[np.float32]] | None]:
+    stage: Stage, running: Sequence[_Running], tracer: Tracer | None, progress: ProgressCallback
+) -> AbstractContextManager[Traced | None]:
     """What gives the (h, w, 4) layer of a shot; nothing where the embedded renderer draws."""
     if tracer is None:
         return nullcontext(None)
-    return tracer(stage, [item.placed for item in running], running[0].renderer.environment)
+    return tracer(stage, [item.placed for item in running], running[0].renderer.environment, progress)
 
 
 def _renderer(context: Any, stage: Stage, item: Placed, others: Sequence[Any], before: Sequence[Any]) -> ObjectRenderer:

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import msgspec
 
+from estimator.records.result import ScaleResult
 from metric_base.errors import InputError, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect, json_record
 
-__all__ = ["ScaleUsed", "read_scale"]
+__all__ = ["ScaleUsed", "read_scale", "scale_of_result"]
 
 #: The major version of a result that is read here.
 SCALE_SCHEMA = "metric-tree/scale/1"
@@ -46,6 +47,13 @@ class _Result(msgspec.Struct):
 
     def __post_init__(self) -> None:
         expect(self.schema.startswith(SCALE_SCHEMA), "schema", SCALE_SCHEMA, self.schema)
+
+
+def scale_of_result(result: ScaleResult) -> ScaleUsed:
+    """The scale of a result of `estimate_scale`. Raises InputError where it has none."""
+    if result.scale is None or result.interval is None:
+        raise InputError.at("insert_objects", "scale", "a result that has a scale", result.status)
+    return ScaleUsed(result.scale, result.interval.low, result.interval.high, "result")
 
 
 def read_scale(folder: Path, stated: float | None) -> ScaleUsed:

@@ -41,9 +41,18 @@ def _use_one_thread() -> None:
 
 
 def _run(words: Sequence[str]) -> int:
-    from metric_cli.terminal import warn
+    from metric_cli.estimate_scale.preparation import check_capture, work_lock
 
     options = parse_options(words)
+    check_capture(options)
+    with work_lock(options):  # until the answer is written: a second run would exchange the masks under this one
+        return _answer(options)
+
+
+def _answer(options: argparse.Namespace) -> int:
+    """Estimate, write and print; the exit status."""
+    from metric_cli.terminal import warn
+
     if (status := _capture_status(options)) is not None:
         return status
     result = _objects_result(options) if options.objects is not None else _scene_result(options)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
+from estimator.records import METHODS
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.completion import SHELLS, completion_script
 from metric_cli.estimate_scale.evidence_options import add_evidence_options, evidence_sources, up_direction
@@ -18,7 +18,6 @@ __all__ = ["PROGRAM", "parse_options", "parser"]
 
 PROGRAM = "estimate-scale"
 
-METHODS = ("default", "paper", "sucar", "height")
 #: The baselines know objects alone.
 WITHOUT_LENGTHS = ("paper", "sucar")
 
@@ -27,9 +26,6 @@ Exit status: 0 done; 2 the input is invalid (one line says where); 3 unresolved:
 high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more, or a known length contradicts the objects,
 or the reconstruction or the masks contradict themselves; 1 an internal error.
 """
-
-#: A coordinate list that begins with a minus sign; argparse would take it for an option.
-NEGATIVE = re.compile(r"^-[\d.]")
 
 
 class _PrintCompletion(argparse.Action):
@@ -50,8 +46,7 @@ def parse_options(words: Sequence[str]) -> argparse.Namespace:
     InputError
         An option is unknown, lacks its value, or does not go with the others.
     """
-    # argparse takes "-1,2,3" for an option; with a blank before it, it is a value, and float() skips the blank
-    options = parser().parse_args([f" {word}" if NEGATIVE.match(word) else word for word in words])
+    options = parser().parse_args(words)
     _check(options)
     return options
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -77,21 +76,16 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _run(options: argparse.Namespace) -> int:
-    from insertion.blender.tracing import export_blend, traced_layers
-    from insertion.exports.write import LayerWriter, write_exports
-    from insertion.footage.picture_writer import picture_writer
     from insertion.footage.video_footage import VideoFootage
-    from insertion.pipeline.frames import insert_objects
-    from insertion.pipeline.objects import place_objects
+    from insertion.insert import insert_into
     from metric_base.files import refuse_input
+    from metric_cli.progress import progress_bars
+    from metric_cli.terminal import warn
 
     _check_outputs(options)
     requests = requests_of(options)
     stage = stage_of(options)
-    if options.show_interval and stage.scale.low is None:
-        raise InputError("--show-interval: expected a scale with an interval, as SCENE/result.json has; found --scale")
-    video = stage.footage if isinstance(stage.footage, VideoFootage) else None
-    source, turned = (video.source, video.turned_deg) if video is not None else (None, 0)
+    source = stage.footage.source if isinstance(stage.footage, VideoFootage) else None
     for option, path in (("--out", options.out), ("--preview", options.preview)):
         if path is not None:
             models = [item.model for item in requests]
@@ -101,38 +95,21 @@ def _run(options: argparse.Namespace) -> int:
         _preview(stage, requests[0], tree, options)
     if options.out is None:
         return 0
-    objects = place_objects(stage, requests, tree)
-    with picture_writer(options.out, source, turned) as write, _exports(options.export) as folder:
-        layers = None if folder is None else LayerWriter(folder, stage.footage.shots, stage.scale.metres_per_unit)
-        results = insert_objects(
+    with progress_bars() as shown:
+        insertion = insert_into(
             stage,
-            objects,
-            write,
+            requests,
+            options.out,
+            tree=tree,
             show_interval=options.show_interval,
-            video=video is not None,
-            layers=layers,
-            tracer=traced_layers if options.renderer == "blender" else None,
+            renderer=options.renderer,
+            export=options.export,
+            progress=shown,
         )
-        if folder is not None:
-            for line in [*write_exports(folder, stage, objects, results), *export_blend(folder, stage, objects)]:
-                sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
-    for result in results:
-        for line in result.warnings:
-            sys.stderr.write(f"{PROGRAM}: warning: {line}\n")
-    _print(results, options.json)
+    for line in (*insertion.warnings, *(line for result in insertion.objects for line in result.warnings)):
+        warn(line, PROGRAM)
+    _print(insertion.objects, options.json)
     return 0
-
-
-@contextmanager
-def _exports(folder: Path | None) -> Iterator[Path | None]:
-    """The folder to export into, which appears whole; None where nothing is to be exported."""
-    if folder is None:
-        yield None
-        return
-    from metric_base.files import whole_folder
-
-    with whole_folder(folder, "--export") as temporary:
-        yield temporary
 
 
 def _check_outputs(options: argparse.Namespace) -> None:

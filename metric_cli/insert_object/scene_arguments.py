@@ -66,21 +66,17 @@ def requests_of(options: argparse.Namespace) -> list[ObjectRequest]:
 
 def stage_of(options: argparse.Namespace) -> Stage:
     """The scene of the arguments, ready for insertion."""
-    from estimator.reading import read_instances, read_scene
-    from insertion.footage.footage import PictureFootage, Stills
-    from insertion.footage.video_footage import video_footage
-    from insertion.pipeline.stage import make_stage
+    from insertion.insert import open_stage
     from insertion.scene.scale import read_scale
 
-    scale = read_scale(options.scene, options.scale)
-    up = _up(options.up)
-    scene = read_scene(options.scene, options.dense)
-    frames = options.scene / "frames"
-    stills = Stills(scene, options.images or (frames if frames.is_dir() else None))
-    footage = video_footage(options.scene, scene) or PictureFootage(stills)
-    default = any((options.scene / name).exists() for name in ("instances.json", "instances"))
-    instances = read_instances(options.instances, scene) if options.instances or default else ()
-    return make_stage(scene, stills, footage, instances, scale, up)
+    return open_stage(
+        options.scene,
+        read_scale(options.scene, options.scale),
+        images=options.images,
+        instances=options.instances,
+        dense=options.dense,
+        up=_up(options.up),
+    )
 
 
 def tree_of(options: argparse.Namespace) -> Any:

@@ -77,11 +77,11 @@ def _pictures(stage: Any, placed: Sequence[Any], frame: str | None) -> dict[int,
     from insertion.pipeline.frames import single_pictures
     from insertion.pipeline.objects import resize
     from insertion.study.page import STEPS
-    from metric_base.progress import progress
+    from metric_cli.progress import with_bar
 
     chosen = _shot(stage, placed, frame)
     variants = [[resize(placed[0], 1 + step / 100), *placed[1:]] for step in STEPS]
-    drawn = progress(single_pictures(stage, variants, chosen), "drawing the sizes", len(STEPS))
+    drawn = with_bar(single_pictures(stage, variants, chosen), "drawing the sizes", len(STEPS))
     return dict(zip(STEPS, drawn, strict=True))
 
 

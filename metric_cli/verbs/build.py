@@ -19,9 +19,9 @@ from typing import Any, TypeVar
 from crawler.imports.sources import declared_sources
 from crawler.items import STATED_KINDS
 from metric_base.errors import InputError
-from metric_base.progress import progress_bars
+from metric_cli.progress import progress_bars
 from metric_cli.terminal import print_json, print_table, warn
-from metric_tree.build.ingest import SHARDS, raw_files
+from metric_tree.build.ingest import raw_files
 from metric_tree.build.steps import Build, Options, build_release, shipped_curated
 from metric_tree.release import open_release
 
@@ -107,8 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
             curated=() if arguments.without_curated else shipped_curated(),
             declared=declared,
             executor=executor,
-            # the blocks of the first step are not counted ahead
-            progress=lambda step, done: shown(step, done, None if step == "ingest" else SHARDS),
+            progress=shown,
         )
     _warn(build)
     _print(build, arguments.json)

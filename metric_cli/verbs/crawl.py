@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from crawler.fetch import DELAY_SECONDS
 from metric_cli.terminal import print_json, print_table
 
 __all__ = ["CONTACT_VARIABLE", "HELP", "add_arguments", "run"]
@@ -43,7 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=os.environ.get(CONTACT_VARIABLE),
         help=f"your e-mail address or page (default: {CONTACT_VARIABLE})",
     )
-    parser.add_argument("--delay", type=float, default=1.0, metavar="SECONDS", help="between requests to one site")
+    delay = "between requests to one site (default: %(default)s)"
+    parser.add_argument("--delay", type=float, default=DELAY_SECONDS, metavar="SECONDS", help=delay)
     parser.add_argument("--cache", type=Path, metavar="DIR", help="HTTP cache for conditional requests")
     parser.add_argument("--redis", default="", metavar="URL", help="share the frontier with other workers")
     parser.add_argument("--worker", default="", metavar="NAME", help="this worker's folder in DIR, with --redis")

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from metric_base.errors import InputError
-from metric_base.progress import progress_bar
+from metric_cli.progress import progress_bars
 from metric_cli.terminal import print_json, print_table
 from metric_cli.verbs.build import executor_of
 from metric_tree.cutouts.backend import BACKENDS, Settings
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     release = open_release(release_directory(arguments.release))
     settings = _settings(arguments.backend, arguments.model, arguments.download)
     manifest = release.manifest
-    with executor_of(arguments.workers, arguments.scheduler) as executor, progress_bar("cut") as shown:
+    with executor_of(arguments.workers, arguments.scheduler) as executor, progress_bars() as shown:
         made = cut_release(
             release,
             arguments.out,
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
             version=arguments.version or f"{manifest['version'].partition('+')[0]}+cutouts",
             created=manifest["created"],
             executor=executor,
-            progress=shown,
+            progress=lambda done, total: shown("cut", done, total),
         )
     _print(made, arguments.json)
     return 0

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError
-from metric_base.progress import progress
+from metric_cli.progress import with_bar
 from metric_cli.terminal import print_json, print_table
 from metric_tree.tree import Node, Tree, open_tree
 
@@ -129,7 +129,7 @@ def _others(arguments: argparse.Namespace) -> Iterator[tuple[tuple[str, ...], It
 
 
 def _making(pictures: Iterable[Any], total: int) -> Iterable[Any]:
-    return progress(pictures, "making pictures", total)
+    return with_bar(pictures, "making pictures", total)
 
 
 def _print(record: dict[str, Any]) -> None:

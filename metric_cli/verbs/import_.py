@@ -12,7 +12,7 @@ from crawler.imports.source_files import changed_files, source_folder, write_imp
 from crawler.imports.sources import Source, source, sources
 from metric_base.errors import InputError
 from metric_base.files import output_file
-from metric_base.progress import progress
+from metric_cli.progress import with_bar
 from metric_cli.terminal import print_json, print_table, warn
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     chosen = _chosen_sources(arguments)
     _see_places(arguments)
     summaries = []
-    for declared in progress(chosen, "importing"):
+    for declared in with_bar(chosen, "importing"):
         folder = source_folder(declared, arguments.input)
         result = import_items(declared, readings(declared, folder))
         if arguments.input:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
 from metric_base.files import whole_file
-from metric_base.progress import progress
+from metric_cli.progress import with_bar
 from metric_cli.terminal import print_json, print_table
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     context = gl_context()
     pictures = [
         picture
-        for item in progress(drawn, "render", len(drawn))
+        for item in with_bar(drawn, "render", len(drawn))
         for picture in _pictures(context, item, arguments.models, folder)
     ]
     with whole_file(arguments.out / "pictures-000001-000001.jsonl") as work:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import random
 import re
 from collections import Counter
@@ -12,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError, in_file
+from metric_base.spelling import near_spellings
 from metric_cli.terminal import print_json, print_table
 
 if TYPE_CHECKING:
@@ -177,7 +177,7 @@ def _record(arguments: argparse.Namespace) -> None:
     if separator and arguments.what == "match":
         _expect_source(source, decisions(arguments.folder), arguments.sources)
     elif arguments.what == "insertion" and arguments.subject not in default_lexicon().inserted:
-        nearest = difflib.get_close_matches(arguments.subject, sorted(default_lexicon().inserted), n=OFFERED, cutoff=0)
+        nearest = near_spellings(arguments.subject, sorted(default_lexicon().inserted), n=OFFERED, cutoff=0)
         raise BadDecision(
             f"subject: expected an insertion ({', '.join(nearest)} are nearest); found {arguments.subject!r}"
         )
@@ -219,7 +219,7 @@ def _expect_source(name: str, given: Sequence[Decision], folder: Path | None) ->
     known = {EVERY_SOURCE, *UNDECLARED, *(site.name for site in (GENERIC, *SITES)), *declared_sources(folder)}
     known |= {decision.subject.partition(": ")[0] for decision in given if decision.what == "match"}
     if name not in known and not HOST.fullmatch(name):
-        nearest = difflib.get_close_matches(name, sorted(known), n=OFFERED, cutoff=0) or sorted(known)
+        nearest = near_spellings(name, sorted(known), n=OFFERED, cutoff=0) or sorted(known)
         expected = f"a source ({', '.join(nearest)} are nearest), or {EVERY_SOURCE} for all"
         raise BadDecision(f"subject: expected {expected}; found {name!r}")
 

@@ -31,6 +31,7 @@ from crawler.imports.sources import Source, sources
 from crawler.items import RawItem
 from metric_base.errors import InputError
 from metric_base.files import whole_file
+from metric_base.progress import ProgressCallback, silent
 from metric_tree.build.clean import Cleaned, NodeClass, class_priors, clean_shard
 from metric_tree.build.frequencies import stated_frequencies
 from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
@@ -60,9 +61,6 @@ from metric_tree.schema import IMAGES
 from taxonomy.categories import Taxonomy
 
 __all__ = ["Build", "Options", "Steps", "build_release", "shipped_curated", "shipped_taxonomy"]
-
-#: Called with the name of a step and the parts of it that are done.
-Progress = Callable[[str, int], None]
 
 _R = TypeVar("_R")
 
@@ -129,7 +127,7 @@ def build_release(
     declared: Mapping[str, Source] | None = None,
     carried: Release | None = None,
     executor: Executor | None = None,
-    progress: Progress | None = None,
+    progress: ProgressCallback = silent,
 ) -> Build:
     """Build a release at `out` from raw items; the log folder gets `quarantine.jsonl` and `report.json`.
 
@@ -142,12 +140,23 @@ def build_release(
     carried : a release whose choice of rows, nodes and priors holds, where `raw` lacks sources that it was fitted with:
         the rows are made again, and are the same to the byte
     executor : where the steps run, this process by default
+    progress : is called with the name of a step, how many of its parts are done, and of how many or None
 
     Raises
     ------
     InputError
         Something is at `out` already or another process is writing it, there are no raw items, a line is none, or no
         item is of a private source.
+
+    Examples
+    --------
+    >>> import metric_tree, tempfile
+    >>> from pathlib import Path
+    >>> options = metric_tree.BuildOptions(version="0.1.0", created="2026-01-01", heldout=False)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     build = metric_tree.build_release([Path("data/raw/paper_sizes.jsonl.gz")], Path(folder) / "mine", options)
+    >>> build.release.manifest["counts"]["leaves"] > 0
+    True
     """
     if out.exists():
         raise InputError(f"{out}: expected a free path for a new release; found an existing one")
@@ -201,7 +210,7 @@ class Steps:
     declared: Mapping[str, Source]
     carried: Release | None
     executor: Executor
-    progress: Progress | None
+    progress: ProgressCallback
     work: BuildFolder
 
     def ingest(self, lines: Iterable[Block]) -> Counter[str]:
@@ -318,8 +327,8 @@ class Steps:
         spilled: Callable[[_R, Path], _R] | None = None,
     ) -> Iterator[_R]:
         for done, result in enumerate(self.work.map(step, function, calls, self.executor, spilled), start=1):
-            if self.progress is not None:
-                self.progress(step, done)
+            # the blocks of the first step are not counted ahead
+            self.progress(step, done, None if step == "ingest" else SHARDS)
             yield result
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
+from metric_base.spelling import near_spellings
 from taxonomy.naming.nodes import PERSON, Answer, Names
 from taxonomy.words.senses import senses
 from taxonomy.words.spelling import plain_fold, singular_phrases
@@ -58,10 +59,8 @@ class Nearest:
 
     def _spelt_like(self, form: str, count: int) -> list[str]:
         """Known names each of whose words is nearly spelt like that of the text: a slip of a letter or two."""
-        import difflib  # only a name that is unknown needs it
-
         words = form.split()
-        like = difflib.get_close_matches(form, list(self._names.forms), n=10 * count, cutoff=NEAR_SPELLING)
+        like = near_spellings(form, self._names.forms, n=10 * count, cutoff=NEAR_SPELLING)
         return [one for one in like if _slip(form.replace(" ", ""), one.replace(" ", "")) or _slips(words, one.split())]
 
     def _kinds(self, form: str) -> list[str]:

@@ -335,7 +335,10 @@ def test_objects_from_standard_input(tmp_path: Path, tree: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["--instnces", "x"], "estimate-scale: arguments: no option is called --instnces; did you mean --instances?\n"),
+        (
+            ["--instnces", "x"],
+            "estimate-scale: arguments: no option is called --instnces; did you mean '--instances'?\n",
+        ),
         (["--zzzz"], "estimate-scale: arguments: no option is called --zzzz; --help lists them\n"),
         (
             ["SCENE", "--detector", "x.onnx", "--images", "/dev/null"],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.ply import read_visibility, visibility_bytes
+from metric_base.progress import ProgressCallback
 
 __all__ = ["make_patch_match_cloud"]
 
@@ -18,13 +18,10 @@ WORKER = "estimator.capture.dense.patch_match_worker"
 THREADS = 2
 
 
-def make_patch_match_cloud(
-    model: Path, pictures: Path, file: Path, engine: str, told: Callable[[int, int | None], None]
-) -> int:
+def make_patch_match_cloud(model: Path, pictures: Path, file: Path, engine: str, progress: ProgressCallback) -> int:
     """Write `file` (PLY with colours and normals) and `file.vis` of a COLMAP model; how many points there are.
 
-    engine : of `patch_match_engine`. With no point nothing is written. told : is called with how many of the three
-    steps are done.
+    engine : of `patch_match_engine`. With no point nothing is written. progress : counts the three steps.
 
     Raises
     ------
@@ -41,7 +38,7 @@ def make_patch_match_cloud(
         "threads": THREADS,
     }
     process = start_worker("dense", request, file.parent, WORKER)
-    result = wait_for_worker(process, "dense", file.parent / "dense.log", told)
+    result = wait_for_worker(process, "dense", file.parent / "dense.log", progress)
     points = int(result["points"])
     if points:
         (workspace / "fused.ply").rename(file)

@@ -12,7 +12,7 @@ from estimator.capture.mapping.evidence import Evidence, ModelShape, model_disag
 from estimator.capture.mapping.failures import TYPICAL_FOCAL, Failure
 from estimator.capture.mapping.gates import early_failure, focal_is_determined, focal_undetermined, model_failure
 from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
-from metric_base.progress import progress_bar
+from metric_base.progress import ProgressCallback, silent
 
 __all__ = ["Lens", "make_features", "make_matches", "make_model"]
 
@@ -70,7 +70,9 @@ class Lens:
         return ",".join(repr(float(known.get(name, 0.0))) for name in CAMERA_MODELS[self.model][1])
 
 
-def make_features(part: Path, pictures: Path, cameras: list[tuple[Lens, list[str]]]) -> None:
+def make_features(
+    part: Path, pictures: Path, cameras: list[tuple[Lens, list[str]]], progress: ProgressCallback = silent
+) -> None:
     """`features.db` and `features.json` in the part folder; cameras : the lens of each, and the names of its frames."""
     n = sum(len(names) for _, names in cameras)
     request = {
@@ -83,23 +85,25 @@ def make_features(part: Path, pictures: Path, cameras: list[tuple[Lens, list[str
         "max_side": MAX_SIDE,
         "threads": THREADS,
     }
-    with progress_bar("features", n) as told:
-        process = start_worker("features", request, part)
-        result = wait_for_worker(process, "features", part / "features.log", told)
+    process = start_worker("features", request, part)
+    result = wait_for_worker(process, "features", part / "features.log", progress, n)
     (part / "features.json").write_text(json.dumps(result), encoding="utf-8")
 
 
-def make_matches(part: Path, features: Path, names: list[str], in_order: bool) -> None:
+def make_matches(
+    part: Path, features: Path, names: list[str], in_order: bool, progress: ProgressCallback = silent
+) -> None:
     """`matches.db` and `matches.json` in the part folder; `features` is the folder of the features."""
     shutil.copyfile(features / "features.db", part / "matches.db")
     request = {"database": str(part / "matches.db"), "names": names, "in_order": in_order, "threads": THREADS}
-    with progress_bar("matches") as told:
-        process = start_worker("matches", request, part)
-        result = wait_for_worker(process, "matches", part / "matches.log", told)
+    process = start_worker("matches", request, part)
+    result = wait_for_worker(process, "matches", part / "matches.log", progress)
     (part / "matches.json").write_text(json.dumps(result), encoding="utf-8")
 
 
-def make_model(part: Path, matches: Path, pictures: Path, evidence: Evidence, lens: Lens) -> None:
+def make_model(
+    part: Path, matches: Path, pictures: Path, evidence: Evidence, lens: Lens, progress: ProgressCallback = silent
+) -> None:
     """`sparse/0` and `reconstruction.json` in the part folder; of a failure only the latter.
 
     The incremental mapper makes the model; the global one, which turns pure rotation into a convincing false model,
@@ -107,11 +111,11 @@ def make_model(part: Path, matches: Path, pictures: Path, evidence: Evidence, le
     Where the frames leave the focal length open, one that is stated is held and the mappers run again.
     """
     early = early_failure(evidence)
-    mapped = _Mapped(failure=early) if early is not None else _map(part, matches, pictures, evidence, lens)
+    mapped = _Mapped(failure=early) if early is not None else _map(part, matches, pictures, evidence, lens, progress)
     if early is None and mapped.failure is not None and mapped.failure.code == "too_few_frames" and not lens.fixed:
-        mapped = _map_with_focal_last(part, matches, pictures, evidence, lens, mapped)
+        mapped = _map_with_focal_last(part, matches, pictures, evidence, lens, mapped, progress)
     if early is None and mapped.failure is not None and not lens.fixed and mapped.failure.code in OF_THE_FOCAL:
-        mapped = _map_with_held_focal(part, matches, pictures, evidence, lens, mapped)
+        mapped = _map_with_held_focal(part, matches, pictures, evidence, lens, mapped, progress)
     if mapped.failure is None and mapped.model is not None:
         (part / "sparse").mkdir()
         mapped.model.rename(part / "sparse" / "0")
@@ -119,7 +123,13 @@ def make_model(part: Path, matches: Path, pictures: Path, evidence: Evidence, le
 
 
 def _map_with_focal_last(
-    part: Path, matches: Path, pictures: Path, evidence: Evidence, lens: Lens, mapped: _Mapped
+    part: Path,
+    matches: Path,
+    pictures: Path,
+    evidence: Evidence,
+    lens: Lens,
+    mapped: _Mapped,
+    progress: ProgressCallback,
 ) -> _Mapped:
     """The mapping again with the focal length adjusted at the end, if that places the frames; else as it was.
 
@@ -128,12 +138,18 @@ def _map_with_focal_last(
     """
     again = part / "focal_last"
     again.mkdir()
-    last = _map(again, matches, pictures, evidence, lens, focal_last=True)
+    last = _map(again, matches, pictures, evidence, lens, progress, focal_last=True)
     return last if last.failure is None else mapped
 
 
 def _map_with_held_focal(
-    part: Path, matches: Path, pictures: Path, evidence: Evidence, lens: Lens, mapped: _Mapped
+    part: Path,
+    matches: Path,
+    pictures: Path,
+    evidence: Evidence,
+    lens: Lens,
+    mapped: _Mapped,
+    progress: ProgressCallback,
 ) -> _Mapped:
     """The mapping again with the stated or, to find out what was wrong, a typical focal length."""
     assert mapped.failure is not None
@@ -142,14 +158,20 @@ def _map_with_held_focal(
         return mapped
     again = part / "held"
     again.mkdir()
-    held = _map(again, matches, pictures, evidence, replace(lens, fixed=True))
+    held = _map(again, matches, pictures, evidence, replace(lens, fixed=True), progress)
     if held.failure is not None or held.shape is None or focal_is_determined(held.shape):
         return mapped
     return held if stated else replace(mapped, failure=focal_undetermined())
 
 
 def _map(
-    part: Path, matches: Path, pictures: Path, evidence: Evidence, lens: Lens, focal_last: bool = False
+    part: Path,
+    matches: Path,
+    pictures: Path,
+    evidence: Evidence,
+    lens: Lens,
+    progress: ProgressCallback,
+    focal_last: bool = False,
 ) -> _Mapped:
     """Both mappers at once, and whether what they made can be used; `focal_last` : see `_map_with_focal_last`."""
     requests = {
@@ -157,17 +179,18 @@ def _map(
         for step in ("incremental", "global")
     }
     requests["global"]["names"] = evidence.names[:: max(1, len(evidence.names) // CHECKED)]
-    with progress_bar("mapping", len(evidence.names)) as told:
-        processes = {step: start_worker(step, request, part) for step, request in requests.items()}
-        try:
-            result = wait_for_worker(processes["incremental"], "incremental", part / "incremental.log", told)
-            model = part / "incremental" / "0"
-            shape = model_shape(model, result["focal_deviation"])
-            wait_for_worker(processes["global"], "global", part / "global.log")
-        finally:
-            for process in processes.values():
-                if process.poll() is None:
-                    process.kill()
+    processes = {step: start_worker(step, request, part) for step, request in requests.items()}
+    try:
+        result = wait_for_worker(
+            processes["incremental"], "incremental", part / "incremental.log", progress, len(evidence.names)
+        )
+        model = part / "incremental" / "0"
+        shape = model_shape(model, result["focal_deviation"])
+        wait_for_worker(processes["global"], "global", part / "global.log")
+    finally:
+        for process in processes.values():
+            if process.poll() is None:
+                process.kill()
     stated = None if lens.focal_px is None else lens.focal_px / max(lens.width, lens.height)
     failure = model_failure(evidence, shape, None, lens.fixed, stated)
     disagreement = None

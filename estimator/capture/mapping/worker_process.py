@@ -7,9 +7,10 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+
+from metric_base.progress import ProgressCallback, silent
 
 __all__ = ["WorkerError", "start_worker", "wait_for_worker"]
 
@@ -38,9 +39,13 @@ def start_worker(
 
 
 def wait_for_worker(
-    process: subprocess.Popen[str], step: str, log: Path, told: Callable[[int, int | None], None] | None = None
+    process: subprocess.Popen[str],
+    step: str,
+    log: Path,
+    progress: ProgressCallback = silent,
+    total: int | None = None,
 ) -> Any:
-    """The result of a step, with its progress passed on.
+    """The result of a step, with its progress passed on; total : of what it counts, unless it says so itself.
 
     Raises
     ------
@@ -54,8 +59,8 @@ def wait_for_worker(
             row = _row(line)
             if "result" in row:
                 result = row["result"]
-            elif told is not None and "done" in row:
-                told(row["done"], row.get("of"))
+            elif "done" in row:
+                progress(step, row["done"], row.get("of", total))
         status = process.wait()
     finally:
         if process.poll() is None:

@@ -71,7 +71,7 @@ def work(video: Video, tmp_path_factory: pytest.TempPathFactory) -> Path:
     command = [sys.executable, "-c", COMMAND, *_words(video, folder)]
     for stage in STAGES:
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        _wait_for(process, folder / f".{stage}.part")
+        _wait_for(process, folder / f".metric-tree.{stage}.part")
         process.send_signal(signal.SIGKILL)
         process.wait()
         assert not (folder / "stamps" / f"{stage}.json").exists()

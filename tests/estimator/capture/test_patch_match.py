@@ -96,11 +96,14 @@ def program(made: tuple[Path, list[SyntheticFrame]], monkeypatch: pytest.MonkeyP
 
 
 def test_fused_points_lie_on_the_room_and_name_their_views(
-    made: tuple[Path, list[SyntheticFrame]], program: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    made: tuple[Path, list[SyntheticFrame]], program: Path, tmp_path: Path
 ) -> None:
     folder, frames = made
-    count = dense_points.make_dense_points(folder / "model", folder / "pictures", tmp_path / "dense.ply")
-    assert f"by PatchMatch on CUDA ({program})" in capsys.readouterr().err
+    notices: list[str] = []
+    count = dense_points.make_dense_points(
+        folder / "model", folder / "pictures", tmp_path / "dense.ply", notice=notices.append
+    )
+    assert f"by PatchMatch on CUDA ({program})" in notices[0]
     assert {"dense.ply", "dense.ply.vis"} <= {file.name for file in tmp_path.iterdir()}
     assert not list(tmp_path.glob("*.scratch"))
     scene = read_colmap(folder / "model")
@@ -125,13 +128,14 @@ def test_a_device_that_fails_leaves_the_work_to_the_plane_sweep(
     made: tuple[Path, list[SyntheticFrame]],
     program: Path,
     tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     program.write_text(program.read_text().replace("stereo = ", "sys.exit('out of memory')\nstereo = "))
     monkeypatch.setattr(dense_points, "make_dense_cloud", lambda *_: 7)
-    assert dense_points.make_dense_points(made[0] / "model", made[0] / "pictures", tmp_path / "dense.ply") == 7
-    assert "PatchMatch failed, and the plane sweep on the CPU is used" in capsys.readouterr().err
+    notices: list[str] = []
+    words = (made[0] / "model", made[0] / "pictures", tmp_path / "dense.ply")
+    assert dense_points.make_dense_points(*words, notice=notices.append) == 7
+    assert "PatchMatch failed, and the plane sweep on the CPU is used" in notices[1]
 
 
 def test_no_device_or_no_build_with_cuda_means_no_patch_match(program: Path, monkeypatch: pytest.MonkeyPatch) -> None:

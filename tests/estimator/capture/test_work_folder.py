@@ -16,7 +16,6 @@ from metric_base.errors import InputError
 SCRIPT = """
 import os, signal, sys
 from pathlib import Path
-from estimator.capture import work_folder
 from estimator.capture.work_folder import WorkFolder
 
 moment, text = sys.argv[2], sys.argv[3]
@@ -26,13 +25,13 @@ def die(now):
     if now == moment:
         os.kill(os.getpid(), signal.SIGKILL)
 
-publish = work_folder._publish
-def counted(made, place):
+publish = WorkFolder._publish
+def counted(work, made, place):
     die(f"before output {seen['publish']}")
-    publish(made, place)
+    publish(work, made, place)
     seen["publish"] += 1
     die(f"after output {seen['publish'] - 1}")
-work_folder._publish = counted
+WorkFolder._publish = counted
 
 def first(part):
     print("first is made")
@@ -88,8 +87,19 @@ def test_a_stage_is_made_once_and_again_when_its_input_or_output_changed(tmp_pat
     assert _run(tmp_path, "never", "y") == (0, ["second is made"])
     (tmp_path / "b.txt").unlink()
     assert _run(tmp_path, "never", "y") == (0, ["first is made"])  # made the same again, so that what follows stands
-    (tmp_path / "stamps" / "first.json").write_text("{")
-    assert _run(tmp_path, "never", "y") == (0, ["first is made"])
+    (tmp_path / "stamps" / "first.json").write_text("{")  # nothing says any more whose the outputs are
+    assert _run(tmp_path, "never", "y") == (1, [])
+
+
+def test_a_stage_replaces_nothing_that_it_did_not_write(tmp_path: Path) -> None:
+    (tmp_path / "b.txt").write_text("a user's")
+    assert _run(tmp_path, "never", "x") == (1, [])
+    assert (tmp_path / "b.txt").read_text() == "a user's"
+    (tmp_path / "b.txt").unlink()
+    assert _run(tmp_path, "never", "x")[0] == 0
+    (tmp_path / "folder" / "note.txt").write_text("a user's")  # among ours
+    assert _run(tmp_path, "never", "y") == (1, [])
+    assert (tmp_path / "folder" / "note.txt").read_text() == "a user's"
 
 
 def test_one_run_at_a_time(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_json_has_no_nan() -> None:
 
 def test_save_is_whole_or_nothing(tmp_path: Path) -> None:
     RESULT.save(tmp_path / "result.json")
-    assert json.loads((tmp_path / "result.json").read_text(encoding="utf-8")) == RESULT.record()
+    assert json.loads((tmp_path / "result.json").read_text(encoding="utf-8")) == RESULT.to_json()
     with pytest.raises(FileNotFoundError):
         RESULT.save(tmp_path / "no" / "result.json")
     assert [path.name for path in tmp_path.iterdir()] == ["result.json"]

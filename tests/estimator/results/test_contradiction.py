@@ -102,7 +102,7 @@ def test_evidence_that_may_be_wrong_gives_way_to_the_objects(mini: Tree) -> None
     assert wrong.warnings[0].startswith("gps csv: contradicts the rest: all else says 0.5")
     assert silent.scale == plain.scale
     assert silent.evidence[0].verdict == "skipped"
-    assert silent.record()["evidence"][0] == {
+    assert silent.to_json()["evidence"][0] == {
         "kind": "gps",
         "id": "csv",
         "scale": None,

@@ -9,19 +9,19 @@ import sys
 
 import pytest
 
-from metric_base.progress import progress, progress_bars
+from metric_cli.progress import progress_bars, with_bar
 
 CODE = """
-from metric_base.progress import progress, progress_bar
-print(sum(progress([1, 2, 3], "adding")))
-with progress_bar("counting") as shown:
-    shown(1, None)
-    shown(2, 4)
+from metric_cli.progress import progress_bars, with_bar
+print(sum(with_bar([1, 2, 3], "adding")))
+with progress_bars() as shown:
+    shown("counting", 1, None)
+    shown("counting", 2, 4)
 """
 
 
 def test_nothing_is_shown_where_nobody_looks(capsys: pytest.CaptureFixture[str]) -> None:
-    assert list(progress(iter("abc"), "letters", 3)) == ["a", "b", "c"]
+    assert list(with_bar(iter("abc"), "letters", 3)) == ["a", "b", "c"]
     with progress_bars() as shown:
         shown("one", 1, 2)
     assert capsys.readouterr().err == ""

@@ -1,0 +1,173 @@
+"""Objects into the pictures of a scene, by one call: `insertion.insert_objects`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from estimator.records.result import ScaleResult
+from insertion.pipeline.request import ObjectRequest
+from insertion.pipeline.result import InsertionResult
+from insertion.scene.scale import ScaleUsed, read_scale, scale_of_result
+from metric_base.errors import InputError
+from metric_base.progress import ProgressCallback, silent
+
+if TYPE_CHECKING:
+    from estimator.geometry.up import Up
+    from insertion.pipeline.stage import Stage
+    from metric_tree.tree import Tree
+
+__all__ = ["Insertion", "insert_into", "insert_objects", "open_stage"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Insertion:
+    """What was inserted.
+
+    objects : one result for each object, with its place and its silhouette in each frame; out : the video or the
+    folder that was written; warnings : what of the export could not be written.
+    """
+
+    objects: tuple[InsertionResult, ...]
+    out: Path
+    warnings: tuple[str, ...] = ()
+
+
+def insert_objects(
+    scene: Path | str,
+    objects: Sequence[ObjectRequest | Path | str],
+    scale: float | ScaleResult | None,
+    out: Path | str,
+    *,
+    images: Path | None = None,
+    instances: Path | None = None,
+    dense: str | None = None,
+    up: Up | None = None,
+    tree: Tree | None = None,
+    show_interval: bool = False,
+    renderer: Literal["embedded", "blender"] = "embedded",
+    export: Path | None = None,
+    progress: ProgressCallback = silent,
+) -> Insertion:
+    """Draw glTF models into the pictures of a reconstruction, or into its video, at their true size.
+
+    Parameters
+    ----------
+    scene : a COLMAP model folder with its pictures, or a work folder of `capture_video`
+    objects : glTF or GLB files in metres, at a free place each, or `ObjectRequest`s with a place and a size
+    scale : metres per scene unit, or a result of `estimate_scale`, or None for `result.json` in the scene's folder
+    out : a video (`out.mp4`), or a new folder for one PNG a frame
+    images : the pictures, by default beside or above the model; instances : masks of what may hide the objects
+    dense : dense cloud, or `none`; up : the vertical, if it is known; tree : for sizes by the prior
+    show_interval : whether to draw the outline at both ends of the scale's interval
+    renderer : the embedded one, or Blender's Cycles; export : a new folder for the scene in metres
+    progress : is called with the name of a step, how much of it is done, and of how much or None
+
+    Raises
+    ------
+    InputError
+        A file cannot be read or written, or there is no place for an object.
+
+    Examples
+    --------
+    >>> import insertion, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     made = insertion.insert_objects(
+    ...         "data/scenes/demo_room", ["data/models/rocking_horse.glb"], 0.4, f"{folder}/out"
+    ...     )
+    >>> sorted(made.objects[0].size_m)
+    ['height', 'length', 'width']
+    """
+    used = scale_of_result(scale) if isinstance(scale, ScaleResult) else read_scale(Path(scene), scale)
+    stage = open_stage(Path(scene), used, images=images, instances=instances, dense=dense, up=up)
+    requests = [item if isinstance(item, ObjectRequest) else ObjectRequest(Path(item)) for item in objects]
+    return insert_into(
+        stage,
+        requests,
+        Path(out),
+        tree=tree,
+        show_interval=show_interval,
+        renderer=renderer,
+        export=export,
+        progress=progress,
+    )
+
+
+def open_stage(
+    folder: Path,
+    scale: ScaleUsed,
+    *,
+    images: Path | None = None,
+    instances: Path | None = None,
+    dense: str | None = None,
+    up: Up | None = None,
+) -> Stage:
+    """The scene of a folder, ready for insertion; arguments as of `insert_objects`."""
+    from estimator.reading import read_instances, read_scene
+    from insertion.footage.footage import PictureFootage, Stills
+    from insertion.footage.video_footage import video_footage
+    from insertion.pipeline.stage import make_stage
+
+    scene = read_scene(folder, dense)
+    frames = folder / "frames"
+    stills = Stills(scene, images or (frames if frames.is_dir() else None))
+    footage = video_footage(folder, scene) or PictureFootage(stills)
+    default = any((folder / name).exists() for name in ("instances.json", "instances"))
+    masks = read_instances(instances, scene) if instances or default else ()
+    return make_stage(scene, stills, footage, masks, scale, up)
+
+
+def insert_into(
+    stage: Stage,
+    requests: Sequence[ObjectRequest],
+    out: Path,
+    *,
+    tree: Tree | None = None,
+    show_interval: bool = False,
+    renderer: str = "embedded",
+    export: Path | None = None,
+    progress: ProgressCallback = silent,
+) -> Insertion:
+    """As `insert_objects`, into a stage."""
+    from insertion.blender.tracing import export_blend, traced_layers
+    from insertion.exports.write import LayerWriter, write_exports
+    from insertion.footage.picture_writer import picture_writer
+    from insertion.footage.video_footage import VideoFootage
+    from insertion.pipeline import frames
+    from insertion.pipeline.objects import place_objects
+
+    if show_interval and stage.scale.low is None:
+        raise InputError("--show-interval: expected a scale with an interval, as SCENE/result.json has; found --scale")
+    video = stage.footage if isinstance(stage.footage, VideoFootage) else None
+    source, turned = (video.source, video.turned_deg) if video is not None else (None, 0)
+    placed = place_objects(stage, requests, tree)
+    with picture_writer(out, source, turned) as write, _exports(export) as folder:
+        results = frames.insert_objects(
+            stage,
+            placed,
+            write,
+            show_interval=show_interval,
+            video=video is not None,
+            layers=None if folder is None else LayerWriter(folder, stage.footage.shots, stage.scale.metres_per_unit),
+            tracer=traced_layers if renderer == "blender" else None,
+            progress=progress,
+        )
+        warnings: list[str] = []
+        if folder is not None:
+            warnings = [*write_exports(folder, stage, placed, results), *export_blend(folder, stage, placed)]
+    return Insertion(tuple(results), out, tuple(warnings))
+
+
+@contextmanager
+def _exports(folder: Path | None) -> Iterator[Path | None]:
+    """The folder to export into, which appears whole; None where nothing is to be exported."""
+    if folder is None:
+        yield None
+        return
+    from metric_base.files import whole_folder
+
+    with whole_folder(folder, "--export") as temporary:
+        yield temporary

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
-from metric_base.progress import progress
+from metric_cli.progress import with_bar
 from metric_cli.terminal import print_table, warn
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     tree = open_tree(arguments.tree)
     checks, unread = [], 0
     done = _lines_there(arguments.out)
-    for outcome in progress(_outcomes(arguments, tree, done), "models"):
+    for outcome in with_bar(_outcomes(arguments, tree, done), "models"):
         if isinstance(outcome, InputError):
             warn(str(outcome))
             unread += 1

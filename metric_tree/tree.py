@@ -162,11 +162,12 @@ class Node:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Meaning:
-    """What a text means in a tree.
+    """What a text means in a tree; `note` says what was left out of it ("taken as whale: 'blue' is not in the tree").
 
-    `how` is `id`, `code`, `own name`, `alias`, `label list`, `folded` (another spelling or number of a name),
-    `modifier stripped` or `broader kind`; `margin` says how much more speaks for the node than for the next that is
-    no kin of it (infinite where nothing else is meant), and `alternatives` are the others, the likeliest first.
+    `how` is `id`, `code`, `own name`, `alias`, `label list`, `folded` (another spelling or number of a name), `other
+    name` (of a norm, or in German, French, Spanish or Italian), `modifier stripped`, `broader kind` or `misspelt` (one
+    letter off a name); `margin` says how much more speaks for the node than for the next that is unrelated (infinite
+    where nothing else is meant), and `alternatives` are the others, the likeliest first.
     """
 
     node: Node
@@ -174,6 +175,7 @@ class Meaning:
     margin: float
     alternatives: tuple[Node, ...]
     ambiguous: bool
+    note: str | None = None
 
 
 class Tree:
@@ -291,7 +293,7 @@ class Tree:
         Raises
         ------
         UnknownName
-            It means no node of the tree; no likeness of spelling is ever taken for a name.
+            It means no node of the tree; a spelling that is more than one letter off is not taken for a name.
         taxonomy.label_lists.UnknownLabel
             `vocabulary` is not a list, or the list has no such label.
 
@@ -311,7 +313,7 @@ class Tree:
             nearest = self._resolver.nearest(text) if advice else ()
             raise UnknownName(f"no node is called {text!r}{spelling.advice(nearest)}")
         nodes = [self.node(candidate.node_id) for candidate in answer.candidates]
-        return Meaning(nodes[0], answer.how, answer.margin, tuple(nodes[1:]), answer.ambiguous)
+        return Meaning(nodes[0], answer.how, answer.margin, tuple(nodes[1:]), answer.ambiguous, answer.note)
 
     def search(self, text: str, limit: int = 10) -> tuple[Node, ...]:
         """At most `limit` nodes for what a person types, the likeliest first: meanings, beginnings, like spellings.

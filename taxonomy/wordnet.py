@@ -163,6 +163,11 @@ class WordNet:
         return frozenset(word.replace("_", " ") for word, by_pos in entries if "n" in by_pos)
 
     @cached_property
+    def words(self) -> frozenset[str]:
+        """Every single word of WordNet in lower case, of any part of speech."""
+        return frozenset(word for word in self._reader._lemma_pos_offset_map if word.isalpha())
+
+    @cached_property
     def irregular_plurals(self) -> dict[str, tuple[str, ...]]:
         """Singulars by irregular plural (`noun.exc`), with spaces."""
         exceptions: dict[str, list[str]] = self._reader._exception_map["n"]

@@ -7,6 +7,9 @@ WordNet's tagged texts use the word so and the nodes are the concept's own node 
 `data/taxonomy/heads.tsv` says how far a head noun can be trusted: of the known compounds that end in the word (`car
 door`, `barn door`), how many are things of each node that the word alone names. A gas pump is a pump; few plugs are.
 
+`data/taxonomy/near_words.txt` has the English words, with the forms of verbs, that are one letter off a word of a name
+without being one: `tunnel` is not a misspelt `funnel`.
+
 `data/taxonomy/codes.tsv` has the ids of label lists: ImageNet's `n02119789`, Open Images' `/m/01mzpv`.
 
 The tables change when WordNet, the leaves or the aliases do; they hold no word that a benchmark asks for by itself.
@@ -18,14 +21,14 @@ import argparse
 import csv
 import re
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from metric_base.folders import taxonomy_directory
 from taxonomy.catalogue import OTHER, Catalogue, default_catalogue
 from taxonomy.label_lists import vocabulary
 from taxonomy.wordnet import WordNet, default_wordnet
-from taxonomy.words.spelling import fold_text
+from taxonomy.words.spelling import fold_text, one_edit
 
 #: Steps up from a concept to a node that still says enough of its size.
 STEPS = 4
@@ -35,6 +38,9 @@ LEAST_LEVEL = 3
 
 #: Compounds of a head word before anything is said of it.
 LEAST_COMPOUNDS = 3
+
+#: Letters of a word that may be misspelt.
+LEAST_NEAR = 5
 
 #: How WordNet marks the senses that insult people. They are no names of things, and are not shipped.
 INSULTS = re.compile(
@@ -109,6 +115,26 @@ def head_lines(lines: dict[str, list[tuple[int, tuple[str, ...]]]]) -> Iterator[
             yield from ((head, node, kinds[node], len(compounds[head])) for node in sorted(own) if kinds[node])
 
 
+def near_words(names: Iterable[str], wordnet: WordNet) -> list[str]:
+    """English words that are one letter off a word of a name and are not a word of one."""
+    spelt = {word for name in names for word in name.split() if len(word) >= LEAST_NEAR - 1}
+    by_hole: defaultdict[str, set[str]] = defaultdict(set)
+    for word in spelt:
+        for hole in _holes(word):
+            by_hole[hole].add(word)
+    inflected = {word.removesuffix("e") + "ing" for word in wordnet.words} | {f"{word}s" for word in wordnet.words}
+    english = wordnet.words | inflected | {word.removesuffix("e") + "ed" for word in wordnet.words}
+    candidates = (word for word in english - spelt if len(word) >= LEAST_NEAR)
+    return sorted(
+        word for word in candidates if any(one_edit(word, one) for hole in _holes(word) for one in by_hole[hole])
+    )
+
+
+def _holes(word: str) -> set[str]:
+    """A word, and the word without each of its letters: two words that are one edit apart share one of them."""
+    return {word, *(word[:at] + word[at + 1 :] for at in range(len(word)))}
+
+
 def code_lines(files: dict[str, Path | None]) -> Iterator[tuple[str, str]]:
     """(code, node) of the labels of lists whose own tables are given: rows `id,name,code` in the list's order."""
     for name, file in files.items():
@@ -135,6 +161,8 @@ def main() -> None:
     (folder / "senses.tsv").write_text("\n".join(written) + "\n", encoding="utf-8")
     heads = ["\t".join(map(str, row)) for row in head_lines(lines)]
     (folder / "heads.tsv").write_text("\n".join(heads) + "\n", encoding="utf-8")
+    names = (fold_text(name) for one in catalogue.categories for name in (one.name, *one.aliases))
+    (folder / "near_words.txt").write_text("\n".join(near_words(names, wordnet)) + "\n", encoding="utf-8")
     print(f"{len(written)} words, {len(heads)} heads")
     if all(lists.values()):  # without the lists' own tables the codes stay as they are
         codes = ["\t".join(row) for row in sorted(set(code_lines(lists)))]

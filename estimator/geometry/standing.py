@@ -1,6 +1,8 @@
 """Which categories stand on the floor, and which hang: only where the name alone settles it.
 
-The answer decides how far an object whose foot is not reconstructed may reach down. A caller that knows more, such as
+The tree's hypernyms do not say this, so that the lists are here: a mirror and a wardrobe are both furniture, a wall
+clock and a washing machine both devices. The answer decides how far an object whose foot is not reconstructed may
+reach down. A caller that knows more, such as
 the tree's hypernyms, passes its own function to `measure_objects`.
 """
 
@@ -8,7 +10,7 @@ from __future__ import annotations
 
 __all__ = ["stands"]
 
-# Things whose foot is on the floor or the road whenever they are in use; "cabinet", "lamp" and "plant" may be either.
+# Objects whose foot is on the floor or the road whenever they are in use; "cabinet", "lamp" and "plant" may be either.
 _FLOOR = frozenset(
     """
     armchair bathtub bed bench bicycle bike bookcase bookshelf bus car chair couch crib cupboard cyclist desk dishwasher
@@ -17,7 +19,7 @@ _FLOOR = frozenset(
     washer
     """.split()  # noqa: SIM905  a list of words reads better than a list of strings
 )
-# Things on walls, ceilings, poles or in the air.
+# Objects on walls, ceilings, poles or in the air.
 _HUNG = frozenset(
     """
     airplane balloon banner bird blind chandelier clock curtain drone flag hood kite mirror painting photograph picture

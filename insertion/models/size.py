@@ -75,7 +75,9 @@ def _plausible(model: Model) -> tuple[str, ...]:
 def _prior_size(model: Model, tree: Tree | None, category: str | None) -> Size:
     if tree is None or category is None:
         raise InputError("--size prior: expected --category NAME, a category of the tree; found none")
-    node = tree.find(category)
+    from metric_tree.tree import DETECTORS
+
+    node = tree.find(category, DETECTORS)  # a bat of a scene is a stick, as detectors mean it
     dims = tuple(node.dims or ())
     name = "height" if "height" in dims else next((d for d in dims if d in ("length", "width")), None)
     if name is None:

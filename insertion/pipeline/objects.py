@@ -94,7 +94,7 @@ def _place_object(stage: Stage, request: ObjectRequest, tree: Tree | None, earli
     model = read_model(request.model)
     size = model_size(model, request.size, tree, request.category)
     space = space_for(stage, model, size)
-    options = [_standing(stage, request, model, size, place) for place in _places(stage, request, space)]
+    options = [_standing(stage, request, model, size, place) for place in _places(stage, request, space, tree)]
     free = next((one for one in options if not any(colliding(one.body, other.body) for other in earlier)), None)
     if free is not None:
         return free
@@ -111,12 +111,12 @@ def _standing(stage: Stage, request: ObjectRequest, model: Model, size: Size, pl
     return Placed(request, model, size, place, front, angle, body, surface, _taken(stage, model, body))
 
 
-def _places(stage: Stage, request: ObjectRequest, space: Space) -> list[Place]:
+def _places(stage: Stage, request: ObjectRequest, space: Space, tree: Tree | None) -> list[Place]:
     """The places that a request allows, the best first; the one that it names, or several in free space."""
     if request.at is not None:
         return [place_at_point(space, _view_of(stage, request.at.frame), request.at.x, request.at.y)]
     if request.on is not None:
-        return [place_on_category(space, request.on, instances_named(stage.instances, request.on))]
+        return [place_on_category(space, request.on, instances_named(stage.instances, request.on, tree))]
     if request.plane is not None:
         at = np.array(request.xy_m) / stage.scale.metres_per_unit
         return [place_on_plane(space, request.plane, at, stage.scene.views[0].centre)]

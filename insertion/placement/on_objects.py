@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +18,9 @@ from insertion.placement.place import NoPlace, Place
 from insertion.placement.surface import Surface, surface_of
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.statistics import robust_sigma
+
+if TYPE_CHECKING:
+    from metric_tree.tree import Node, Tree
 
 __all__ = ["instances_named", "place_on_category"]
 
@@ -144,41 +149,45 @@ def _own_points(parts: Sequence[tuple[int, IntArray]], seen: Mapping[int, Sight]
     return np.asarray((own > 0) & (own >= OWN_SHARE * visible))
 
 
-def instances_named(instances: Sequence[Instance], name: str) -> list[Instance]:
+def instances_named(instances: Sequence[Instance], name: str, tree: Tree | None = None) -> list[Instance]:
     """The instances of a category: by its own name, by its last words ("table" is any "coffee table"), or by the tree.
 
-    In the shipped tree "sofa" is a "couch", and "furniture" is both. Raises NoPlace, with what there is, where nothing
-    has the name.
+    Names are read as everywhere, those of instances and a word with several senses as the label lists of detectors
+    mean them: "sofa" is a "couch", and "furniture" is both. Without `tree` the shipped one is asked. Raises NoPlace,
+    with what there is, where nothing has the name.
     """
     wanted = name.casefold().strip()
     named = [item for item in instances if item.category.casefold() == wanted]
     named = named or [item for item in instances if item.category.casefold().endswith(f" {wanted}")]
     if named:
         return named
-    meant = _meant_by(wanted, sorted({item.category for item in instances}))
+    categories = sorted({item.category for item in instances})
+    meant = _meant_by(wanted, categories, tree)
     if not meant:
-        names = ", ".join(sorted({item.category for item in instances})) or "no instance at all"
+        names = ", ".join(categories) or "no instance at all"
         raise NoPlace(f"--on: expected a category of the instances ({names}); found {name!r}")
     return [item for item in instances if item.category in meant]
 
 
-def _meant_by(wanted: str, categories: Sequence[str]) -> set[str]:
+def _meant_by(wanted: str, categories: Sequence[str], tree: Tree | None) -> set[str]:
     """The categories whose node of the tree is that of `wanted`, or below it."""
     import metric_tree
+    from metric_tree.tree import DETECTORS
 
     if not categories:
         return set()
-    tree = metric_tree.open()
-    try:
-        above = tree.find(wanted).node_id
-    except metric_tree.UnknownName:
+    tree = tree or metric_tree.open()
+    nodes: dict[str, Node] = {}
+    for text in (wanted, *categories):
+        with suppress(metric_tree.UnknownName):
+            nodes[text] = tree.find(text, DETECTORS)
+    above = nodes.get(wanted)
+    if above is None:
         return set()
-    meant = set()
-    for category in categories:
-        try:
-            node = tree.find(category)
-        except metric_tree.UnknownName:
-            continue
-        if node.node_id == above or above in node.hypernyms:
-            meant.add(category)
-    return meant
+    known = ((category, nodes[category]) for category in categories if category in nodes)
+    return {one for one, node in known if node == above or above.node_id in node.hypernyms or above in _ancestors(node)}
+
+
+def _ancestors(node: Node) -> list[Node]:
+    """The nodes above one, nearest first."""
+    return [] if node.parent is None else [node.parent, *_ancestors(node.parent)]

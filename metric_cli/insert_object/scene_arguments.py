@@ -45,7 +45,7 @@ def add_scene_arguments(root: argparse.ArgumentParser) -> None:
     add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
     add("--scale", metavar="METRES", type=float, help="metres per scene unit (default: SCENE/result.json)")
     add("--up", metavar="X,Y,Z", help="up in the scene's axes, if it is known (default: by the cameras and planes)")
-    add("--tree", metavar="REF", help="release for --size prior (default: the newest available)")
+    add("--tree", metavar="REF", help="release for --size prior and --on (default: the newest available)")
     each = root.add_argument_group("each object")
     add_one = each.add_argument
     add_one("--model", metavar="FILE", type=Path, action=_PerModel, required=True, help="glTF or GLB file, in metres")
@@ -80,8 +80,8 @@ def stage_of(options: argparse.Namespace) -> Stage:
 
 
 def tree_of(options: argparse.Namespace) -> Any:
-    """The release for `--size prior`; None where nobody asks for a prior."""
-    if not any(stated.get("size") == "prior" for stated in options.objects):
+    """The release for `--size prior` and `--on`; None where no object needs one."""
+    if not any(stated.get("size") == "prior" or stated.get("on") is not None for stated in options.objects):
         return None
     import metric_tree
 

@@ -42,9 +42,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the node and its prior."""
-    node = open_tree(arguments.tree).find(arguments.name, arguments.vocabulary, at_least=arguments.at_least)
+    tree = open_tree(arguments.tree)
+    node = tree.find(arguments.name, arguments.vocabulary, at_least=arguments.at_least)
     dims = tuple(arguments.dims.split(",")) if arguments.dims else None
     description = summary(node, dims, where_of(arguments.where) if arguments.where is not None else None)
+    description["note"] = tree.resolve(arguments.name, arguments.vocabulary).note
     if arguments.kind is not None:
         description["items_of_kind"] = item_quantiles(node, arguments.kind, QUANTILES)
     if arguments.images is not None or arguments.sheet is not None:
@@ -124,6 +126,7 @@ def _print(description: dict[str, Any]) -> None:
         ["", ""],
         [
             ("node", description["node"]),
+            *([("note", description["note"])] if description["note"] else []),
             ("path", " > ".join(description["path"])),
             ("pose", description["pose"]),
             ("items", description["n_items"]),

@@ -50,11 +50,16 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What a text means: the likeliest candidate first; `how` it was reached; `margin` to the next that is not kin."""
+    """What a text means: the likeliest candidate first; `how` it was reached; `margin` to the next that is not kin.
+
+    `form` is the name that answered; `note` says what of the text it leaves out, if anything.
+    """
 
     candidates: tuple[Candidate, ...]
     how: str
     margin: float
+    form: str = ""
+    note: str | None = None
 
     @property
     def node_id(self) -> str:
@@ -112,6 +117,11 @@ class Names:
         return self._forms
 
     @cached_property
+    def words(self) -> frozenset[str]:
+        """Every word of a folded name."""
+        return frozenset(word for form in self._forms for word in form.split())
+
+    @cached_property
     def letters(self) -> Mapping[str, tuple[str, ...]]:
         """Folded names by their letters alone: `tvmonitor`."""
         return by_letters(self._forms)
@@ -119,6 +129,10 @@ class Names:
     def shown(self, node_id: str) -> str:
         """The name of a node."""
         return self._names[node_id]
+
+    def items(self, node_id: str) -> int:
+        """Items of the fit at or below a node."""
+        return self._items[node_id]
 
     def owners(self, form: str) -> tuple[str, ...]:
         """The nodes that have a folded form among their names, those with most items first."""

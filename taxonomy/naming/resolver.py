@@ -4,7 +4,7 @@ The forms of a text are tried from the plainest to the boldest, and the first th
 written, without numbers and articles, singular, without spaces; two alternatives that agree (`couch/sofa`), the last
 part of a dotted path; what a count names (`pair of scissors`), the name before `with` or `riding`; a word of WordNet
 whose kind is in the tree; the name without adjectives, colours, materials and rooms; the head noun, if compounds that
-end in it are known to be such items. An answer says what was dropped on the way.
+end in it are known to be such items; a name that is one letter off. An answer says what was dropped on the way.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from taxonomy.words.phrases import (
     without_numbers,
     word_list,
 )
-from taxonomy.words.senses import coded_node, head_trust, senses
-from taxonomy.words.spelling import plain_fold, singular_phrases, written_forms
+from taxonomy.words.senses import coded_node, head_trust, is_english, other_names, senses
+from taxonomy.words.spelling import fold_text, one_edit, plain_fold, singular_phrases, singulars, written_forms
 
 __all__ = ["NEAR", "Answer", "Resolver"]
 
@@ -53,6 +53,11 @@ _GROWING = {"animal.n.01", "plant.n.02", "food.n.01"}
 
 _CODE = re.compile(r"^(?:n\d{8}|/m/[0-9a-z_]+|/g/[0-9a-z_]+)$")
 _BRACKETS = re.compile(r"[\s_]*\(([^()]*)\)")
+#: Letters from which a name may be one letter off: short words are too near each other.
+LEAST_MISSPELT = 5
+
+_LANGUAGES = {"de": "German", "fr": "French", "es": "Spanish", "it": "Italian"}
+_COUNTING = re.compile(r"(?:an?|the|one|two|three|four|five|six|of|\d[\d.,]*|inch(?:es)?|cm|mm|m|ft)$", re.IGNORECASE)
 _ALTERNATIVES = re.compile(r"\s*(?:/|\||\bor\b)\s*")
 
 
@@ -69,7 +74,28 @@ class Resolver:
         self._nearest = Nearest(names, self.answer)
 
     def answer(self, text: str) -> Answer | None:
-        """What a text means, or None if nothing of the tree is meant."""
+        """What a text means, with a note of what is left out of it; None if nothing of the tree is meant."""
+        answer = self._answer(text) or self._misspelt(text)
+        if answer is None or answer.note or answer.how in {"id", "code"}:
+            return answer
+        return replace(answer, note=self._note(text, answer))
+
+    def _note(self, text: str, answer: Answer) -> str | None:
+        """What an answer leaves out of a text, or that it stands for a kind that the tree lacks."""
+        name = self._names.shown(answer.node_id)
+        if not answer.form:
+            return f"taken as {name}, the nearest kind in the tree"
+        elsewhere = next((node for node in other_names(answer.form) if node in self._names), None)
+        if answer.form == plain_fold(text) and elsewhere and not self._same(elsewhere, answer.node_id):
+            language = _LANGUAGES.get(other_names(answer.form)[elsewhere])
+            return f"in {language} also {self._names.shown(elsewhere)}" if language else None
+        if _ALTERNATIVES.search(text) or container_and_content(text):
+            return None
+        left = _left_out(after_counts(text) or text, answer.form)
+        verb = "is" if len(left) == 1 else "are"
+        return f"taken as {name}: {', '.join(map(repr, left))} {verb} not in the tree" if left else None
+
+    def _answer(self, text: str) -> Answer | None:
         if text in self._names:
             return _certain(text, "id")
         if _CODE.match(text):
@@ -77,6 +103,8 @@ class Resolver:
             return _certain(node, "code") if node and node in self._names else None
         if written := self._written(text):
             return written
+        if other := self._other_name(text):
+            return other
         parts = [part for part in _ALTERNATIVES.split(text) if part]
         if len(parts) > 1:
             return self._common_answer(parts)
@@ -102,18 +130,56 @@ class Resolver:
         bare = _BRACKETS.sub("", text) if hint else text
         for form in folded_forms(text):
             if answer := self._best(self._names.candidates(form), None):
-                return answer
+                return replace(answer, form=form)
         for plain in dict.fromkeys((bare, without_numbers(bare))):
             for form in folded_forms(plain):
                 if answer := self._of_form(form, hint[1] if hint else None):
                     return answer
         return None
 
+    def _other_name(self, text: str) -> Answer | None:
+        """The answer for the name of a norm, or for a name in another language that English does not have."""
+        form = plain_fold(text)
+        named = next(filter(None, map(other_names, (form, *singular_phrases(form)))), {})
+        known = {node: language for node, language in named.items() if node in self._names}
+        if not known or (senses(form) and "norm" not in known.values()):
+            return None
+        most = sorted(known, key=lambda node: -self._names.items(node))
+        rival = next((node for node in most[1:] if not self._same(most[0], node)), None)
+        language = _LANGUAGES.get(known[most[0]])
+        note = f"taken as {self._names.shown(most[0])}: {language} {text.strip()!r}" if language else None
+        candidates = tuple(Candidate(node, 0.0, "other name") for node in most)
+        return Answer(candidates, "other name", 0.0 if rival else math.inf, form, note)
+
+    def _misspelt(self, text: str) -> Answer | None:
+        """The answer for a text whose one word is a letter off that of a name, if all such names mean one node."""
+        form = plain_fold(text)
+        if not form.replace(" ", "").isalpha() or senses(form):
+            return None
+        near = [name for name in self._names.forms if one_edit(form, name) and self._is_slip(form, name)]
+        answers = [answer for name in near if (answer := self._best(self._names.candidates(name), "misspelt"))]
+        first = answers[0] if answers else None
+        if first is None or first.ambiguous or not all(self._same(first.node_id, one.node_id) for one in answers):
+            return None
+        name = self._names.shown(first.node_id)
+        return replace(first, form=near[0], note=f"taken as {name}: {text.strip()!r} is not in the tree")
+
+    def _is_slip(self, form: str, name: str) -> bool:
+        """Whether two names differ in one word, which is long and neither English nor of a name in the first."""
+        words, of_name = form.split(), name.split()
+        unlike = [pair for pair in zip(words, of_name, strict=False) if pair[0] != pair[1]]
+        if len(words) != len(of_name) or len(unlike) != 1 or min(map(len, unlike[0])) < LEAST_MISSPELT - 1:
+            return False
+        return len(unlike[0][0]) >= LEAST_MISSPELT and not (
+            unlike[0][0] in self._names.words or is_english(unlike[0][0])
+        )
+
     def _of_form(self, form: str, hint: str | None = None) -> Answer | None:
         """The answer for a folded form: as it is, singular, without its spaces."""
         for written in written_forms(form, lambda: self._names.letters) if form else ():
             if candidates := self._names.candidates(written):
-                return self._best(candidates, None if written == form else "folded", hint)
+                answer = self._best(candidates, None if written == form else "folded", hint)
+                return answer and replace(answer, form=written if " " in form or written != form else form)
         return None
 
     def _best(self, candidates: Sequence[Candidate], how: str | None, hint: str | None = None) -> Answer | None:
@@ -211,7 +277,7 @@ class Resolver:
             return None
         kinds, compounds = head_trust(head).get(answer.node_id, (0, 0))
         trusted = compounds >= HEAD_COMPOUNDS and kinds / compounds >= HEAD_TRUST
-        return answer if trusted or head in word_list("containers") else None
+        return replace(answer, form=head) if trusted or head in word_list("containers") else None
 
     def _of_wordnet(self, form: str) -> Answer | None:
         """The nearest kind in the tree of a word that the tree lacks."""
@@ -255,6 +321,24 @@ class Resolver:
 
     def _lives(self, node: str) -> bool:
         return bool(_LIVING & {node, *self._names.ancestors(node), *self._names.hypernyms(node)})
+
+
+def _left_out(text: str, form: str) -> list[str]:
+    """The words of a text that a name does not have; a count before the name is not one of them."""
+    kept = set(form.split())
+    letters = form.replace(" ", "")
+    left: list[str] = []
+    for word in re.split(r"[\s_,/()]+", text.strip()):
+        parts = {
+            one for part in (*plain_fold(word).split(), *fold_text(word).split()) for one in (part, *singulars(part))
+        }
+        irregular = {one for part in tuple(parts) for one in singular_phrases(part)}
+        if parts | irregular and not (parts | irregular) & kept and plain_fold(word) not in letters:
+            left.append(word)
+    while left and text.strip().startswith(left[0]) and _COUNTING.match(left[0]):
+        text = text.strip()[len(left[0]) :]
+        left = left[1:]
+    return left
 
 
 def _certain(node: str, how: str) -> Answer:

@@ -1,9 +1,9 @@
 """What a word means: its senses in WordNet, their reviewed order, trust in head nouns, codes and labels of detectors.
 
-`python -m benchmarks.taxonomy.word_tables` writes all tables but `meanings.csv`, which a reviewer (a program: a
-language model) writes: the words that several nodes share, with the nodes in the order in which people mean them. The
-tables are read on demand, each once, as text that is searched: a first answer must not wait for fifty thousand lines
-to be parsed.
+`python -m benchmarks.taxonomy.word_tables` writes all tables but two, which a reviewer (a program: a language model)
+writes: `meanings.csv`, the words that several nodes share, with the nodes in the order in which people mean them, and
+`other_names.csv`, names in other languages and names of norms. The tables are read on demand, each once, as text that
+is searched: a first answer must not wait for fifty thousand lines to be parsed.
 """
 
 from __future__ import annotations
@@ -24,8 +24,10 @@ __all__ = [
     "Sense",
     "coded_node",
     "head_trust",
+    "is_english",
     "label_votes",
     "listed_nodes",
+    "other_names",
     "reviewed_meanings",
     "senses",
 ]
@@ -44,6 +46,10 @@ DETECTOR_LISTS = (
 #: Weight of a list's word; the four lists that most detectors are trained on, and any other.
 LABEL_WEIGHT = {"coco_80": 3.0, "lvis_v1": 2.0, "openimages_601": 2.0, "objects365_v2": 2.0}
 LABEL_WEIGHT_ELSEWHERE = 0.7
+
+
+#: How umlauts are written without them: `Kuehlschrank`.
+_UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "Ae", "Ö": "Oe", "Ü": "Ue"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +111,31 @@ def head_trust(head: str) -> dict[str, tuple[int, int]]:
 def coded_node(code: str) -> str | None:
     """The node of ImageNet's `n02119789` or Open Images' `/m/01mzpv`; None if the code is unknown."""
     return _value("codes.tsv", code) or None
+
+
+def is_english(word: str) -> bool:
+    """Whether a folded word is English though no name has it: `tunnel` is not a misspelt `funnel`."""
+    return bool(senses(word)) or f"\n{word}\n" in _text("near_words.txt")
+
+
+def other_names(form: str) -> Mapping[str, str]:
+    """By node: the language (`de`, `fr`, `es`, `it`) in which a folded word names it, or `norm` of a norm's name."""
+    return _other_names().get(form, {})
+
+
+@cache
+def _other_names() -> Mapping[str, Mapping[str, str]]:
+    named: defaultdict[str, dict[str, str]] = defaultdict(dict)
+    file = taxonomy_directory() / "other_names.csv"
+    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else ["node_id"]
+    _, *languages = lines[0].split(",")
+    for line in lines[1:]:
+        node_id, *cells = line.split(",")
+        for language, words in zip(languages, cells, strict=True):
+            for word in filter(None, words.split("; ")):
+                named[plain_fold(word)].setdefault(node_id, language)
+                named[plain_fold(word.translate(_UMLAUTS))].setdefault(node_id, language)
+    return named
 
 
 def label_votes(form: str) -> Mapping[str, float]:

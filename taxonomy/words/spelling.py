@@ -8,7 +8,16 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 
-__all__ = ["by_letters", "fold_text", "plain_fold", "singular_phrases", "singulars", "spelling_of", "written_forms"]
+__all__ = [
+    "by_letters",
+    "fold_text",
+    "one_edit",
+    "plain_fold",
+    "singular_phrases",
+    "singulars",
+    "spelling_of",
+    "written_forms",
+]
 
 #: British to American, as WordNet's lemmas are spelt; whole words only, singular and plural.
 _SPELLINGS = {
@@ -107,6 +116,20 @@ def singular_phrases(phrase: str, irregular: Mapping[str, Sequence[str]] = IRREG
     first, of, rest = phrase.partition(" of ")
     if of:
         yield from (f"{single} of {rest}" for single in singular_phrases(first, irregular))
+
+
+def one_edit(word: str, other: str) -> bool:
+    """Whether two words differ by one letter that is missing, added, another, or in the place of its neighbour.
+
+    >>> one_edit("televison", "television"), one_edit("chiar", "chair"), one_edit("cat", "dog")
+    (True, True, False)
+    """
+    if abs(len(word) - len(other)) > 1 or word == other:
+        return False
+    start = next((at for at, (a, b) in enumerate(zip(word, other)) if a != b), min(len(word), len(other)))  # noqa: B905
+    rest, of_other = word[start:], other[start:]
+    swapped = rest[:2][::-1] == of_other[:2] and rest[2:] == of_other[2:]
+    return swapped or rest[1:] == of_other[1:] or rest[1:] == of_other or rest == of_other[1:]
 
 
 def by_letters(names: Iterable[str]) -> Mapping[str, tuple[str, ...]]:

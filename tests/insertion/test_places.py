@@ -8,6 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import metric_tree
+from insertion.models.gltf import read_model
+from insertion.models.size import model_size
 from insertion.pipeline.objects import Placed, place_objects, space_for
 from insertion.pipeline.preview import write_preview
 from insertion.pipeline.request import ObjectRequest
@@ -70,6 +73,17 @@ def test_the_last_word_of_a_category_is_enough(room: RecordedRoom, stage: Stage,
 
 def test_the_tree_knows_what_a_sofa_is(stage: Stage) -> None:
     assert {item.category for item in instances_named(stage.instances, "sofa")} == {"couch"}
+
+
+def test_a_word_is_read_as_detectors_mean_it(stage: Stage, cup: Path) -> None:
+    """By itself "bat" is an animal or a stick: the label lists of detectors decide, in `--on` and in `--size prior`."""
+    tree = metric_tree.open()
+    one, other = (replace(stage.instances[0], category=name) for name in ("bat", "couch"))
+    with pytest.raises(metric_tree.UnknownName):
+        tree.find("bat")
+    listed = tree.find("bat", "detectors")
+    assert instances_named([one, other], listed.node_id, tree) == [one]
+    assert model_size(read_model(cup), "prior", tree, "bat").source.startswith(f"prior of {listed.node_id}")
 
 
 def test_a_top_that_is_no_plane_of_the_scene(room: RecordedRoom, stage: Stage, cup: Path) -> None:

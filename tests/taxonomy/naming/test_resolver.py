@@ -88,7 +88,7 @@ def test_ways_to_write_a_name(text: str, node: str | None, how: str) -> None:
     assert (found.node_id, found.how, found.ambiguous) == (node, how, False)
 
 
-@pytest.mark.parametrize("text", ["tv/chair", "wall plug", "gas pump", "zzyzx", "chiar", "", "lid"])
+@pytest.mark.parametrize("text", ["tv/chair", "wall plug", "gas pump", "zzyzx", "chaaar", "", "lid"])
 def test_what_would_mislead_is_unknown(text: str) -> None:
     assert RESOLVER.answer(text) is None
 
@@ -164,10 +164,59 @@ def test_a_kind_too_far_up_is_taken_by_its_own_name_alone() -> None:
     assert RESOLVER.answer("metal entity") is None
 
 
-def test_likeness_of_spelling_is_offered_and_never_taken() -> None:
-    assert RESOLVER.answer("televison") is None
-    assert RESOLVER.nearest("televison")[0] == "television"
-    assert list(RESOLVER.nodes_by_relevance("televison", 1)) == ["television_receiver.n.01"]
+def test_one_letter_off_is_taken_with_a_note_and_more_is_only_offered() -> None:
+    found = answer("televison")
+    assert (found.node_id, found.how) == ("television_receiver.n.01", "misspelt")
+    assert found.note == "taken as television: 'televison' is not in the tree"
+    assert RESOLVER.answer("telvison") is None
+    assert RESOLVER.nearest("telvison")[0] == "television"
+    assert list(RESOLVER.nodes_by_relevance("telvison", 1)) == ["television_receiver.n.01"]
+
+
+@pytest.mark.parametrize("text", ["office chain", "bottler", "hut", "mousy"])
+def test_an_english_word_is_not_a_misspelt_name(text: str) -> None:
+    assert RESOLVER.answer(text) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "note"),
+    [
+        ("chair", None),
+        ("2 chairs", None),
+        ("chair.001", None),
+        ("pair of chairs", None),
+        ("wooden chair", "taken as chair: 'wooden' is not in the tree"),
+        ("small black chairs", "taken as chair: 'small', 'black' are not in the tree"),
+        ("Xanor bottle", "taken as bottle: 'Xanor' is not in the tree"),
+        ("shampoo bottle", "taken as bottle, the nearest kind in the tree"),
+        ("couch/sofa", None),
+        ("tvmonitor", None),
+        ("Flasche", "taken as bottle: German 'Flasche'"),
+        ("des chats", None),
+    ],
+)
+def test_an_answer_says_what_it_leaves_out(text: str, note: str | None) -> None:
+    found = RESOLVER.answer(text)
+    assert (found.note if found else None) == note
+
+
+@pytest.mark.parametrize(
+    ("text", "node"),
+    [("puertas", "door.n.01"), ("Stühle", "chair.n.01"), ("Stuehle", "chair.n.01"), ("bottiglia", "bottle.n.01")],
+)
+def test_names_in_other_languages(text: str, node: str) -> None:
+    assert answer(text).node_id == node
+    assert answer(text).how == "other name"
+
+
+def test_an_english_word_keeps_its_meaning_and_says_what_else_it_is() -> None:
+    """A cane is a stick in English and a dog in Italian; a chat is a bird that this tree lacks, and no cat."""
+    nodes = [*NODES, ("cane.n.01", "cane", (), 1, "entity.n.01"), ("dog.n.01", "dog", (), 9, "animal.n.01")]
+    ids, names, aliases, items, parents = zip(*nodes, strict=True)
+    found = Resolver(Names(ids, names, aliases, items, parents, lambda _: (), lambda _: {})).answer("cane")
+    assert found is not None
+    assert (found.node_id, found.note) == ("cane.n.01", "in Italian also dog")
+    assert RESOLVER.answer("chat") is None
 
 
 @given(st.text(max_size=30))

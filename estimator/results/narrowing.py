@@ -100,7 +100,7 @@ def _whole_sides(
 def _known_length(
     stated: Mapping[int, ObjectEvidence], lines: FloatArray, again: Callable[..., Posterior]
 ) -> Iterator[tuple[str, str | None, _Supposed]]:
-    """The height of the object that is measured best, with a tape."""
+    """The height of the object that is measured best, with a tape; lines : (k, 3) as `posterior` takes them."""
     known = [
         item.object
         for item in stated.values()

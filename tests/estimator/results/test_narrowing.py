@@ -44,7 +44,7 @@ def test_best_comes_first_and_a_resolved_scale_needs_none(tree: Tree) -> None:
     chair = MeasuredObject("3", "office chair", np.array([0.65, 0.62, 1.0]), np.full(3, 0.03))
     several = scale_of_objects([VASE, DESK, chair, replace(chair, id="4")], tree)
     assert (several.status, several.would_help) == ("resolved", ())
-    assert "would_help" not in several.record()
+    assert "would_help" not in several.to_json()
 
 
 def test_truncated_and_unmeasured_objects_are_named(tree: Tree) -> None:

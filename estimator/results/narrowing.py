@@ -73,8 +73,8 @@ def helps(
         *_other_classes(stated, tree, again),
     ]
     rated = [
-        Help(what, name, round(1 - sum(_log_width(supposed(scale)) for scale in scales) / len(scales) / width, 2))
-        for what, name, supposed in offers
+        Help(what, name, round(1 - sum(_log_width(posterior_at(scale)) for scale in scales) / len(scales) / width, 2))
+        for what, name, posterior_at in offers
     ]
     worth = sorted((one for one in rated if one.narrows_by >= LEAST_NARROWING), key=lambda one: -one.narrows_by)
     return tuple(worth[:MOST_HELPS])
@@ -89,12 +89,12 @@ def _whole_sides(
         if not cut.any():
             continue
 
-        def supposed(scale: float, place: int = place, item: ObjectEvidence = item, cut: BoolArray = cut) -> Posterior:
+        def posterior_at(scale: float, place: int = place, item: ObjectEvidence = item, cut: BoolArray = cut) -> Posterior:
             others = [one for row, one in stated.items() if row != place]
             return again([*others, _whole(item, cut, scale)])
 
         name = _name(item.object)
-        yield f"two more pictures of the {name} from the side that is cut", name, supposed
+        yield f"two more pictures of the {name} from the side that is cut", name, posterior_at
 
 
 def _known_length(

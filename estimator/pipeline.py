@@ -192,16 +192,7 @@ def _reject(result: ScaleResult, errors: Sequence[str]) -> ScaleResult:
     if not errors:
         return result
     lines = [f"unresolved: {error}" for error in errors]
-    # without its curve nothing is drawn of it: the sizes of such a scene are no sizes
-    return replace(
-        result,
-        status="unresolved",
-        scale=None,
-        interval=None,
-        curve=None,
-        would_help=(),
-        warnings=(*result.warnings, *lines),
-    )
+    return replace(result, status="unresolved", scale=None, interval=None, warnings=(*result.warnings, *lines))
 
 
 def _up_report(up: Up) -> UpReport:

@@ -50,6 +50,9 @@ def insert_objects(
     show_interval: bool = False,
     renderer: Literal["embedded", "blender"] = "embedded",
     export: Path | None = None,
+    layers: Path | None = None,
+    frames: tuple[int, int] | None = None,
+    codec: str | None = None,
     progress: ProgressCallback = silent,
 ) -> Insertion:
     """Draw glTF models into the pictures of a reconstruction, or into its video, at their true size.
@@ -64,6 +67,8 @@ def insert_objects(
     dense : dense cloud, or `none`; up : the vertical, if it is known; tree : for sizes by the prior
     show_interval : whether to draw the outline at both ends of the scale's interval
     renderer : the embedded one, or Blender's Cycles; export : a new folder for the scene in metres
+    layers : a new folder for the layers of each picture; frames : the first and the last picture that are drawn
+    codec : of the video, one of `insertion.footage.video_writer.CODECS`
     progress : is called with the name of a step, how much of it is done, and of how much or None
 
     Raises
@@ -92,6 +97,9 @@ def insert_objects(
         show_interval=show_interval,
         renderer=renderer,
         export=export,
+        layers=layers,
+        frames=frames,
+        codec=codec,
         progress=progress,
     )
 
@@ -129,14 +137,18 @@ def insert_into(
     show_interval: bool = False,
     renderer: str = "embedded",
     export: Path | None = None,
+    layers: Path | None = None,
+    frames: tuple[int, int] | None = None,
+    codec: str | None = None,
     progress: ProgressCallback = silent,
 ) -> Insertion:
     """As `insert_objects`, into a stage."""
     from insertion.blender.tracing import export_blend, traced_layers
+    from insertion.exports.compositing import CompositingLayers
     from insertion.exports.write import LayerWriter, write_exports
     from insertion.footage.picture_writer import picture_writer
     from insertion.footage.video_footage import VideoFootage
-    from insertion.pipeline import frames
+    from insertion.pipeline import frames as drawing
     from insertion.pipeline.objects import place_objects
 
     if show_interval and stage.scale.low is None:
@@ -144,14 +156,24 @@ def insert_into(
     video = stage.footage if isinstance(stage.footage, VideoFootage) else None
     source, turned = (video.source, video.turned_deg) if video is not None else (None, 0)
     placed = place_objects(stage, requests, tree)
-    with picture_writer(out, source, turned) as write, _exports(export) as folder:
-        results = frames.insert_objects(
+    stage = stage if frames is None else stage.with_frames(frames)
+    with (
+        picture_writer(out, source, turned, codec) as write,
+        _whole(export, "--export") as folder,
+        _whole(layers, "--layers") as compositing,
+    ):
+        sinks: list[drawing.LayerSink] = []
+        if folder is not None:
+            sinks.append(LayerWriter(folder, stage.footage.shots, stage.scale.metres_per_unit))
+        if compositing is not None:
+            sinks.append(CompositingLayers(compositing, stage, placed))
+        results = drawing.insert_objects(
             stage,
             placed,
             write,
             show_interval=show_interval,
             video=video is not None,
-            layers=None if folder is None else LayerWriter(folder, stage.footage.shots, stage.scale.metres_per_unit),
+            layers=sinks,
             tracer=traced_layers if renderer == "blender" else None,
             progress=progress,
         )
@@ -162,12 +184,12 @@ def insert_into(
 
 
 @contextmanager
-def _exports(folder: Path | None) -> Iterator[Path | None]:
-    """The folder to export into, which appears whole; None where nothing is to be exported."""
+def _whole(folder: Path | None, option: str) -> Iterator[Path | None]:
+    """The folder that an option names, which appears whole; None where nothing is to be written."""
     if folder is None:
         yield None
         return
     from metric_base.files import whole_folder
 
-    with whole_folder(folder, "--export") as temporary:
+    with whole_folder(folder, option) as temporary:
         yield temporary

@@ -84,6 +84,13 @@ class Video:
                 last = max(float(time_s), float(np.nextafter(last, np.inf)))
                 yield VideoFrame(index, last, self._upright(frame))
 
+    def stored_frames(self) -> Iterator[tuple[int, Any, Picture]]:
+        """The number of each frame, PyAV's own frame with its samples and tags, and its upright picture (h, w, 3)."""
+        with _open_video(self.path) as container:
+            stream = _stream(self.path, container)
+            for index, frame in enumerate(_decode(self.path, container, stream)):
+                yield index, frame, self._upright(frame)
+
     def _upright(self, frame: Any) -> Picture:
         if self.hdr is None:
             colour = frame.to_ndarray(format="rgb24")

@@ -38,6 +38,7 @@ from explorer.content.records import (
     VocabularyAnswer,
     VocabularyRow,
 )
+from explorer.content.tiers import prior_tier
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.description import everyday_sentence
@@ -147,7 +148,7 @@ def prior_answer(
         tree=tree_reference(catalogue.tree),
         node=node.node_id,
         dims=list(prior.dims),
-        tier=prior.tier,
+        tier=prior_tier(prior),
         n=prior.n,
         n_sources=prior.n_sources,
         borrowed=round(prior.borrowed, 4),

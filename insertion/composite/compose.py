@@ -14,7 +14,7 @@ from insertion.composite.match import Look, grain
 from insertion.render.layers import ObjectLayers
 from insertion.scene.box import Box
 
-__all__ = ["Joined", "behind_each_other", "compose", "compose_traced"]
+__all__ = ["Composite", "Joined", "behind_each_other", "compose", "compose_traced"]
 
 Picture = NDArray[np.uint8]
 #: Pixels of the picture change where an object covers this much of them, or takes this much of their light.
@@ -51,6 +51,20 @@ class Joined:
         return alpha, depth
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Composite:
+    """A picture (h, w, 3) with objects, and what it was joined from over a box of it.
+
+    covering : (h, w, 4) the objects as they are seen, linear and premultiplied; share : (h, w, 3) of the plate's light
+    that is left. Outside the box the picture is the plate.
+    """
+
+    picture: Picture
+    box: Box
+    covering: NDArray[np.float32]
+    share: NDArray[np.float32]
+
+
 def behind_each_other(joined: Sequence[Joined]) -> list[Joined]:
     """The objects, each hidden also where another one is nearer, pixel by pixel."""
     result = []
@@ -70,14 +84,15 @@ def behind_each_other(joined: Sequence[Joined]) -> list[Joined]:
     return result
 
 
-def compose(picture: Picture, joined: Sequence[Joined], look: Look, seed: int) -> Picture:
+def compose(picture: Picture, joined: Sequence[Joined], look: Look, seed: int) -> Composite:
     """The picture (h, w, 3) with all objects.
 
     In linear light, with a = alpha (1 - hidden) of each object:
     out = frame * product of share * (1 - sum of a) + gain * sum of object * (1 - hidden).
     """
     if not joined:
-        return picture
+        box = Box(0, 0, 1, 1)
+        return Composite(picture, box, np.zeros((1, 1, 4), np.float32), np.ones((1, 1, 3), np.float32))
     box = joined[0].layers.box
     for item in joined[1:]:
         box = box.union(item.layers.box)
@@ -92,7 +107,7 @@ def compose(picture: Picture, joined: Sequence[Joined], look: Look, seed: int) -
 
 def compose_traced(
     picture: Picture, traced: NDArray[np.float32], joined: Sequence[Joined], look: Look, seed: int
-) -> Picture:
+) -> Composite:
     """The picture (h, w, 3) with all objects as another renderer drew them together.
 
     traced : (h, w, 4) linear light, premultiplied, of the objects and their shadows on the support, through the lens.
@@ -114,7 +129,7 @@ def compose_traced(
 
 def _covered_picture(
     picture: Picture, covering: NDArray[np.float32], share: NDArray[np.float32], look: Look, box: Box, seed: int
-) -> Picture:
+) -> Composite:
     """The picture (h, w, 3), 8-bit sRGB, with a layer over a box of it.
 
     covering : (h, w, 4) of the box, linear and premultiplied; share : (h, w, 3) of the light that is left.
@@ -129,4 +144,5 @@ def _covered_picture(
     grey += grain(look, box, grey, seed) * alpha
     out = picture.copy()
     out[box.slices] = np.where(changed[..., None], np.clip(np.rint(grey), 0, 255).astype(np.uint8), before)
-    return out
+    seen = np.dstack([covering[..., :3], alpha]) * changed[..., None]
+    return Composite(out, box, seen, np.where(changed[..., None], share, 1.0).astype(np.float32))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from estimator.capture.pictures import PICTURE_SUFFIXES
 from estimator.outputs.rescaled import write_scaled
-from insertion.composite.compose import Joined
+from insertion.composite.compose import Composite, Joined
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.exports.nerfstudio import write_transforms
@@ -89,3 +89,6 @@ class LayerWriter:
         write_picture(self._folder / "mask" / file, np.rint(255 * alpha).astype(np.uint8))
         deep = np.rint(np.nan_to_num(depth * self._millimetres, nan=0.0))
         write_picture(self._folder / "depth" / file, np.where(deep <= FARTHEST_MM, deep, 0).astype(np.uint16))
+
+    def composite(self, shot: Shot, composite: Composite) -> None:
+        """Nothing more: masks and depth are written."""

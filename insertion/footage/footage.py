@@ -15,7 +15,7 @@ from estimator.records.scene import Scene, View
 from metric_base.errors import InputError
 from metric_base.pictures import read_picture
 
-__all__ = ["Footage", "PictureFootage", "Shot", "Stills"]
+__all__ = ["Footage", "FrameRange", "PictureFootage", "Shot", "Stills"]
 
 Picture = NDArray[np.uint8]
 
@@ -92,3 +92,19 @@ class PictureFootage:
         for shot in self.shots:
             assert shot.row is not None  # every shot is a view here
             yield shot, self._stills.picture(shot.row)
+
+
+class FrameRange:
+    """Footage of which only some shots are drawn on; `whole` is all of it."""
+
+    def __init__(self, whole: Footage, first: int, last: int) -> None:
+        self.whole = whole
+        self.shots: tuple[Shot, ...] = tuple(shot for shot in whole.shots if first <= shot.index <= last)
+
+    def pictures(self) -> Iterator[tuple[Shot, Picture]]:
+        """Every shot of the range with its picture (h, w, 3)."""
+        for shot, picture in self.whole.pictures():
+            if shot.index > self.shots[-1].index:
+                return
+            if shot.index >= self.shots[0].index:
+                yield shot, picture

@@ -47,10 +47,13 @@ def preview_place(file: Path) -> None:
 
 
 @contextmanager
-def picture_writer(out: Path, source: Path | None = None, turned_deg: int = 0) -> Iterator[Writer]:
+def picture_writer(
+    out: Path, source: Path | None = None, turned_deg: int = 0, codec: str | None = None
+) -> Iterator[Writer]:
     """A function that writes one picture after another; `out` appears when all are written.
 
-    source : the video whose sound is kept; turned_deg : the clockwise rotation its player applies, kept as well.
+    source : the video whose sound and colours are kept; turned_deg : the clockwise rotation its player applies, kept as
+    well; codec : what `--codec` names, for a video.
     """
     if output_kind(out) == "folder":
         with whole_folder(out, "--out") as folder:
@@ -64,9 +67,9 @@ def picture_writer(out: Path, source: Path | None = None, turned_deg: int = 0) -
         return
     from insertion.footage.video_writer import VideoWriter
 
-    with whole_file(out, "--out") as file, VideoWriter(file, out.suffix, source, turned_deg) as video:
+    with whole_file(out, "--out") as file, VideoWriter(file, out.suffix, source, turned_deg, codec) as video:
 
         def write(shot: Shot, picture: Picture) -> None:
-            video.write(picture, shot.index / STILLS_RATE if shot.time_s is None else shot.time_s)
+            video.write(picture, shot.index / STILLS_RATE if shot.time_s is None else shot.time_s, shot.index)
 
         yield write

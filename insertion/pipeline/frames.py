@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.records.scene import Instance, View
-from insertion.composite.compose import Joined, behind_each_other, compose, compose_traced
+from insertion.composite.compose import Composite, Joined, behind_each_other, compose, compose_traced
 from insertion.composite.match import Looks
 from insertion.composite.occlusion import hidden_share, on_support
 from insertion.composite.receivers import light_share, receivers_of
@@ -49,6 +49,9 @@ class LayerSink(Protocol):
     def layers(self, shot: Shot, number: int, joined: Joined) -> None:
         """Take the layers of one object, by its number."""
 
+    def composite(self, shot: Shot, composite: Composite) -> None:
+        """Take the picture with all objects, and what it was joined from; none for a picture without a pose."""
+
 
 @dataclass(slots=True, eq=False)
 class _Running:
@@ -67,7 +70,7 @@ class _Run:
     objects: list[_Running]
     looks: Looks
     show_interval: bool = False
-    layers: LayerSink | None = None
+    layers: Sequence[LayerSink] = ()
     traced: Traced | None = None
 
 
@@ -78,14 +81,14 @@ def insert_objects(
     *,
     show_interval: bool = False,
     video: bool = False,
-    layers: LayerSink | None = None,
+    layers: Sequence[LayerSink] = (),
     tracer: Tracer | None = None,
     progress: ProgressCallback = silent,
 ) -> list[InsertionResult]:
     """Draw the objects into every picture of the footage and hand each to `write`, one at a time.
 
     video : the pictures are one video, whose exposure and blur change slowly. Frames without a pose stay as they are.
-    layers : takes each frame as it was, and the layers of each object in it.
+    layers : each takes the frame as it was, the layers of each object in it, and what they were joined to.
     tracer : draws the objects in place of the embedded renderer.
     """
     seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
@@ -95,8 +98,8 @@ def insert_objects(
         seconds["light"] = time.perf_counter() - started
         for shot, picture in with_progress(stage.footage.pictures(), "inserting", progress, len(stage.footage.shots)):
             started = time.perf_counter()
-            if layers is not None:
-                layers.picture(shot, picture)
+            for sink in layers:
+                sink.picture(shot, picture)
             out = _draw_objects(run, shot, picture)
             rendered = time.perf_counter()
             write(shot, out)
@@ -165,17 +168,20 @@ def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:
     joined = dict(zip(present, behind, strict=True))
     seed = shot.index * 16
     if traced is None:
-        out = compose(picture, behind, look, seed)
+        composite = compose(picture, behind, look, seed)
     else:
-        out = compose_traced(picture, traced, behind, look, seed)
+        composite = compose_traced(picture, traced, behind, look, seed)
+    out = composite.picture
     for number, item in enumerate(run.objects):
         one = joined.get(number)
         box, visible = (None, 0.0) if one is None else (one.layers.silhouette, one.visible)
         item.frames.append(FrameReport(shot.name, shot.time_s, box, visible))
-        if run.layers is not None and one is not None:
-            run.layers.layers(shot, number, one)
+        for sink in run.layers if one is not None else ():
+            sink.layers(shot, number, joined[number])
         if run.show_interval:
             out = draw_interval(out, view, item.renderer, run.stage.scale)
+    for sink in run.layers:
+        sink.composite(shot, composite)
     return out
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 
 import numpy as np
 
 from estimator.geometry.up import Up
 from estimator.records.scene import Instance, Scene
-from insertion.footage.footage import Footage, Shot, Stills
+from insertion.footage.footage import Footage, FrameRange, Shot, Stills
 from insertion.light.open_air import shown_empty
 from insertion.light.shading import Shading, fit_shading
 from insertion.placement.surface import Supports, supports_of
@@ -20,8 +20,9 @@ from insertion.scene.cloud import Cloud, coloured_cloud
 from insertion.scene.occupancy import occupancy_of
 from insertion.scene.patches import plane_patches
 from insertion.scene.scale import ScaleUsed
+from metric_base.errors import InputError
 
-__all__ = ["Stage", "make_stage"]
+__all__ = ["Stage", "frame_range", "make_stage"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +38,14 @@ class Stage:
     scale: ScaleUsed
     carrier: MaskCarrier
     shading: Callable[[], Shading | None]
+
+    def with_frames(self, frames: tuple[int, int]) -> Stage:
+        """The stage with the shots from the first to the last number of `frames`. Raises InputError without any."""
+        footage = FrameRange(self.footage, *frames)
+        if not footage.shots:
+            last = len(self.footage.shots) - 1
+            raise InputError(f"--frames: expected numbers from 0 to {last}; found {frames[0]}:{frames[1]}")
+        return replace(self, footage=footage)
 
     def masks(self, shot: Shot) -> Sequence[Instance]:
         """The masks of a shot, carried over from the nearest annotated view where it has none of its own."""
@@ -84,3 +93,11 @@ def _shading(scene: Scene, stills: Stills, cloud: Cloud, supports: Supports) -> 
         return None
     empty = partial(shown_empty, cloud=cloud, stills=stills)
     return fit_shading(patches, up, empty, occupancy_of(cloud))
+
+
+def frame_range(words: str) -> tuple[int, int]:
+    """The words of `--frames`, FIRST:LAST. Raises InputError for anything else."""
+    first, colon, last = words.partition(":")
+    if not (colon and first.isdecimal() and last.isdecimal() and int(first) <= int(last)):
+        raise InputError(f"--frames: expected FIRST:LAST, two numbers of pictures from 0; found {words!r}")
+    return int(first), int(last)

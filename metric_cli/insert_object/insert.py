@@ -57,6 +57,10 @@ def parser() -> argparse.ArgumentParser:
     add = root.add_argument
     add("--out", metavar="OUT", type=Path, help="a video (OUT.mp4), or a new folder for one PNG a frame")
     add("--renderer", choices=("embedded", "blender"), default="embedded", help="Blender's Cycles, if it is installed")
+    codecs = ("h264", "hevc", "prores", "lossless", "vp9")
+    add("--codec", choices=codecs, help="of the video (default: h264, or hevc for a source of more than 8 bits)")
+    add("--frames", metavar="FIRST:LAST", help="draw only these pictures, by number from 0, both included")
+    add("--layers", metavar="DIR", type=Path, help="object, shadow, matte, depth, normals, ids, plate of each picture")
     add("--show-interval", action="store_true", help="draw the object's outline at both ends of the scale's interval")
     add(
         "--export",
@@ -78,6 +82,7 @@ def parser() -> argparse.ArgumentParser:
 def _run(options: argparse.Namespace) -> int:
     from insertion.footage.video_footage import VideoFootage
     from insertion.insert import insert_into
+    from insertion.pipeline.stage import frame_range
     from metric_base.files import refuse_input
     from metric_cli.progress import progress_bars
     from metric_cli.terminal import warn
@@ -104,6 +109,9 @@ def _run(options: argparse.Namespace) -> int:
             show_interval=options.show_interval,
             renderer=options.renderer,
             export=options.export,
+            layers=options.layers,
+            frames=None if options.frames is None else frame_range(options.frames),
+            codec=options.codec,
             progress=shown,
         )
     for line in (*insertion.warnings, *(line for result in insertion.objects for line in result.warnings)):
@@ -169,6 +177,8 @@ def _words(result: InsertionResult) -> str:
     size = " x ".join(f"{value:.3g}" for value in result.size_m.values())
     line = f"{result.model}: {size} m (length, width, height) on {result.support}"
     line += f"; {scale.metres_per_unit:.4g} metres per unit"
+    if scale.low is None or scale.high is None:
+        line += ", stated without an interval"
     if scale.low is not None and scale.high is not None:
         low, high = scale.low / scale.metres_per_unit - 1, scale.high / scale.metres_per_unit - 1
         line += f"; the scale may be {low:+.0%} to {high:+.0%} off, and the object's height in the picture with it"

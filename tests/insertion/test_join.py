@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,6 +16,8 @@ from insertion.colour.encoding import linear_to_srgb
 from insertion.composite.compose import Joined, behind_each_other, compose, compose_traced
 from insertion.composite.match import Look
 from insertion.composite.receivers import light_share, receivers_of
+from insertion.exports.compositing import CompositingLayers
+from insertion.footage.footage import Shot
 from insertion.light.environment import HEIGHT, WIDTH, Environment
 from insertion.models.model import Material, Model, Part
 from insertion.pipeline import frames
@@ -46,7 +50,7 @@ def _flat(colour: float, depth: float, columns: slice, hidden: float = 0.0) -> J
 def test_the_nearer_object_blocks_the_farther_one_pixel_by_pixel() -> None:
     near, far = _flat(0.9, 2.0, slice(0, 20)), _flat(0.1, 3.0, slice(10, 40))
     for order in ([near, far], [far, near]):
-        out = compose(GREY, behind_each_other(order), LOOK, 0)
+        out = compose(GREY, behind_each_other(order), LOOK, 0).picture
         assert (out[15, :20] == round(float(linear_to_srgb(np.array(0.9))))).all()
         assert (out[15, 21:] == round(float(linear_to_srgb(np.array(0.1))))).all()
     visible = behind_each_other([near, far])[1].visible
@@ -58,7 +62,7 @@ def test_a_traced_object_before_a_hidden_one_stays() -> None:
     near, far = _flat(0.9, 2.0, slice(0, 20)), _flat(0.1, 3.0, slice(10, 40), hidden=1.0)
     traced = np.zeros((*BOX.shape, 4), np.float32)
     traced[:, :20], traced[:, 20:] = (0.9, 0.9, 0.9, 1.0), (0.1, 0.1, 0.1, 1.0)
-    out = compose_traced(GREY, traced, behind_each_other([near, far]), LOOK, 0)
+    out = compose_traced(GREY, traced, behind_each_other([near, far]), LOOK, 0).picture
     assert (out[15, :19] > 230).all()
     assert (out[15, 22:] == 100).all()
 
@@ -166,6 +170,46 @@ def test_a_layer_is_where_the_camera_sees_it(model: str) -> None:
     ramp = np.tile(x.astype(np.float32), (window.height, 1))
     bent = through_lens(ramp, view, box)
     np.testing.assert_allclose(bent, np.tile(np.arange(3, 33) + 0.5, (20, 1)), atol=1e-3)
+
+
+def test_layers_joined_again_by_others_are_the_picture(tmp_path: Path) -> None:
+    """FFmpeg's own decoder of OpenEXR, and the formula that the layers state."""
+    import av
+
+    noisy = Look(np.ones(3), np.eye(2) * 1.5**2, np.full((8, 3), 2.0), 0.5)
+    plate = np.random.default_rng(3).integers(20, 230, GREY.shape).astype(np.uint8)
+    one = replace(_flat(0.6, 2.0, slice(0, 15)), share=np.full((*BOX.shape, 3), 0.7, np.float32))
+    joined = behind_each_other([one, _flat(0.2, 3.0, slice(10, 30), hidden=0.4)])
+    composite = compose(plate, joined, noisy, 5)
+    shot = Shot(0, "a/0.png", None, None, None)
+    names = [SimpleNamespace(model=SimpleNamespace(name=name)) for name in ("one", "two")]
+    stage: Any = SimpleNamespace(scale=SimpleNamespace(metres_per_unit=2.0), footage=SimpleNamespace(shots=[shot]))
+    sink = CompositingLayers(tmp_path, stage, names)  # type: ignore[arg-type]
+    sink.picture(shot, plate)
+    for number, item in enumerate(joined):
+        sink.layers(shot, number, item)
+    sink.composite(shot, composite)
+
+    def read(layer: str) -> np.ndarray:
+        (file,) = (tmp_path / layer).rglob("*.exr")
+        with av.open(str(file)) as container:
+            frame = next(container.decode(video=0))
+        name = frame.format.name
+        order = {"gray": (0,), "gbrp": (2, 0, 1), "gbra": (2, 0, 1, 3)}[name[:4]]
+        kind = np.dtype(np.float16 if name.endswith("16le") else np.float32)
+        planes = [
+            np.frombuffer(bytes(plane), kind).reshape(frame.height, -1)[:, : frame.width] for plane in frame.planes
+        ]
+        return np.stack([planes[k] for k in order], axis=-1).astype(np.float32)
+
+    covering = read("object")
+    light = read("plate") * read("shadow") * (1 - covering[..., 3:]) + covering[..., :3]
+    again = np.rint(linear_to_srgb(light))
+    assert np.abs(again - composite.picture).max() <= 1
+    assert (again == composite.picture).mean() > 0.99
+    depth = read("depth")[..., 0]
+    assert (depth[:, :15] == 4.0).all()  # metres
+    assert (depth[:, 30:] == 0).all()
 
 
 class _Footage:

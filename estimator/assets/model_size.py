@@ -6,15 +6,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from estimator.assets.asset import joined_body
-from estimator.assets.category_words import named_category
+from estimator.assets.asset import AXES, joined_body
+from estimator.assets.boxes import read_boxes
+from estimator.assets.category_words import category_of_words, named_category
 from estimator.assets.check import extents_text, node_model, node_tier
 from estimator.assets.formats import read_asset
-from estimator.assets.true_size import LEVEL, true_size
+from estimator.assets.true_size import LEVEL, factor_of_bodies, true_size
 from metric_base.errors import InputError
 from metric_tree.tree import Tree
 
-__all__ = ["ModelSize", "model_true_size"]
+__all__ = ["ModelSize", "boxes_true_size", "model_true_size"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,3 +65,31 @@ def model_true_size(path: Path, category: str, tree: Tree) -> ModelSize:
         f"{named.node.name} ({tier or 'tier not stated'}), {extents_text(body.extents_m.tolist())} as the file says"
     )
     return ModelSize(str(path), named.node.node_id, tier, size.factor, size.height_m, reason)
+
+
+def boxes_true_size(table: Path, tree: Tree) -> ModelSize:
+    """The one factor that brings the objects of a scene to metres, from a table of their boxes (`read_boxes`).
+
+    Objects whose name is no category say nothing. The height is that of the tallest one.
+
+    Raises
+    ------
+    InputError
+        The table cannot be read, or names no category with a known size.
+    """
+    used, names, heights = [], [], []
+    for asset in read_boxes(table):
+        (body,) = asset.bodies
+        node = category_of_words(body.words, tree).node
+        model = None if node is None else node_model(tree, node.node_id)
+        if node is not None and model is not None:
+            used.append((body, asset.up, model))
+            names.append(node.name)
+        heights.append(float(body.extents_m[AXES.index(asset.up or "y")]))
+    if not used:
+        raise InputError(f"{table}: category: expected names of objects whose size is known; found none")
+    low, median, high = factor_of_bodies(used)
+    tallest = max(heights)
+    reason = f"{len(used)} of {len(heights)} objects: {', '.join(dict.fromkeys(names))}"
+    height = (low * tallest, median * tallest, high * tallest)
+    return ModelSize(str(table), ", ".join(dict.fromkeys(names)), None, (low, median, high), height, reason)

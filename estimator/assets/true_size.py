@@ -42,10 +42,10 @@ def true_size(body: Body, up: Up | None, model: SizeModel, level: float = LEVEL)
 
 
 def factor_of_bodies(
-    bodies: list[tuple[Body, SizeModel]], up: Up | None, level: float = LEVEL
+    bodies: list[tuple[Body, Up | None, SizeModel]], level: float = LEVEL
 ) -> tuple[float, float, float]:
     """The factor that several bodies of one scene have in common: low, median, high."""
-    return _quantiles([_components(body, up, model) for body, model in bodies], level)
+    return _quantiles([_components(body, up, model) for body, up, model in bodies], level)
 
 
 def _components(body: Body, up: Up | None, model: SizeModel) -> tuple[FloatArray, FloatArray, FloatArray]:

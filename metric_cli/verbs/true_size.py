@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from metric_base.errors import InputError
 from metric_cli.terminal import print_json, print_table
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -14,8 +15,13 @@ HELP = "The true size of a generated or normalised model, from its shape and its
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("model", metavar="MODEL", type=Path, help="glTF, USD, OBJ, STL, PLY, DAE, URDF, SDF or MJCF")
-    parser.add_argument("--category", metavar="NAME", required=True, help="what it is")
+    parser.add_argument(
+        "model", metavar="MODEL", type=Path, nargs="?", help="glTF, USD, OBJ, STL, PLY, DAE, URDF, SDF or MJCF"
+    )
+    parser.add_argument("--category", metavar="NAME", help="what it is")
+    parser.add_argument(
+        "--batch", metavar="TABLE", type=Path, help="boxes of one scene (CSV or Parquet): one factor for all"
+    )
     parser.add_argument("--out", metavar="FILE", type=Path, help="write the model at the median of its true size")
     parser.add_argument("--bake", action="store_true", help="with --out: change the vertices of glTF")
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
@@ -24,11 +30,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the factor with its interval; write the model where asked for."""
     from estimator.assets.mending import write_at_scale
-    from estimator.assets.model_size import model_true_size
+    from estimator.assets.model_size import boxes_true_size, model_true_size
     from metric_tree.tree import open_tree
 
-    answer = model_true_size(arguments.model, arguments.category, open_tree(arguments.tree))
-    if arguments.out is not None:
+    tree = open_tree(arguments.tree)
+    if arguments.batch is not None:
+        answer = boxes_true_size(arguments.batch, tree)
+    elif arguments.model is None or arguments.category is None:
+        raise InputError("arguments: expected MODEL --category NAME, or --batch TABLE; found neither")
+    else:
+        answer = model_true_size(arguments.model, arguments.category, tree)
+    if arguments.out is not None and arguments.model is not None:
         write_at_scale(arguments.model, arguments.out, answer.factor[1], baked=arguments.bake)
     if arguments.json:
         print_json(answer.to_json())
@@ -38,5 +50,5 @@ def run(arguments: argparse.Namespace) -> int:
         ("factor", *(f"{one:.4g}" for one in answer.factor)),
         ("height, m", *(f"{one:.4g}" for one in answer.height_m)),
     ]
-    print_table(columns, rows, title=f"{arguments.model}: {answer.reason}")
+    print_table(columns, rows, title=f"{answer.file}: {answer.reason}")
     return 0

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
 
-__all__ = ["COUNTRIES", "REGIONS", "region_of"]
+__all__ = ["COUNTRIES", "REGIONS", "country_of", "region_of"]
 
 #: Country codes of each region. Cyprus, Georgia and Russia count as Europe, Egypt and its western neighbours as Africa,
 #: South-East Asia as East Asia; the Middle East and Central Asia are West Asia.
@@ -36,3 +38,19 @@ def region_of(place: str) -> str | None:
     ('europe', 'europe', None)
     """
     return place if place in REGIONS else COUNTRIES.get(place)
+
+
+def country_of(name: str) -> str | None:
+    """The code of a country by its English name, or one that its people use; None if it is not one.
+
+    >>> country_of("Germany"), country_of("usa"), country_of("Atlantis")
+    ('DE', 'US', None)
+    """
+    return _country_names().get(" ".join(name.casefold().replace("-", " ").replace("_", " ").split()))
+
+
+@cache
+def _country_names() -> Mapping[str, str]:
+    lines = Path(__file__).with_name("country_names.txt").read_text(encoding="utf-8").splitlines()
+    rows = (line.partition(" ") for line in lines)
+    return {name.replace("-", " "): code for code, _, names in rows for name in names.split("; ")}

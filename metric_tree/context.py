@@ -15,7 +15,7 @@ Importing this module needs NumPy alone.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -23,9 +23,19 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_base.regions import REGIONS, region_of
+from metric_base.regions import REGIONS, country_of, region_of
 
-__all__ = ["Context", "ContextModel", "Effect", "Likeness", "Where", "context_effect", "where_of"]
+__all__ = [
+    "Context",
+    "ContextModel",
+    "Effect",
+    "KnownContexts",
+    "Likeness",
+    "Where",
+    "context_effect",
+    "known_contexts",
+    "where_of",
+]
 
 #: Years that are no mistyping.
 YEARS = (1000, 2100)
@@ -44,21 +54,22 @@ class Where:
 
 
 def where_of(asked: Where | Mapping[str, Any] | str) -> Where:
-    """The context of a mapping or of a text such as `region=europe,year=2011`.
+    """The context of a mapping or of a text such as `region=europe,year=2011`, `germany`, `1985` or `usa, 1985`.
 
     Raises
     ------
     InputError
-        Another name than region and year, a place that is neither a region nor the code of a country, or no year.
+        Another name than region and year, a place that is neither a region nor a country, or no year.
 
-    >>> where_of("region=DE, year=2011")
-    Where(region='DE', year=2011.0)
+    >>> where_of("region=DE, year=2011"), where_of("usa, 1985")
+    (Where(region='DE', year=2011.0), Where(region='US', year=1985.0))
     """
     if isinstance(asked, Where):
         return asked
     if isinstance(asked, str):
-        pairs = [part.partition("=") for part in asked.split(",")]
-        asked = {name.strip(): value.strip() for name, _, value in pairs}
+        pairs = [part.rpartition("=") for part in asked.split(",")]
+        plain = {True: "year", False: "region"}
+        asked = {name.strip() or plain[value.strip().isdigit()]: value.strip() for name, _, value in pairs}
     if not asked or not set(asked) <= {"region", "year"}:
         raise InputError(f"where: expected region, year or both; found {', '.join(map(str, asked)) or 'neither'}")
     return Where(_place(asked.get("region")), _year(asked.get("year")))
@@ -68,10 +79,12 @@ def _place(text: Any) -> str | None:
     if text is None:
         return None
     place = str(text).strip()
-    place = place.upper() if len(place) == 2 else place.lower().replace(" ", "-").replace("_", "-")
+    place = country_of(place) or (
+        place.upper() if len(place) == 2 else place.lower().replace(" ", "-").replace("_", "-")
+    )
     if region_of(place) is None:
         known = ", ".join(sorted(REGIONS))
-        raise InputError(f"where: region: expected {known} or the two letters of a country; found {text!r}")
+        raise InputError(f"where: region: expected {known}, a country or its two letters; found {text!r}")
     return None if place == "world" else place
 
 
@@ -116,6 +129,36 @@ class Context:
         """The context of an entry of the column."""
         offset, variance = (np.array(row[name], dtype=float) for name in ("offset", "variance"))
         return cls(row["source"], row["region"], row["year"], offset, variance)
+
+
+@dataclass(frozen=True, slots=True)
+class KnownContexts:
+    """The places (regions and codes of countries) and years of which a node's sources say something."""
+
+    regions: tuple[str, ...] = ()
+    years: tuple[int, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.regions or self.years)
+
+    def __str__(self) -> str:
+        first, last = (self.years[0], self.years[-1]) if self.years else (0, 0)
+        years = f"{first}" if first == last else f"years from {first} to {last}"
+        return ", ".join((*self.regions, *([years] if self.years else [])))
+
+    def covers(self, where: Where, near: float) -> bool:
+        """Whether something is known of the place or its region, or of years that are as `near` to the year."""
+        region, year = region_of(where.region) if where.region else None, where.year
+        of_place = region is not None and any(region_of(one) == region for one in self.regions)
+        return of_place or (year is not None and any(abs(one - year) <= near for one in self.years))
+
+
+def known_contexts(contexts: Iterable[Context]) -> KnownContexts:
+    """What is known of places and years; the world is not a place."""
+    kept = tuple(contexts)
+    regions = {one.region for one in kept if one.region and one.region != "world"}
+    years = {round(one.year) for one in kept if one.year is not None}
+    return KnownContexts(tuple(sorted(regions)), tuple(sorted(years)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,10 +12,16 @@ from metric_tree.prior import Prior
 from metric_tree.tiers import tier_words
 from metric_tree.tree import Node
 
-__all__ = ["KINDS", "everyday_sentence", "item_quantiles", "shipped_evidence"]
+__all__ = ["KINDS", "everyday_sentence", "is_mixed", "item_quantiles", "node_sentence", "shipped_evidence"]
 
 #: Kinds of evidence of items (`metric_tree.schema.ITEMS`).
 KINDS = ("measured", "product", "standard", "norm", "statistic", "judged", "curated", "asset", "museum", "default")
+
+#: Items of one node are mixed where the 95th of a hundred is so many times the 5th.
+MIXED_RATIO = 10.0
+
+#: As many children as the sentence of a mixed node names.
+MOST_CHILDREN = 8
 
 _AXES = {"height": "high", "length": "long", "width": "wide"}
 
@@ -55,6 +61,28 @@ def everyday_sentence(name: str, prior: Prior) -> str:
         f"{ground}{subject} about {_number(middle / factor)} {unit} {how}; "
         f"nine of ten are {_number(float(low) / factor)} to {_number(float(high) / factor)} {unit}."
     )
+
+
+def is_mixed(node: Node, prior: Prior) -> bool:
+    """Whether a node holds items so unlike that one size says little: nine of ten differ by more than `MIXED_RATIO`."""
+    low, high = prior.interval(0.9).T
+    return bool(node.children) and bool(np.any(high > MIXED_RATIO * low))
+
+
+def node_sentence(node: Node, name: str, prior: Prior) -> str:
+    """As `everyday_sentence`; of a node that is mixed, its children in place of a number.
+
+    Parameters
+    ----------
+    node : the node; name : what it is called; prior : its sizes in mm
+    """
+    if not is_mixed(node, prior):
+        return everyday_sentence(name, prior)
+    children = sorted(node.children, key=lambda child: -child.n_items)
+    names = ", ".join(child.name.partition(" (")[0] for child in children[:MOST_CHILDREN])
+    more = f" and {len(children) - MOST_CHILDREN} more" if len(children) > MOST_CHILDREN else ""
+    subject = name[:1].upper() + name[1:]
+    return f"{subject}: mixed, nine of ten differ by more than {MIXED_RATIO:g} times; ask for one of {names}{more}."
 
 
 def shipped_evidence(node: Node) -> dict[str, dict[str, int]]:

@@ -20,7 +20,7 @@ import numpy as np
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_base.statistics import mixture_log_density
-from metric_tree.context import Context, ContextModel, Where, context_effect
+from metric_tree.context import Context, ContextModel, Where, context_effect, known_contexts
 from metric_tree.tiers import TIERS, Evidence, tier_of_shares
 
 __all__ = ["FAMILY", "SHARED_KINDS", "Prior", "UnknownDimension"]
@@ -35,6 +35,9 @@ MOST_STEPS = 60
 
 #: A step of ln size that no longer matters: a nanometre in a metre. Far out in a tail no step is much finer.
 LEAST_STEP = 1e-9
+
+#: A context that changes a size by less leaves it unchanged: half a percent is below what any source states.
+LEAST_CHANGE = 0.005
 
 #: Smallest standard deviation of the shared error in any direction, natural log. A class whose sources agree by
 #: chance, or that has one source only, may still be 3 % off in a scene: the floor that the fit puts on spreads too.
@@ -148,16 +151,19 @@ class Prior:
         context it is this prior. `note` says which.
         """
         if not self.contexts or model is None:
-            return replace(self, note=f"{where}: nothing of it says a region or a year, so that the plain prior holds")
+            return replace(self, note=f"{where}: nothing known by region or year, so that the plain prior holds")
+        known = known_contexts(self.contexts)
+        if not known.covers(where, model.years):
+            return replace(self, note=f"{where}: nothing known, so that the plain prior holds; known: {known}")
         effect = context_effect(self.contexts, np.diagonal(self.shared_covariance), where, model)
         part = np.sqrt(effect.factor)
-        moved = ", ".join(f"{dim} {np.expm1(by):+.1%}" for dim, by in zip(self.dims, effect.offset, strict=True))
+        moved = ", ".join(f"{dim} {_change(by)}" for dim, by in zip(self.dims, effect.offset, strict=True))
         return replace(
             self,
             means=self.means + effect.offset,
             shared_covariance=self.shared_covariance * np.outer(part, part),
             heldout_log_density=None,
-            note=f"{where}: {moved} against the plain prior; {1 - effect.factor.mean():.0%} of B explained",
+            note=f"{where}: {moved} against the plain prior",
         )
 
     def quantile(self, q: float) -> FloatArray:
@@ -298,6 +304,11 @@ def _normal_cdf(z: FloatArray) -> FloatArray:
     """The standard normal's distribution function at z, an array of any shape; the result has the same shape."""
     # math.erf in place of scipy.special.ndtr: importing SciPy costs more than a whole query may
     return 0.5 * (1 + np.asarray(_erf(z / math.sqrt(2)), dtype=float))
+
+
+def _change(offset: float) -> str:
+    """A change of ln size in words."""
+    return f"{np.expm1(offset):+.1%}" if abs(np.expm1(offset)) >= LEAST_CHANGE else "unchanged"
 
 
 def _expect(node_id: str, name: str, holds: bool, expected: str, value: object) -> None:

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from metric_base import spelling
 from metric_base.errors import InputError
-from metric_tree.context import ContextModel, Where, where_of
+from metric_tree.context import ContextModel, KnownContexts, Where, known_contexts, where_of
 from metric_tree.prior import Prior
 from metric_tree.release import BadRelease, Release, first_in_circle, open_release
 from metric_tree.releases import release_directory
@@ -126,6 +126,17 @@ class Node:
     def prior_dims(self) -> tuple[tuple[str, ...], ...]:
         """The sets of dimensions that have a fitted row of their own."""
         return self.tree.prior_dims(self.node_id)
+
+    @property
+    def contexts(self) -> KnownContexts:
+        """The regions, countries and years of which the node's sources say something: what `where` may ask for.
+
+        >>> import metric_tree
+        >>> "IN" in metric_tree.open().find("car").contexts.regions
+        True
+        """
+        rows = self.prior_dims
+        return known_contexts(self.tree.prior(self.node_id, max(rows, key=len)).contexts if rows else ())
 
     def prior(self, dims: Sequence[str] | None = None, where: Where | Mapping[str, Any] | str | None = None) -> Prior:
         """The size prior over `dims` (`node.dims` by default), in that order.

@@ -41,7 +41,7 @@ from explorer.content.records import (
 from explorer.content.tiers import prior_tier
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_tree.description import everyday_sentence
+from metric_tree.description import node_sentence
 from metric_tree.prior import FAMILY, Prior
 from metric_tree.tree import Node, Tree
 
@@ -95,7 +95,7 @@ def quantile_table(dims: tuple[str, ...], table: FloatArray, quantiles: tuple[fl
 def sentence(catalogue: Catalogue, node: Node) -> str:
     """A node's main size in words."""
     prior = catalogue.prior(node)
-    return everyday_sentence(shown_name(node), prior) if prior else "Nothing is known of its size."
+    return node_sentence(node, shown_name(node), prior) if prior else "Nothing is known of its size."
 
 
 def node_answer(catalogue: Catalogue, node: Node) -> NodeAnswer:

@@ -11,7 +11,7 @@ import numpy as np
 from metric_base.errors import InputError
 from metric_cli.terminal import print_json, print_table
 from metric_tree.context import Where, where_of
-from metric_tree.description import everyday_sentence, item_quantiles, shipped_evidence
+from metric_tree.description import is_mixed, item_quantiles, node_sentence, shipped_evidence
 from metric_tree.prior import Prior
 from metric_tree.schema import IMAGES
 from metric_tree.tree import Node, NoPrior, open_tree
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("name", metavar="NAME", help="name, synset, alias or detector label")
     parser.add_argument("--dims", help="dimensions, with commas: length,width,height or extent1,extent2,extent3")
-    parser.add_argument("--where", metavar="region=R,year=Y", help="for a region and a year: region=europe,year=2011")
+    parser.add_argument("--where", metavar="PLACE,YEAR", help="for a place and a year: germany, europe,2011")
     parser.add_argument("--vocabulary", help="read NAME as this label list does (coco_80, lvis_v1, ...)")
     parser.add_argument("--at-least", metavar="TIER", help="refuse a size that rests on less: norm, measured, few, ...")
     parser.add_argument("--kind", help="also the sizes of the shipped items of this kind: product, measured, ...")
@@ -81,7 +81,9 @@ def summary(node: Node, dims: tuple[str, ...] | None = None, where: Where | None
         "tier_evidence": prior.evidence.record() if prior and prior.evidence else None,
         "norm": prior.norm if prior else None,
         "where": prior.note if prior else None,
-        "sentence": everyday_sentence(node.name.partition(" (")[0], prior) if prior else None,
+        "contexts": {"regions": list(node.contexts.regions), "years": list(node.contexts.years)},
+        "sentence": node_sentence(node, node.name.partition(" (")[0], prior) if prior else None,
+        "mixed": is_mixed(node, prior) if prior else None,
         "shipped": shipped_evidence(node),
         "quantiles_mm": _quantiles(prior) if prior else None,
         "prior": _prior_record(prior) if prior else None,

@@ -43,7 +43,7 @@ def test_query_prints_a_table(mini: Tree, capsys: pytest.CaptureFixture[str]) ->
     ("words", "message"),
     [
         (["query", "unicorn"], "no node is called 'unicorn'"),
-        (["query", "chaire"], "did you mean 'chair'"),
+        (["query", "swivl chiar"], "did you mean 'swivel chair'"),
         (["query", "chair", "--dims", "height"], "chair.n.01: dims: expected a prior that holds height; found none"),
     ],
 )

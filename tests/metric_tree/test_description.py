@@ -3,8 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import metric_tree
 from metric_base.errors import InputError
-from metric_tree.description import everyday_sentence, item_quantiles, shipped_evidence
+from metric_tree.description import everyday_sentence, is_mixed, item_quantiles, node_sentence, shipped_evidence
 from metric_tree.tree import Tree
 
 
@@ -48,3 +49,13 @@ def test_quantiles_are_those_of_the_kind(mini: Tree) -> None:
 def test_a_kind_without_items_is_refused(mini: Tree, kind: str) -> None:
     with pytest.raises(InputError, match="--kind: expected"):
         item_quantiles(mini.find("swivel chair"), kind, (0.5,))
+
+
+def test_a_mixed_node_names_its_children_in_place_of_a_number() -> None:
+    tree = metric_tree.open()
+    vehicle, mug = tree.find("vehicle"), tree.find("mug")
+    sentence = node_sentence(vehicle, "vehicle", vehicle.prior())
+    assert sentence.startswith("Vehicle: mixed, ")
+    assert "car" in sentence
+    assert not is_mixed(mug, mug.prior())
+    assert "high" in node_sentence(mug, "mug", mug.prior())

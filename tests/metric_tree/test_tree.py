@@ -18,7 +18,7 @@ def test_find_folds_names(mini: Tree) -> None:
 
 def test_an_unknown_name_names_the_nearest(mini: Tree) -> None:
     with pytest.raises(UnknownName, match="swivel chair"):
-        mini.find("swivel chiar")
+        mini.find("swivl chiar")
     assert isinstance(UnknownName("x"), KeyError)
 
 

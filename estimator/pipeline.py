@@ -192,7 +192,16 @@ def _reject(result: ScaleResult, errors: Sequence[str]) -> ScaleResult:
     if not errors:
         return result
     lines = [f"unresolved: {error}" for error in errors]
-    return replace(result, status="unresolved", scale=None, interval=None, warnings=(*result.warnings, *lines))
+    # without its curve nothing is drawn of it: the sizes of such a scene are no sizes
+    return replace(
+        result,
+        status="unresolved",
+        scale=None,
+        interval=None,
+        curve=None,
+        would_help=(),
+        warnings=(*result.warnings, *lines),
+    )
 
 
 def _up_report(up: Up) -> UpReport:

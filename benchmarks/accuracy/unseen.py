@@ -23,7 +23,7 @@ from metric_tree.tree import Tree, open_tree
 from tests.synthetic.rooms.held_out import held_out_pool, pool_at
 from tests.synthetic.rooms.sizes import Sizes, drawn_sizes
 
-__all__ = ["FAMILY", "unseen_outcomes", "unseen_tree"]
+__all__ = ["FAMILY", "SIGMA", "rooms_of", "sorted_extents", "unseen_outcomes", "unseen_tree"]
 
 #: Sources that show the same rooms: none of them is in the tree that judges these rooms.
 FAMILY = ("scannet18_boxes", "scannet_fine_boxes", "vsibench_scannet")
@@ -57,14 +57,14 @@ def unseen_tree(raw: Path, cache: Path) -> tuple[Tree, Sizes]:
 def unseen_outcomes(file: Path, tree: Tree, rooms: int, seed: int) -> Iterator[Outcome]:
     """Every second room of a table of boxes, or so many of these at random, each under a random scale."""
     generator = np.random.default_rng([seed, 41])
-    by_room = _rooms(file)
+    by_room = rooms_of(file)
     names = sorted(by_room)
     offsets = _offsets([thing for name in names[::2] for thing in by_room[name]], tree)
     reported = names[1::2]
     for name in sorted(generator.choice(reported, min(rooms, len(reported)), replace=False).tolist()):
         scale = float(np.exp(generator.uniform(-3, 3)))
         objects = [
-            MeasuredObject(str(row), category, _extents(sizes) / 1000 / scale, np.array(SIGMA))
+            MeasuredObject(str(row), category, sorted_extents(sizes) / 1000 / scale, np.array(SIGMA))
             for row, (category, sizes) in enumerate(by_room[name])
         ]
         yield from object_outcomes("unseen", file.stem, name, objects, scale, tree, ("default", "height"))
@@ -89,7 +89,7 @@ def _offsets(things: Sequence[tuple[str, list[float]]], tree: Tree) -> dict[str,
     """(3,) median of the log size less the prior's mean, by label, 0 on axes that the prior does not know."""
     by_label: dict[str, list[FloatArray]] = defaultdict(list)
     for label, sizes in things:
-        by_label[label].append(np.log(_extents(sizes)))
+        by_label[label].append(np.log(sorted_extents(sizes)))
     offsets = {}
     for label, meaning in meanings(tree, set(by_label)).items():
         if meaning.prior is not None and not is_sorted(meaning.prior):
@@ -99,7 +99,7 @@ def _offsets(things: Sequence[tuple[str, list[float]]], tree: Tree) -> dict[str,
     return offsets
 
 
-def _rooms(file: Path) -> dict[str, list[tuple[str, list[float]]]]:
+def rooms_of(file: Path) -> dict[str, list[tuple[str, list[float]]]]:
     """Category and length, width, height in mm of the objects of each room."""
     rooms: dict[str, list[tuple[str, list[float]]]] = defaultdict(list)
     with file.open(encoding="utf-8", newline="") as lines:
@@ -111,6 +111,6 @@ def _rooms(file: Path) -> dict[str, list[tuple[str, list[float]]]]:
     return {name: things for name, things in rooms.items() if len(things) >= LEAST_OBJECTS}
 
 
-def _extents(sizes: list[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+def sorted_extents(sizes: list[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     """(3,) the longer horizontal side first."""
     return np.array([max(sizes[:2]), min(sizes[:2]), sizes[2]])

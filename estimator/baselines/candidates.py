@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from estimator.posterior.grid import interval, modes
-from estimator.posterior.posterior import Estimate, status_of
+from estimator.posterior.posterior import Estimate
+from estimator.posterior.status import status_of
 from estimator.records.curve import Curve
 from metric_base.arrays import FloatArray
 
@@ -41,7 +42,7 @@ def estimate_on(scales: FloatArray, log_likelihood: FloatArray, level: float) ->
         curve=curve,
         modes=peaks,
         interval=bounds,
-        status=status_of(peaks, bounds),
+        status=status_of(peaks, bounds, curve),
         weight=np.ones(len(log_likelihood)),
         own_scale=scales[log_likelihood.argmax(axis=1)],
     )

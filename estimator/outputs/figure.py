@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = ["figure", "write_figure"]
 
-POSTERIOR_COLOUR, TRUTH_COLOUR = "#222222", "#009E73"
+POSTERIOR_COLOUR, TRUTH_COLOUR, WARNING_COLOUR = "#222222", "#009E73", "#B00020"
 FORMATS = (".png", ".pdf", ".svg")
 #: More rows of objects than this are no longer read; the most certain of them are drawn.
 MAX_ROWS = 45
@@ -133,21 +133,20 @@ def _own_curve(result: ScaleResult, object_id: str) -> FloatArray:
 
 
 def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> None:
-    if result.curve is None or result.scale is None or result.interval is None:
+    if result.curve is None or result.best_scale is None:
         axes.set_axis_off()
         return
     scales = np.exp(result.curve.log_scale)
     density = result.curve.density / result.curve.density.max()
     interval = result.interval
-    # from end to end, not from the first to the last point of the grid between them
-    ends = np.array([interval.low, interval.high])
-    inside = np.clip(scales, *ends)
-    under = np.interp(np.log(inside), result.curve.log_scale, density)
-    axes.fill_between(inside, under, color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0)
+    if interval is not None:  # from end to end, not from the first to the last point of the grid between them
+        inside = np.clip(scales, interval.low, interval.high)
+        under = np.interp(np.log(inside), result.curve.log_scale, density)
+        axes.fill_between(inside, under, color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0)
     axes.plot(scales, density, color=POSTERIOR_COLOUR, linewidth=1.6)
     for mode in result.modes:
         axes.axvline(mode.scale, color=POSTERIOR_COLOUR, linewidth=0.8, linestyle=":")
-        if mode.scale != result.scale:
+        if mode.scale != result.best_scale:
             axes.annotate(f"{mode.mass:.0%}", (mode.scale, 0.5), xytext=(3, 0), textcoords="offset points", fontsize=8)
     if truth is not None:
         axes.axvline(truth, color=TRUTH_COLOUR, linewidth=1.4)
@@ -156,14 +155,24 @@ def _draw_posterior(axes: Axes, result: ScaleResult, truth: float | None) -> Non
     axes.set_ylim(0, 1.12)
     axes.set_yticks([])
     axes.tick_params(axis="x", labelbottom=False, which="both")
-    axes.legend(handles=_legend(truth, interval.level, len(result.modes)), fontsize=8, loc="upper right", frameon=False)
-    title = f"{result.scale:.4g} m per scene unit"
-    span = f"{interval.level:.0%} between {interval.low:.4g} and {interval.high:.4g}"
-    axes.set_title(f"{title}   ({span})", fontsize=12, loc="left")
+    level = None if interval is None else interval.level
+    handles = _legend(truth, level, len(result.modes))
+    axes.legend(handles=handles, fontsize=8, loc="upper right", frameon=False)
+    axes.set_title(_title(result), fontsize=12, loc="left", color="black" if interval is not None else WARNING_COLOUR)
     bare_axes(axes)
 
 
-def _legend(truth: float | None, level: float, modes: int) -> list[Artist]:
+def _title(result: ScaleResult) -> str:
+    """The scale and its interval, or that there is none, marked where it is not resolved."""
+    scale = f"{result.best_scale:.4g} m per scene unit"
+    if result.interval is None:
+        return f"UNRESOLVED: the highest mode is {scale}"
+    interval = result.interval
+    mark = "" if result.status == "resolved" else f"{result.status.upper()}: "
+    return f"{mark}{scale}   ({interval.level:.0%} between {interval.low:.4g} and {interval.high:.4g})"
+
+
+def _legend(truth: float | None, level: float | None, modes: int) -> list[Artist]:
     """What the curve, the shade and the lines are."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
@@ -171,9 +180,10 @@ def _legend(truth: float | None, level: float, modes: int) -> list[Artist]:
     dots = "mode" if modes == 1 else "modes, with their mass"
     handles: list[Artist] = [
         Line2D([], [], color=POSTERIOR_COLOUR, linewidth=1.6, label="posterior of the scale"),
-        Patch(color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0, label=f"{level:.0%} interval"),
         Line2D([], [], color=POSTERIOR_COLOUR, linewidth=0.8, linestyle=":", label=dots),
     ]
+    if level is not None:
+        handles.insert(1, Patch(color=POSTERIOR_COLOUR, alpha=0.18, linewidth=0, label=f"{level:.0%} interval"))
     if truth is not None:
         handles.append(Line2D([], [], color=TRUTH_COLOUR, linewidth=1.4, label=f"true scale, {truth:.4g}"))
     return handles
@@ -186,6 +196,8 @@ def _scale_range(result: ScaleResult) -> tuple[float, float]:
     ends = list(np.quantile(own, [AXIS_TAIL, 1 - AXIS_TAIL])) if own else []
     if result.interval is not None:
         ends += [result.interval.low, result.interval.high]
+    elif result.modes:
+        ends += [mode.scale for mode in result.modes]
     return min(ends) / AXIS_MARGIN, max(ends) * AXIS_MARGIN
 
 
@@ -193,12 +205,13 @@ def _draw_rows(axes: Axes, result: ScaleResult, rows: Sequence[_Row]) -> None:
     """One row for each object and other evidence: its likelihood, its own scale where that is outside, its name."""
     from matplotlib.patheffects import Normal, Stroke
 
-    if result.curve is None or not rows or result.interval is None:
+    if result.curve is None or not rows:
         axes.set_axis_off()
         return
     low, high = _scale_range(result)
     scales = np.exp(result.curve.log_scale)
-    axes.axvspan(result.interval.low, result.interval.high, color=POSTERIOR_COLOUR, alpha=0.08, linewidth=0)
+    if result.interval is not None:
+        axes.axvspan(result.interval.low, result.interval.high, color=POSTERIOR_COLOUR, alpha=0.08, linewidth=0)
     for place, row in enumerate(rows):
         colour = COLOURS[row.verdict]
         shown = np.where(row.curve > _FAINT, 0.85 * row.curve, np.nan)

@@ -93,7 +93,7 @@ def overlay(estimate: SceneEstimate, row: int, picture: Any) -> Any:
         return drawn
     interval = estimate.result.interval
     has_truth = bool(read_truth(estimate.scene.path).sizes)
-    return with_legend(drawn, 0.0 if interval is None else interval.level, has_truth)
+    return with_legend(drawn, None if interval is None else interval.level, has_truth, estimate.result.status)
 
 
 def _shown(estimate: SceneEstimate, row: int) -> list[tuple[MeasuredObject, ObjectReport, tuple[DimensionLabel, ...]]]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.outputs.placement import label_places
 from estimator.outputs.size_labels import DimensionLabel
-from estimator.records.result import ObjectReport
+from estimator.records.result import ObjectReport, Status
 from metric_base.arrays import FloatArray
 from metric_base.escaping import visible
 
@@ -59,16 +59,22 @@ def with_panels(
     return np.asarray(Image.alpha_composite(sheet.convert("RGBA"), shade).convert("RGB"))
 
 
-def with_legend(canvas: Any, level: float, has_truth: bool) -> Any:
-    """The canvas (h, w, 3) with a strip below it that says what the letters, colours and brackets are."""
+def with_legend(canvas: Any, level: float | None, has_truth: bool, status: Status = "resolved") -> Any:
+    """The canvas (h, w, 3) with a strip below it: the letters, colours and brackets, and a status that is a warning.
+
+    level : of the interval, None where none is stated.
+    """
     from PIL import Image, ImageDraw
 
     _, plain = _fonts()
     truth = "   E estimate, G true size" if has_truth else ""
+    brackets = "metres at the highest mode" if level is None else f"metres   [low, high] {level:.0%} interval"
+    mark = [] if status == "resolved" else [(f"SCALE {status.upper()}", UNTRUSTED)]
     parts = [
+        *mark,
         ("l length", AXIS_COLOURS[0]), ("w width", AXIS_COLOURS[1]), ("h height", AXIS_COLOURS[2]),
         ("red: not used for the scale", UNTRUSTED),
-        (f"metres   [low, high] {level:.0%} interval   > at least (truncated){truth}", PLAIN),
+        (f"{brackets}   > at least (truncated){truth}", PLAIN),
     ]  # fmt: skip
     strip = Image.new("RGB", (canvas.shape[1], _LINE_PX + 2 * _PAD_PX), PANEL)
     draw, x = ImageDraw.Draw(strip), float(_PAD_PX)

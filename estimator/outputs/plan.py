@@ -35,7 +35,7 @@ LETTER_PX, LINE_PX, MAX_LABEL = 6.2, 11.0, 24
 
 def draw_scene(above: Axes, side: Axes, estimate: SceneEstimate) -> None:
     """Plan and elevation in metres; x along the longer horizontal extent of the objects."""
-    scale, up = estimate.result.scale, estimate.result.up
+    scale, up = estimate.result.best_scale, estimate.result.up
     if scale is None or up is None:
         above.set_axis_off()
         side.set_axis_off()

@@ -28,15 +28,18 @@ class DimensionLabel:
 def dimension_labels(
     item: MeasuredObject, report: ObjectReport, result: ScaleResult, truth: Mapping[str, float]
 ) -> tuple[DimensionLabel, ...]:
-    """What to write of an object: each dimension in metres with its interval, those that did not count without."""
+    """What to write of an object: each dimension in metres with its interval, those that did not count without.
+
+    Of an unresolved scale the metres are those of its highest mode, without an interval.
+    """
     labels = []
     for axis, name in enumerate(AXES):
         size = float(item.extents[axis])
-        if not math.isfinite(size) or result.scale is None or result.interval is None:
+        if not math.isfinite(size) or result.best_scale is None:
             continue
         trusted = report.verdict == "used" and name in report.used
-        text = f"{'>' if item.truncated[axis] else ''}{size * result.scale:.2f}"
-        if trusted:
+        text = f"{'>' if item.truncated[axis] else ''}{size * result.best_scale:.2f}"
+        if trusted and result.interval is not None:
             low, high = size_interval(size, float(item.sigma[axis]), result)
             text += f" [{low:.2f}, {high:.2f}]"
         known = f"  G {truth[name]:.2f}" if name in truth else ""

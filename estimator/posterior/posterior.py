@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
@@ -27,33 +26,13 @@ from estimator.posterior.likelihood import (
     rows,
 )
 from estimator.posterior.sameness import hypotheses
+from estimator.posterior.status import status_of
 from estimator.records.curve import Curve, Mode
+from estimator.records.result import Status
 from metric_base.arrays import FloatArray, IntArray
 from metric_tree.prior import Prior
 
-__all__ = [
-    "EDGE_MASS",
-    "FAR_MASS",
-    "FAR_MODE",
-    "RATIO_LIMIT",
-    "Estimate",
-    "Posterior",
-    "Status",
-    "object_curves",
-    "posterior",
-    "status_of",
-]
-
-Status = Literal["resolved", "unresolved"]
-
-#: The contract's rule: unresolved when the interval's high/low exceeds this, ...
-RATIO_LIMIT = 1.8
-
-#: ... or a mode further away than this ratio has at least this mass.
-FAR_MODE, FAR_MASS = 1.25, 0.1
-
-#: More of the posterior than this beyond one end of where the objects speak is no answer: all may be outliers.
-EDGE_MASS = 0.25
+__all__ = ["Estimate", "Posterior", "object_curves", "posterior"]
 
 #: No evidence can be better than the reconstruction: 0.1 % at least.
 LEAST_LINE_SD = 1e-3
@@ -138,15 +117,6 @@ def posterior(evidence: Sequence[ObjectEvidence], lines: FloatArray | None = Non
         line_weight=grid.line_weights(answer, lines),
         level=level,
     )
-
-
-def status_of(modes: Sequence[Mode], bounds: tuple[float, float], curve: Curve | None = None) -> Status:
-    """Unresolved where the interval is too wide, modes contradict each other, or mass lies beyond all objects."""
-    best = modes[0].scale
-    far = any(max(mode.scale / best, best / mode.scale) > FAR_MODE and mode.mass >= FAR_MASS for mode in modes[1:])
-    if curve is not None and max(curve.below, curve.above) > EDGE_MASS:
-        return "unresolved"
-    return "unresolved" if far or bounds[1] / bounds[0] > RATIO_LIMIT else "resolved"
 
 
 def object_curves(evidence: Sequence[ObjectEvidence], log_scale: FloatArray) -> FloatArray:

@@ -17,10 +17,11 @@ from estimator.records.scale_evidence import EvidenceReport
 from metric_base.arrays import FloatArray
 from metric_base.files import whole_file
 
-__all__ = ["SCHEMA", "Alternative", "Interval", "ObjectReport", "ScaleResult", "UpReport", "Verdict"]
+__all__ = ["SCHEMA", "Alternative", "Help", "Interval", "ObjectReport", "ScaleResult", "Status", "UpReport", "Verdict"]
 
 SCHEMA = "metric-tree/scale/1"
 
+Status = Literal["resolved", "uncertain", "unresolved"]
 Verdict = Literal["used", "outlier", "skipped"]
 
 #: Digits that a reader can use: the fourth of a scale is a hundredth of the best interval met.
@@ -57,6 +58,15 @@ class Alternative:
 
 
 @dataclass(frozen=True, slots=True)
+class Help:
+    """A measurement that would help: in words, of which object, and the part of the interval's log width it takes."""
+
+    what: str
+    object: str | None
+    narrows_by: float
+
+
+@dataclass(frozen=True, slots=True)
 class ObjectReport:
     """One object: its extents in scene units by dimension, what was used, its own scale, and the verdict.
 
@@ -85,7 +95,7 @@ class ObjectReport:
 class ScaleResult:
     """The scale of a scene. `curve` and `object_curves` (id to density over `curve.log_scale`) serve figures only."""
 
-    status: Literal["resolved", "unresolved"]
+    status: Status
     method: str
     scale: float | None
     interval: Interval | None
@@ -97,14 +107,22 @@ class ScaleResult:
     without_support: Alternative | None = None
     leave_one_class_out: tuple[Alternative, ...] | None = None
     evidence: tuple[EvidenceReport, ...] = ()
+    would_help: tuple[Help, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     curve: Curve | None = None
     object_curves: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
     def exit_code(self) -> int:
-        """0 resolved, 3 unresolved."""
-        return 0 if self.status == "resolved" else 3
+        """0 resolved or uncertain, 3 unresolved."""
+        return 3 if self.status == "unresolved" else 0
+
+    @property
+    def best_scale(self) -> float | None:
+        """The scale, or of an unresolved one the highest mode, for what is drawn of it; None where nothing spoke."""
+        if self.scale is not None or not self.modes:
+            return self.scale
+        return self.modes[0].scale
 
     def to_json(self) -> dict[str, Any]:
         """The result as a JSON object (`metric-tree/scale/1`)."""
@@ -125,6 +143,10 @@ class ScaleResult:
             record["without_support"] = _alternative(self.without_support)
         if self.leave_one_class_out is not None:
             record["leave_one_class_out"] = [_alternative(left) for left in self.leave_one_class_out]
+        if self.status != "resolved":
+            record["would_help"] = [
+                {"what": item.what, "object": item.object, "narrows_by": item.narrows_by} for item in self.would_help
+            ]
         if self.evidence:
             record["evidence"] = [_evidence(item) for item in self.evidence]
         lengths = [item for item in self.evidence if item.kind == "known_length"]

@@ -16,6 +16,7 @@ from estimator.records.result import Alternative, ScaleResult, UpReport
 from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
 from estimator.results.categories import BROADER_SCORE, LabelMeaning, meanings
 from estimator.results.contradiction import Contradiction, contradiction_of
+from estimator.results.narrowing import helps
 from estimator.results.reports import Options, ScaleAnswer, names_of, result_of
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
@@ -71,6 +72,9 @@ def scale_of_objects(
     warnings = (*warnings, *_context_warnings(by_name, options))
     heard = (*warnings, *_evidence_warnings(rows), *([] if clash is None else [clash.line(options.trust_known_length)]))
     result = result_of(objects, tree, by_name, answer, options, up, heard, elapsed)
+    if result.status != "resolved" and objects and clash is None:
+        advice = helps(objects, stated, by_name, tree, _table(lines), estimate, options.level)
+        result = replace(result, would_help=advice)
     if estimate is None or not places:
         return result
     curves = object_curves(evidence, estimate.curve.log_scale)

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.posterior.likelihood import ObjectEvidence
-from estimator.posterior.posterior import EDGE_MASS, FAR_MASS, FAR_MODE, RATIO_LIMIT, Estimate, status_of
+from estimator.posterior.posterior import Estimate
+from estimator.posterior.status import doubt_of
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Interval, ObjectReport, ScaleResult, UpReport
 from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
@@ -72,11 +73,11 @@ def result_of(
 ) -> ScaleResult:
     """The result of any method that ends in a posterior over log scale."""
     estimate = answer.estimate
-    resolved = estimate is not None and estimate.status == "resolved"
-    scale = estimate.modes[0].scale if estimate is not None and resolved else None
-    interval = Interval(options.level, *estimate.interval) if estimate is not None and resolved else None
+    answered = estimate is not None and estimate.status != "unresolved"
+    scale = estimate.modes[0].scale if estimate is not None and answered else None
+    interval = Interval(options.level, *estimate.interval) if estimate is not None and answered else None
     return ScaleResult(
-        status="resolved" if resolved else "unresolved",
+        status="unresolved" if estimate is None else estimate.status,
         method=options.method,
         scale=scale,
         interval=interval,
@@ -163,18 +164,8 @@ def _warnings(
     lines = [_reason_with_name(name, by_name[name].reason) for name in unknown]
     if estimate is None:
         lines.append("unresolved: no usable object" if objects else "unresolved: no object")
-    elif (
-        estimate.status == "unresolved" and status_of(estimate.modes, estimate.interval, estimate.curve) == "unresolved"
-    ):
-        low, high = estimate.interval
-        edge = max(estimate.curve.below, estimate.curve.above)
-        if edge > EDGE_MASS:
-            where = "no object says anything: all may be outliers"
-            lines.append(f"unresolved: {edge:.0%} of the posterior is at scales of which {where}")
-        elif high / low > RATIO_LIMIT:
-            lines.append(f"unresolved: the interval's high/low is {high / low:.3g}, over {RATIO_LIMIT}")
-        else:
-            lines.append(f"unresolved: modes over {FAR_MODE - 1:.0%} apart, the lesser with mass over {FAR_MASS}")
+    elif (doubt := doubt_of(estimate.modes, estimate.interval, estimate.curve)) and doubt[0] == estimate.status:
+        lines.append(f"{doubt[0]}: {doubt[1]}")
     return lines
 
 

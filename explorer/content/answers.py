@@ -38,7 +38,6 @@ from explorer.content.records import (
     VocabularyAnswer,
     VocabularyRow,
 )
-from explorer.content.tiers import prior_tier
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.description import node_sentence
@@ -148,7 +147,7 @@ def prior_answer(
         tree=tree_reference(catalogue.tree),
         node=node.node_id,
         dims=list(prior.dims),
-        tier=prior_tier(prior),
+        tier=prior.tier,
         n=prior.n,
         n_sources=prior.n_sources,
         borrowed=round(prior.borrowed, 4),

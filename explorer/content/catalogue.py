@@ -13,7 +13,7 @@ import numpy as np
 import pyarrow as pa
 
 from explorer.content.addresses import slug
-from explorer.content.tiers import node_tier
+from explorer.content.tiers import UNKNOWN
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import InputError
 from metric_base.folders import taxonomy_directory
@@ -73,7 +73,7 @@ class Catalogue:
     def tier(self, node: Node) -> str:
         """The tier of a node's default prior."""
         if node.node_id not in self._tiers:
-            self._tiers[node.node_id] = node_tier(node, self.prior(node))
+            self._tiers[node.node_id] = node.tier or UNKNOWN
         return self._tiers[node.node_id]
 
     def prior(self, node: Node) -> Prior | None:

@@ -12,7 +12,7 @@ from metric_tree.prior import Prior
 __all__ = ["KINDS", "distribution", "length_axis"]
 
 #: Kinds of evidence in the order in which they are stacked: the strongest at the bottom.
-KINDS = ("measured", "product", "standard", "statistic", "museum", "asset", "curated", "default")
+KINDS = ("measured", "product", "standard", "norm", "statistic", "museum", "asset", "curated", "judged", "default")
 
 WIDTH, TOP, BOTTOM, MARGIN = 340, 8, 118, 14
 

@@ -17,6 +17,10 @@ __all__ = ["multiples"]
 MOST_ROWS = 14
 
 
+#: Share of the rows from which a dimension may be the axis, though another is known of more rows.
+MOSTLY = 0.8
+
+
 def multiples(catalogue: Catalogue, nodes: Sequence[Node], beside: Node) -> dict[str, Any] | None:
     """The rows, the axis and how many nodes were left out; None where there is nothing to show.
 
@@ -50,7 +54,7 @@ def _common(catalogue: Catalogue, nodes: Sequence[Node]) -> list[str]:
         for dim in catalogue.dims(node):
             counts[dim] = counts.get(dim, 0) + 1
     most = max(counts.values(), default=0)
-    return [dim for dim, count in counts.items() if count == most]
+    return [dim for dim, count in counts.items() if count >= MOSTLY * most]
 
 
 def _span(catalogue: Catalogue, node: Node, dim: str) -> tuple[float, float, float] | None:

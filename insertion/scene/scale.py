@@ -59,7 +59,7 @@ def scale_of_result(result: ScaleResult) -> ScaleUsed:
 def read_scale(folder: Path, stated: float | None) -> ScaleUsed:
     """The scale that `--scale` states, else that of `result.json` in the folder.
 
-    Raises InputError where there is neither, or the result is not resolved.
+    Raises InputError where there is neither, or the result is unresolved.
     """
     if stated is not None:
         if not SMALLEST_SCALE < stated < 1 / SMALLEST_SCALE:
@@ -71,8 +71,8 @@ def read_scale(folder: Path, stated: float | None) -> ScaleUsed:
         raise InputError(f"{folder}: scale: expected {how}; found neither")
     with in_file(file):
         result = json_record(read_bytes(file, limit=MAX_RESULT_BYTES), _Result)
-        resolved = result.status == "resolved" and result.scale is not None
-        expect(resolved, "status", "resolved (or state --scale)", result.status)
+        resolved = result.status in {"resolved", "uncertain"} and result.scale is not None
+        expect(resolved, "status", "resolved or uncertain (or state --scale)", result.status)
         interval = result.interval or _Interval()
         for field, value in (("scale", result.scale), ("interval.low", interval.low), ("interval.high", interval.high)):
             sound = value is None or SMALLEST_SCALE < value < 1 / SMALLEST_SCALE

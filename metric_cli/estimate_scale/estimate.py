@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 
 __all__ = ["main", "parser"]
 
+#: The exit status of a scale that is unresolved, and with `--strict` of an uncertain one.
+UNRESOLVED = 3
+
 #: Where a user says how many threads NumPy's BLAS takes.
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -66,16 +69,16 @@ def _answer(options: argparse.Namespace) -> int:
     else:
         _withhold_files(options)
     _print(result, options)
-    return result.exit_code
+    return UNRESOLVED if options.strict and result.status != "resolved" else result.exit_code
 
 
 def _withhold_files(options: argparse.Namespace) -> None:
-    """Say that nothing is written, and remove what an earlier run of the work folder found, which no longer holds."""
+    """Say what is not written, and remove what an earlier run of the work folder found, which no longer holds."""
     from metric_cli.terminal import warn
 
     if options.work is not None:
         (options.work / "result.json").unlink(missing_ok=True)
-    asked = [name for name in ("output", "figure", "overlay", "write_scaled") if getattr(options, name) is not None]
+    asked = [name for name in ("output", "write_scaled") if getattr(options, name) is not None]
     if asked and not options.quiet:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in asked)
         warn(f"{names}: nothing is written of an unresolved scale", PROGRAM)
@@ -111,7 +114,7 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
         raise InputError("--method sucar: expected a SCENE (it needs boxes in frames); found --objects")
     asked = _estimate_options(options)
     result = objects_result(read_objects(options.objects), _tree(options), asked, options.paper_lists)
-    if options.figure is not None and result.exit_code == 0:
+    if options.figure is not None and _is_drawable(result, options):
         from estimator.outputs.figure import write_figure
 
         write_figure(result, options.figure)
@@ -145,14 +148,18 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
         detector=detector,
         sources=evidence_sources(options),
     )
-    if estimate.result.exit_code == 0:
-        _write_pictures(options, estimate)
+    _write_pictures(options, estimate)
     return estimate.result
 
 
 def _write_pictures(options: argparse.Namespace, estimate: SceneEstimate) -> None:
-    """Figure, overlay and scaled model; of an unresolved scene nothing is written."""
+    """Figure and overlay, marked where the scale is not resolved, and the scaled model of one that is stated.
+
+    Of a scene that contradicts itself nothing is drawn.
+    """
     scale = estimate.result.scale
+    if not _is_drawable(estimate.result, options):
+        return
     if options.figure is not None:
         from estimator.outputs.figure import write_figure
 
@@ -165,6 +172,17 @@ def _write_pictures(options: argparse.Namespace, estimate: SceneEstimate) -> Non
         from estimator.outputs.rescaled import write_scaled
 
         write_scaled(estimate.scene, scale, options.write_scaled)
+
+
+def _is_drawable(result: ScaleResult, options: argparse.Namespace) -> bool:
+    """Whether there is a posterior to draw; says so where there is none."""
+    drawable = result.curve is not None or result.status != "unresolved"
+    asked = [name for name in ("figure", "overlay") if getattr(options, name) is not None]
+    if asked and not drawable and not options.quiet:
+        from metric_cli.terminal import warn
+
+        warn(f"{', '.join(f'--{name}' for name in asked)}: there is nothing to draw", PROGRAM)
+    return drawable
 
 
 def _tree(options: argparse.Namespace) -> Tree:

@@ -22,9 +22,10 @@ PROGRAM = "estimate-scale"
 WITHOUT_LENGTHS = ("paper", "sucar")
 
 EPILOG = """\
-Exit status: 0 done; 2 the input is invalid (one line says where); 3 unresolved: no usable object, or the interval's
-high/low exceeds 1.8, or a mode more than 25 % away has mass of 0.1 or more, or a known length contradicts the objects,
-or the reconstruction or the masks contradict themselves; 1 an internal error.
+Exit status: 0 done, with a warning where the scale is uncertain: the interval's high/low exceeds 1.8, or a mode more
+than 25 % away has mass of 0.1 or more (--strict: 3); 2 the input is invalid (one line says where); 3 unresolved: no
+usable object, or less than 40 % of the posterior is within 15 % of its highest mode, or a known length contradicts the
+objects, or the reconstruction or the masks contradict themselves; 1 an internal error.
 """
 
 
@@ -112,6 +113,7 @@ def parser() -> OneLineParser:
     )
     trust = "use a known length even if it contradicts most objects (otherwise unresolved)"
     add("--trust-known-length", action="store_true", help=trust)
+    add("--strict", action="store_true", help="exit 3 of an uncertain scale too")
     add("--level", type=float, default=0.9, help="mass of the interval (default: %(default)s)")
     add("--leave-one-class-out", action="store_true", help="the scale without each class in turn")
     add("--paper-lists", metavar="DIR", type=Path, help="--method paper with the authors' own lists (scale_metrics)")

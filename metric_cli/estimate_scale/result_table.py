@@ -37,6 +37,8 @@ def result_text(result: ScaleResult, *, wide: bool = False) -> str:
         lines.append(_object_table(result, width, wide).rstrip("\n"))
         lines += [style_text(line, "dim") for text in _unmeasured_lines(result) for line in textwrap.wrap(text, width)]
         lines += [style_text(line, "dim") for line in textwrap.wrap(NOTE, width)]
+    for item in result.would_help:
+        lines += textwrap.wrap(visible(f"would help: {item.what} (interval {item.narrows_by:.0%} narrower)"), width)
     if result.without_support is not None:
         lines += textwrap.wrap(_line("without support planes", result.without_support, result.scale), width)
     if result.leave_one_class_out:
@@ -53,6 +55,8 @@ def headline(result: ScaleResult) -> str:
     down, up = max(1 - low / result.scale, 0.0), max(high / result.scale - 1, 0.0)
     spread = f"-{down:.0%} +{up:.0%}"
     scale = style_text(f"scale {result.scale:.4g} m per unit", "bold")
+    if result.status == "uncertain":
+        scale = f"{scale} ({style_text('uncertain', 'red')})"
     return f"{scale}   {level:.0%} interval {low:.4g} to {high:.4g} ({spread})"
 
 

@@ -133,7 +133,9 @@ def test_an_unresolved_scale_writes_nothing_and_says_so(
     file.write_text(json.dumps({"schema": SCHEMA, "objects": []}))
     words = ["--objects", str(file), "--tree", str(tree), "--output", str(tmp_path / "out.json")]
     assert main([*words, "--figure", str(tmp_path / "figure.png")]) == 3
-    assert "--output, --figure: nothing is written of an unresolved scale" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "--output: nothing is written of an unresolved scale" in said
+    assert "--figure: there is nothing to draw" in said
     assert [entry.name for entry in tmp_path.iterdir() if entry.is_file()] == ["objects.json"]
 
 

@@ -134,20 +134,18 @@
   const outline = document.getElementById("outline");
   if (outline) {
     outline.addEventListener("keydown", (event) => {
-      const details = event.target.closest("details");
-      if (event.key === "ArrowRight" && details && event.target.closest("summary")) details.open = true;
-      else if (event.key === "ArrowLeft" && details) {
-        const inner = details.open && event.target.closest("summary") ? details : details.parentElement.closest("details");
-        if (inner) { inner.open = false; inner.querySelector("summary").focus(); }
-      } else if (event.key === "ArrowDown" || event.key === "ArrowUp") {
+      const item = event.target.closest("li"), branch = item.querySelector(":scope > details");
+      if (event.key === "ArrowRight" && branch) branch.open = true;
+      else if (event.key === "ArrowLeft" && branch && branch.open) branch.open = false;
+      else if (event.key === "ArrowLeft") item.parentElement.closest("li")?.querySelector("a").focus();
+      else if (event.key === "ArrowDown" || event.key === "ArrowUp") {
         const links = [...outline.querySelectorAll("a")].filter((link) => link.offsetParent);
-        const here = event.target.matches("summary") ? event.target.querySelector("a") : event.target;
-        const next = links[links.indexOf(here) + (event.key === "ArrowDown" ? 1 : -1)];
-        if (next) (next.closest("summary") || next).focus();
+        links[links.indexOf(item.querySelector("a")) + (event.key === "ArrowDown" ? 1 : -1)]?.focus();
       } else return;
       event.preventDefault();
     });
     const named = document.getElementById(location.hash.slice(1));
+    if (named) named.querySelector("details").open = true;
     for (let one = named; one; one = one.parentElement) if (one.tagName === "DETAILS") one.open = true;
     if (named) named.scrollIntoView();
   }

@@ -130,9 +130,15 @@ def test_a_method_that_measures_no_object_is_drawn_without_boxes(estimate: Scene
     assert not side.axison
 
 
-def test_an_unresolved_result_gives_no_posterior_panel(estimate: SceneEstimate) -> None:
-    nothing = replace(estimate, result=replace(estimate.result, scale=None, interval=None))
-    assert not panels(figure(nothing))[0].axison
+def test_what_is_not_resolved_is_drawn_and_marked(estimate: SceneEstimate) -> None:
+    wide = replace(estimate, result=replace(estimate.result, status="uncertain"))
+    assert "UNCERTAIN" in panels(figure(wide))[0].get_title(loc="left")
+    nothing = replace(estimate, result=replace(estimate.result, status="unresolved", scale=None, interval=None))
+    head, body, above, _ = panels(figure(nothing))
+    assert "UNRESOLVED" in head.get_title(loc="left")
+    assert not head.collections, "no interval is shaded"
+    assert body.axison
+    assert above.axison, "the plan is that of the highest mode"
 
 
 def test_other_evidence_has_rows_before_the_objects(estimate: SceneEstimate) -> None:

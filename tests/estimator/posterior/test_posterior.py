@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,8 +15,9 @@ from estimator.posterior import grid
 from estimator.posterior.class_error import convolution, shared_error
 from estimator.posterior.definition import class_log_likelihood, hypothesis_likelihood
 from estimator.posterior.likelihood import ObjectEvidence
-from estimator.posterior.posterior import posterior, status_of
+from estimator.posterior.posterior import posterior
 from estimator.posterior.sameness import hypotheses
+from estimator.posterior.status import near_mass, status_of
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray
 from tests.synthetic.priors import evidence, prior
@@ -183,21 +185,33 @@ def test_coverage_of_the_interval() -> None:
     assert 0.84 * 150 <= held <= 0.96 * 150
 
 
+def bell(sd: float) -> Curve:
+    u = np.linspace(-3, 3, 2001)
+    return Curve(u, np.exp(-0.5 * (u / sd) ** 2), 0.0, 0.0)
+
+
 def test_status_rule_of_the_contract() -> None:
-    best = Mode(1.0, 0.85)
-    assert status_of([best, Mode(1.24, 0.15)], (0.9, 1.3)) == "resolved"
-    assert status_of([best, Mode(1.26, 0.15)], (0.9, 1.3)) == "unresolved"
-    assert status_of([best, Mode(0.79, 0.15)], (0.7, 1.1)) == "unresolved"
-    assert status_of([best, Mode(1.5, 0.09)], (0.9, 1.3)) == "resolved"
-    assert status_of([best], (0.7, 0.7 * 1.81)) == "unresolved"
+    best, sharp = Mode(1.0, 0.85), bell(0.1)
+    assert status_of([best, Mode(1.24, 0.15)], (0.9, 1.3), sharp) == "resolved"
+    assert status_of([best, Mode(1.26, 0.15)], (0.9, 1.3), sharp) == "uncertain"
+    assert status_of([best, Mode(0.79, 0.15)], (0.7, 1.1), sharp) == "uncertain"
+    assert status_of([best, Mode(1.5, 0.09)], (0.9, 1.3), sharp) == "resolved"
+    assert status_of([best], (0.7, 0.7 * 1.79), sharp) == "resolved"
+    assert status_of([best], (0.7, 0.7 * 1.81), sharp) == "uncertain"
+
+
+@pytest.mark.parametrize(("sd", "status"), [(0.25, "resolved"), (0.28, "unresolved"), (1.0, "unresolved")])
+def test_unresolved_is_what_has_little_mass_near_its_mode(sd: float, status: str) -> None:
+    """A Gaussian of 0.266 in log scale has 40 % within 15 %."""
+    assert status_of([Mode(1.0, 1.0)], (0.9, 1.1), bell(sd)) == status
+    assert near_mass(bell(0.266), 1.0) == pytest.approx(0.4, abs=0.005)
 
 
 @pytest.mark.parametrize(
-    ("below", "above", "status"), [(0, 0, "resolved"), (0.5, 0, "unresolved"), (0, 0.5, "unresolved")]
+    ("below", "above", "status"), [(0, 0, "resolved"), (0.3, 0, "unresolved"), (0, 0.3, "unresolved")]
 )
 def test_mass_beyond_either_end_of_the_grid_leaves_the_scale_open(below: float, above: float, status: str) -> None:
-    curve = Curve(np.linspace(-1, 1, 5), np.full(5, 0.5), below, above)
-    assert status_of([Mode(1.0, 1.0)], (0.9, 1.1), curve) == status
+    assert status_of([Mode(1.0, 1.0)], (0.9, 1.1), replace(bell(0.05), below=below, above=above)) == status
 
 
 @given(st.floats(0.03, 0.4), st.floats(-0.5, 0.5), st.floats(0.6, 0.99))

@@ -107,7 +107,7 @@ def test_a_reading_of_the_axes_is_not_learned_from_numbers(count: int) -> None:
     sizes = np.array([1.7, 0.5, 0.3]) * np.exp(generator.normal(0, [0.06, 0.05, 0.04], (count, 3)))
     items = [evidence(PERSON, size, vertical_known=False, name=str(n)) for n, size in enumerate(sizes)]
     answer = posterior(items)
-    assert answer.status == "unresolved"
+    assert answer.status != "resolved"
     assert max(mode.mass for mode in answer.modes) < 0.9
 
 

@@ -1,0 +1,112 @@
+"""What the three statuses are worth: of each, the share that is off by more than 15 %, by where it was measured.
+
+`OMP_NUM_THREADS=1 python -m benchmarks.estimator.statuses --raw RAW --cache DIR [--tables DIR]`. Boxes of ScanNet's
+rooms, whole and 1, 2, 3 or 5 objects of them at random, against a tree without ScanNet (`benchmarks.accuracy.unseen`);
+simulated scenes of one or two classes. The limit was chosen on the simulations and the even rooms.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+import metric_tree
+from benchmarks.accuracy.unseen import SIGMA, rooms_of, sorted_extents, unseen_tree
+from benchmarks.estimator.simulation import Knobs, simulated, world
+from estimator.posterior import status
+from estimator.posterior.likelihood import ObjectEvidence
+from estimator.posterior.posterior import Estimate, posterior
+from estimator.records.measured_object import MeasuredObject
+from estimator.results.categories import meanings
+from estimator.results.estimate import evidence_of
+from metric_tree.tree import Tree
+
+TABLES = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "sizes"
+LIMITS = (0.3, 0.35, 0.4, 0.45, 0.5)
+SUBSETS = (None, 1, 2, 3, 5)
+CELLS = ((1, 1), (2, 1), (2, 2), (3, 1), (3, 2), (5, 1), (5, 2), (10, 1), (10, 2))
+SCENES, SHARED = 150, (None, 0.0, 0.6)
+
+#: Where it was measured, objects taken of a room, the estimate, the true log scale.
+Row = tuple[str, int | None, Estimate, float]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--raw", type=Path, required=True, help="folder of raw items")
+    parser.add_argument("--cache", type=Path, required=True, help="what is built of them")
+    parser.add_argument("--tables", type=Path, default=TABLES, help="folder of the tables of boxes")
+    arguments = parser.parse_args()
+    tree, _ = unseen_tree(arguments.raw, arguments.cache)
+    rows = [*_rooms(arguments.tables / "scannet18_boxes" / "scannet18_boxes.csv", tree), *_simulations()]
+    parts = {name: [row for row in rows if row[0] == name] for name in ("simulated", "even rooms", "odd rooms")}
+    print("| unresolved under a mass near the mode of | " + " | ".join(parts) + " |\n|---" + "|---" * 3 + "|")
+    for limit in LIMITS:
+        status.LEAST_NEAR_MASS = limit
+        print(f"| {limit} | " + " | ".join(_share(_of(own, "unresolved")) for own in parts.values()) + " |")
+    status.LEAST_NEAR_MASS = 0.4
+    print("\n| odd rooms | status | off by more than 15 % | error, median | mean | coverage |\n|---" + "|---" * 5 + "|")
+    for count in SUBSETS:
+        of_count = [row for row in parts["odd rooms"] if row[1] == count]
+        for name in ("resolved", "uncertain", "unresolved"):
+            print(f"| {count or 'all'} objects | {name} | " + _figures(_of(of_count, name)) + " |")
+
+
+def _rooms(file: Path, tree: Tree) -> Iterator[Row]:
+    by_room, generator = rooms_of(file), np.random.default_rng(1)
+    by_name = meanings(tree, {category for things in by_room.values() for category, _ in things})
+    for number, (_, things) in enumerate(sorted(by_room.items())):
+        scale = float(np.exp(generator.uniform(-3, 3)))
+        objects = [
+            MeasuredObject(str(row), category, sorted_extents(sizes) / 1000 / scale, np.array(SIGMA))
+            for row, (category, sizes) in enumerate(things)
+        ]
+        for count in SUBSETS:
+            take = min(count or len(objects), len(objects))
+            some = [objects[row] for row in generator.choice(len(objects), take, replace=False)]
+            stated, _ = evidence_of(some, by_name)
+            if stated:
+                yield (
+                    ("odd" if number % 2 else "even") + " rooms",
+                    count,
+                    posterior(list(stated.values())),
+                    np.log(scale),
+                )
+
+
+def _simulations() -> Iterator[Row]:
+    classes = world(metric_tree.open(), baselines=False)
+    for shared in SHARED:
+        for count, kinds in CELLS:
+            knobs = Knobs(objects=count, classes=kinds, shared=shared, cut=0.2, wrong=0.1, noise=0.06)
+            for number in range(SCENES):
+                scale, objects = simulated(classes, knobs, np.random.default_rng([7, number, count, kinds]))
+                items = [ObjectEvidence(one, classes.priors[said], classes.nodes[said].pose) for said, one in objects]
+                yield "simulated", None, posterior(items), float(np.log(scale))
+
+
+def _of(rows: Sequence[Row], wanted: str) -> list[Row]:
+    return [row for row in rows if status.status_of(row[2].modes, row[2].interval, row[2].curve) == wanted]
+
+
+def _errors(rows: Sequence[Row]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    return np.array([abs(np.expm1(np.log(one.modes[0].scale) - true)) for _, _, one, true in rows])
+
+
+def _share(rows: Sequence[Row]) -> str:
+    return f"{np.mean(_errors(rows) > status.NEAR - 1):.0%} of {len(rows)}" if rows else "none"
+
+
+def _figures(rows: Sequence[Row]) -> str:
+    if not rows:
+        return "none | | |"
+    errors = _errors(rows)
+    held = np.mean([one.interval[0] <= np.exp(true) <= one.interval[1] for _, _, one, true in rows])
+    return f"{_share(rows)} | {np.median(errors):.1%} | {errors.mean():.1%} | {held:.2f}"
+
+
+if __name__ == "__main__":
+    main()

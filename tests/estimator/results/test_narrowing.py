@@ -1,0 +1,65 @@
+"""What would help: computed for each, honest about its order, silent where the scale is resolved."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import metric_tree
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.scale_evidence import ScaleEvidence
+from estimator.results.estimate import scale_of_objects
+from estimator.results.reports import Options
+from metric_tree.tree import Tree
+
+VASE = MeasuredObject("1", "vase", np.array([0.2, 0.2, 0.5]), np.full(3, 0.03))
+DESK = MeasuredObject("2", "desk", np.array([1.6, 0.8, 0.74]), np.full(3, 0.03))
+
+
+@pytest.fixture(scope="module")
+def tree() -> Tree:
+    return metric_tree.open()
+
+
+def test_a_known_height_is_worth_what_it_says(tree: Tree) -> None:
+    """The stated narrowing is what the posterior of that known length gives, about."""
+    alone = scale_of_objects([VASE], tree)
+    assert alone.status != "resolved"
+    (length,) = [one for one in alone.would_help if "known length" in one.what]
+    assert length.object == "vase 1"
+    line = ScaleEvidence("known_length", "1", scale=alone.modes[0].scale, sd_log=0.032, doubt=0.0)
+    known = scale_of_objects([VASE], tree, Options(evidence=(line,)))
+    assert known.interval is not None
+    before, after = estimate_width(alone), np.log(known.interval.high / known.interval.low)
+    assert length.narrows_by == pytest.approx(1 - after / before, abs=0.05)
+
+
+def test_best_comes_first_and_a_resolved_scale_needs_none(tree: Tree) -> None:
+    alone = scale_of_objects([VASE], tree)
+    narrowing = [one.narrows_by for one in alone.would_help]
+    assert narrowing == sorted(narrowing, reverse=True)
+    assert min(narrowing) >= 0.05
+    chair = MeasuredObject("3", "office chair", np.array([0.65, 0.62, 1.0]), np.full(3, 0.03))
+    several = scale_of_objects([VASE, DESK, chair, replace(chair, id="4")], tree)
+    assert (several.status, several.would_help) == ("resolved", ())
+    assert "would_help" not in several.to_json()
+
+
+def test_truncated_and_unmeasured_objects_are_named(tree: Tree) -> None:
+    cut = replace(DESK, truncated=np.array([True, True, False]), sigma=np.full(3, 0.3))
+    lost = MeasuredObject("9", "toilet", np.full(3, np.nan), np.full(3, np.nan), skipped="too few points")
+    said = {one.object: one.what for one in scale_of_objects([cut, lost], tree).would_help}
+    assert "side that is cut" in said.get("desk 2", "") or "toilet 9" in said
+    nothing = scale_of_objects([lost], tree)
+    assert nothing.status == "unresolved"
+    assert [one.object for one in nothing.would_help if "could not be measured" in one.what] == ["toilet 9"]
+
+
+def estimate_width(result: object) -> float:
+    """Log width of the 90 % interval of the curve."""
+    curve = result.curve  # type: ignore[attr-defined]
+    mass = curve.below + np.cumsum(curve.density) / curve.density.sum() * (1 - curve.below - curve.above)
+    low, high = np.interp([0.05, 0.95], mass, curve.log_scale)
+    return float(high - low)

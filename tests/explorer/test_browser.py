@@ -1,0 +1,145 @@
+"""The pages in a real browser: search, compare, scale, the form of files, obstacles, narrow windows."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+
+import pytest
+
+from tests.synthetic.browser import Browser
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [
+    "index.html", "tree.html", "about.html", "compare.html?nodes=swivel_chair.n.01,mt-bar_stool", "scale.html",
+    "sources/index.html", "sources/made.html", "vocabularies/index.html", "vocabularies/coco_80.html",
+    "changes/0.0.1.html", "nodes/swivel_chair.n.01.html", "nodes/entity.n.01.html",
+]  # fmt: skip
+#: Errors of the page are kept, and nothing is asked of any other machine.
+WATCH = """
+window.problems = [];
+addEventListener("error", (event) => problems.push(String(event.message || event.target.src)), true);
+addEventListener("unhandledrejection", (event) => problems.push(String(event.reason)));
+addEventListener("securitypolicyviolation", (event) => problems.push(event.violatedDirective));
+const error = console.error; console.error = (...words) => { problems.push(words.join(" ")); error(...words); };
+"""
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with Browser(tmp_path_factory.mktemp("profile")) as one:
+        one.call("Page.enable")
+        one.call("Page.addScriptToEvaluateOnNewDocument", source=WATCH)
+        one.call("Network.enable")
+        outside = ["*://*:443/*", "https://*", "http://*.com/*", "http://*.org/*", "http://*.net/*", "http://*.edu/*"]
+        one.call("Network.setBlockedURLs", urls=outside)
+        yield one
+
+
+def axe() -> str:
+    """The source of axe-core: of npm where it is installed, else of a package of Python's index."""
+    local = ROOT / "node_modules" / "axe-core" / "axe.min.js"
+    if local.is_file():
+        return local.read_text(encoding="utf-8")
+    found = find_spec("axe_core_python")
+    if found is None or found.origin is None:
+        pytest.skip("no axe-core; `npm install axe-core` or `pip install axe-core-python`")
+    return (Path(found.origin).parent / "axe.min.js").read_text(encoding="utf-8")
+
+
+def see(browser: Browser, address: str, width: int = 1200) -> None:
+    browser.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1, mobile=False)
+    browser.open(address)
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_page_has_an_error_or_an_obstacle(base: str, browser: Browser, scheme: str) -> None:
+    browser.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+    source, found = axe(), {}
+    for page in PAGES:
+        see(browser, f"{base}/{page}")
+        browser.run(source + ";0")
+        asked = "axe.run({resultTypes: ['violations']}).then(r => r.violations.filter(v => ['serious', 'critical']"
+        told = browser.run(asked + ".includes(v.impact)).map(v => v.id + ' ' + v.nodes[0].html.slice(0, 120)))")
+        told += browser.run("problems")
+        if told:
+            found[page] = told
+    assert found == {}
+
+
+def test_no_page_scrolls_sideways_on_a_telephone(base: str, browser: Browser) -> None:
+    wide = {}
+    for page in PAGES:
+        see(browser, f"{base}/{page}", width=360)
+        if (width := browser.run("document.documentElement.scrollWidth")) > 360:
+            wide[page] = width
+    assert wide == {}
+
+
+@pytest.mark.parametrize("form", ["served", "files"])
+def test_search_as_you_type(base: str, site: Path, browser: Browser, form: str) -> None:
+    home = f"{base}/index.html" if form == "served" else (site / "index.html").as_uri()
+    see(browser, home)
+    browser.run("document.getElementById('search').focus()")
+    expected = {
+        "swivel": "swivel chair", "swivle chair": "swivel chair", "desk chair": "swivel chair", "coco mouse": "mouse",
+        "trackbal": "trackball",
+    }  # fmt: skip
+    browser.type("a")
+    browser.wait("window.metricTree.search")
+    for text, name in expected.items():
+        hits = browser.run(f"metricTree.search({json.dumps(text)}).map(hit => hit.name)")
+        assert hits[0] == name, (text, hits)
+    assert browser.run("metricTree.search('made').map(hit => hit.name)")[-1] == "made for tests"
+    browser.run("document.getElementById('search').value = ''")
+    browser.type("bar st")
+    browser.wait("document.querySelector('#hits [id=hit-0]')")
+    browser.press("Enter")
+    browser.wait("document.querySelector('h1')?.textContent == 'bar stool'")
+    assert browser.run("problems") == []
+
+
+def test_compare_keeps_the_choice_in_the_address(base: str, browser: Browser) -> None:
+    see(browser, f"{base}/compare.html?nodes=swivel_chair.n.01")
+    browser.run("document.getElementById('add-name').value = 'computer mouse'")
+    browser.run("document.getElementById('add').requestSubmit()")
+    browser.wait("document.querySelectorAll('#compared tbody tr').length == 2")
+    assert browser.run("location.search") == "?nodes=swivel_chair.n.01,mouse.n.04&dim=height"
+    assert browser.run("document.querySelectorAll('#chart rect').length") == 4
+    browser.run("document.getElementById('units').value = 'in'")
+    browser.run("document.getElementById('units').dispatchEvent(new Event('change'))")
+    assert browser.run("document.querySelector('#compared data').textContent").endswith(" in")
+    browser.run("localStorage.clear()")
+
+
+def test_the_scale_page_reads_objects_and_computes_on_a_server(base: str, browser: Browser) -> None:
+    see(browser, f"{base}/scale.html")
+    objects = [{"id": "seat", "category": "swivel chair", "dimensions": {"height": 0.525}}]
+    text = json.dumps({"schema": "metric-tree/objects/1", "objects": objects})
+    drop = f"""(() => {{ const data = new DataTransfer();
+        data.items.add(new File([{json.dumps(text)}], "objects.json"));
+        document.getElementById("drop").dispatchEvent(new DragEvent("drop", {{ dataTransfer: data }})); }})()"""
+    browser.run(drop)
+    browser.wait("document.querySelector('#posterior rect')")
+    low, high = map(
+        float, browser.run("document.querySelector('#objects tbody td:nth-child(4)').textContent").split(" to ")
+    )
+    assert low < 2 < high
+    browser.run("document.getElementById('compute').click()")
+    browser.wait("document.getElementById('headline').textContent.includes('metres per unit')")
+    assert browser.run("problems") == []
+
+
+def test_the_outline_opens_by_keys_and_tables_sort(base: str, browser: Browser) -> None:
+    see(browser, f"{base}/tree.html")
+    browser.run("document.querySelector('#outline details a').focus()")
+    browser.press("ArrowRight")
+    assert browser.run("document.querySelector('#outline details details').open")
+    see(browser, f"{base}/nodes/swivel_chair.n.01.html")
+    browser.run("document.querySelectorAll('#items thead button')[3].click()")
+    rows = "[...document.querySelectorAll('#items tbody tr')]"
+    heights = browser.run(rows + ".map(row => +row.cells[3].querySelector('data').value)")
+    assert heights == sorted(heights)
+    assert len(heights) == 14

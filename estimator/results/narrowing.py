@@ -89,7 +89,9 @@ def _whole_sides(
         if not cut.any():
             continue
 
-        def posterior_at(scale: float, place: int = place, item: ObjectEvidence = item, cut: BoolArray = cut) -> Posterior:
+        def posterior_at(
+            scale: float, place: int = place, item: ObjectEvidence = item, cut: BoolArray = cut
+        ) -> Posterior:
             others = [one for row, one in stated.items() if row != place]
             return again([*others, _whole(item, cut, scale)])
 

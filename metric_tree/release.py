@@ -98,7 +98,8 @@ def publish_release(
     ----------
     tables : by the names of `metric_tree.schema.TABLES`; each is cast to its schema.
     manifest : `name`, `version`, `created`, `sources`, `counts` and whatever else; `schema` and `files` are added.
-    extras : a folder whose contents (pictures) are linked into the release, or copied where the disk cannot.
+    extras : a folder whose contents (pictures, texts) are linked into the release, or copied where the disk cannot;
+        their checksums go into the manifest.
 
     Raises
     ------
@@ -111,7 +112,9 @@ def publish_release(
         files = {name: _write_table(work / name, tables[name].cast(schema)) for name, schema in TABLES.items()}
         if extras is not None:
             shutil.copytree(extras, work, dirs_exist_ok=True, copy_function=link_file)
-        whole = {"schema": SCHEMA, **manifest, "files": files}
+        beside = sorted(path for path in work.rglob("*") if path.is_file() and path.name not in TABLES)
+        sums = {path.relative_to(work).as_posix(): sha256(path) for path in beside}
+        whole = {"schema": SCHEMA, **manifest, "files": files} | ({"extras": sums} if sums else {})
         (work / MANIFEST).write_text(json.dumps(whole, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
     return Release(directory, whole)
 

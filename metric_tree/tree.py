@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from metric_base import spelling
 from metric_base.errors import InputError
@@ -252,6 +253,7 @@ class Tree:
 
     def node(self, node_id: str) -> Node:
         """The node of an id; UnknownName if no node has it."""
+        node_id = self._successors.get(node_id, node_id) if node_id not in self._places else node_id
         if node_id not in self._places:
             raise UnknownName(f"{node_id}: no node has this id")
         if node_id not in self._nodes:
@@ -319,6 +321,8 @@ class Tree:
             raise UnknownName(f"no node is called {text[:40]!r}, with {len(text):,} characters in all")
         if vocabulary is not None and (listed := self._label_node(text, vocabulary)) is not None:
             return Meaning(listed, "label list", math.inf, (), False)
+        if text in self._successors and text not in self._places:
+            return Meaning(self.node(text), "id", math.inf, (), False)
         answer = self._resolver.answer(text)
         if answer is None:
             nearest = self._resolver.nearest(text) if advice else ()
@@ -400,6 +404,15 @@ class Tree:
     @cached_property
     def _priors(self) -> dict[tuple[str, tuple[str, ...]], Prior]:
         return {}
+
+    @cached_property
+    def _successors(self) -> dict[str, str]:
+        """What ids of earlier releases lead to; empty where the release does not say."""
+        path = self.release.directory / "successors.parquet"
+        if not path.is_file():
+            return {}
+        table = pq.ParquetFile(path).read()
+        return dict(zip(table["old_id"].to_pylist(), table["node_id"].to_pylist(), strict=True))
 
     @cached_property
     def _tiers(self) -> dict[str, str | None]:

@@ -26,6 +26,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 
 from crawler.imports.sources import Source, sources
 from crawler.items import RawItem
@@ -37,6 +38,7 @@ from metric_tree.build.frequencies import stated_frequencies
 from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
 from metric_tree.build.log import report
 from metric_tree.build.row_files import RowFiles, sibling_references
+from metric_tree.build.successors import former_nodes, successor_table
 from metric_tree.build.tables import (
     JUDGED_SOURCE,
     NORM_SOURCE,
@@ -47,7 +49,9 @@ from metric_tree.build.tables import (
     node_table,
     prior_table,
     source_records,
+    tier_counts,
 )
+from metric_tree.build.texts import licence_text, readme_text
 from metric_tree.build.work_folder import BuildFolder, SerialExecutor, fingerprint, sole_writer
 from metric_tree.context import ContextModel
 from metric_tree.fit.centre import shared_covariance
@@ -59,6 +63,7 @@ from metric_tree.prior import Prior
 from metric_tree.release import Release, publish_release
 from metric_tree.schema import IMAGES
 from taxonomy.categories import Taxonomy
+from taxonomy.levels import replaced_ids
 
 __all__ = ["Build", "Options", "Steps", "build_release", "shipped_curated", "shipped_taxonomy"]
 
@@ -171,7 +176,11 @@ def build_release(
         counts = steps.ingest(chain(blocks(files), [own]))
         classes, dropped = steps.clean()
         report, tables, manifest = (steps.carry if carried else steps.fit)(classes, counts + dropped)
-        extras = _add_pictures(raw, tables, report, work.directory / "extras") if options.pictures else None
+        extras = work.directory / "extras"
+        extras.mkdir(exist_ok=True)
+        if options.pictures:
+            _add_pictures(raw, tables, report, extras)
+        _write_texts(extras, tables, manifest, former=taxonomy is shipped_taxonomy)
         _write_log(log, work.directory, report)  # first, since a run that finds the release there writes no log
         release = publish_release(out, tables, manifest, extras)
     return Build(release, report, log)
@@ -314,6 +323,8 @@ class Steps:
             "counts": node_counts(tables["nodes.parquet"])
             | {"n_fit": n_fit.total(), "n_rows": tables["items.parquet"].num_rows, "raw": dict(sorted(counts.items()))},
             "evidence": evidence_counts(classes),
+            "tiers": tier_counts(tables["nodes.parquet"]),
+            "judged_by": _writers(),
             "noncommercial": self.options.noncommercial,
             "private": sorted(self.options.private),
             "fold_out": list(self.options.fold_out) if self.options.fold_out else None,
@@ -332,6 +343,21 @@ class Steps:
             yield result
 
 
+def _writers() -> list[dict[str, Any]]:
+    """Who wrote the norms and the judged ranges, when, and how many rows."""
+    from taxonomy.curated import curated_ranges, norms
+
+    counts = Counter(
+        (table, row.reviewer, row.written)
+        for table, rows in (("norms.csv", norms()), ("ranges.csv", curated_ranges()))
+        for row in rows
+    )
+    return [
+        {"table": table, "writer": writer, "date": date, "rows": n}
+        for (table, writer, date), n in sorted(counts.items())
+    ]
+
+
 def _learn_kinds(classes: Sequence[NodeClass], families: Mapping[str, str]) -> KindModel:
     """What kinds of evidence are worth, from the classes that have several."""
     pairs = ((families[one.node_id], m.disagreement) for one in classes for m in one.moments[:1])
@@ -348,18 +374,26 @@ def _learn_contexts(classes: Sequence[NodeClass], families: Mapping[str, str], m
     )
 
 
-def _add_pictures(
-    raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path
-) -> Path | None:
-    """Put the pictures that lie beside the raw items into the tables, the report and a folder; None without any."""
+def _write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[str, Any], *, former: bool) -> None:
+    """README and LICENSE, and with `former` the successors of the ids of earlier releases."""
+    rows = {name: table.num_rows for name, table in tables.items()}
+    (folder / "README.md").write_text(readme_text(manifest, rows), encoding="utf-8")
+    (folder / "LICENSE").write_text(licence_text(manifest), encoding="utf-8")
+    if former:
+        table = successor_table(
+            former_nodes(), frozenset(tables["nodes.parquet"]["node_id"].to_pylist()), replaced_ids()
+        )
+        pq.write_table(table, folder / "successors.parquet", compression="zstd")
+
+
+def _add_pictures(raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path) -> None:
+    """Put the pictures that lie beside the raw items into the tables, the report and a folder."""
     files = picture_files(raw)
     if not files:
-        return None
-    folder.mkdir(exist_ok=True)
+        return
     pictures = collect_pictures(files, tables["items.parquet"], folder)
     tables["images.parquet"] = pictures.rows
     report["pictures"] = {"taken": pictures.rows.num_rows, "left_out": dict(pictures.refused)}
-    return folder
 
 
 def _spill_rows(result: Ingested, stem: Path) -> Ingested:

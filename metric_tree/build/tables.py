@@ -22,6 +22,7 @@ from metric_tree.fit.plain_names import REAL_WITNESS, WITNESS, commonness, is_ca
 from metric_tree.fit.sameness import Sameness, shrunk_sameness
 from metric_tree.prior import Prior
 from metric_tree.schema import NODES, PRIORS
+from metric_tree.tiers import TIERS
 from taxonomy.categories import Category
 
 __all__ = [
@@ -34,6 +35,7 @@ __all__ = [
     "node_table",
     "prior_table",
     "source_records",
+    "tier_counts",
 ]
 
 
@@ -223,6 +225,15 @@ def node_counts(nodes: pa.Table) -> dict[str, int]:
     levels = max(nodes["level"].to_pylist(), default=0)
     several = {f"leaves_{least}": sum(n >= least for n in leaves) for least in (1, 10, 30)}
     return {"nodes": nodes.num_rows, "leaves": len(leaves), "levels": levels} | several
+
+
+def tier_counts(nodes: pa.Table) -> dict[str, dict[str, int]]:
+    """Nodes of each level by tier, the best tier first; those without a size under `none`."""
+    counts = Counter(zip(nodes["level"].to_pylist(), nodes["tier"].to_pylist(), strict=True))
+    levels = sorted(set(nodes["level"].to_pylist()))
+    return {
+        str(level): {tier or "none": n for tier in (*TIERS, None) if (n := counts[level, tier])} for level in levels
+    }
 
 
 def evidence_counts(classes: Iterable[NodeClass]) -> dict[str, dict[str, int]]:

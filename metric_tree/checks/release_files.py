@@ -26,6 +26,7 @@ CODES = {
     "E102": "a file's sha256 differs from the manifest's",
     "E103": "a table's rows differ from the manifest's",
     "E104": "a table's columns or types differ from the schema",
+    "E106": "a picture or a text beside the tables is missing, or its sha256 differs from the manifest's",
     "E105": "counts in the manifest differ from the tables",
     **nodes.CODES,
     **items.CODES,
@@ -54,6 +55,7 @@ def findings(directory: Path) -> list[Finding]:
     return sorted(
         [
             *damaged,
+            *_extra_findings(release),
             *_count_findings(release, tables),
             *nodes.findings(tables.nodes),
             *items.findings(tables.items, tables.nodes, release.manifest),
@@ -78,6 +80,14 @@ def _file_findings(release: Release) -> Iterator[Finding]:
                     yield Finding("E104", f"{name}: {field.name}", "expected the column; found none")
             elif (own_type := table.schema.field(field.name).type) not in (field.type, FORMER_TYPES.get(field.name)):
                 yield Finding("E104", f"{name}: {field.name}", f"expected {field.type}; found {own_type}")
+
+
+def _extra_findings(release: Release) -> Iterator[Finding]:
+    for name, recorded in release.manifest.get("extras", {}).items():
+        path = release.directory / name
+        digest = sha256(path) if path.is_file() else "no file"
+        if digest != recorded:
+            yield Finding("E106", name, f"expected sha256 {recorded}; found {digest}")
 
 
 def _count_findings(release: Release, tables: _Tables) -> Iterator[Finding]:

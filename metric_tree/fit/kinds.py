@@ -14,16 +14,19 @@ has a Gaussian prior around zero.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from metric_base.arrays import FloatArray, IntArray
+from metric_base.folders import taxonomy_directory
 from metric_tree.fit.disagreement import Disagreement
 
-__all__ = ["TARGET_KINDS", "KindModel", "learn_kinds"]
+__all__ = ["TARGET_KINDS", "KindModel", "learn_kinds", "shipped_model"]
 
 #: Kinds that are sizes of things in the world: they define the target and have no bias.
 TARGET_KINDS = frozenset({"measured", "standard", "statistic", "norm"})
@@ -44,8 +47,12 @@ WEAK_KINDS = frozenset({"asset", "museum", "default"})
 #: Share of classes that are two things under one name, and the disagreement (ln size) that they are allowed.
 MIXED_SHARE, MIXED_SD = 0.05, 1.0
 
-#: Below this many classes with two sources the defaults of `KindModel` hold.
+#: Below this many classes with two sources the shipped model holds as it is.
 LEAST_CLASSES = 8
+
+#: Classes at which a build's own model counts as much as the shipped one: that of release 2.0.0 was of 700, and with
+#: forty classes a bias of ten per cent is known to some three.
+SHIPPED_CLASSES = 40.0
 
 #: Rounds of alternating between biases and variances; the likelihood gains under 0.1 % after the third.
 ROUNDS = 4
@@ -55,6 +62,9 @@ CORRELATION = 0.5
 
 #: Prior standard deviation of ln g: families differ by less than twofold.
 FAMILY_FACTOR_SD = 0.5
+
+#: Least standard deviation that is mixed in proportion: under it a source is as good as exact.
+LEAST_SD = 0.005
 
 #: Sources of a class that take part, those of most rows; more add nothing that decides.
 SOURCES = 10
@@ -78,6 +88,37 @@ class KindModel:
     family_bias: Mapping[str, float] = field(default_factory=dict)
     ratio: Mapping[str, float] = field(default_factory=dict)
     family: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of_record(cls, record: Mapping[str, Any]) -> KindModel:
+        """The model of `record`."""
+        return cls(**record)
+
+    def towards(self, other: KindModel, part: float) -> KindModel:
+        """Between another model (part 0) and this one (part 1): scales in proportion, biases by the mean."""
+
+        def scale(own: float, its: float) -> float:
+            return float(max(own, LEAST_SD) ** part * max(its, LEAST_SD) ** (1 - part))
+
+        def plain(own: float, its: float) -> float:
+            return part * own + (1 - part) * its
+
+        def both(
+            own: Mapping[str, float], its: Mapping[str, float], mix: Callable[[float, float], float], unknown: float
+        ) -> dict[str, float]:
+            return {
+                key: mix(own.get(key, its.get(key, unknown)), its.get(key, unknown)) for key in sorted({*own, *its})
+            }
+
+        return KindModel(
+            share=scale(self.share, other.share),
+            spread=scale(self.spread, other.spread),
+            excess=both(self.excess, other.excess, scale, 0.0),
+            bias=both(self.bias, other.bias, plain, 0.0),
+            family_bias=both(self.family_bias, other.family_bias, plain, 0.0),
+            ratio=both(self.ratio, other.ratio, plain, 0.0),
+            family=both(self.family, other.family, scale, 1.0),
+        )
 
     def bias_of(self, kind: str, family: str) -> float:
         """Bias of a kind in a family, ln size."""
@@ -119,11 +160,12 @@ class _Table:
 
 
 def learn_kinds(classes: Iterable[tuple[str, Disagreement]], kinds: Sequence[str]) -> KindModel:
-    """The model from (family, disagreement) of all classes; the defaults where too few classes have two sources."""
+    """The model from (family, disagreement) of all classes, drawn to the shipped one as far as they are few."""
+    shipped = shipped_model()
     pairs = [(family, one) for family, one in classes if len(one.sources) >= 2]
     ratio = _spread_ratios([one for _, one in pairs])
     if len(pairs) < LEAST_CLASSES:
-        return KindModel(ratio=ratio)
+        return shipped
     families = sorted({family for family, _ in pairs})
     table = _table(pairs, families, kinds)
     model = KindModel(bias={}, ratio=ratio)
@@ -131,7 +173,14 @@ def learn_kinds(classes: Iterable[tuple[str, Disagreement]], kinds: Sequence[str
         model = _with_biases(model, table, kinds, families)
         model = _with_variances(model, table, kinds, families)
         model = _with_families(model, table, kinds, families)
-    return model
+    return model.towards(shipped, len(pairs) / (len(pairs) + SHIPPED_CLASSES))
+
+
+@cache
+def shipped_model() -> KindModel:
+    """What the sources of the shipped release gave (`data/curated/evidence_model.json`)."""
+    path = taxonomy_directory().parent / "curated" / "evidence_model.json"
+    return KindModel.of_record(json.loads(path.read_text(encoding="utf-8")))
 
 
 def _table(pairs: Sequence[tuple[str, Disagreement]], families: Sequence[str], kinds: Sequence[str]) -> _Table:

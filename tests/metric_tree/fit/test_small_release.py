@@ -48,7 +48,9 @@ def test_every_norm_of_one_size_has_its_median_and_is_no_wider_than_its_toleranc
         assert node.tier == "norm", row.node_id
         if sizes[row.node_id] == 1:
             typical = sorted(value for value in row.typical if value)
-            assert sorted(node.prior(node.prior_dims[0]).quantile(0.5)) == pytest.approx(typical, rel=0.002), row.node_id
+            assert sorted(node.prior(node.prior_dims[0]).quantile(0.5)) == pytest.approx(typical, rel=0.002), (
+                row.node_id
+            )
 
 
 def test_neither_a_bias_nor_items_move_a_norm() -> None:

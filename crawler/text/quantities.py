@@ -115,6 +115,8 @@ def _number(
 def _unit_at(run: Sequence[Token], place: int) -> tuple[str | None, int]:
     if _kind(run, place) == "open" and _kind(run, place + 2) == "close" and (key := unit_word(run[place + 1].text)):
         return key, place + 3  # `12.00 (in)`
+    if [_kind(run, place + i) for i in range(4)] == ["open", "header", "close", "unit"]:
+        return run[place + 3].key, place  # `60 x 40 x 75 (W x D x H) cm`: the header is read where it stands
     if _kind(run, place) == "unit":
         behind = place + 1
         if _kind(run, behind) == "other" and run[behind].text == "." and run[behind].start == run[place].end:

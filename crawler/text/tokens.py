@@ -43,6 +43,9 @@ _TOKEN = re.compile(
     re.IGNORECASE,
 )
 
+#: The point of an axis letter is not one of a decimal: `H.75 x L.90 x P.40 cm`.
+_ABBREVIATED = re.compile(r"(?<=\b[lwhdbtp])\.(?=\d)", re.IGNORECASE)
+
 _HUNDREDS, _THOUSANDS = re.compile(r"\d{3}"), re.compile(r"[1-9]\d{0,2}\.\d{3}")
 
 _RANGE_WORDS = frozenset({"to", "bis", "a", "à", "tot", "hasta", "ate", "fino"})
@@ -64,7 +67,7 @@ class Token:
 def tokens(text: str, language: Language | None = None) -> list[Token]:
     """The tokens of a text; invisible signs must be gone already, letters may have any case."""
     run: list[Token] = []
-    for match in _TOKEN.finditer(text):
+    for match in _TOKEN.finditer(_ABBREVIATED.sub(" ", text)):
         run.append(_token(match, language, run))
     return _with_word_headers(_as_romance(_as_thousands(run)))
 
@@ -135,18 +138,20 @@ def _token(match: re.Match[str], language: Language | None, run: list[Token]) ->
 
 
 def _may_carry(run: list[Token], text: str) -> bool:
-    """Whether a unit may follow: behind a number, or the letters of its axis (`63H cm`, `88Al cm`, `75 (H) cm`)."""
+    """Whether a unit may follow: behind a number, or the letters of axes (`63H cm`, `75 (H) cm`, `(L x W x H) cm`)."""
     if not run:
         return False
     before = run[-2] if len(run) > 1 and run[-1].kind == "close" else run[-1]
     if before.kind == "number":
         return before is run[-1]
+    if before.kind == "header":
+        return before is not run[-1] and len(text) > 1
     return before.kind == "axis" and len(text) > 1 and (len(before.text) <= 2 or before is not run[-1])
 
 
 def _word(text: str, start: int, end: int, language: Language | None, before: Token | None) -> Token:
     bare = plain(text)
-    if axis := axis_of_word(bare):
+    if (axis := axis_of_word(bare)) and not (bare == "large" and language == "en"):
         return Token("axis", bare, start, end, key=axis)
     if len(bare) <= 2 and (axis := axis_of_letter(text, language)):
         return Token("axis", bare, start, end, key=axis)

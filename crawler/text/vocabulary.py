@@ -140,7 +140,7 @@ _WHOLE = re.compile(
 #: Parts of things, and what is measured beside the thing: their sizes are never the size of the whole.
 _COMPONENT = re.compile(
     r"\b("
-    r"seat\w*|arm\w*|foot ?(rest|board)s?|head ?(rest|board)s?|back ?(rest|plate|height|width|panel)?|backplate"
+    r"seat\w*|sh|arm\w*|foot ?(rest|board)s?|head ?(rest|board)s?|back ?(rest|plate|height|width|panel)?|backplate"
     r"|base|leg|legs|foot|footprint"
     r"|feet|shade|lampshade|cord|cable|canopy|drawer\w*|shelf|shelves|door|tabletop|table top"
     r"|top (width|depth|thickness)|interior|inner|inside|internal|opening|cut ?-?out|clearance|screen"

@@ -57,6 +57,22 @@ def test_sizes_as_pages_write_them(text: str, label: str, language: Language, ex
 
 
 @pytest.mark.parametrize(
+    ("text", "language", "expected"),
+    [
+        ("60 × 40 × 75 (B × T × H) cm", "de", [{"width": 600, "depth": 400, "height": 750}]),
+        ("H.75 x L.90 x P.40 cm", "fr", [{"height": 750, "width": 900, "depth": 400}]),
+        ("W: 60cm, D: 40cm, H: 75cm, SH: 45cm", "en", [{"width": 600, "depth": 400, "height": 750}]),
+        ("Large: 50 x 30 x 20 cm", "en", [{}]),
+        ("Overall: 30 in. (76 cm) W x 15.5 in. (39 cm) D", "en", [{"width": 760, "depth": 390}]),
+        ("Height: 20 in. (51 cm)", "en", [{"height": 510}]),
+    ],
+)
+def test_asides_abbreviations_and_units_behind_an_order(text: str, language: Language, expected: list[object]) -> None:
+    """The last two: where a length comes again in brackets in metric, the metric one counts, not the rounded inch."""
+    assert [one.dimensions_mm() for one in sizes(text, "", language) if one.meaning == "whole"] == expected
+
+
+@pytest.mark.parametrize(
     "text", ["180 (L) x 90 (W) x 75 (H) cm", "180(L) x 90(W) x 75(H) cm", "180 (length) x 90 (width) x 75 (height) cm"]
 )
 def test_axes_in_brackets_before_one_unit(text: str) -> None:

@@ -46,6 +46,7 @@ ROOMS = [
     "estimator.visibility",
     "estimator.association",
     "estimator.geometry",
+    "estimator.telemetry",
     "estimator.evidence",
     "estimator.posterior",
     "estimator.results",

@@ -27,7 +27,7 @@ __all__ = ["main"]
 
 ROOT = Path(__file__).resolve().parents[2]
 VIDEO = ROOT / "data" / "scenes" / "demo_video"
-STAGES = ("frames", "features", "matches", "model", "poses", "dense", "instances")
+STAGES = ("frames", "features", "matches", "mapping", "model", "poses", "dense", "instances")
 #: Two runs of the mapper give the same scale up to this share.
 SAME = 1e-4
 COMMAND = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main(sys.argv[1:]))"

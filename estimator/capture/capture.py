@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +16,9 @@ from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, writ
 from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from estimator.capture.localisation import localised_frames
 from estimator.capture.mapping.evidence import Evidence, Pair
-from estimator.capture.mapping.failures import CaptureFailure, Failure
+from estimator.capture.mapping.failures import CaptureFailure, Failure, after_all
 from estimator.capture.mapping.reconstruction import Lens, make_features, make_matches, make_model
+from estimator.capture.mapping.rungs import RUNGS, WHOLE_SHARE, Rung, next_rungs
 from estimator.capture.video import Video
 from estimator.capture.work_folder import WorkFolder, content_digest
 from estimator.reconstructions.cameras import CAMERA_MODELS
@@ -30,16 +33,20 @@ __all__ = ["Capture", "CaptureOptions", "capture_video", "reconstruct"]
 REPORT = "reconstruction.json"
 #: Features and matches, kept so that a later stage can be made again.
 DATABASES = "databases"
+#: The camera model that is tried first.
+SIMPLEST = "SIMPLE_RADIAL"
 DENSE = ("dense.ply", "dense.ply.vis")
 #: What each stage writes.
-STAGES = {
+STAGES: dict[str, tuple[str, ...]] = {
     "frames": ("frames", FRAMES_FILE),
-    "features": (f"{DATABASES}/features.db", f"{DATABASES}/features.json"),
-    "matches": (f"{DATABASES}/matches.db", f"{DATABASES}/matches.json"),
     "model": ("sparse", REPORT),
     "poses": (FILE_NAME,),
     "dense": DENSE,
 }
+for _rung in RUNGS:
+    for _stage in ("features", "matches"):
+        STAGES[_stage + _rung.suffix] = tuple(f"{DATABASES}/{_stage}{_rung.suffix}.{end}" for end in ("db", "json"))
+    STAGES[f"mapping{_rung.suffix}"] = (f"{DATABASES}/model{_rung.suffix}", f"{DATABASES}/model{_rung.suffix}.json")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,12 +54,12 @@ class CaptureOptions:
     """What the user asks for.
 
     frames : how many to choose, None for as many as the motion asks for; focal_px : in pixels of the source;
-    camera_model : COLMAP's name; dense : whether to make `dense.ply`.
+    camera_model : COLMAP's name, None for the one that fits; dense : whether to make `dense.ply`.
     """
 
     frames: int | None = None
     focal_px: float | None = None
-    camera_model: str = "SIMPLE_RADIAL"
+    camera_model: str | None = None
     dense: bool = False
 
     def __post_init__(self) -> None:
@@ -60,7 +67,7 @@ class CaptureOptions:
             raise InputError.at("--frames", "number", "2 or more", self.frames)
         if self.focal_px is not None and not 1 < self.focal_px < 1e6:
             raise InputError.at("--focal", "focal length", "pixels of the source, more than 1", self.focal_px)
-        if self.camera_model not in CAMERA_MODELS:
+        if self.camera_model is not None and self.camera_model not in CAMERA_MODELS:
             raise InputError.at("--camera-model", "model", "one of COLMAP's, such as SIMPLE_RADIAL", self.camera_model)
 
 
@@ -84,7 +91,7 @@ def capture_video(
     *,
     frames: int | None = None,
     focal_px: float | None = None,
-    camera_model: str = "SIMPLE_RADIAL",
+    camera_model: str | None = None,
     dense: bool = False,
     progress: ProgressCallback = silent,
     notice: NoticeCallback = no_notice,
@@ -98,7 +105,7 @@ def capture_video(
         replaced in it that another program wrote
     frames : how many frames to use, by default as many as the motion asks for
     focal_px : focal length in pixels of the source, which is then not refined
-    camera_model : COLMAP's name
+    camera_model : COLMAP's name, by default the one that fits
     dense : whether to make dense points, too
     progress : is called with the name of a step, how much of it is done, and of how much or None
     notice : is called with a sentence on how the dense points are made
@@ -152,30 +159,7 @@ def reconstruct(
     )
     frames = read_frames(work.path)
     lens = _lens(frames, options)
-    pictures = work.path / "frames"
-    databases = work.path / DATABASES
-    in_order = isinstance(source, Video)
-    features_digest = work.stage(
-        "features",
-        {"frames": frames_digest, "lens": [lens.model, lens.focal_px]},
-        STAGES["features"],
-        lambda part: make_features(_make_folder(part / DATABASES), pictures, _cameras(frames, lens), progress),
-    )
-    matches_digest = work.stage(
-        "matches",
-        {"features": features_digest},
-        STAGES["matches"],
-        lambda part: make_matches(_make_folder(part / DATABASES), databases, frames.names, in_order, progress),
-    )
-    model_digest = work.stage(
-        "model",
-        {"matches": matches_digest, "fixed": lens.fixed},
-        STAGES["model"],
-        lambda part: make_model(part, databases, pictures, _evidence(databases, frames), lens, progress),
-    )
-    failure = read_json(work.path / REPORT).get("failure")
-    if failure is not None:
-        raise CaptureFailure(Failure(failure["code"], failure["message"]))
+    model_digest = _make_sparse(work, frames_digest, frames, lens, isinstance(source, Video), progress)
     work.stage(
         "poses",
         {"model": model_digest, "frames": frames_digest},
@@ -191,6 +175,92 @@ def reconstruct(
     write_cautions(capture_cautions(path, frames, report, options.focal_px is not None), work.path)
 
 
+def _make_sparse(
+    work: WorkFolder, frames_digest: str, frames: Frames, lens: Lens, in_order: bool, progress: ProgressCallback
+) -> str:
+    """`sparse/0` by the first rung of the ladder that places nearly all frames, or the one that places most.
+
+    Returns the digest of the stage.
+
+    Raises
+    ------
+    CaptureFailure
+        None of the rungs that may help gives a model that can be used; the failure is that of the rung that placed
+        most frames.
+    """
+    tried: list[tuple[Rung, str, dict[str, Any]]] = []
+    above: tuple[Rung, ...] = RUNGS
+    while above:
+        rung, *_ = above
+        digest = _climb(work, rung, frames_digest, frames, lens, in_order, progress)
+        report = read_json(work.path / DATABASES / f"model{rung.suffix}.json")
+        tried.append((rung, digest, report))
+        failure = None if report["failure"] is None else Failure(**report["failure"])
+        if failure is None and _placed(report) >= WHOLE_SHARE * len(frames.names):
+            break
+        above = next_rungs(rung, failure, _placed(report), _evidence(work.path / DATABASES, frames, rung))
+    rung, digest, report = max(tried, key=lambda row: (row[2]["failure"] is None, _placed(row[2])))
+    ended = [{"rung": row.name, "code": _code(result), "placed": _placed(result)} for row, _, result in tried]
+    report |= {"rung": rung.name if report["failure"] is None else None, "tried": ended}
+    digest = work.stage(
+        "model",
+        {"rung": digest, "tried": ended},
+        STAGES["model"],
+        lambda part: _make_chosen(part, work.path / DATABASES / f"model{rung.suffix}", report),
+    )
+    if report["failure"] is not None:
+        raise CaptureFailure(after_all(Failure(**report["failure"]), [row.name for row, _, _ in tried]))
+    return digest
+
+
+def _climb(
+    work: WorkFolder,
+    rung: Rung,
+    frames_digest: str,
+    frames: Frames,
+    lens: Lens,
+    in_order: bool,
+    progress: ProgressCallback,
+) -> str:
+    """The stages of one rung: features, matches and, if they can be used, a model; the digest of the last."""
+    pictures, databases, end = work.path / "frames", work.path / DATABASES, rung.suffix
+    features_digest = work.stage(
+        f"features{end}",
+        {"frames": frames_digest, "lens": [lens.model, lens.focal_px]},
+        STAGES[f"features{end}"],
+        lambda part: make_features(_make_folder(part / DATABASES), pictures, _cameras(frames, lens), rung, progress),
+    )
+    matches_digest = work.stage(
+        f"matches{end}",
+        {"features": features_digest},
+        STAGES[f"matches{end}"],
+        lambda part: make_matches(_make_folder(part / DATABASES), databases, frames.names, in_order, rung, progress),
+    )
+    evidence, model = _evidence(databases, frames, rung), f"{DATABASES}/model{end}"
+
+    def make(part: Path) -> None:
+        _make_folder(part / DATABASES)
+        make_model(part / model, databases / f"matches{end}.db", pictures, evidence, lens, progress)
+
+    inputs = {"matches": matches_digest, "fixed": lens.fixed, "free": lens.free}
+    return work.stage(f"mapping{end}", inputs, STAGES[f"mapping{end}"], make)
+
+
+def _placed(report: dict[str, Any]) -> int:
+    return 0 if report["model"] is None else int(report["model"]["registered"])
+
+
+def _code(report: dict[str, Any]) -> str | None:
+    return None if report["failure"] is None else str(report["failure"]["code"])
+
+
+def _make_chosen(part: Path, model: Path, report: dict[str, Any]) -> None:
+    """`sparse/0` and `reconstruction.json`, of the rung that counts."""
+    if report["failure"] is None:
+        shutil.copytree(model, part / "sparse" / "0")
+    (part / REPORT).write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
+
+
 def _make_folder(folder: Path) -> Path:
     folder.mkdir(exist_ok=True)
     return folder
@@ -204,11 +274,13 @@ def _folder_digest(source: Source) -> list[str]:
 def _lens(frames: Frames, options: CaptureOptions) -> Lens:
     """The focal length is given in pixels of the source; the frames may be smaller."""
     width, height = frames.size
+    model, free = options.camera_model or SIMPLEST, options.camera_model is None
     if not frames.one_camera:  # the parameters of one fit no other
-        return Lens(options.camera_model, None, False, width, height)
+        return Lens(model, None, False, width, height)
     if options.focal_px is None:
-        return Lens(options.camera_model, frames.focals_px[0], False, width, height, rough=frames.times_s is not None)
-    return Lens(options.camera_model, options.focal_px * width / frames.source_size[0], True, width, height)
+        rough = frames.times_s is not None
+        return Lens(model, frames.focals_px[0], False, width, height, rough, free)
+    return Lens(model, options.focal_px * width / frames.source_size[0], True, width, height)
 
 
 def _cameras(frames: Frames, lens: Lens) -> list[tuple[Lens, list[str]]]:
@@ -221,9 +293,9 @@ def _cameras(frames: Frames, lens: Lens) -> list[tuple[Lens, list[str]]]:
     ]
 
 
-def _evidence(databases: Path, frames: Frames) -> Evidence:
-    keypoints = read_json(databases / "features.json")["keypoints"]
-    pairs = tuple(_pair(row) for row in read_json(databases / "matches.json")["pairs"])
+def _evidence(databases: Path, frames: Frames, rung: Rung) -> Evidence:
+    keypoints = read_json(databases / f"features{rung.suffix}.json")["keypoints"]
+    pairs = tuple(_pair(row) for row in read_json(databases / f"matches{rung.suffix}.json")["pairs"])
     counts = np.array([keypoints.get(name, 0) for name in frames.names], dtype=np.int64)
     return Evidence(frames.names, counts, pairs, frames.size, frames.edges)
 

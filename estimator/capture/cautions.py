@@ -16,6 +16,8 @@ from metric_base.input_files import read_json
 __all__ = ["CAUTIONS_FILE", "capture_cautions", "read_cautions", "write_cautions"]
 
 CAUTIONS_FILE = "cautions.json"
+#: Frames without a place that are named.
+MOST_NAMED = 5
 
 
 def capture_cautions(path: Path, frames: Frames, report: dict[str, Any], focal_given: bool) -> tuple[str, ...]:
@@ -33,8 +35,15 @@ def capture_cautions(path: Path, frames: Frames, report: dict[str, Any], focal_g
         cautions.append(
             f"{path}: pictures of {len(frames.cameras())} cameras, by their sizes and EXIF's focal lengths{words}"
         )
+    if report["model"]["left_out"]:
+        cautions.append(f"{path}: {_left_out(report['model']['left_out'], report['pairs']['frames'])}")
     focal = _of_the_focal_length(report, "--focal" if focal_given else "the file")
     return (*cautions, *(f"{path}: {words}" for words in (*focal, *_of_the_motion(report))))
+
+
+def _left_out(names: list[str], n_frames: int) -> str:
+    named = ", ".join([*names[:MOST_NAMED], *(["..."] if len(names) > MOST_NAMED else [])])
+    return f"{len(names)} of {n_frames} frames could not be placed and are not used: {named}"
 
 
 def write_cautions(cautions: tuple[str, ...], folder: Path) -> None:

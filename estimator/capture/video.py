@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.capture.hdr import CURVES, standard_range
 from estimator.capture.quicktime import stated_focal_35mm
+from estimator.telemetry.recordings import READ_ALONE
 from metric_base.errors import InputError, Unquoted
 
 __all__ = ["VIDEO_SUFFIXES", "Video", "VideoFrame"]
@@ -21,8 +22,6 @@ Picture = NDArray[np.uint8]
 
 #: Suffixes that are read as videos; the content decides whether they are.
 VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".m2ts", ".3gp", ".mpg", ".mpeg"})
-#: What FFmpeg may read: this file alone, as a container of pictures and sound, not as a list of other files.
-READ_ALONE = {"protocol_whitelist": "file", "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi,mpegts,mpeg"}
 #: Largest frame, and the widest and narrowest shape of its pixels.
 MAX_PIXELS, MAX_ASPECT = 1 << 26, 8
 #: Width in millimetres of a picture of 4:3 whose diagonal is that of 35 mm film. Telephones state the focal

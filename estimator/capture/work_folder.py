@@ -19,7 +19,7 @@ from metric_base.files import whole_file
 __all__ = ["WorkFolder", "content_digest"]
 
 #: Changed whenever a stage makes something else of the same inputs, so that old outputs are made again.
-VERSION = 6
+VERSION = 8
 STAMPS = "stamps"
 _LOCK = ".lock"
 #: What the names of our temporary files and folders begin with.

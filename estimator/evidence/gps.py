@@ -1,32 +1,38 @@
-"""Positions of the cameras in metres: GPS in the pictures (EXIF), or a table."""
+"""Positions of the cameras in metres: GPS in the pictures (EXIF) or beside the video, or a table."""
 
 from __future__ import annotations
 
 import math
 import warnings
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from estimator.evidence.alignment import align
+from estimator.evidence.camera_path import CameraPath
 from estimator.evidence.source import silent
 from estimator.instances.crops import ViewNames
 from estimator.instances.image_files import image_file, image_folders
 from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
+from estimator.telemetry.records import Positions
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 
 if TYPE_CHECKING:
     from estimator.geometry.measurement import Measurements
 
-__all__ = ["Gps", "local_metres"]
+__all__ = ["Gps", "VideoGps", "local_metres", "pictures_have_gps"]
 
-KIND = "gps"
+KIND, VIDEO_KIND = "gps", "gps_video"
+#: Frames further apart than this leave a gap in the path of a video.
+LONGEST_GAP_S = 1.0
+#: Worse than this, natural log, positions say nothing that the objects do not.
+MOST_SD = 0.2
 #: Metres (or degrees) beyond which no position on the earth is, whatever its origin.
 FARTHEST_M = 1e9
 
@@ -35,6 +41,16 @@ AXIS_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3
 
 #: EXIF: the tag of the GPS directory, and its tags of latitude, longitude and altitude with their references.
 EXIF_GPS, LAT_REF, LAT, LON_REF, LON, ALT_REF, ALT = 0x8825, 1, 2, 3, 4, 5, 6
+#: EXIF: dilution of precision, and the horizontal error in metres.
+DILUTION, POSITIONING_ERROR = 0x0B, 0x1F
+#: Metres of one position per unit of dilution, and where neither is stated, as telephones under open sky have it.
+METRES_PER_DILUTION, USUAL_ACCURACY_M = 2.5, 5.0
+#: Share of a receiver's error that changes along one recording, the rest moves the whole path.
+DRIFT_SHARE = 0.1
+#: Error of the length of a path by errors at its ends, over its root mean square extent: sqrt(2) / sqrt(12).
+END_TO_END = 0.41
+#: Pictures that are looked at for GPS when nobody asked for it.
+PROBED = 5
 
 #: Fewer positions align with anything.
 LEAST_POSITIONS = 4
@@ -59,22 +75,66 @@ class Gps:
 
     def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
         """The scale of the similarity from the cameras to their positions; silent where the path is too short."""
-        name = str(self.source) if self.source == "exif" else Path(self.source).name
-        positions = (
-            _exif_positions(scene, self.images) if self.source == "exif" else _table_positions(Path(self.source), scene)
-        )
+        if self.source == "exif":
+            positions, accuracy = _exif_positions(scene, self.images)
+            name = "exif"
+        else:
+            positions, accuracy = _table_positions(Path(self.source), scene), None
+            name = Path(self.source).name
         if len(positions) < LEAST_POSITIONS:
             return silent(KIND, name, f"{len(positions)} views have a position, {LEAST_POSITIONS} needed")
         centres = np.array([scene.views[row].centre for row in positions])
-        alignment = align(centres, np.array(list(positions.values())))
-        if alignment is None:
-            return silent(KIND, name, "the positions or the cameras are at one place")
-        if alignment.extent < LEAST_EXTENT * alignment.residual:
-            extent = f"{alignment.extent:.2g} m with an error of {alignment.residual:.2g} m"
-            return silent(KIND, name, f"the path is too short for its positions: {extent}")
-        if 2 * np.count_nonzero(alignment.inliers) <= len(positions):
-            return silent(KIND, name, "most positions contradict the reconstruction")
-        return (ScaleEvidence(KIND, name, alignment.scale, math.hypot(alignment.sd_log, LEAST_SD)),)
+        return _aligned_scale(KIND, name, centres, np.array(list(positions.values())), accuracy)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VideoGps:
+    """The positions that a video, or a log of it, states over time, and the path of its camera; name : of the file."""
+
+    positions: Positions
+    path: CameraPath
+    name: str
+
+    def observe(self, scene: Scene, measurements: Measurements) -> tuple[ScaleEvidence, ...]:  # noqa: ARG002
+        """The scale of the similarity from the path to the positions; silent where the path is too short."""
+        centres, rows = self.path.at(self.positions.times_s, LONGEST_GAP_S)
+        if len(rows) < LEAST_POSITIONS:
+            return silent(VIDEO_KIND, self.name, f"{len(rows)} positions along the path, {LEAST_POSITIONS} needed")
+        places = self.positions.places[rows]
+        metres = local_metres(places) if self.positions.geodetic else places
+        return _aligned_scale(VIDEO_KIND, self.name, centres, metres, self.positions.accuracy_m or USUAL_ACCURACY_M)
+
+
+def pictures_have_gps(scene: Scene, images: Path | None) -> bool:
+    """Whether some of a few pictures of the scene state where they were taken."""
+    some = scene.views[:: max(1, len(scene.views) // PROBED)][:PROBED]
+    return len(_exif_positions(replace(scene, views=tuple(some)), images)[0]) > 0
+
+
+def _aligned_scale(
+    kind: str, name: str, centres: FloatArray, metres: FloatArray, accuracy_m: float | None
+) -> tuple[ScaleEvidence, ...]:
+    """The scale from centres (n, 3) to positions (n, 3) in metres, or why there is none.
+
+    accuracy_m : of a receiver's position, None for a table, whose errors are independent. A receiver's drift along the
+    path, and then its length is as wrong as its ends, however many positions there are.
+    """
+    alignment = align(centres, metres)
+    if alignment is None:
+        return silent(kind, name, "the positions or the cameras are at one place")
+    if alignment.extent < LEAST_EXTENT * alignment.residual:
+        extent = f"{alignment.extent:.2g} m with an error of {alignment.residual:.2g} m"
+        return silent(kind, name, f"the path is too short for its positions: {extent}")
+    if 2 * np.count_nonzero(alignment.inliers) <= len(metres):
+        return silent(kind, name, "most positions contradict the reconstruction")
+    sd = math.hypot(alignment.sd_log, LEAST_SD)
+    if accuracy_m is not None:
+        drift = END_TO_END * math.hypot(alignment.residual, DRIFT_SHARE * accuracy_m) / alignment.extent
+        sd = math.hypot(sd, drift)
+    if sd > MOST_SD:
+        extent = f"{alignment.extent:.2g} m with receivers good to {accuracy_m or 0:.2g} m"
+        return silent(kind, name, f"the path is too short for its positions: {extent}")
+    return (ScaleEvidence(kind, name, alignment.scale, sd),)
 
 
 def local_metres(degrees: FloatArray) -> FloatArray:
@@ -122,23 +182,34 @@ def _numbers(cells: Iterable[Any]) -> list[float]:
     return numbers
 
 
-def _exif_positions(scene: Scene, images: Path | None) -> dict[int, FloatArray]:
-    """Metres (3,) by row of the view whose picture has GPS."""
+def _exif_positions(scene: Scene, images: Path | None) -> tuple[dict[int, FloatArray], float]:
+    """Metres (3,) by row of the view whose picture has GPS, and the median accuracy that the pictures state."""
     from PIL import Image
 
-    folders, values = image_folders(scene, images), dict[int, list[float]]()
+    folders, values, accuracies = image_folders(scene, images), dict[int, list[float]](), list[float]()
     for row, view in enumerate(scene.views):
         file = image_file(folders, view)
         if file is None:
             continue
         try:
             with warnings.catch_warnings(action="ignore"), Image.open(file) as picture:
-                position = _exif_degrees(picture.getexif().get_ifd(EXIF_GPS))
+                tags = picture.getexif().get_ifd(EXIF_GPS)
+                position, accuracy = _exif_degrees(tags), _exif_accuracy(tags)
         except (OSError, ValueError, ZeroDivisionError, TypeError):
             continue  # a picture without readable EXIF has no position
         if position is not None:
             values[row] = position
-    return _in_metres(values, geodetic=True)
+            accuracies.append(accuracy)
+    return _in_metres(values, geodetic=True), float(np.median(accuracies)) if accuracies else USUAL_ACCURACY_M
+
+
+def _exif_accuracy(tags: Mapping[int, Any]) -> float:
+    """Metres of a position, as its error or dilution of precision state it."""
+    for tag, metres in ((POSITIONING_ERROR, 1.0), (DILUTION, METRES_PER_DILUTION)):
+        value = float(tags.get(tag, 0.0)) * metres
+        if 0 < value < FARTHEST_M:
+            return value
+    return USUAL_ACCURACY_M
 
 
 def _exif_degrees(tags: Mapping[int, Any]) -> list[float] | None:

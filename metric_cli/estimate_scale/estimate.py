@@ -124,7 +124,7 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
 def _scene_result(options: argparse.Namespace) -> ScaleResult:
     from estimator.pipeline import scene_estimate
     from estimator.reading import read_scene
-    from metric_cli.estimate_scale.evidence_options import evidence_sources
+    from metric_cli.estimate_scale.evidence_options import automatic_sources, evidence_sources
 
     asked = _estimate_options(options)
     detector = None
@@ -146,7 +146,7 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
         paper_lists=options.paper_lists,
         images=options.images,
         detector=detector,
-        sources=evidence_sources(options),
+        sources=(*evidence_sources(options), *automatic_sources(options, scene)),
     )
     _write_pictures(options, estimate)
     return estimate.result

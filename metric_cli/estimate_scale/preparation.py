@@ -53,9 +53,7 @@ def prepare_capture(options: Namespace) -> Failure | None:
     from estimator.capture.work_folder import WorkFolder
     from metric_cli.progress import progress_bars
 
-    capture = CaptureOptions(
-        options.frames, options.focal, options.camera_model or "SIMPLE_RADIAL", options.dense == "auto"
-    )
+    capture = CaptureOptions(options.frames, options.focal, options.camera_model, options.dense == "auto")
     work = WorkFolder(options.work)
     with progress_bars() as shown:
         try:
@@ -117,13 +115,24 @@ def _prepare_instances(options: Namespace, work: WorkFolder) -> None:
         file = options.instances or beside
         if file.is_file() and options.categories is None:
             options.instances = None if copy_dataset(file, work) else file
-    elif options.draw is not None or not (work.path / INSTANCES).is_file():
+    elif options.draw is not None or not ((work.path / INSTANCES).is_file() or _needs_no_masks(options, work)):
         _draw(options, work)
+
+
+def _needs_no_masks(options: Namespace, work: WorkFolder) -> bool:
+    """Whether other evidence is asked for or, where nobody is there to draw masks, is in the files."""
+    from metric_cli.estimate_scale.evidence_options import asks_for_evidence, has_evidence
+
+    return asks_for_evidence(options) or (not _is_interactive() and has_evidence(options, work.path))
+
+
+def _is_interactive() -> bool:
+    return sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def _draw(options: Namespace, work: WorkFolder) -> None:
     """Instances that a person draws on a page; only where somebody is there to do it."""
-    if options.draw is None and not (sys.stdin.isatty() and sys.stderr.isatty()):
+    if options.draw is None and not _is_interactive():
         _say_what_is_missing(options, work)
     import metric_tree
     from estimator.capture.instances_file import save_drawing
@@ -145,6 +154,6 @@ def _notice(sentence: str) -> None:
 
 
 def _say_what_is_missing(options: Namespace, work: WorkFolder) -> NoReturn:
-    ways = "--instances FILE, --detector MODEL, or --draw to draw the objects on a page in a browser"
+    ways = "--instances FILE, --detector MODEL, or --draw to draw the objects on a page in a browser; or other evidence"
     words = f"none; the frames are in {work.path / 'frames'}"
     raise InputError.at(options.scene, "instances", ways, Unquoted(words))

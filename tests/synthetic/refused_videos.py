@@ -54,11 +54,11 @@ REFUSED_VIDEOS: dict[str, Callable[[], Iterator[SyntheticFrame]]] = {
     "motion_blur": lambda: recorded(_walk("sitting room", 7), LENS, blur=36.0),
     "several_places": _cut_together,
     "focal_length_undetermined": lambda: recorded(room("sitting room", 7, straight_ahead(FRAMES, 0.9)), LENS),
-    # a telephoto lens: 2.8 times the longer side
-    "implausible_focal_length": lambda: recorded(_walk("sitting room", 7), Lens(320, 240, 900.0)),
 }
-#: Two whose outcome rests on the noise, or that take long to make.
+#: Those whose outcome rests on the noise, or that take long to make.
 RARE_VIDEOS: dict[str, Callable[[], Iterator[SyntheticFrame]]] = {
     "focal_length_changes": lambda: zoomed(_walk("sitting room", 7, 14), 0.3),
+    # a telescope: 12 times the longer side
+    "implausible_focal_length": lambda: recorded(_walk("sitting room", 7), Lens(320, 240, 3840.0)),
     "drift": lambda: recorded(room("sitting room", 7, _turning_with_a_step(10, 60.0, 0.2)), LENS, noise=6.0),
 }

@@ -26,7 +26,8 @@ __all__ = ["main"]
 OUTCOME = "outcome.json"
 #: Stages of the table, and the stamps of the work folder that they sum.
 STAGES = {
-    "read": ("frames", "instances"), "features": ("features",), "matching": ("matches",), "mapping": ("model",),
+    "read": ("frames", "instances"), "features": ("features",), "matching": ("matches",),
+    "mapping": ("mapping", "model"),
     "poses": ("poses",), "scale": ("scale",), "insertion": ("insertion",),
 }  # fmt: skip
 #: Pictures in a row of the sheet, and the width of each in pixels.

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.capture.mapping.focal_length import focal_deviation
-from estimator.capture.mapping.pair_choice import EXHAUSTIVE, all_pairs, chosen_pairs, coarse_scores
+from estimator.capture.mapping.lens_choice import chosen_lens, lens_scores
+from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
 
 __all__ = ["Request", "run_step", "say"]
@@ -63,8 +64,8 @@ def features(request: Request) -> dict[str, Any]:
 def _extract(request: Request, names: list[str], params: str, camera_id: int) -> None:
     """Features of pictures that share a camera: the one of this id, or a new one for -1."""
     extraction = pycolmap.FeatureExtractionOptions(num_threads=request["threads"], max_image_size=request["max_side"])
-    extraction.sift.max_num_features = request["max_features"]
-    extraction.sift.first_octave = 0
+    for option, value in request["sift"].items():
+        setattr(extraction.sift, option, value)
     reader = pycolmap.ImageReaderOptions(
         camera_model=request["camera_model"],
         default_focal_length_factor=request["focal_factor"],
@@ -86,13 +87,14 @@ def matches(request: Request) -> dict[str, Any]:
     names: list[str] = request["names"]
     with pycolmap.Database.open(request["database"]) as database:
         ids = {image.name: image.image_id for image in database.read_all_images()}
-        few = len(names) <= EXHAUSTIVE
+        few = len(names) <= request["exhaustive"]
         described = [] if few else [_strongest(database, ids[name]) for name in names]
     pairs = all_pairs(len(names)) if few else chosen_pairs(coarse_scores(described), request["in_order"])
     listed = Path(request["database"]).with_suffix(".pairs.txt")
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = 0
-    matching = pycolmap.FeatureMatchingOptions(num_threads=request["threads"])
+    matching = pycolmap.FeatureMatchingOptions(num_threads=request["threads"], guided_matching=request["guided"])
+    matching.sift.max_ratio = request["ratio"]
     say({"done": 0, "of": len(pairs)})
     for start in range(0, len(pairs), PAIRS_AT_ONCE):
         some = pairs[start : start + PAIRS_AT_ONCE]
@@ -113,16 +115,19 @@ def matches(request: Request) -> dict[str, Any]:
 def incremental(request: Request) -> dict[str, Any]:
     """COLMAP's incremental mapper; the models are written to folders 0, 1, ... of the output, largest first.
 
-    The result also states how well the largest determines its focal length. With `focal_last` the focal length is held
-    until all frames stand, and adjusted then.
+    The result also states how well the largest determines its focal length. With `focal_last` the focal length, and
+    of a lens that is `held` every parameter, is held until all frames have a place, and adjusted then.
     """
-    refine = request["refine_focal"] and not request["focal_last"]
+    _set_lens(request)
+    held = _is_held(request)
+    refine = request["refine_focal"] and not request["focal_last"] and not held
     options = pycolmap.IncrementalPipelineOptions(
         num_threads=request["threads"],
         random_seed=request["seed"],
         extract_colors=False,
         min_model_size=3,
         ba_refine_focal_length=refine,
+        ba_refine_extra_params=not held,
         ba_global_frames_ratio=1.3,
         ba_global_points_ratio=1.3,
         ba_global_max_refinements=3,
@@ -130,6 +135,7 @@ def incremental(request: Request) -> dict[str, Any]:
     # the steps of a video are small; COLMAP's 16 degrees suit photographs
     options.mapper.init_min_tri_angle = 6.0
     options.mapper.abs_pose_refine_focal_length = refine
+    options.mapper.abs_pose_refine_extra_params = not held
     total, placed = len(request["names"]), [2]
 
     def count_image() -> None:
@@ -139,7 +145,7 @@ def incremental(request: Request) -> dict[str, Any]:
     models = pycolmap.incremental_mapping(
         request["database"], request["pictures"], request["scratch"], options=options, next_image_callback=count_image
     )
-    if request["focal_last"]:
+    if request["focal_last"] or held:
         for model in models.values():
             pycolmap.bundle_adjustment(model)
     largest = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
@@ -149,12 +155,21 @@ def incremental(request: Request) -> dict[str, Any]:
 
 def global_(request: Request) -> dict[str, Any]:
     """COLMAP's global mapper, on the named pictures."""
+    _set_lens(request)
     options = pycolmap.GlobalPipelineOptions(
         num_threads=request["threads"], random_seed=request["seed"], image_names=request["names"]
     )
-    options.mapper.bundle_adjustment.refine_focal_length = request["refine_focal"]
+    held = _is_held(request)
+    options.mapper.bundle_adjustment.refine_focal_length = request["refine_focal"] and not held
+    options.mapper.bundle_adjustment.refine_extra_params = not held
     models = pycolmap.global_mapping(request["database"], request["pictures"], request["scratch"], options=options)
     return _write_models(models, request)
+
+
+def lenses(request: Request) -> dict[str, Any]:
+    """How well each camera model does on observations that it was not fitted to, and the best of them."""
+    scores = lens_scores(request["model"])
+    return {"scores": scores, "chosen": chosen_lens(scores)}
 
 
 STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
@@ -162,7 +177,28 @@ STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
     "matches": matches,
     "incremental": incremental,
     "global": global_,
+    "lenses": lenses,
 }
+
+
+def _is_held(request: Request) -> bool:
+    """Whether every parameter of the lens stays until all frames have a place."""
+    return request["lens"] is not None and bool(request["lens"]["held"])
+
+
+def _set_lens(request: Request) -> None:
+    """Give the one camera of the database the model and parameters that the mapper begins with, if any are named.
+
+    COLMAP takes no pair of fisheye pictures whose focal length it does not believe.
+    """
+    if request["lens"] is None:
+        return
+    with pycolmap.Database.open(request["database"]) as database:
+        (camera,) = database.read_all_cameras()
+        camera.model = getattr(pycolmap.CameraModelId, request["lens"]["model"])
+        camera.params = request["lens"]["params"]
+        camera.has_prior_focal_length = request["lens"]["held"]
+        database.update_camera(camera)
 
 
 def _write_models(models: dict[int, Any], request: Request) -> dict[str, Any]:

@@ -14,12 +14,14 @@ from estimator.reconstructions.colmap import read_colmap
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Evidence", "ModelShape", "Pair", "model_disagreement", "model_shape"]
+__all__ = ["Evidence", "ModelShape", "Pair", "aligned_centres", "model_disagreement", "model_shape", "residual_pattern"]
 
 #: Verified matches that make two frames belong together.
 LINKED = 30
 #: Points looked at for the angle of triangulation.
 SAMPLE = 2000
+#: Cells to a side in which residuals are looked at for a pattern, and the fewest residuals that say something of one.
+GRID, LEAST_IN_CELL = 8, 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +124,8 @@ class ModelShape:
     names : registered frames; centres : (v, 3); points : how many; angle_deg : median over the
     points of the widest angle between two views of it; error_px : median reprojection error; focal : over the longer
     side; lens_bend : largest displacement by the lens within the picture, as a share of the longer side;
-    focal_deviation : of `focal_deviation`, None where it could not be computed; focal_spread : of `focal_spread`.
+    focal_deviation : of `focal_deviation`, None where it could not be computed; focal_spread : of `focal_spread`;
+    pattern : of `residual_pattern`; camera : COLMAP's camera model.
     """
 
     names: tuple[str, ...]
@@ -134,6 +137,8 @@ class ModelShape:
     lens_bend: float
     focal_deviation: float | None = None
     focal_spread: float | None = None
+    pattern: float = 0.0
+    camera: str = "SIMPLE_RADIAL"
 
     def summary(self) -> dict[str, Any]:
         """Figures for the report."""
@@ -146,6 +151,8 @@ class ModelShape:
             "lens_bend": self.lens_bend,
             "focal_deviation": self.focal_deviation,
             "focal_spread": self.focal_spread,
+            "pattern": self.pattern,
+            "camera": self.camera,
         }
 
 
@@ -158,16 +165,19 @@ def model_shape(folder: Path, focal_deviation: float | None = None) -> ModelShap
         return None
     camera = scene.views[0].camera
     side = max(camera.width, camera.height)
+    residuals, pixels = _residuals(scene)
     return ModelShape(
         tuple(view.name for view in scene.views),
         np.array([view.centre for view in scene.views]),
         len(scene.points),
         _median_angle(scene),
-        _median_error(scene),
+        float(np.nanmedian(np.linalg.norm(residuals, axis=1))),
         float(camera.params[0]) / side,
         _lens_bend(scene) / side,
         focal_deviation,
         focal_spread(scene),
+        residual_pattern(residuals, pixels, (camera.width, camera.height)),
+        camera.model,
     )
 
 
@@ -184,11 +194,11 @@ def model_disagreement(one: ModelShape, two: ModelShape | None) -> float | None:
         return None
     first, second = (np.array([model.centres[pair[k]] for pair in shared]) for k, model in enumerate((one, two)))
     extent = float(np.sqrt(((first - first.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    moved = _align(second, first)
+    moved = aligned_centres(second, first)
     return float(np.sqrt(((moved - first) ** 2).sum(axis=1).mean()) / max(extent, 1e-12))
 
 
-def _align(source: FloatArray, target: FloatArray) -> FloatArray:
+def aligned_centres(source: FloatArray, target: FloatArray) -> FloatArray:
     """Source (n, 3) under the similarity that brings it nearest to target (Umeyama 1991)."""
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     u, d, vt = np.linalg.svd(b.T @ a / len(a))
@@ -217,12 +227,35 @@ def _median_angle(scene: Scene) -> float:
     return float(np.median(angles))
 
 
-def _median_error(scene: Scene) -> float:
-    errors = []
+def _residuals(scene: Scene) -> tuple[FloatArray, FloatArray]:
+    """(n, 2) pixels from every observation to the projection of its point, and (n, 2) the observations."""
+    residuals = []
     for view in scene.views:
         local = scene.points[view.point_index] @ view.rotation.T + view.translation
-        errors.append(np.linalg.norm(project(view.camera, local) - view.keypoints, axis=1))
-    return float(np.nanmedian(np.concatenate(errors)))
+        residuals.append(project(view.camera, local) - view.keypoints)
+    return np.concatenate(residuals), np.concatenate([view.keypoints for view in scene.views])
+
+
+def residual_pattern(residuals: FloatArray, pixels: FloatArray, size: tuple[int, int]) -> float:
+    """How much of the residuals depends on the place in the picture alone, as a share of their spread.
+
+    residuals, pixels : (n, 2); size : (width, height). With cells c of a grid, n_c residuals in each, their mean m_c
+    and variance v_c: sqrt(sum (n_c |m_c|^2 - v_c) / sum (n_c v_c)). A lens that the camera model describes leaves 0.
+    """
+    known = np.isfinite(residuals).all(axis=1)
+    residuals, pixels = residuals[known], pixels[known]
+    places = np.clip((pixels / size * GRID).astype(np.int64), 0, GRID - 1)
+    cells = places[:, 0] * GRID + places[:, 1]
+    explained, whole = 0.0, 0.0
+    for cell in np.unique(cells):
+        rows = residuals[cells == cell]
+        if len(rows) < LEAST_IN_CELL:
+            continue
+        middle = rows.mean(axis=0)
+        variance = float(((rows - middle) ** 2).sum() / (len(rows) - 1))
+        explained += len(rows) * float(middle @ middle) - variance
+        whole += len(rows) * variance
+    return float(np.sqrt(max(explained, 0.0) / whole)) if whole > 0 else 0.0
 
 
 def _lens_bend(scene: Scene) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["CODES", "TYPICAL_FOCAL", "CaptureFailure", "Failure", "failure"]
+__all__ = ["CODES", "TYPICAL_FOCAL", "CaptureFailure", "Failure", "after_all", "failure"]
 
 #: Focal length over the longer side before anything is known: a telephone's main camera while recording. Its 24 to 28
 #: mm (of 35 mm film) are 0.69 to 0.81 of the longer side of a photograph, and a video is cropped by a tenth or so.
@@ -50,3 +50,10 @@ class CaptureFailure(Exception):
 def failure(code: str, seen: str) -> Failure:
     """The failure with what was seen and what to do about it."""
     return Failure(code, f"{seen}; {ADVICE[code]}")
+
+
+def after_all(seen: Failure, tried: list[str]) -> Failure:
+    """The failure, which says what was tried where that was more than one way."""
+    if len(tried) < 2:
+        return seen
+    return Failure(seen.code, f"{seen.message} (tried: {'; '.join(tried)}; other camera models)")

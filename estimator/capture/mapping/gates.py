@@ -8,6 +8,7 @@ from estimator.capture.mapping.evidence import Evidence, ModelShape
 from estimator.capture.mapping.failures import Failure, failure
 
 __all__ = [
+    "LEAST_FRAMES",
     "SMEARED",
     "UNDETERMINED",
     "UNSTEADY",
@@ -15,6 +16,7 @@ __all__ = [
     "early_failure",
     "focal_is_determined",
     "focal_undetermined",
+    "lens_is_doubtful",
     "model_failure",
 ]
 
@@ -29,14 +31,12 @@ LEAST_KEYPOINTS = 150
 SMEARED = (0.12, 0.19)
 #: Share of the moving pairs that a rotation explains: a turn on the spot 0.99, a walk through a room below 0.05.
 ROTATION_SHARE = 0.6
-#: A second group of so large a share of the frames is another place.
-SECOND_PLACE = 0.15
-#: Share of the frames that must be placed.
-PLACED_SHARE = 0.6
+#: More than this share of the frames must belong together and be placed; the others are named.
+PLACED_SHARE = 0.5
 #: Widest angle between two views of a point, median, below which depth is guessed.
 LEAST_ANGLE_DEG = 1.5
-#: Focal length over the longer side: 0.5 is 90 degrees across, 2 a telephoto lens.
-FOCAL_RANGE = (0.5, 2.0)
+#: Focal length over the longer side: 0.3 is 118 degrees across, as an action camera has, 8 a long telephoto lens.
+FOCAL_RANGE = (0.3, 8.0)
 #: A stated focal length widens that range to itself and so much more: what it is stated of may be cropped.
 STATED_MARGIN = 1.25
 #: `focal_deviation` from which the video does not determine the focal length. Synthetic videos of 320 pixels: walks
@@ -53,6 +53,12 @@ UNSTEADY = 0.0015
 UNSURE = 0.05
 #: A lens that moves the corners by more than this share of the side was invented to explain a wrong focal length.
 MOST_BEND = 0.2
+#: `residual_pattern` from which other camera models are tried: a wide lens under SIMPLE_RADIAL 0.16, telephones 0.02.
+PATTERN = 0.06
+#: Failures that a wrong camera model may explain.
+OF_THE_LENS = frozenset(
+    {"too_few_frames", "implausible_focal_length", "focal_length_changes", "focal_length_undetermined", "drift"}
+)
 #: Camera centres of two mappers differ by this share of the path where the path is not settled; ordinary rooms 0.001.
 MOST_DISAGREEMENT = 0.05
 
@@ -79,7 +85,7 @@ def model_failure(
     """
     n = len(evidence.names)
     placed = 0 if shape is None else len(shape.names)
-    if shape is None or placed < max(LEAST_FRAMES, PLACED_SHARE * n):
+    if shape is None or placed < LEAST_FRAMES or placed <= PLACED_SHARE * n:
         return _placement_failure(evidence, placed)
     if shape.angle_deg < LEAST_ANGLE_DEG:
         seen = f"the views of a point differ by {shape.angle_deg:.1f} degrees at most"
@@ -90,6 +96,13 @@ def model_failure(
         seen = f"two ways of computing the camera's path differ by {100 * disagreement:.0f} % of its extent"
         return failure("drift", seen)
     return None
+
+
+def lens_is_doubtful(shape: ModelShape | None, failure: Failure | None) -> bool:
+    """Whether another camera model may explain the frames better: its residuals show a pattern, or it was refused."""
+    if failure is not None and failure.code in OF_THE_LENS:
+        return True
+    return shape is not None and shape.pattern > PATTERN
 
 
 def focal_is_determined(shape: ModelShape) -> bool:
@@ -117,7 +130,7 @@ def _lens_failure(shape: ModelShape, focal_held: bool, stated: float | None) -> 
     if shape.focal_spread is not None and shape.focal_spread > ZOOMED:
         seen = f"the frames disagree about the focal length, by {100 * shape.focal_spread:.1f} % from one to the next"
         return failure("focal_length_changes", seen)
-    if shape.lens_bend > MOST_BEND:
+    if shape.lens_bend > MOST_BEND and "FISHEYE" not in shape.camera:
         seen = f"the lens came out so bent that it moves the corners by {100 * shape.lens_bend:.0f} % of the picture"
         return failure("implausible_focal_length", seen)
     return None
@@ -142,7 +155,7 @@ def _matching_failure(evidence: Evidence) -> Failure | None:
 
 def _places(evidence: Evidence) -> Failure | None:
     groups = [len(group) for group in evidence.groups()]
-    if len(groups) > 1 and groups[1] >= max(LEAST_FRAMES, SECOND_PLACE * len(evidence.names)):
+    if groups[0] <= PLACED_SHARE * len(evidence.names) and len(groups) > 1 and groups[1] >= LEAST_FRAMES:
         seen = f"the frames fall into groups of {groups[0]} and {groups[1]} that show nothing in common"
         return failure("several_places", seen)
     return None

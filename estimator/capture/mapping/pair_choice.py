@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import IntArray
 
-__all__ = ["EXHAUSTIVE", "all_pairs", "chosen_pairs", "coarse_scores"]
+__all__ = ["all_pairs", "chosen_pairs", "coarse_scores"]
 
-#: So many frames are matched each with each.
-EXHAUSTIVE = 100
-#: Of more, each is matched with so many of those that are 1, 2, 4, 8, ... after it: COLMAP's sequential matching with
-#: quadratic overlap.
+#: Of many frames, each is matched with so many of those that are 1, 2, 4, 8, ... after it: COLMAP's sequential matching
+#: with quadratic overlap.
 OVERLAP = 10
 #: Up to so many frames every pair is compared by its strongest features; beyond, every second frame is.
 COMPARED = 400

@@ -34,7 +34,7 @@ FRAMES = 26
 #: A third of the frames is reconstructed from, so that the others have to be localised.
 CHOSEN = 11
 COMMAND = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main(sys.argv[1:]))"
-STAGES = ("frames", "features", "matches", "model", "poses")
+STAGES = ("frames", "features", "matches", "mapping", "model", "poses")
 
 
 @dataclass(frozen=True)
@@ -241,6 +241,10 @@ def test_a_folder_of_its_frames_is_a_folder_of_pictures(
     assert len({tuple(camera.params) for camera in cameras.values()}) == 2
     (caution,) = read_cautions(tmp_path / "w")
     assert "pictures of 2 cameras" in caution
+    words = [str(tmp_path / "pictures"), "--work", str(tmp_path / "w"), "--json", "--camera-height", "1.5+-0.2"]
+    assert main(words) in (0, 3)  # masks are not asked for; the floor may be seen or not
+    (row,) = json.loads(capsys.readouterr().out)["evidence"]
+    assert row["kind"] == "camera_height"
 
 
 def _copy_with_focal(file: Path, folder: Path, millimetres: int) -> None:

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.capture.mapping.pair_choice import EXHAUSTIVE, all_pairs, chosen_pairs, coarse_scores
+from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coarse_scores
+from estimator.capture.mapping.rungs import RUNGS
 from estimator.reconstructions.pycolmap_library import pycolmap
 
 
 def test_up_to_100_frames_are_matched_each_with_each() -> None:
-    assert EXHAUSTIVE == 100
-    assert len(all_pairs(EXHAUSTIVE)) == 100 * 99 // 2
+    assert RUNGS[0].exhaustive == 100
+    assert len(all_pairs(RUNGS[0].exhaustive)) == 100 * 99 // 2
     assert set(all_pairs(4)) == {(0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3)}
 
 

@@ -13,8 +13,9 @@ import pytest
 from estimator.capture.cautions import capture_cautions, read_cautions
 from estimator.capture.frames import Frames
 from estimator.capture.mapping.evidence import Evidence, ModelShape, Pair
-from estimator.capture.mapping.failures import CODES
-from estimator.capture.mapping.gates import UNDETERMINED, early_failure, model_failure
+from estimator.capture.mapping.failures import CODES, failure
+from estimator.capture.mapping.gates import UNDETERMINED, early_failure, lens_is_doubtful, model_failure
+from estimator.capture.mapping.rungs import RUNGS, next_rungs
 from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.refused_videos import FRAMES, LENS, RARE_VIDEOS, REFUSED_VIDEOS
 from tests.synthetic.rooms.render import NoOpenGL
@@ -93,7 +94,7 @@ def test_what_the_model_shows() -> None:
     refusals = {
         "pure_rotation": model_failure(evidence, replace(shape, angle_deg=0.8), 0.002, focal_held=False),
         "drift": model_failure(evidence, shape, 0.3, focal_held=False),
-        "implausible_focal_length": model_failure(evidence, replace(shape, focal=2.9), 0.002, focal_held=False),
+        "implausible_focal_length": model_failure(evidence, replace(shape, focal=9.0), 0.002, focal_held=False),
         "focal_length_changes": model_failure(evidence, replace(shape, focal_spread=0.01), 0.002, focal_held=True),
         "focal_length_undetermined": model_failure(
             evidence, replace(shape, focal_deviation=0.6), 0.002, focal_held=False
@@ -101,11 +102,14 @@ def test_what_the_model_shows() -> None:
         "too_few_frames": model_failure(evidence, None, None, focal_held=False),
     }
     assert {code: refusal and refusal.code for code, refusal in refusals.items()} == {code: code for code in refusals}
-    assert model_failure(evidence, replace(shape, focal=2.9, focal_deviation=0.6), 0.002, focal_held=True) is None
-    assert model_failure(evidence, replace(shape, focal=2.9), 0.002, focal_held=False, stated_focal=2.8) is None
+    assert model_failure(evidence, replace(shape, focal=9.0, focal_deviation=0.6), 0.002, focal_held=True) is None
+    assert model_failure(evidence, replace(shape, focal=9.0), 0.002, focal_held=False, stated_focal=8.8) is None
+    assert model_failure(evidence, replace(shape, focal=0.34), 0.002, focal_held=False) is None  # a wide lens
     bent = model_failure(evidence, replace(shape, lens_bend=0.4), 0.002, focal_held=True)
     assert bent is not None
     assert bent.code == "implausible_focal_length"
+    fisheye = replace(shape, lens_bend=0.4, camera="OPENCV_FISHEYE")
+    assert model_failure(evidence, fisheye, 0.002, focal_held=True) is None
 
 
 @pytest.mark.parametrize(
@@ -121,11 +125,49 @@ def test_what_the_model_shows() -> None:
 )
 def test_what_is_used_with_a_caution(edges: list[float | None], spread: float | None, words: str | None) -> None:
     frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
-    model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": spread}
+    model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": spread, "left_out": []}
     report = {"pairs": {"edges": edges}, "model": model, "focal_held": False}
     cautions = capture_cautions(Path("video.mp4"), frames, report, focal_given=False)
     assert len(cautions) == (words is not None)
     assert all(f"video.mp4: {words}" in caution for caution in cautions)
+
+
+def test_frames_without_a_place_are_named() -> None:
+    frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
+    names = [f"{k}.jpg" for k in range(7)]
+    model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": 0.0, "left_out": names}
+    report = {"pairs": {"edges": [0.2, 0.2], "frames": 20}, "model": model, "focal_held": False}
+    (caution,) = capture_cautions(Path("p"), frames, report, focal_given=False)
+    assert caution.endswith(
+        "7 of 20 frames could not be placed and are not used: 0.jpg, 1.jpg, 2.jpg, 3.jpg, 4.jpg, ..."
+    )
+
+
+def test_a_group_of_more_than_half_of_the_frames_is_used() -> None:
+    evidence = _evidence()
+    shape = replace(_shape(evidence), names=tuple(evidence.names[:11]))
+    assert model_failure(evidence, shape, 0.002, focal_held=False) is None
+    half = model_failure(evidence, replace(shape, names=tuple(evidence.names[:10])), 0.002, focal_held=False)
+    assert half is not None
+    assert half.code == "too_few_frames"
+
+
+def test_when_other_lenses_and_features_are_tried() -> None:
+    evidence = _evidence()
+    shape = _shape(evidence)
+    assert not lens_is_doubtful(shape, None)
+    assert lens_is_doubtful(replace(shape, pattern=0.16), None)
+    spread = model_failure(evidence, replace(shape, focal_spread=0.01), 0.002, focal_held=False)
+    assert spread is not None
+    assert lens_is_doubtful(shape, spread)
+    assert next_rungs(RUNGS[0], spread, 20, evidence) == RUNGS[1:]
+    assert next_rungs(RUNGS[-1], spread, 20, evidence) == ()
+    turning = failure("pure_rotation", "it turns")
+    assert next_rungs(RUNGS[0], turning, 0, evidence) == ()
+    open_focal = failure("focal_length_undetermined", "it does not turn")
+    assert next_rungs(RUNGS[0], open_focal, 20, evidence) == ()
+    assert next_rungs(RUNGS[0], open_focal, 12, evidence) == RUNGS[1:]
+    assert next_rungs(RUNGS[0], None, 12, evidence) == RUNGS[1:]  # more frames may be placed
 
 
 def test_every_code_of_the_contract_is_there() -> None:

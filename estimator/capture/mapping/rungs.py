@@ -1,0 +1,86 @@
+"""The ladder of searches for features and matches, cheapest first, and when the next one is worth its time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from estimator.capture.mapping.evidence import Evidence
+from estimator.capture.mapping.failures import Failure
+from estimator.capture.mapping.gates import LEAST_FRAMES
+
+__all__ = ["RUNGS", "WHOLE_SHARE", "Rung", "next_rungs"]
+
+#: Share of the frames from which a model that can be used ends the climb; of smaller ones the largest is taken.
+WHOLE_SHARE = 0.8
+
+#: Failures that are of the camera's motion: other features show the same motion.
+OF_THE_MOTION = frozenset({"static_camera", "pure_rotation"})
+#: Smeared or plain pictures, with no more distinct points than this, have nothing that a finer search finds.
+OF_THE_PICTURES, FEW_KEYPOINTS = frozenset({"motion_blur", "no_texture"}), 50
+#: With so many frames the search with pooled features takes over a quarter of an hour of processor.
+MOST_POOLED = 150
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """One way to search for features and to match them.
+
+    suffix : of its databases and stages; max_side : longer side of the pictures that are searched; first_octave : -1
+    doubles the picture first; peak : least contrast; pooled : descriptors are pooled over domain sizes (Dong and Soatto
+    2015), which costs five times as much; guided : matches are searched again along the epipolar lines; ratio : Lowe's;
+    exhaustive : up to so many frames are matched each with each.
+    """
+
+    name: str
+    suffix: str
+    max_features: int
+    max_side: int
+    first_octave: int
+    peak: float
+    pooled: bool
+    guided: bool
+    ratio: float
+    exhaustive: int
+
+    @property
+    def sift(self) -> dict[str, Any]:
+        """Options of the search as COLMAP names them."""
+        return {
+            "max_num_features": self.max_features,
+            "first_octave": self.first_octave,
+            "peak_threshold": self.peak,
+            "domain_size_pooling": self.pooled,
+            "estimate_affine_shape": self.pooled,
+        }
+
+    @property
+    def matching(self) -> dict[str, Any]:
+        """Options of the matching, for JSON."""
+        return {"guided": self.guided, "ratio": self.ratio, "exhaustive": self.exhaustive}
+
+
+#: Four times the features of the first take four times as long and halve an error that is below a millimetre. The
+#: second finds three to five times as many distinct points in small or weakly textured pictures. The third linked 50
+#: and 53 of all frames of two rooms with glossy floors, of which the first linked 13 and 35; neither its features nor
+#: its guided matching was enough alone.
+RUNGS = (
+    Rung("SIFT", "", 2500, 1000, 0, 0.02 / 3, pooled=False, guided=False, ratio=0.8, exhaustive=100),
+    Rung("fine SIFT", "_fine", 4000, 1200, -1, 0.004, pooled=False, guided=False, ratio=0.8, exhaustive=60),
+    Rung("pooled SIFT, guided", "_pooled", 4000, 1000, -1, 0.003, pooled=True, guided=True, ratio=0.85, exhaustive=55),
+)
+
+
+def next_rungs(rung: Rung, failure: Failure | None, placed: int, evidence: Evidence) -> tuple[Rung, ...]:
+    """The rungs above this one that may mend the failure it ended with, or place more than so many of the frames."""
+    n = len(evidence.names)
+    if failure is not None and failure.code == "focal_length_undetermined" and placed >= WHOLE_SHARE * n:
+        return ()  # it is the motion of the camera, which more points do not change
+    if n < LEAST_FRAMES or (failure is not None and failure.code in OF_THE_MOTION):
+        return ()
+    if failure is not None and failure.code in OF_THE_PICTURES and np.median(evidence.keypoints) < FEW_KEYPOINTS:
+        return ()
+    above = RUNGS[RUNGS.index(rung) + 1 :]
+    return tuple(row for row in above if not row.pooled or n <= MOST_POOLED)

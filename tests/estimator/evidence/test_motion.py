@@ -1,0 +1,91 @@
+"""Evidence over the time of a video: an inertial unit, and positions."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from estimator.evidence.camera_path import CameraPath
+from estimator.evidence.gps import VideoGps
+from estimator.evidence.imu import Imu, Inertial, inertial_scale
+from estimator.geometry.measurement import Measurements
+from estimator.telemetry.records import Positions, Samples, Telemetry
+from tests.synthetic.evidence import degrees_of, one
+from tests.synthetic.telemetry import walk_readings
+from tests.synthetic.walk import Walk
+
+#: Metres per scene unit.
+SCALE = 0.37
+
+
+def _path(times: np.ndarray, centres: np.ndarray, every: int = 8, noise_m: float = 0.001) -> CameraPath:
+    """The camera's path in another frame and unit, with the noise of a reconstruction."""
+    turn = Rotation.from_euler("xyz", [0.3, -1.1, 2.0]).as_matrix()
+    noisy = centres + np.random.default_rng(1).normal(0, noise_m, centres.shape)
+    return CameraPath(times[::every], noisy[::every] @ turn.T / SCALE + [3.0, -2.0, 7.0])
+
+
+@pytest.mark.parametrize(("seconds", "mirrored"), [(9.0, True), (26.0, False)])
+def test_the_swing_of_a_walk_gives_the_scale(seconds: float, mirrored: bool) -> None:
+    times, centres, force, rate = walk_readings(seconds, 200.0, 0.02)
+    if mirrored:  # a log whose axes are left-handed
+        force = Samples(force.times_s, force.values * [1, 1, -1])
+        rate = Samples(rate.times_s, rate.values * [1, 1, -1])
+    late = 0.13
+    found = inertial_scale(
+        Samples(force.times_s + late, force.values), Samples(rate.times_s + late, rate.values), _path(times, centres)
+    )
+    assert isinstance(found, Inertial)
+    assert found.scale == pytest.approx(SCALE, rel=0.02)
+    assert abs(np.log(found.scale / SCALE)) < 2 * found.sd_log
+    assert found.sd_log < 0.03
+    assert found.offset_s == pytest.approx(late, abs=0.011)
+
+
+def test_readings_in_units_of_gravity() -> None:
+    times, centres, force, rate = walk_readings(10.0, 100.0, 0.02)
+    found = inertial_scale(Samples(force.times_s, force.values / 9.80665), rate, _path(times, centres, 4))
+    assert isinstance(found, Inertial)
+    assert found.scale == pytest.approx(SCALE, rel=0.02)
+
+
+def test_why_a_unit_says_nothing() -> None:
+    times, centres, force, rate = walk_readings(10.0, 100.0, 0.02)
+    path = _path(times, centres, 4)
+    smooth, flat, still_force, still_rate = walk_readings(10.0, 100.0, 0.0)
+    other = centres + np.cumsum(np.random.default_rng(2).normal(0, 0.02, centres.shape), axis=0)
+    nothing = Samples(np.empty(0), np.empty((0, 3)))
+    reasons = {
+        "hardly accelerates|do not agree": inertial_scale(still_force, still_rate, _path(smooth, flat, 4)),
+        "do not agree": inertial_scale(force, rate, _path(times, other, 4)),
+        "no accelerometer": inertial_scale(nothing, rate, path),
+        "no gyroscope": inertial_scale(force, nothing, path),
+        "shorter than 4 seconds": inertial_scale(force, rate, CameraPath(path.times_s[:50], path.centres[:50])),
+        "at rest": inertial_scale(Samples(force.times_s, force.values * 0.6), rate, path),
+        "readings a second": inertial_scale(Samples(times[::10], force.values[::10]), rate, path),
+        "no stretch of four seconds": inertial_scale(Samples(force.times_s + 60, force.values), rate, path),
+    }
+    for words, reason in reasons.items():
+        assert isinstance(reason, str), words
+        assert any(part in reason for part in words.split("|")), (words, reason)
+
+
+def test_a_logged_path_in_metres(walk: Walk, nothing: Measurements) -> None:
+    times, centres, _, _ = walk_readings(10.0, 30.0, 0.02)
+    log = Telemetry(path=Positions(times, centres, geodetic=False))
+    row = one(Imu(log, _path(times, centres, 1), "metadata.json").observe(walk.scene, nothing))
+    assert row.kind == "imu"
+    assert row.scale == pytest.approx(SCALE, rel=0.01)
+
+
+def test_positions_of_a_video(walk: Walk, nothing: Measurements) -> None:
+    times, centres, _, _ = walk_readings(20.0, 30.0, 0.02)
+    drift = np.cumsum(np.random.default_rng(3).normal(0, 0.01, centres.shape), axis=0)
+    positions = Positions(times[::3], degrees_of((centres + drift)[::3]), geodetic=True, accuracy_m=4.0)
+    row = one(VideoGps(positions, _path(times, centres, 1), "clip.mp4").observe(walk.scene, nothing))
+    assert row.kind == "gps_video"
+    assert row.scale == pytest.approx(SCALE, rel=0.05)
+    assert 0.015 < row.sd_log < 0.06  # the drift of a receiver, not the noise of many positions
+    short = CameraPath(times[:60], _path(times, centres, 1).centres[:60])
+    assert "too short" in str(one(VideoGps(positions, short, "clip.mp4").observe(walk.scene, nothing)).reason)

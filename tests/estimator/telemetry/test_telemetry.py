@@ -1,0 +1,139 @@
+"""Metadata tracks and logs: what they hold is read, what is damaged is left out, and nothing makes them fail."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from estimator.telemetry.camm import camm_telemetry, is_camm
+from estimator.telemetry.gpmf import Packet, gpmf_telemetry, keys
+from estimator.telemetry.recordings import read_telemetry, subtitle_positions
+from metric_base.errors import InputError
+from tests.synthetic.telemetry import camm_packet, gpmf_key, gpmf_stream
+
+
+def _gopro(first: int, start_us: int) -> bytes:
+    """Four readings of the accelerometer and two positions."""
+    readings = [[100 * (first + k), 200, 981] for k in range(4)]
+    about = [gpmf_key("STMP", "J", [[start_us]]), gpmf_key("ORIN", "c", b"XzY"), gpmf_key("SCAL", "s", [[100]])]
+    places = [[331267700 + k, -1173273436, -22959, 1, 2] for k in range(2)]
+    scale = gpmf_key("SCAL", "l", [[10_000_000], [10_000_000], [1000], [1000], [100]])
+    fix = [gpmf_key("GPSF", "L", [[3]]), gpmf_key("GPSP", "S", [[154]]), scale, gpmf_key("GPS5", "l", places)]
+    return gpmf_stream([*about, gpmf_key("ACCL", "s", readings)], fix)
+
+
+def test_a_gopro_track() -> None:
+    packets = [Packet(0.0, 1.0, _gopro(0, 80_000)), Packet(1.0, 1.0, _gopro(4, 1_080_000))]
+    telemetry = gpmf_telemetry(packets)
+    assert telemetry.specific_force.times_s == pytest.approx(np.arange(8) / 4)
+    assert telemetry.specific_force.values[5] == pytest.approx([5.0, 9.81, -2.0])  # the third channel is y, z turned
+    assert telemetry.positions is not None
+    assert telemetry.positions.places[1] == pytest.approx([33.1267701, -117.3273436, -22.959])
+    assert telemetry.positions.accuracy_m == pytest.approx(2.5 * 1.54)
+    assert not len(telemetry.angular_rate)
+
+
+def test_positions_without_a_fix_are_left_out() -> None:
+    scale = gpmf_key("SCAL", "l", [[1], [1], [1], [1], [1]])
+    lost = [gpmf_key("GPSF", "L", [[0]]), scale, gpmf_key("GPS5", "l", [[1, 2, 3, 4, 5]])]
+    assert gpmf_telemetry([Packet(0.0, 1.0, gpmf_stream(lost))]).positions is None
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.data())
+def test_damaged_gpmf_is_read_as_far_as_it_fits(data: st.DataObject) -> None:
+    whole = bytearray(_gopro(0, 0))
+    for _ in range(data.draw(st.integers(0, 6))):
+        whole[data.draw(st.integers(0, len(whole) - 1))] = data.draw(st.integers(0, 255))
+    cut = bytes(whole[: data.draw(st.integers(0, len(whole)))])
+    assert sum(8 + len(key.value) for key in keys(cut)) <= len(cut)
+    telemetry = gpmf_telemetry([Packet(0.0, 1.0, cut), Packet(1.0, 1.0, _gopro(4, 1_000_000))])
+    force = telemetry.specific_force
+    assert np.isfinite(force.values).all()
+    assert (np.diff(force.times_s) > 0).all()
+    assert len(force) >= 4  # the whole packet
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.binary(max_size=400))
+def test_any_bytes(data: bytes) -> None:
+    gpmf_telemetry([Packet(0.0, 1.0, data)])
+    camm_telemetry([Packet(0.0, 1.0, data)])
+    text = data.decode("latin-1")
+    assert subtitle_positions(text) is None or "-->" in text
+
+
+def test_a_camm_track() -> None:
+    packets = [Packet(k / 100, 0.0, camm_packet(3, "3f", 1.0, 2.0, 9.5)) for k in range(3)]
+    packets += [Packet(k / 100, 0.0, camm_packet(2, "3f", 0.1, 0.2, 0.3)) for k in range(3)]
+    packets += [Packet(0.5, 0.0, camm_packet(6, "di2d7f", 0.0, 3, 48.1, 11.5, 520.0, 4.0, 8.0, 0, 0, 0, 0))]
+    packets += [Packet(0.6, 0.0, camm_packet(6, "di2d7f", 0.0, 0, 0.0, 0.0, 0.0, 99.0, 8.0, 0, 0, 0, 0))]  # no fix
+    telemetry = camm_telemetry(packets)
+    assert telemetry.specific_force.values[2] == pytest.approx([1.0, 2.0, 9.5])
+    assert telemetry.angular_rate.values[0] == pytest.approx([0.1, 0.2, 0.3])
+    assert telemetry.positions is not None
+    assert telemetry.positions.places.tolist() == [[48.1, 11.5, 520.0]]
+    assert telemetry.positions.accuracy_m == pytest.approx(4.0)
+    assert not is_camm(b"\0\0\x03\0")
+
+
+DJI = """1
+00:00:00,000 --> 00:00:00,033
+<font size="28">FrameCnt: 1 [latitude: 47.3764] [longitude: 8.5403] [rel_alt: 10.1 abs_alt: 418.5]</font>
+
+2
+00:00:01,500 --> 00:00:01,533
+[latitude: 47.3765] [longtitude: 8.5404] [altitude: 419.0]
+
+3
+00:00:03,000 --> 00:00:03,033
+[latitude: 0.000000] [longitude: 0.000000]
+
+4
+00:00:04,000 --> 00:00:05,000
+F/2.8, SS 60, GPS (8.5405, 47.3766, 19), D 12.0m
+"""
+
+
+def test_the_subtitles_of_a_drone(tmp_path: Path) -> None:
+    (tmp_path / "clip.srt").write_text(DJI)
+    positions = read_telemetry(tmp_path / "clip.srt").positions
+    assert positions is not None
+    assert positions.times_s.tolist() == [0.0, 1.5, 4.0]
+    assert positions.places.tolist() == [[47.3764, 8.5403, 418.5], [47.3765, 8.5404, 419.0], [47.3766, 8.5405, 19.0]]
+
+
+def test_logs(tmp_path: Path) -> None:
+    (tmp_path / "log.csv").write_text(
+        "time_s,ax,ay,az,gx,gy,gz\n0.02,1,2,9,.1,.2,.3\n0.01,1,2,8,.1,.2,.4\n0.03,1,2,7,,,\n"
+    )
+    log = read_telemetry(tmp_path / "log.csv")
+    assert log.specific_force.values[:, 2].tolist() == [8.0, 9.0, 7.0]
+    assert log.angular_rate.times_s.tolist() == [0.01, 0.02]
+    (tmp_path / "metadata.json").write_text(json.dumps({"fps": 60, "poses": [[0, 0, 0, 1, 1, 2, 3]] * 3}))
+    path = read_telemetry(tmp_path / "metadata.json").path
+    assert path is not None
+    assert path.times_s.tolist() == [0.0, 1 / 60, 2 / 60]
+    assert path.places[2].tolist() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("log.csv", "time_s,ax,ay\n0,1,2\n"),
+        ("log.csv", "time_s,ax,ay,az\n0,1,2,x\n"),
+        ("log.csv", "time_s,ax,ay,az\n0,1,2,nan\n"),
+        ("metadata.json", '{"fps": 60, "poses": [[1, 2]]}'),
+        ("metadata.json", '{"fps": 0, "poses": [[0, 0, 0, 1, 1, 2, 3]]}'),
+        ("metadata.json", "[]"),
+    ],
+)
+def test_a_damaged_log_is_one_line(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=name):
+        read_telemetry(tmp_path / name)

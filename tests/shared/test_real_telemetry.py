@@ -1,0 +1,31 @@
+"""Metadata tracks of real cameras: a GoPro that is carried, and one on a drone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.estimator.real_footage import sensor_rows
+from estimator.evidence.gps import local_metres
+from estimator.telemetry.recordings import read_telemetry
+
+
+def test_the_walk_alone_gives_its_scale(shared: Path) -> None:
+    """The truth is 1.10 +- 0.02; both intervals hold it."""
+    rows = {row.kind: row for part, row in sensor_rows(shared / "data/scenes/walk_carpark") if part == "whole"}
+    assert rows["imu"].scale == pytest.approx(1.10, rel=0.02)
+    assert rows["gps_video"].scale == pytest.approx(1.10, rel=0.04)
+    for row in rows.values():
+        assert row.sd_log is not None
+        assert 0.01 < row.sd_log < 0.05
+
+
+def test_a_drone(shared: Path) -> None:
+    telemetry = read_telemetry(shared / "data/scenes/gopro_karma_coast/video.mp4")
+    assert len(telemetry.specific_force) > 2000
+    assert np.linalg.norm(telemetry.specific_force.values.mean(axis=0)) == pytest.approx(9.8, abs=0.3)
+    assert telemetry.positions is not None
+    track = local_metres(telemetry.positions.places)
+    assert 5 < np.linalg.norm(track[-1] - track[0]) < 200

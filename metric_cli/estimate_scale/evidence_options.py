@@ -7,8 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from metric_base.errors import InputError, Unquoted
 
 if TYPE_CHECKING:
@@ -202,6 +200,8 @@ def _own_telemetry(file: Path) -> Telemetry:
 
 def _recording(scene: Path) -> tuple[Path, CameraPath] | None:
     """The video or folder of pictures that a work folder is of, and the path of its camera."""
+    import numpy as np
+
     from estimator.capture.frame_poses import FILE_NAME, read_frame_poses
     from estimator.evidence.camera_path import CameraPath
 

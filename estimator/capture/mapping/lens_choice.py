@@ -33,11 +33,17 @@ def lens_scores(folder: str, models: tuple[str, ...] = LENSES) -> dict[str, dict
 
 
 def chosen_lens(scores: dict[str, dict[str, Any]]) -> str:
-    """The simplest model that no other beats by `LEAST_GAIN`; `scores` has them simplest first."""
-    names = list(scores)
-    best = names[0]
-    for name in names[1:]:
-        if scores[name]["error_px"] < (1 - LEAST_GAIN) * scores[best]["error_px"]:
+    """The model that does best; one with more parameters than another has to beat it by `LEAST_GAIN`.
+
+    >>> chosen_lens({"SIMPLE_RADIAL": {"error_px": 1.0}, "OPENCV": {"error_px": 0.98}})
+    'SIMPLE_RADIAL'
+    >>> chosen_lens({"OPENCV": {"error_px": 1.0}, "OPENCV_FISHEYE": {"error_px": 0.98}})
+    'OPENCV_FISHEYE'
+    """
+    best, *others = sorted(scores, key=lambda name: len(CAMERA_MODELS[name][1]))
+    for name in others:
+        more = len(CAMERA_MODELS[name][1]) > len(CAMERA_MODELS[best][1])
+        if scores[name]["error_px"] < (1 - LEAST_GAIN * more) * scores[best]["error_px"]:
             best = name
     return best
 

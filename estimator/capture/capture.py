@@ -196,11 +196,11 @@ def _make_sparse(
         report = read_json(work.path / DATABASES / f"model{rung.suffix}.json")
         tried.append((rung, digest, report))
         failure = None if report["failure"] is None else Failure(**report["failure"])
-        if failure is None and _placed(report) >= WHOLE_SHARE * len(frames.names):
+        if failure is None and _placed_count(report) >= WHOLE_SHARE * len(frames.names):
             break
-        above = next_rungs(rung, failure, _placed(report), _evidence(work.path / DATABASES, frames, rung))
-    rung, digest, report = max(tried, key=lambda row: (row[2]["failure"] is None, _placed(row[2])))
-    ended = [{"rung": row.name, "code": _code(result), "placed": _placed(result)} for row, _, result in tried]
+        above = next_rungs(rung, failure, _placed_count(report), _evidence(work.path / DATABASES, frames, rung))
+    rung, digest, report = max(tried, key=lambda row: (row[2]["failure"] is None, _placed_count(row[2])))
+    ended = [{"rung": row.name, "code": _code(result), "placed": _placed_count(result)} for row, _, result in tried]
     report |= {"rung": rung.name if report["failure"] is None else None, "tried": ended}
     digest = work.stage(
         "model",
@@ -246,7 +246,7 @@ def _climb(
     return work.stage(f"mapping{end}", inputs, STAGES[f"mapping{end}"], make)
 
 
-def _placed(report: dict[str, Any]) -> int:
+def _placed_count(report: dict[str, Any]) -> int:
     return 0 if report["model"] is None else int(report["model"]["registered"])
 
 

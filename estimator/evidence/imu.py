@@ -76,10 +76,10 @@ class Imu:
         """The scale of the swing or, of a log that has the camera's path in metres, of that path."""
         if self.telemetry.path is not None:
             return self._of_path(self.telemetry.path)
-        found = inertial_scale(self.telemetry.specific_force, self.telemetry.angular_rate, self.path)
-        if isinstance(found, str):
-            return silent(KIND, self.name, found)
-        return (ScaleEvidence(KIND, self.name, found.scale, found.sd_log),)
+        answer = inertial_scale(self.telemetry.specific_force, self.telemetry.angular_rate, self.path)
+        if isinstance(answer, str):
+            return silent(KIND, self.name, answer)
+        return (ScaleEvidence(KIND, self.name, answer.scale, answer.sd_log),)
 
     def _of_path(self, path: Positions) -> tuple[ScaleEvidence, ...]:
         centres, rows = self.path.at(path.times_s, LONGEST_GAP_S)
@@ -129,7 +129,7 @@ def _unusable(force: Samples, rate: Samples, path: CameraPath) -> str | None:
 
 
 def _starts(path: CameraPath) -> FloatArray:
-    """Starts of the windows: half a window apart."""
+    """(w,) starts of the windows in seconds, half a window apart."""
     first, last = path.times_s[[0, -1]]
     length = min(WINDOW_S, last - first)
     count = max(1, round((last - first - length) / (WINDOW_S / 2)) + 1)

@@ -81,7 +81,7 @@ def gpmf_telemetry(packets: Sequence[Packet]) -> Telemetry:
         for rows in _streams(packet.data, 0):
             _add(rows, packet.time_s, sensors, dilution)
     ends = {packet.time_s: packet.duration_s for packet in packets}
-    fallback = {name: _timed(sensor, ends) for name, sensor in sensors.items()}
+    fallback = {name: _times_and_values(sensor, ends) for name, sensor in sensors.items()}
     positions = next((fallback[name] for name in (b"GPS9", b"GPS5", b"GPRI") if name in fallback), None)
     return Telemetry(
         _vectors(fallback.get(b"ACCL")),
@@ -119,7 +119,7 @@ def _add(rows: list[_Key], time_s: float, sensors: dict[bytes, _Sensor], dilutio
 
 
 def _numbers(key: _Key) -> FloatArray:
-    """(repeat, k) numbers of a key, empty where they are of no known type."""
+    """(n, k) numbers of a key, empty where they are of no known type."""
     dtype = np.dtype(NUMBERS[key.kind]) if key.kind in NUMBERS else None
     if dtype is None or key.size % dtype.itemsize or not key.repeat:
         return np.empty((0, 1))
@@ -179,7 +179,7 @@ def _places(name: bytes, values: FloatArray, about: dict[bytes, _Key], dilution:
     return np.asarray(values[:, :3])
 
 
-def _timed(sensor: _Sensor, durations: dict[float, float]) -> tuple[FloatArray, FloatArray]:
+def _times_and_values(sensor: _Sensor, durations: dict[float, float]) -> tuple[FloatArray, FloatArray]:
     """Times (n,) and values (n, k): samples are evenly spread from the start of their packet to that of the next.
 
     The packets' own clock is used where all have one; it begins before the first frame by an unknown, small time, which
@@ -200,8 +200,10 @@ def _timed(sensor: _Sensor, durations: dict[float, float]) -> tuple[FloatArray, 
 
 
 def _vectors(timed: tuple[FloatArray, FloatArray] | None) -> Samples:
+    """Times (n,) and values (n, 3) as samples; none of None."""
     return Samples(np.empty(0), np.empty((0, 3))) if timed is None else Samples(*timed)
 
 
 def _positions(timed: tuple[FloatArray, FloatArray] | None, accuracy_m: float | None) -> Positions | None:
+    """Times (n,) and places (n, 3) as positions."""
     return None if timed is None else Positions(*timed, geodetic=True, accuracy_m=accuracy_m)

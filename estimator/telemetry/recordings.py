@@ -94,8 +94,8 @@ def _subtitle_place(text: str) -> tuple[float, float, float] | None:
     if plain:
         east, north, up = (float(part) for part in plain.groups())
         return north, east, up
-    found = {name: pattern.search(text) for name, pattern in _NAMED.items()}
-    latitude, longitude, absolute, altitude = (match and float(match[1]) for match in found.values())
+    matches = {name: pattern.search(text) for name, pattern in _NAMED.items()}
+    latitude, longitude, absolute, altitude = (match and float(match[1]) for match in matches.values())
     height = absolute if absolute is not None else altitude
     if latitude is None or longitude is None:
         return None
@@ -181,10 +181,12 @@ def _record3d_telemetry(file: Path) -> Telemetry:
 
 
 def _samples(table: FloatArray) -> Samples:
+    """Rows (n, 4) of a time and three values, without times that do not grow."""
     table = table[np.diff(table[:, 0], prepend=-np.inf) > 0]
     return Samples(table[:, 0], table[:, 1:])
 
 
 def _positions(table: FloatArray, geodetic: bool) -> Positions | None:
+    """Rows (n, 4) of a time and a place; None of no rows."""
     samples = _samples(table)
     return Positions(samples.times_s, samples.values, geodetic) if len(samples) else None

@@ -90,7 +90,7 @@ def _score(model: Any, name: str) -> dict[str, Any]:
 
 
 def _hold_out(model: Any) -> list[tuple[int, int, FloatArray]]:
-    """Delete one observation of every second well seen point; image, point and pixel of each."""
+    """Delete one observation of every second well seen point; image, point and pixel (2,) of each."""
     generator = np.random.default_rng(0)
     held = []
     for point_id in sorted(model.points3D):

@@ -109,7 +109,7 @@ def _add(rows: list[_Key], time_s: float, sensors: dict[bytes, _Sensor], dilutio
         if name not in about:
             continue
         values = _values(about[name], about)
-        values = _oriented(values, about) if name in (b"ACCL", b"GYRO") else _places(name, values, about, dilution)
+        values = _in_axis_order(values, about) if name in (b"ACCL", b"GYRO") else _places(name, values, about, dilution)
         stamp = _numbers(about[b"STMP"]) if b"STMP" in about else np.empty((0, 1))
         if len(values):
             sensor = sensors.setdefault(name, _Sensor())
@@ -129,7 +129,7 @@ def _numbers(key: _Key) -> FloatArray:
 
 def _values(key: _Key, about: dict[bytes, _Key]) -> FloatArray:
     """(n, k) scaled values of the samples, which may be of several types side by side (`TYPE`)."""
-    table = _mixed(key, about[b"TYPE"].value) if key.kind == b"?" and b"TYPE" in about else _numbers(key)
+    table = _columns_of_types(key, about[b"TYPE"].value) if key.kind == b"?" and b"TYPE" in about else _numbers(key)
     if b"SCAL" in about and table.size:
         scale = _numbers(about[b"SCAL"]).ravel()
         if scale.size in (1, table.shape[1]) and (scale != 0).all():
@@ -137,7 +137,7 @@ def _values(key: _Key, about: dict[bytes, _Key]) -> FloatArray:
     return np.asarray(table[np.isfinite(table).all(axis=1)])
 
 
-def _mixed(key: _Key, kinds: bytes) -> FloatArray:
+def _columns_of_types(key: _Key, kinds: bytes) -> FloatArray:
     """(n, k) numbers of rows whose columns are of several types."""
     types = [NUMBERS.get(kinds[k : k + 1]) for k in range(len(kinds))]
     if not types or any(kind is None for kind in types):
@@ -149,7 +149,7 @@ def _mixed(key: _Key, kinds: bytes) -> FloatArray:
     return np.column_stack([table[name].astype(np.float64) for name in table.dtype.names or ()])
 
 
-def _oriented(values: FloatArray, about: dict[bytes, _Key]) -> FloatArray:
+def _in_axis_order(values: FloatArray, about: dict[bytes, _Key]) -> FloatArray:
     """(n, 3) in the order x, y, z by `ORIN`: a capital letter is the axis, a small one its opposite."""
     if values.shape[1] != 3:
         return np.empty((0, 3))

@@ -1,0 +1,89 @@
+"""Frames of real footage with objects: what the layers say, against the frames themselves.
+
+`insert-object SCENE --scale S --model A.glb ... --frames F:L --out OUT --layers LAYERS`, then
+`python -m benchmarks.insertion.real_frames OUT LAYERS SCENE`: the layers joined again by FFmpeg's decoder and NumPy
+against the frames, pixels changed inside masks of what is in front, and the grain on the objects and beside them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+import numpy as np
+
+from estimator.reading import read_instances, read_scene
+from insertion.colour.encoding import linear_to_srgb
+from insertion.composite.match import look_of
+from insertion.scene.box import Box, mask_in_box
+from insertion.scene.cloud import Cloud, FrontPoints
+
+#: A mask is in front where it hides this share of the object's own pixels in it.
+IN_FRONT = 0.97
+_NOTHING = FrontPoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)
+_EMPTY = Cloud(np.zeros((0, 3)), np.zeros((0, 3), np.float32), False)
+
+
+def read_exr(file: Path) -> np.ndarray:
+    """(h, w, c) of an OpenEXR file, by FFmpeg."""
+    import av
+
+    with av.open(str(file)) as container:
+        frame = next(container.decode(video=0))
+    name = frame.format.name
+    kind = np.dtype(np.float16 if name.endswith("16le") else np.float32)
+    order = {"gray": (0,), "gbrp": (2, 0, 1), "gbra": (2, 0, 1, 3)}[name[:4]]
+    planes = [np.frombuffer(bytes(p), kind).reshape(frame.height, -1)[:, : frame.width] for p in frame.planes]
+    return np.stack([planes[k] for k in order], axis=-1).astype(np.float32)
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("out", type=Path)
+    parser.add_argument("layers", type=Path)
+    parser.add_argument("scene", type=Path)
+    options = parser.parse_args()
+    scene = read_scene(options.scene)
+    views = {view.name: row for row, view in enumerate(scene.views)}
+    instances = read_instances(None, scene)
+    for name, layer in json.loads((options.layers / "layers.json").read_text())["pictures"].items():
+        print(name, json.dumps(_frame(options, name, layer, [i for i in instances if i.view == views.get(name)])))
+
+
+def _frame(options: argparse.Namespace, name: str, layer: str, masks: list) -> dict[str, float]:
+    import cv2
+
+    frame = cv2.imread(str(options.out / f"{Path(name).stem}.png"))[..., ::-1]
+    covering, plate = (read_exr(options.layers / kind / layer) for kind in ("object", "plate"))
+    before = np.rint(linear_to_srgb(plate)).astype(np.uint8)
+    light = plate * read_exr(options.layers / "shadow" / layer) * (1 - covering[..., 3:]) + covering[..., :3]
+    again = np.rint(linear_to_srgb(light))
+    changed = (frame != before).any(axis=-1)
+    own = read_exr(options.layers / "depth" / layer)[..., 0] > 0
+    hidden = read_exr(options.layers / "occlusion" / layer)[..., 0]
+    whole = Box(0, 0, frame.shape[1], frame.shape[0])
+    inside = 0
+    for item in masks:
+        mask = mask_in_box(item, whole)
+        if mask is None or not (mask & own).any() or hidden[mask & own].mean() < IN_FRONT:
+            continue
+        eroded = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+        inside += int((changed & eroded).sum())
+    seen = cv2.erode((covering[..., 3] > 0.99).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    levels = look_of(before, _NOTHING, _EMPTY).grain.mean()
+    smooth = frame.astype(np.float32) - cv2.GaussianBlur(frame, (0, 0), 2.0)
+    flat = seen & (cv2.GaussianBlur(np.abs(smooth).mean(axis=-1), (0, 0), 3.0) < np.quantile(np.abs(smooth)[seen], 0.5))
+    return {
+        "recomposed_within_one": round(float((np.abs(again - frame) <= 1).mean()), 5),
+        "recomposed_same": round(float((again == frame).mean()), 4),
+        "changed_pixels": int(changed.sum()),
+        "changed_in_front": inside,
+        "grain_frame": round(float(levels), 2),
+        "grain_object": round(float(smooth[flat].std()) if flat.any() else 0.0, 2),
+    }
+
+
+if __name__ == "__main__":
+    main()

@@ -64,13 +64,13 @@ def _frame(options: argparse.Namespace, name: str, layer: str, masks: list) -> d
     own = read_exr(options.layers / "depth" / layer)[..., 0] > 0
     hidden = read_exr(options.layers / "occlusion" / layer)[..., 0]
     whole = Box(0, 0, frame.shape[1], frame.shape[0])
-    inside = 0
+    inside = fronts = 0
     for item in masks:
         mask = mask_in_box(item, whole)
         if mask is None or not (mask & own).any() or hidden[mask & own].mean() < IN_FRONT:
             continue
         eroded = cv2.erode(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        inside += int((changed & eroded).sum())
+        inside, fronts = inside + int((changed & eroded).sum()), fronts + 1
     seen = cv2.erode((covering[..., 3] > 0.99).astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     levels = look_of(before, _NOTHING, _EMPTY).grain.mean()
     smooth = frame.astype(np.float32) - cv2.GaussianBlur(frame, (0, 0), 2.0)
@@ -79,6 +79,7 @@ def _frame(options: argparse.Namespace, name: str, layer: str, masks: list) -> d
         "recomposed_within_one": round(float((np.abs(again - frame) <= 1).mean()), 5),
         "recomposed_same": round(float((again == frame).mean()), 4),
         "changed_pixels": int(changed.sum()),
+        "masks_in_front": fronts,
         "changed_in_front": inside,
         "grain_frame": round(float(levels), 2),
         "grain_object": round(float(smooth[flat].std()) if flat.any() else 0.0, 2),

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 from metric_base.folders import data_folder
 from metric_tree.release import MANIFEST, BadRelease
+from metric_tree.remote import REGISTRY_VARIABLE, cache_folder, fetch_release
 
 __all__ = ["PATH_VARIABLE", "release_directory", "releases", "version_key"]
 
@@ -38,6 +40,8 @@ def release_directory(ref: str | Path | None = None) -> Path:
             return directory
     if Path(ref).is_dir():
         return Path(ref)
+    if re.fullmatch(r"\d+\.\d+\.\d+[\w.-]*", str(ref)) and os.environ.get(REGISTRY_VARIABLE):
+        return fetch_release(str(ref))
     names = ", ".join(path.name for path in available) or "none"
     raise BadRelease(f"{ref}: expected an available version ({names}) or a release's folder; found neither")
 
@@ -49,6 +53,6 @@ def version_key(version: str) -> tuple[int, ...]:
 
 def _release_folders() -> Iterator[Path]:
     named = [Path(part) for part in os.environ.get(PATH_VARIABLE, "").split(os.pathsep) if part]
-    for folder in (data_folder() / "release", *named):
+    for folder in (data_folder() / "release", *named, cache_folder()):
         if folder.is_dir():
             yield from (path for path in folder.iterdir() if (path / MANIFEST).is_file())

@@ -373,6 +373,24 @@ class Tree:
         chains = (sense.chain for sense in senses(lemma) if sense.chain[:1] == (node_id,))
         return next((above for chain in chains for above in chain if above in self._places), node_id)
 
+    def priors(self, vocabulary: str | None = None) -> pa.Table:
+        """The quantiles in mm of every node, or of every label of a list, as a flat table.
+
+        See `metric_tree.quantiles.quantile_table` for its columns.
+
+        >>> import metric_tree
+        >>> table = metric_tree.open().priors(vocabulary="kitti_8")
+        >>> table.column_names[:3], table.num_rows
+        (['label', 'node_id', 'name'], 8)
+        """
+        from metric_tree.quantiles import quantile_table
+
+        return quantile_table(self, vocabulary)
+
+    def to_pandas(self, vocabulary: str | None = None) -> Any:
+        """The same as a pandas DataFrame; it needs the extra `pandas`."""
+        return self.priors(vocabulary).to_pandas()
+
     def prior_dims(self, node_id: str) -> tuple[tuple[str, ...], ...]:
         """The sets of dimensions for which a node has a fitted row."""
         return tuple(dims for dims, _ in self._prior_rows.get(node_id, ()))

@@ -32,6 +32,11 @@ VERBS = {
     "render": "pictures of items that have a textured model",
     "cutout": "foreground masks for the images of a release",
     "export": "training data for instance segmentation",
+    "search": "categories for a text",
+    "priors": "sizes as a flat table",
+    "diff": "what changed between two releases",
+    "fetch": "a release from a registry",
+    "publish": "a release as a folder for a data hub",
     "serve": "the explorer and its JSON over HTTP",
     "site": "the explorer as files",
 }
@@ -42,8 +47,7 @@ _MODULES = {
     "list": "verbs.list_",
     "check-asset": "verbs.check_asset",
     "true-size": "verbs.true_size",
-    "site": "explore.site",
-    "serve": "explore.serve",
+    **{verb: f"explore.{verb}" for verb in ("diff", "fetch", "priors", "publish", "search", "serve", "site")},
 }
 
 

@@ -376,7 +376,8 @@ class Tree:
     def priors(self, vocabulary: str | None = None) -> pa.Table:
         """The quantiles in mm of every node, or of every label of a list, as a flat table.
 
-        See `metric_tree.quantiles.quantile_table` for its columns.
+        Columns: with a vocabulary `label`; `node_id`, `name`, `level`, `tier`, `n_items`, `n_sources`, then
+        `length_q05_mm` and the others of `metric_tree.quantiles.quantile_columns`, of the node's default prior.
 
         >>> import metric_tree
         >>> table = metric_tree.open().priors(vocabulary="kitti_8")
@@ -385,7 +386,22 @@ class Tree:
         """
         from metric_tree.quantiles import quantile_table
 
-        return quantile_table(self, vocabulary)
+        if vocabulary is None:
+            return quantile_table(map(self._size_entry, self))
+        from taxonomy.label_lists import vocabulary as labels
+
+        known = ((one.label, one.node_id if one.node_id in self._places else None) for one in labels(vocabulary))
+        entries = ((label, self._size_entry(self.node(node_id)) if node_id else ({}, None)) for label, node_id in known)
+        return quantile_table((({"label": label, **facts}, prior) for label, (facts, prior) in entries), labelled=True)
+
+    def _size_entry(self, node: Node) -> tuple[dict[str, Any], Prior | None]:
+        """The facts of a node for a table, and its default prior, None where it has none."""
+        try:
+            prior = node.prior()
+        except NoPrior:
+            prior = None
+        names = ("node_id", "name", "level", "tier", "n_items")
+        return {name: getattr(node, name) for name in names}, prior
 
     def to_pandas(self, vocabulary: str | None = None) -> Any:
         """The same as a pandas DataFrame; it needs the extra `pandas`."""

@@ -63,7 +63,7 @@ __all__ = [
 ]
 
 #: Pictures of one answer: more than a page shows.
-MOST_IMAGES = 24
+MOST_IMAGES = 12
 
 
 def tree_reference(tree: Tree) -> TreeRef:

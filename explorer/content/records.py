@@ -103,7 +103,7 @@ class ItemsAnswer(msgspec.Struct, kw_only=True):
 
 
 class ImagesAnswer(msgspec.Struct, kw_only=True):
-    """The pictures of items at or below a node, the first 24; paths are relative to the release."""
+    """The pictures of items at or below a node, the first 12; paths are relative to the release."""
 
     schema: str = "metric-tree/images/1"
     tree: TreeRef

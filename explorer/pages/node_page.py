@@ -37,7 +37,7 @@ from metric_tree.tree import Node
 __all__ = ["node_page"]
 
 #: Items in the page itself; the others are loaded when they are asked for.
-SHOWN_ITEMS = 20
+SHOWN_ITEMS = 16
 
 #: Pictures of a page, and pixels of the largest one's longest side; no picture is drawn smaller than the least.
 SHOWN_PICTURES, LARGEST_PX, LEAST_PX = 12, 180, 12

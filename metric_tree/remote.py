@@ -50,7 +50,7 @@ def registry_of(address: str) -> dict[str, dict[str, str]]:
         It cannot be read, or is no registry.
     """
     try:
-        with _opened(address) as stream:
+        with _byte_stream(address) as stream:
             record: Any = json.loads(stream.read(MAX_REGISTRY))
     except (OSError, ValueError) as error:
         raise InputError(f"{address}: expected a registry of releases; found {error}") from None
@@ -106,7 +106,7 @@ def _continue_download(address: str, output: Any, _: object) -> None:
     part = target.parent / "parts" / f"{_short_name(address)}.part"
     part.parent.mkdir(exist_ok=True)
     start = part.stat().st_size if part.is_file() else 0
-    with _opened(address, start) as stream:
+    with _byte_stream(address, start) as stream:
         goes_on = getattr(stream, "status", None) == 206
         with part.open("ab" if goes_on else "wb") as file:
             while piece := stream.read(PIECE):
@@ -124,7 +124,7 @@ def _short_name(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:24]
 
 
-def _opened(address: str, start: int = 0) -> Any:
+def _byte_stream(address: str, start: int = 0) -> Any:
     """A stream of a file, or of an http(s) address from a byte on."""
     if not re.match(r"https?://", address):
         return Path(address).open("rb")

@@ -111,7 +111,7 @@ class Catalogue:
     levels : the frozen inner nodes.
     leaves : each under a kind; order does not matter.
     words : what WordNet says.
-    successors : ids that are gone, or synsets that mean the same thing, and the node that replaces each
+    successors : ids that are gone, or synsets that mean the same item, and the node that replaces each
     inserted : reviewed insertions, for their aliases
     labels : what detectors call a node.
     reviewed : aliases that a reviewer added, and those of WordNet that a reviewer dropped, by node
@@ -338,7 +338,7 @@ def _synset(node_id: str) -> str | None:
 
 
 def _with_distinct_names(categories: list[Category]) -> list[Category]:
-    """Categories whose names differ: a leaf that shares its name says in brackets what kind of thing it is."""
+    """Categories whose names differ: a leaf that shares its name says in brackets what kind of item it is."""
     bearers: dict[str, list[str]] = {}
     for category in categories:
         bearers.setdefault(category.name.casefold(), []).append(category.node_id)

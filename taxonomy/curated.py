@@ -1,7 +1,7 @@
 """Sizes that a norm fixes, and ranges that a language model judged (data/curated/README.md).
 
 A norm's row is one size that a standard allows, with its tolerance, document and clause; a class may have several. A
-range holds nine of ten such things in the writer's judgement. The rows enter the build as raw items of the kinds `norm`
+range holds nine of ten such items in the writer's judgement. The rows enter the build as raw items of the kinds `norm`
 and `judged`. Three tables of ranges of one form: `ranges.csv` for the tree, and `blind.csv` and `blind_wide.csv`,
 written for classes that have measured items before these were opened, to see how far such ranges can be trusted
 (docs/explanation/levels.md).
@@ -47,7 +47,7 @@ _NORM_COLUMNS = (
     "node_id", "size", *_COLUMNS[1:-3], "document", "clause", "region", "reviewer", "written",
 )  # fmt: skip
 
-#: Two writers' ranges; the second had been told how narrow the first one's were.
+#: Two writers' ranges; the second knew how narrow the first one's were.
 BLIND_TABLES = ("blind", "blind_wide")
 
 #: Length, width, height in mm; None where the row does not say.

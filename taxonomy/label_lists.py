@@ -24,7 +24,7 @@ STUFF = "stuff"
 #: Begins the reason of labels that name no object (noise, the camera's own car, everything else).
 VOID = "void"
 
-#: Reason of labels of things for which the tree has no node.
+#: Reason of labels of items for which the tree has no node.
 NO_NODE = "no node"
 
 #: As many labels as a message names that are like one that is not in the list.
@@ -51,7 +51,7 @@ class Label:
 
     @property
     def needs_prior(self) -> bool:
-        """Whether it names a thing: stuff and void labels do not."""
+        """Whether it names an item: stuff and void labels do not."""
         return self.reason != STUFF and not self.reason.startswith(VOID)
 
 

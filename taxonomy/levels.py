@@ -129,7 +129,7 @@ def frozen_levels(path: Path | None = None) -> Levels:
 
 @cache
 def replaced_ids(directory: Path | None = None) -> Mapping[str, str]:
-    """Ids that are gone, or synsets that mean the same thing, with the node that replaced each (`successors.csv`).
+    """Ids that are gone, or synsets that mean the same item, with the node that replaced each (`successors.csv`).
 
     Raises
     ------

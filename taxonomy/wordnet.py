@@ -93,7 +93,7 @@ class WordNet:
         return str(self._synset(synset).name())
 
     def is_instance(self, synset: str) -> bool:
-        """Whether the synset is one particular thing or person, such as one inventor."""
+        """Whether the synset is one particular item or person, such as one inventor."""
         return bool(self._synset(synset).instance_hypernyms())
 
     def children(self, synset: str) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Wikidata through its SPARQL service, in pages: things of a class with height, width, length, diameter, thickness."""
+"""Wikidata through its SPARQL service, in pages: items of a class with height, width, length, diameter, thickness."""
 
 from __future__ import annotations
 

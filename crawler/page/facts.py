@@ -208,7 +208,7 @@ class _Reader:
             alone = len(others) == 1 and row is others[0][0].getparent()
             if alone and len(labels) == len(texts):
                 return _Pair("table", labels[column], texts[column], table)
-            # Rows with a name of their own: of a single thing, or of the whole and its parts.
+            # Rows with a name of their own: of a single item, or of the whole and its parts.
             if column and len(labels) == len(texts) - 1 and (alone or is_whole(plain(texts[0]))):
                 return _Pair("table", labels[column - 1], texts[column], table)
         return _Pair("table", "", "", row)

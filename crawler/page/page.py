@@ -90,7 +90,7 @@ def page(body: bytes, url: str, content_type: str | None = None) -> Page:
     if len(body) > MAXIMUM_BYTES:
         raise BadPage(f"{url}: expected at most {MAXIMUM_BYTES} bytes; found {len(body)}")
     text, data = _decode(body, content_type)
-    # The parser is told the encoding, so that no declaration inside the page can mislead it.
+    # The parser gets the encoding, so that no declaration inside the page can mislead it.
     parser = etree.HTMLParser(encoding="utf-8", remove_comments=True, remove_pis=True)
     try:
         root = etree.fromstring(data, parser)

@@ -28,11 +28,11 @@ _BREADCRUMB_MARKS = ("readcrumb", "readCrumb")
 #: What parts the steps of a category in one text; shops write `Home & Living < Vases` in the same order.
 _CATEGORY_MARKS = re.compile("[/<>]")
 
-#: Types of schema.org that are things with a size.
+#: Types of schema.org that are items with a size.
 _THINGS = ("Product", "ProductGroup", "IndividualProduct", "ProductModel", "Book")
 _USEFUL_TYPE = re.compile(rf"schema\.org/(?:{'|'.join(_THINGS)}|BreadcrumbList)\b")
 
-#: Properties of a thing that say nothing of it, at length.
+#: Properties of an item that say nothing of it, at length.
 _UNREAD = frozenset({"review", "reviews", "offers", "aggregateRating", "isRelatedTo", "isSimilarTo"})
 
 _AXES = ("width", "height", "depth", "length", "diameter", "size")
@@ -63,20 +63,20 @@ def product(page: Page, own: Product | None = None) -> Product:
     """The product of a page of any site; what `own`, the site's own rules, has found already is not looked for."""
     known = own or Product()
     nodes = _nodes(page, bool(known.category_path))
-    thing = next((node for node in nodes if _is(node, *_THINGS)), {})
-    title = known.title or _title(page, thing)
+    product = next((node for node in nodes if _is(node, *_THINGS)), {})
+    title = known.title or _title(page, product)
     return Product(
-        id=known.id or _first(thing.get("sku"), thing.get("productID"), thing.get("mpn"), thing.get("gtin13")),
+        id=known.id or _first(product.get("sku"), product.get("productID"), product.get("mpn"), product.get("gtin13")),
         title=title,
-        category_path=known.category_path or _breadcrumb(page, nodes, title) or _category(thing),
-        brand=known.brand or _name(thing.get("brand")),
-        images=known.images or _images(page, thing),
-        sizes=tuple(_sizes(thing)),
+        category_path=known.category_path or _breadcrumb(page, nodes, title) or _category(product),
+        brand=known.brand or _name(product.get("brand")),
+        images=known.images or _images(page, product),
+        sizes=tuple(_sizes(product)),
     )
 
 
 def _nodes(page: Page, has_category: bool) -> list[Mapping[str, Any]]:
-    """The page's objects: JSON-LD, and microdata where JSON-LD does not name the thing or its place."""
+    """The page's objects: JSON-LD, and microdata where JSON-LD does not name the item or its place."""
     nodes = [node for text in page.linked_data for node in _objects(_parse_json(text))]
     named = any(_is(node, *_THINGS) for node in nodes)
     placed = has_category or any(_is(node, "BreadcrumbList") for node in nodes)
@@ -87,10 +87,10 @@ def _microdata(page: Page) -> Iterator[Mapping[str, Any]]:
     if "itemtype" not in page.text or not _USEFUL_TYPE.search(page.text):
         return
     try:
-        things = _microdata_reader().extract_items(page.root, page.url)
+        objects = _microdata_reader().extract_items(page.root, page.url)
     except (ValueError, TypeError, RecursionError):  # broken markup costs its microdata, not the page
         return
-    for item in things:
+    for item in objects:
         properties = item.get("properties")
         if isinstance(properties, dict):
             yield {"@type": str(item.get("type", "")).rpartition("/")[2], **properties}
@@ -149,18 +149,18 @@ def _is(node: Mapping[str, Any], *names: str) -> bool:
     return any(str(kind).rpartition("/")[2] in names for kind in (types if isinstance(types, list) else [types]))
 
 
-def _sizes(thing: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Label and text of every size that a thing's data states; of variants only what all of them share."""
+def _sizes(product: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Label and text of every size that an item's data states; of variants only what all of them share."""
     for axis in _AXES:
-        if text := _quantity(thing.get(axis)):
+        if text := _quantity(product.get(axis)):
             yield axis, text
-    for extra in _list(thing.get("additionalProperty")):
+    for extra in _list(product.get("additionalProperty")):
         known = _flat(extra)
         label = known.get("name") if isinstance(known, dict) else None
         if isinstance(label, str) and (text := _quantity(known)):
             yield squeeze(label), text
     variants = [
-        tuple(_sizes(part)) for part in _list(thing.get("hasVariant"))[:MAXIMUM_VARIANTS] if isinstance(part, dict)
+        tuple(_sizes(part)) for part in _list(product.get("hasVariant"))[:MAXIMUM_VARIANTS] if isinstance(part, dict)
     ]
     if variants and all(sizes == variants[0] for sizes in variants):
         yield from variants[0]
@@ -222,15 +222,15 @@ def _path(steps: list[str | None]) -> tuple[str, ...]:
     return tuple(step for step in kept if step.lower() not in {"home", "startseite", "accueil", "inicio", "início"})[:8]
 
 
-def _category(thing: Mapping[str, Any]) -> tuple[str, ...]:
-    text = thing.get("category")
+def _category(product: Mapping[str, Any]) -> tuple[str, ...]:
+    text = product.get("category")
     if isinstance(text, list):
         text = text[0] if text else None
     return _path(_CATEGORY_MARKS.split(text)) if isinstance(text, str) else ()
 
 
-def _images(page: Page, thing: Mapping[str, Any]) -> tuple[str, ...]:
-    listed = [_name(image, "url") or _name(image, "contentUrl") for image in _list(thing.get("image"))]
+def _images(page: Page, product: Mapping[str, Any]) -> tuple[str, ...]:
+    listed = [_name(image, "url") or _name(image, "contentUrl") for image in _list(product.get("image"))]
     listed = listed or [_meta(page, "og:image")]
     addresses = [absolute_url(page.url, address) for address in listed if address]
     return tuple(dict.fromkeys(address for address in addresses if address))[:MAXIMUM_IMAGES]
@@ -252,9 +252,9 @@ def _first(*values: Any) -> str | None:
     return None
 
 
-def _title(page: Page, thing: Mapping[str, Any]) -> str:
+def _title(page: Page, product: Mapping[str, Any]) -> str:
     heading, title = (next(page.root.iter(tag), None) for tag in ("h1", "title"))
-    own = _first(thing.get("name"), _meta(page, "og:title"))
+    own = _first(product.get("name"), _meta(page, "og:title"))
     return own or _text(heading) or _text(title)
 
 

@@ -153,7 +153,7 @@ def _labelled_statements(pairs: Iterable[Fact], language: Language | None, title
 
 
 def _fullest(candidates: Sequence[Size]) -> list[Size]:
-    """The sizes of one text that can be statements of one thing: those with the most lengths."""
+    """The sizes of one text that can be statements of one item: those with the most lengths."""
     most = max((len(size.lengths) for size in candidates), default=0)
     return [size for size in candidates if len(size.lengths) == most]
 
@@ -174,7 +174,7 @@ def _trust(fact: Fact, announced: bool, title: str) -> int:
 
 
 class _Axes:
-    """Rows that name one axis each (`Width | 4 cm`), gathered as long as they speak of one thing."""
+    """Rows that name one axis each (`Width | 4 cm`), gathered as long as they speak of one item."""
 
     def __init__(self, fact: Fact, foreign: bool) -> None:
         self._first = fact
@@ -182,7 +182,7 @@ class _Axes:
         self._lengths: dict[str, tuple[Length, Fact]] = {}
 
     def takes(self, fact: Fact, axis: str) -> bool:
-        """Whether a row goes on with the same thing: below the same heading, no axis again in another container."""
+        """Whether a row goes on with the same item: below the same heading, no axis again in another container."""
         if (fact.section, fact.place) != (self._first.section, self._first.place):
             return False
         known = self._lengths.get(axis)
@@ -207,7 +207,7 @@ class _Axes:
 
 
 def _by_axis(pairs: Iterable[Fact], language: Language | None, title: str) -> list[Statement]:
-    """Rows that name one axis each, gathered; those of other names (`heel height`) apart from the thing's."""
+    """Rows that name one axis each, gathered; those of other names (`heel height`) apart from the item's."""
     groups: list[_Axes] = []
     current: dict[bool, _Axes] = {}
     for fact in pairs:
@@ -216,7 +216,7 @@ def _by_axis(pairs: Iterable[Fact], language: Language | None, title: str) -> li
             continue
         foreign = is_foreign(plain(fact.label), title)
         if foreign and not names_an_axis(plain(fact.label)):
-            continue  # `Saddle: 145 mm width`: of another thing
+            continue  # `Saddle: 145 mm width`: of another item
         if foreign not in current or not current[foreign].takes(fact, length.axis):
             current[foreign] = _Axes(fact, foreign)
             groups.append(current[foreign])
@@ -253,7 +253,7 @@ def _says_size(fact: Fact) -> bool:
 
 
 def _names_axes(fact: Fact, language: Language | None, title: str) -> bool:
-    """Whether a label is the thing's own name, and its text names three axes: `Desk: 71" L x 32" W x 30" H`."""
+    """Whether a label is the item's own name, and its text names three axes: `Desk: 71" L x 32" W x 30" H`."""
     if fact.place == "prose" or not fact.label or is_foreign(plain(fact.label), title):
         return False
     return any(len(size.dimensions_mm()) == 3 for size in sizes(fact.value, fact.label, language))

@@ -22,7 +22,7 @@ HEADING_CLIMB = 9
 #: The first texts of an element that are joined; a longer element is prose anyway.
 TEXTS = 80
 
-#: Regions that show other things than the product, or opinions about it.
+#: Regions that show other items than the product, or opinions about it.
 _ELSEWHERE = re.compile(
     r"(compar|carousel|similar|recommend|related|sponsor|also$|bought|upsell|review|question|answer|rating|advert|ads?$"
     r"|breadcrumb|nav$|navbar|footer|cookie|customer|faqs?$|bundle|accessor|recently|suggest)"
@@ -31,7 +31,7 @@ _ELSEWHERE = re.compile(
 #: The words of a class or id: `itemValue_XPfaq` holds item, value and a hash, no frequent questions.
 _NAME_WORDS = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])")
 
-#: Regions about the package; their facts carry it in their heading, so that no later step takes them for the thing.
+#: Regions about the package; their facts carry it in their heading, so that no later step takes them for the item.
 _PACKAGE_REGION = re.compile(r"packag(?!e-?details-?page)|shipping|delivery|verpackung|emballage", re.IGNORECASE)
 
 SKIPPED = frozenset({"script", "style", "noscript", "template", "select", "option", "nav", "footer", "head"})

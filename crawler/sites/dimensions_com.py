@@ -1,4 +1,4 @@
-"""Dimensions.com: drawings of everyday things with their sizes. Not yet verified on a real page."""
+"""Dimensions.com: drawings of everyday items with their sizes. Not yet verified on a real page."""
 
 from crawler.sites.site import Site
 

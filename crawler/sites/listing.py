@@ -1,4 +1,4 @@
-"""Pages that state the sizes of many things, one beside each link: tables and tiles of cars and the like."""
+"""Pages that state the sizes of many items, one beside each link: tables and tiles of cars and the like."""
 
 from __future__ import annotations
 

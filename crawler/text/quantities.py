@@ -14,7 +14,7 @@ __all__ = ["METRIC", "Quantity", "is_same_length", "quantities", "unit_word"]
 #: Two statements of one length in two systems agree within this share: pages round to a half centimetre or an inch.
 AGREEMENT = 0.06
 
-#: ... or within this many millimetres, for small things rounded to a tenth of an inch.
+#: ... or within this many millimetres, for small items rounded to a tenth of an inch.
 AGREEMENT_MM = 6.0
 
 METRIC = frozenset({"mm", "cm", "dm", "m"})

@@ -244,7 +244,7 @@ def _continues(group: Sequence[Quantity], number: Quantity) -> bool:
 
 
 def _turns(words: Sequence[str]) -> bool:
-    """Whether words between two lengths turn to another thing."""
+    """Whether words between two lengths turn to another item."""
     said = " ".join(words)
     return is_package(said) or is_component(said)
 

@@ -78,19 +78,19 @@ _PACKAGE = re.compile(
     r"|embalad[oa]s?|empaques?|empacad[oa]s?"
     r"|livraison|imball\w*|confezione|spedizione|pacco|embalaje|envio|paquete|caja|embalagem|caixa"
     r"|verpakking\w*|verzend\w*|pakket\w*|doos|in (the )?box|folded for (shipping|transport)"
-    # What a thing is carried in is measured like what it is sent in.
+    # What an item is carried in is measured like what it is sent in.
     r"|carry(ing)? (bag|case)|stuff sack|packmass\w*|packsack|trage(tasche|beutel)|housse|sac de transport"
     r"|custodia|sacca|bolsa de transporte|saco de transporte|draagtas"
     r")\b"
 )
 
-#: `Size without packaging` is the thing's.
+#: `Size without packaging` is the item's.
 _UNPACKED = re.compile(
     r"\b(without|excl\w*|ohne|hors|sans|senza|sin|sem|zonder)( the| the product)? "
     r"(pack(age|aging)?|verpackung|emballage|imball\w*|confezione|embalaje|embalagem|verpakking|box)\b"
 )
 
-#: Headings above other things than the page's own.
+#: Headings above other items than the page's own.
 _OTHERS = re.compile(
     r"\b("
     r"you (may|might|could) also|also (like|bought|viewed|view|buy)|(frequently|often) bought|recommended for"
@@ -125,7 +125,7 @@ _MOST = re.compile(r"\bmax(?:imum)?\b\.?(?= [^\W\d_]{2,} ?[x×])")
 #: Parts that a size takes in together: `(kettle + base)`.
 _TOGETHER = re.compile(r"\([^()]*(?:[&+]|\b(?:and|und|et|e|y|en)\b)[^()]*\)")
 
-#: Of the whole thing, though its name is that of a part: `the complete model`.
+#: Of the whole item, though its name is that of a part: `the complete model`.
 _COMPLETE = re.compile(r"\b(?:complete|completed|finished|assembled|entire|whole) \w+")
 
 _WHOLE = re.compile(
@@ -137,7 +137,7 @@ _WHOLE = re.compile(
     r")\b"
 )
 
-#: Parts of things, and what is measured beside the thing: their sizes are never the size of the whole.
+#: Parts of items, and what is measured beside the item: their sizes are never the size of the whole.
 _COMPONENT = re.compile(
     r"\b("
     r"seat\w*|sh|arm\w*|foot ?(rest|board)s?|head ?(rest|board)s?|back ?(rest|plate|height|width|panel)?|backplate"
@@ -154,7 +154,7 @@ _COMPONENT = re.compile(
     r"|intern\w*|schermo|cavo|asiento|reposabrazos|respaldo|patas?|cajon\w*|interior\w*|pantalla"
     r"|plie(e|s|es)?|zusammengeklappt|gefaltet|geklappt|piegat[oaie]|chius[oaie]|plegad[oa]s?|dobrad[oa]s?|fechad[oa]s?"
     r"|ingeklapt|opgevouwen|collapsed|closed"
-    # What a built-in thing is put into.
+    # What a built-in item is put into.
     r"|nischen?\w*|einbau\w*|niche|nicho|nicchia|encastrement|incasso|inbouw\w*|built ?-?in (size|dim\w*)"
     r"|assento|encosto|bracos?|pes|gaveta\w*|ecra|tela|cabo|zit\w*|armleuning\w*|rugleuning\w*|poot"
     r"|poten|lade\w*|binnen\w*|scherm\w*|snoer\w*"
@@ -199,7 +199,7 @@ _SMALL_WORDS = frozenset(
 
 @_remembered
 def is_package(label: str) -> bool:
-    """Whether a plain label speaks of the package and not of the thing."""
+    """Whether a plain label speaks of the package and not of the item."""
     return bool(_PACKAGE.search(_UNPACKED.sub(" ", label)))
 
 
@@ -216,9 +216,9 @@ def names_an_axis(label: str) -> bool:
 
 @_remembered
 def is_foreign(label: str, title: str = "") -> bool:
-    """Whether a plain label holds a word that neither names a size nor the thing: `heel height`, `turntable diameter`.
+    """Whether a plain label holds a word that neither names a size nor the item: `heel height`, `turntable diameter`.
 
-    Words of the thing's own plain title are the thing's: a `table height` is a table's height.
+    Words of the item's own plain title are the item's: a `table height` is a table's height.
     """
     words = [word for word in _WORD.findall(_ASIDE.sub(" ", _BRACKETS.sub(" ", label))) if len(word) > 1]
     return any(not _names_the_thing(word, title) for word in words)
@@ -242,7 +242,7 @@ def is_component(label: str) -> bool:
 
 @_remembered
 def is_stripped(label: str) -> bool:
-    """Whether a plain label measures a thing without what it stands on: a screen `without stand`."""
+    """Whether a plain label measures an item without what it stands on: a screen `without stand`."""
     return bool(_STRIPPED.search(label))
 
 
@@ -267,7 +267,7 @@ def is_of_others(heading: str) -> bool:
 
 @_remembered
 def is_whole(label: str) -> bool:
-    """Whether a plain label says that the whole thing is meant."""
+    """Whether a plain label says that the whole item is meant."""
     return bool(_WHOLE.search(label))
 
 

@@ -38,7 +38,7 @@ What = Literal["match", "insertion"]
 #: The source of a decision that holds for all sources.
 EVERY_SOURCE = "*"
 
-#: How a file writes that there is no category: the words name no thing of one size.
+#: How a file writes that there is no category: the words name no item of one size.
 NONE = "none"
 
 #: How a file writes that a reviewer takes an earlier word back: the subject then waits for that reviewer again.

@@ -28,7 +28,7 @@ class Domain:
     narrow: bool = False
 
 
-#: Things with a size: what is made, what lives, what is eaten; the last few are abstractions to WordNet.
+#: Items with a size: what is made, what lives, what is eaten; the last few are abstractions to WordNet.
 _ABSTRACT = ("coin.n.01", "decoration.n.02", "badge.n.01", "crosier.n.01", "bill.n.03", "manuscript.n.02",
     "street_sign.n.01", "traffic_light.n.01", "pack_of_cards.n.01", "bar_soap.n.01", "party_favor.n.01",
 )  # fmt: skip

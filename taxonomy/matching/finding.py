@@ -17,7 +17,7 @@ THRESHOLD = 0.8
 
 #: How often a rule is right before it has been measured, and how many strings that belief is worth.
 _BELIEF = {"decision": 0.97, "source synset": 0.95, "class": 0.95, "exact": 0.95, "compound": 0.9, "head": 0.8}
-#: A title says much besides the thing, so a rule is believed less of it.
+#: A title says much besides the item, so a rule is believed less of it.
 _TITLE = "title "
 _TITLE_BELIEF = 0.8
 

@@ -105,18 +105,18 @@ class Namer:
         return self._finding_with_number(phrase, usage) or self._of_phrase(bare, usage)
 
     def _several(self, text: str, noun: str, usage: Usage, whole: bool) -> Finding | None:
-        """Why a text names no single thing; or the first of things joined by `and`, where the others are its parts."""
+        """Why a text names no single item; or the first of items joined by `and`, where the others are its parts."""
         if _OF_AN_ITEM.search(text):
             return no_concept("part", "a part, a cover or a model", fold_text(text))
         if _SET_OF.search(text) or _AND_COUNTED.search(text):
-            return no_concept("set", "several things", fold_text(text))
+            return no_concept("set", "several items", fold_text(text))
         first, *others = _AND.split(noun)
         if whole or not others:
             return None
         heads = (fold_text(noun_phrase(other)).rpartition(" ")[2] for other in others)
         if all({head, head.removesuffix("s")} & word_list("parts") for head in heads):
             return self._new_finding(first, usage, whole)
-        return no_concept("set", "several things", fold_text(text))
+        return no_concept("set", "several items", fold_text(text))
 
     def _finding_with_number(self, phrase: str, usage: Usage) -> Finding | None:
         """A name with a number in it that the phrase ends with (`karlstad 3 seters sofa`)."""

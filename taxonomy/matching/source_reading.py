@@ -1,4 +1,4 @@
-"""How each source's own words are read: which of them name the thing, and of what domain the source speaks."""
+"""How each source's own words are read: which of them name the item, and of what domain the source speaks."""
 
 from __future__ import annotations
 

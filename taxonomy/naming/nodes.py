@@ -35,7 +35,7 @@ MOST_LABEL_WEIGHT = 5.0
 #: What the first of a reviewed order has before the next, where the reviewer calls it clear.
 CLEAR = 2.0
 
-#: An alias of WordNet that is used so rarely in this sense, while a thing is meant more often, leads astray.
+#: An alias of WordNet that is used so rarely in this sense, while an item is meant more often, leads astray.
 LEAST_SHARE = 0.1
 
 
@@ -218,7 +218,7 @@ def _sense_score(place: int, known: Sequence[Sense]) -> float:
 
 
 def _astray(place: int, known: Sequence[Sense], form: str) -> bool:
-    """Whether the taxonomy calls another thing by the word, which it means first, and this one hardly ever."""
+    """Whether the taxonomy calls another item by the word, which it means first, and this one hardly ever."""
     lemma = form.replace(" ", "_")
     first = any(sense.chain and sense.concept.partition(".")[0] == lemma for sense in known[:place])
     counts = [sense.count + 1 for sense in known if sense.chain]

@@ -206,8 +206,17 @@ def test_rows_and_counts_of_the_manifest_are_held_against_the_tables(tmp_path: P
     assert {f.code for f in findings(_resealed(directory, (directory / MANIFEST).read_text()))} == {"E103"}
 
 
+def test_what_lies_beside_the_tables_is_held_against_its_checksum(tmp_path: Path) -> None:
+    (tmp_path / "beside").mkdir()
+    (tmp_path / "beside" / "README.md").write_text("sizes\n")
+    directory = minitree.release(tmp_path / "r", extras=tmp_path / "beside").directory
+    assert "E106" not in {f.code for f in findings(directory)}
+    (directory / "README.md").unlink()
+    assert "E106" in {f.code for f in findings(directory)}
+
+
 def test_every_code_has_its_fixture() -> None:
-    elsewhere = {"E101", "E102", "E103", "E104", "E105"}  # errors of files, above
+    elsewhere = {"E101", "E102", "E103", "E104", "E105", "E106"}  # errors of files, above
     assert set(CODES) == set(FAULTS) | elsewhere
 
 

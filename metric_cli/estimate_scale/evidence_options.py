@@ -30,6 +30,11 @@ AUTOMATIC = frozenset({"auto", "none"})
 TIMED = frozenset({".srt", ".mp4", ".mov", ".json"})
 
 
+#: What `--depth-unit` takes, and the metres of one step of a PNG where it says them.
+DEPTH_UNITS = ("metres", "1/256", "da3", "metric3d")
+PNG_METRES = {"1/256": 1 / 256, "da3": 1.0, "metric3d": 1.0}
+
+
 def add_evidence_options(parser: argparse.ArgumentParser) -> None:
     """Add the options; nothing heavy is imported."""
     group = parser.add_argument_group("evidence beside the objects (of a SCENE)")
@@ -44,8 +49,14 @@ def add_evidence_options(parser: argparse.ArgumentParser) -> None:
     add("--imu", metavar="auto|none|FILE", default="auto", help=f"{imu} (default: %(default)s)")
     marker = "ArUco or AprilTag markers with a side of METRES, as DICT_4X4_50:0.1; charuco:DICT:COLSxROWS:SQUARE:MARKER"
     add("--marker", metavar="DICT:METRES", action="append", default=[], help=marker)
-    depth = "depth maps of a network in metres, named as the pictures (npy, PFM, 16-bit PNG in mm)"
+    depth = "depth maps of a network, named as the pictures (NPY, NPZ, EXR, PFM, 16-bit PNG)"
     add("--metric-depth", metavar="DIR", type=Path, help=depth)
+    unit = (
+        "of --metric-depth: metres (PNG: mm), 1/256 (of a metre, PNG), da3 (focal * value / 300), metric3d (... / 1000)"
+    )
+    add("--depth-unit", choices=DEPTH_UNITS, default="metres", help=unit)
+    doubt = "what the network's metres are worth, one standard deviation as a share (default: %(default)s)"
+    add("--depth-error", metavar="SHARE", type=float, default=0.15, help=doubt)
     baseline = "two cameras of a rig by their folders and distance, as left:right:0.12; or COLMAP's rig_config.json"
     add("--baseline", metavar="A:B:METRES|FILE", action="append", default=[], help=baseline)
 
@@ -99,7 +110,6 @@ def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:
     from estimator.evidence.camera_height import CameraHeight
     from estimator.evidence.gps import Gps
     from estimator.evidence.marker import Marker
-    from estimator.evidence.metric_depth import MetricDepth
 
     sources: list[EvidenceSource] = []
     if options.camera_height is not None:
@@ -108,8 +118,18 @@ def evidence_sources(options: argparse.Namespace) -> tuple[EvidenceSource, ...]:
         sources.append(Gps("exif" if options.gps == "exif" else Path(options.gps), options.images))
     sources += [replace(Marker.of(text), images=options.images) for text in options.marker]
     if options.metric_depth is not None:
-        sources.append(MetricDepth(options.metric_depth))
+        sources.append(_metric_depth(options))
     return (*sources, *(source for text in options.baseline for source in _baselines(text)))
+
+
+def _metric_depth(options: argparse.Namespace) -> EvidenceSource:
+    from estimator.evidence.metric_depth import FOCAL_UNITS, MetricDepth
+
+    if not 0 < options.depth_error <= 1:
+        raise InputError.at("--depth-error", "value", "a share above 0 and up to 1", options.depth_error)
+    unit = options.depth_unit if options.depth_unit in FOCAL_UNITS else "metres"
+    metres = PNG_METRES.get(options.depth_unit, 0.001)
+    return MetricDepth(options.metric_depth, png_metres=metres, unit=unit, network_sd=options.depth_error)
 
 
 def automatic_sources(options: argparse.Namespace, scene: Scene) -> tuple[EvidenceSource, ...]:

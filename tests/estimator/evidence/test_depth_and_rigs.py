@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from pathlib import Path
 
+import numpy as np
 import pycolmap
 import pytest
 from hypothesis import example, given
@@ -12,8 +14,9 @@ from hypothesis import strategies as st
 
 from estimator.evidence.depth_files import read_depth
 from estimator.evidence.lengths import RigBaseline, rig_baselines
-from estimator.evidence.metric_depth import MetricDepth
+from estimator.evidence.metric_depth import MetricDepth, frame_sd
 from estimator.geometry.measurement import Measurements
+from estimator.reconstructions.cameras import pixels_in_view
 from metric_base.errors import InputError
 from tests.synthetic.evidence import (
     RIG_M,
@@ -28,7 +31,7 @@ def test_a_folder_without_depth_maps(walk: Walk, nothing: Measurements, tmp_path
         MetricDepth(tmp_path / "nowhere").observe(walk.scene, nothing)
 
 
-@pytest.mark.parametrize("name", ["a.npy", "a.pfm", "a.png"])
+@pytest.mark.parametrize("name", ["a.npy", "a.npz", "a.exr", "a.pfm", "a.png"])
 @given(content=st.binary(max_size=300))
 @example(content=b"PK\x03\x04")  # an archive's first bytes
 @example(content=b"\x93NUMPY\x01\x00")
@@ -37,6 +40,81 @@ def test_damaged_depth_maps_are_one_line(tmp_path_factory: pytest.TempPathFactor
     file.write_bytes(content)
     with pytest.raises(InputError, match=name):
         read_depth(file)
+
+
+#: 3 x 5 pixels of a half channel Y, ZIPS, as the library OpenEXR wrote it.
+EXR = base64.b64decode(
+    "di8xAQIAAABjaGFubmVscwBjaGxpc3QAEwAAAFkAAQAAAAAAAAABAAAAAQAAAABjb21wcmVzc2lvbgBjb21wcmVzc2lvbgABAAAA"
+    "AmRhdGFXaW5kb3cAYm94MmkAEAAAAAAAAAAAAAAABAAAAAIAAABkaXNwbGF5V2luZG93AGJveDJpABAAAAAAAAAAAAAAAAQAAAAC"
+    "AAAAbGluZU9yZGVyAGxpbmVPcmRlcgABAAAAAHBpeGVsQXNwZWN0UmF0aW8AZmxvYXQABAAAAAAAgD9zY3JlZW5XaW5kb3dDZW50"
+    "ZXIAdjJmAAgAAAAAAAAAAAAAAHNjcmVlbldpbmRvd1dpZHRoAGZsb2F0AAQAAAAAAIA/dHlwZQBzdHJpbmcADQAAAHNjYW5saW5l"
+    "aW1hZ2UASgEAAAAAAABcAQAAAAAAAG4BAAAAAAAAAAAAAAoAAAAAOAA6ADwAPQA+AQAAAAoAAAAAPwBAgEAAQYBBAgAAAAoAAAAA"
+    "QoBCAEOAQwBE"
+)
+
+
+def test_an_exr_of_the_librarys_own_writer(tmp_path: Path) -> None:
+    (tmp_path / "a.exr").write_bytes(EXR)
+    assert read_depth(tmp_path / "a.exr") == pytest.approx(0.5 + np.arange(15).reshape(3, 5) / 4)
+    (tmp_path / "a.exr").write_bytes(EXR[:-4])
+    with pytest.raises(InputError, match="OpenEXR"):
+        read_depth(tmp_path / "a.exr")
+
+
+def maps_of(walk: Walk) -> dict[str, np.ndarray]:
+    """A map of metres for each view: the depth of the scene's own points, each in its pixel."""
+    maps = {}
+    for view in walk.scene.views:
+        pixels, depths = pixels_in_view(view, walk.scene.points)
+        metres = np.full((view.camera.height, view.camera.width), np.nan)
+        inside = np.isfinite(pixels).all(axis=1) & (depths > 0)
+        column, line = np.floor(pixels[inside]).astype(int).T
+        here = (column >= 0) & (column < metres.shape[1]) & (line >= 0) & (line < metres.shape[0])
+        metres[line[here], column[here]] = depths[inside][here] * walk.scale
+        maps[view.name] = metres
+    return maps
+
+
+@pytest.mark.parametrize("form", ["moge", "depth_pro", "unidepth", "da3", "mapanything", "metric3d"])
+def test_what_networks_write(walk: Walk, nothing: Measurements, tmp_path: Path, form: str) -> None:
+    """Each in its form, and all say the scale of the scene."""
+    maps, unit = maps_of(walk), "metres"
+    focal = float(walk.scene.views[0].camera.params[0])
+    stacked = np.stack([maps[name] for name in sorted(maps)])
+    if form == "da3":
+        matrix = np.tile(np.diag([focal, focal, 1.0]), (len(maps), 1, 1))
+        np.savez(tmp_path / "results.npz", depth=stacked * 300 / focal, intrinsics=matrix, conf=stacked)
+        unit = "da3"
+    elif form == "mapanything":
+        np.savez(tmp_path / "results.npz", depth_z=stacked[..., None], depth_along_ray=2 * stacked[..., None])
+    for name, metres in maps.items():
+        stem = Path(name).stem
+        if form == "moge":
+            (tmp_path / stem).mkdir(exist_ok=True)
+            np.save(tmp_path / stem / "depth.npy", metres)
+        elif form == "depth_pro":
+            np.savez(tmp_path / f"{stem}.npz", depth=metres, focallength_px=focal)
+        elif form == "unidepth":
+            np.save(tmp_path / f"{stem}_depth.npy", metres[None, None])
+        elif form == "metric3d":
+            np.save(tmp_path / f"{stem}.npy", metres * 1000 / focal)
+            unit = "metric3d"
+    row = one(MetricDepth(tmp_path, unit=unit, network_sd=0.1).observe(walk.scene, nothing))
+    assert row.scale == pytest.approx(walk.scale, rel=0.02)
+    assert row.sd_log is not None
+    assert 0.1 < row.sd_log < 0.15
+
+
+def test_too_few_maps_in_a_stack_are_one_line(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    np.savez(tmp_path / "results.npz", depth=np.ones((1, 4, 4)))
+    with pytest.raises(InputError, match=r"results\.npz: maps"):
+        MetricDepth(tmp_path).observe(walk.scene, nothing)
+
+
+def test_a_single_picture_knows_nothing_of_the_spread_between_pictures() -> None:
+    assert frame_sd(np.zeros(1)) == pytest.approx(0.1)
+    many = np.random.default_rng(0).normal(0, 0.2, 200)
+    assert frame_sd(many) == pytest.approx(0.2, rel=0.15)
 
 
 def test_the_baseline_of_a_rig(walk: Walk, nothing: Measurements) -> None:

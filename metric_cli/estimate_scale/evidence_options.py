@@ -51,9 +51,7 @@ def add_evidence_options(parser: argparse.ArgumentParser) -> None:
     add("--marker", metavar="DICT:METRES", action="append", default=[], help=marker)
     depth = "depth maps of a network, named as the pictures (NPY, NPZ, EXR, PFM, 16-bit PNG)"
     add("--metric-depth", metavar="DIR", type=Path, help=depth)
-    unit = (
-        "of --metric-depth: metres (PNG: mm), 1/256 (of a metre, PNG), da3 (focal * value / 300), metric3d (... / 1000)"
-    )
+    unit = "PNG in mm (metres: all else in metres) or 1/256 m; da3: focal * value / 300; metric3d: focal * value / 1000"
     add("--depth-unit", choices=DEPTH_UNITS, default="metres", help=unit)
     doubt = "what the network's metres are worth, one standard deviation as a share (default: %(default)s)"
     add("--depth-error", metavar="SHARE", type=float, default=0.15, help=doubt)

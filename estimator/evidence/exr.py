@@ -106,7 +106,7 @@ def _depth(data: bytes, header: _Header) -> FloatArray:
         here = min(lines, header.height - first)
         (size,) = struct.unpack_from("<i", data, offset + 4)
         packed = data[offset + 8 : offset + 8 + size]
-        block = packed if size == line * here else _unpacked(packed, line * here)
+        block = packed if size == line * here else _plain_bytes(packed, line * here)
         rows = np.frombuffer(block, dtype=np.uint8).reshape(here, line)[
             :, before : before + kind.itemsize * header.width
         ]
@@ -114,7 +114,7 @@ def _depth(data: bytes, header: _Header) -> FloatArray:
     return depth
 
 
-def _unpacked(packed: bytes, size: int) -> bytes:
+def _plain_bytes(packed: bytes, size: int) -> bytes:
     """The bytes of a ZIP block: differences summed, then the two halves interleaved."""
     stream = zlib.decompressobj()
     raw = np.frombuffer(stream.decompress(packed, size), dtype=np.uint8).astype(np.int64)

@@ -15,6 +15,9 @@ __all__ = ["LogAxis", "path_data", "svg"]
 #: Ticks of an axis at most: more would meet at the width of a telephone.
 MOST_TICKS = 6
 
+#: Pixels between two ticks at least: as wide as their lengths in words.
+LEAST_GAP = 38.0
+
 
 @dataclass(frozen=True, slots=True)
 class LogAxis:
@@ -36,7 +39,8 @@ class LogAxis:
         for steps in (_FINE, (1, 2, 5), (1, 3), (1,)):
             every = [step * 10.0**power for power in range(first, last + 1) for step in steps]
             inside = [tick for tick in every if self.low <= tick <= self.high]
-            if len(inside) <= MOST_TICKS:
+            gaps = [abs(self.at(b) - self.at(a)) for a, b in pairwise(inside)]
+            if len(inside) <= MOST_TICKS and min(gaps, default=LEAST_GAP) >= LEAST_GAP:
                 return inside
         return inside[:: math.ceil(len(inside) / MOST_TICKS)]
 

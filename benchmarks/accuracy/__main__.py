@@ -25,7 +25,7 @@ import metric_tree
 from benchmarks.accuracy.budget import budget_outcomes
 from benchmarks.accuracy.cases import scenes_on_disk, synthetic_rooms, synthetic_streets, tilted_rooms
 from benchmarks.accuracy.figures import write_figures
-from benchmarks.accuracy.methods import METHODS, object_outcomes, scene_outcomes
+from benchmarks.accuracy.methods import METHODS, UNTRACKED, object_outcomes, scene_outcomes
 from benchmarks.accuracy.outcomes import Outcome, read_outcomes, write_outcomes
 from benchmarks.accuracy.page import Facts, page
 from benchmarks.accuracy.simulations import (
@@ -186,7 +186,7 @@ def _by_dimensions(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> I
     for case in synthetic_rooms(arguments.rooms, sizes):
         if not case.group.endswith("masks"):
             continue
-        objects = measure_objects(case.scene, case.instances).objects
+        objects = measure_objects(case.scene, case.instances, UNTRACKED).objects
         generator = np.random.default_rng([arguments.seed, 43])
         for most in FEWER:
             fewer = fewer_dimensions(objects, most, generator)

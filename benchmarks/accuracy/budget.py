@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.accuracy.methods import Case, object_outcomes, track_of
+from benchmarks.accuracy.methods import UNTRACKED, Case, object_outcomes, track_of
 from benchmarks.accuracy.outcomes import Outcome
 from estimator.geometry.measurement import measure_objects
 from estimator.records.measured_object import MeasuredObject
@@ -43,7 +43,7 @@ def budget_outcomes(case: Case, tree: Tree) -> Iterator[Outcome]:
 
     The first has every thing of the room at its true size; the last is the method `default`, wrong names included.
     """
-    things = measure_objects(case.scene, case.instances).objects
+    things = measure_objects(case.scene, case.instances, UNTRACKED).objects
     tracks = [str(track_of(thing, case.instances)) for thing in things]
     known = [
         (replace(thing, category=case.categories[track]), case.sizes[track] / case.scale)

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.accuracy.outcomes import LEVEL, Outcome, outcome_of
 from estimator.baselines.paper import paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
-from estimator.geometry.measurement import PAPER, measure_objects
+from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
@@ -25,6 +25,9 @@ __all__ = ["METHODS", "Case", "object_outcomes", "scene_outcomes", "track_of"]
 #: In the order of the tables. "all dimensions" takes every side as measured: the paper's arm without its confidence,
 #: ours without truncation flags.
 METHODS = ("default", "height", "paper", "sucar", "default, all dimensions", "paper, all dimensions")
+
+#: Synthetic masks state their true objects; no method may see them.
+UNTRACKED = MeasurementOptions(stated_tracks=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -47,7 +50,7 @@ class Case:
 
 def scene_outcomes(part: str, case: Case, tree: Tree, methods: Sequence[str] = METHODS) -> Iterator[Outcome]:
     """The outcome of each method; those that measure alike share the measurement."""
-    ours = measure_objects(case.scene, case.instances).objects
+    ours = measure_objects(case.scene, case.instances, UNTRACKED).objects
     theirs = measure_objects(case.scene, case.instances, PAPER).objects if _any_paper(methods) else ()
     for method in methods:
         if method == "sucar":

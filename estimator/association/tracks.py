@@ -8,7 +8,7 @@ not show stay.
 
 from __future__ import annotations
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -51,13 +51,17 @@ class Track:
     category: str
 
 
-def shared_tracks(instances: Sequence[Instance], labels: Sequence[PointLabels]) -> tuple[Track, ...]:
+def shared_tracks(
+    instances: Sequence[Instance], labels: Sequence[PointLabels], stated: bool = False
+) -> tuple[Track, ...]:
     """Tracks by shared points: the closest pair of groups is joined first, never two masks of one view.
 
     The affinity of two groups is the points their masks share over the points that either holds among those the other's
     view sees, summed over all pairs of their masks and over the clouds in `labels`. For masks of one category "either"
     is the smaller, since a mask cut by the image or by another thing holds a part of the whole; groups of different
     categories are joined afterwards by the union of both, so that a poster does not join its cabinet.
+
+    stated : groups that the file gives one track are joined too, unless the views contradict it.
     """
     views = np.array([instance.view for instance in instances], dtype=np.int64)
     overlaps = [_Overlap.of(cloud, views) for cloud in labels]
@@ -74,7 +78,10 @@ def shared_tracks(instances: Sequence[Instance], labels: Sequence[PointLabels]) 
         smaller += doubt
         own = [instances[row] for row in rows]
         clouds = [_mask_points(labels, row) for row in rows]
-        groups += [[int(rows[k]) for k in group] for group in _merge_by_place(joined, own, clouds, shared, smaller)]
+        near = _merge_by_place(joined, own, clouds, shared, smaller)
+        if stated:
+            near = _merge_by_statement(near, own, shared, smaller)
+        groups += [[int(rows[k]) for k in group] for group in near]
     shared, union = np.sum([overlap.between(groups) for overlap in overlaps], axis=0)
     return _tracks(_merge_by_points(groups, views, shared, union, JOIN_SHARE_ACROSS_CATEGORIES), instances)
 
@@ -260,6 +267,28 @@ def _merge_by_place(
         apart[second] = apart[:, second] = np.inf
         apart[first] = apart[:, first] = distances(first)
     return [list(group) for group in merged if group]
+
+
+def _merge_by_statement(
+    groups: list[list[int]], instances: Sequence[Instance], shared: FloatArray, total: FloatArray
+) -> list[list[int]]:
+    """Groups of one category after joining those whose masks have one track in the file, the largest first.
+
+    Views that see enough of each other's points and hardly share any contradict it, and so do two masks in one view.
+    """
+    by_track: dict[str | None, list[list[int]]] = defaultdict(list)
+    for group in sorted(groups, key=len, reverse=True):
+        names = Counter(track for row in group if (track := instances[row].track) is not None)
+        name = names.most_common(1)[0][0] if names else None
+        for other in by_track[name] if name is not None else ():
+            apart = {instances[row].view for row in group}.isdisjoint(instances[row].view for row in other)
+            over, under = (float(table[np.ix_(group, other)].sum()) for table in (shared, total))
+            if apart and (under < MIN_PLACE_POINTS or over >= NOT_CONTRADICTED_SHARE * under):
+                other.extend(group)
+                break
+        else:
+            by_track[name].append(list(group))
+    return [group for merged in by_track.values() for group in merged]
 
 
 def _is_place_known(one: Sequence[int], two: Sequence[int], clouds: Sequence[FloatArray]) -> bool:

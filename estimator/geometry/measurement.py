@@ -13,11 +13,12 @@ import numpy as np
 from estimator.association.mask_agreement import mask_agreement, mask_contradictions
 from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.association.tracks import Track, incremental_tracks, shared_tracks
-from estimator.geometry.box_fit import boxed_object
 from estimator.geometry.canonical_frame import SortedScene, sorted_scene
 from estimator.geometry.fragments import without_fragments
 from estimator.geometry.noise import depth_noise, sight_moment
+from estimator.geometry.outlined import MIN_BOX_VIEWS, MIN_DENSE_POINTS, outline_data, outlined_object
 from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
+from estimator.geometry.sight_errors import point_covariances
 from estimator.geometry.standing import stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.geometry.truncation import Outline, Sides, outline, side_evidence
@@ -32,21 +33,18 @@ __all__ = ["PAPER", "MeasurementOptions", "Measurements", "measure_objects"]
 
 # An object with fewer points has no shape: eight corners and as many again for outliers.
 MIN_OBJECT_POINTS = 16
-# The dense cloud is taken for an object from here on; below, whichever cloud holds more.
-MIN_DENSE_POINTS = 100
 # Points this many height bins below the floor are not on a thing: twice the half thickness of a level surface.
 BELOW_FLOOR_BINS = 5.0
-# Boxes bound a thing only where several of them cross: two leave a wedge that is open behind it.
-MIN_BOX_VIEWS = 3
 
 
 @dataclass(frozen=True, slots=True)
 class MeasurementOptions:
     """How to measure. `PAPER` holds the paper's choices; the extent rule is the same for all.
 
-    supports : objects reach down to the plane they stand on; cuboids : things known by boxes alone have the sizes of
-    the cuboid that their boxes frame; fragments : parts of things count as things; standing : whether a category
-    stands on the floor (True), hangs (False), or may do either (None).
+    supports : objects reach down to the plane they stand on; cuboids : objects known by boxes or with few points have
+    the sizes of the cuboid that their outlines frame; stated_tracks : masks that the file gives one track show one
+    object, unless their views contradict it; fragments : parts of objects count as objects; standing : whether a
+    category stands on the floor (True), hangs (False), or may do either (None).
     """
 
     association: Literal["shared", "incremental"] = "shared"
@@ -56,6 +54,7 @@ class MeasurementOptions:
     planes_for_up: bool = True
     dense: bool = True
     cuboids: bool = True
+    stated_tracks: bool = True
     fragments: bool = False
     standing: Callable[[str], bool | None] = stands
     up: Sequence[float] | None = None
@@ -68,6 +67,7 @@ PAPER = MeasurementOptions(
     supports=False,
     planes_for_up=False,
     cuboids=False,
+    stated_tracks=False,
     fragments=True,
 )
 
@@ -129,7 +129,7 @@ def _measure(
         doubts, errors = mask_contradictions(mask_agreement(clouds[0], instances))
     with _stopwatch(timings, "association"):
         if options.association == "shared":
-            tracks = shared_tracks(instances, clouds)
+            tracks = shared_tracks(instances, clouds, options.stated_tracks)
         else:
             tracks = incremental_tracks(instances, clouds[-1])
     with _stopwatch(timings, "up"):
@@ -147,6 +147,7 @@ def _measure(
         votes = [point_votes(cloud, instances, members) for cloud in clouds]
     with _stopwatch(timings, "noise"):
         noise = [depth_noise(scene.views, cloud) for cloud in clouds]
+        covariances = point_covariances(scene.views, scene.points)
     with _stopwatch(timings, "dimensions"):
         eyes = np.array([view.centre for view in scene.views])
         seen_from = [eyes[_views_of(track, instances)] for track in tracks]
@@ -163,7 +164,8 @@ def _measure(
             for track, shape, seen in zip(tracks, shapes, sides, strict=True)
         )
         if options.cuboids:
-            objects = tuple(boxed_object(thing, scene, instances, basis) for thing in objects)
+            data = outline_data(scene, instances, clouds, covariances, noise[-1], basis, up, planes, options.standing)
+            objects = tuple(outlined_object(item, data) for item in objects)
         if not options.fragments:
             objects = without_fragments(objects)
     warnings = doubts if contradiction is None else (*doubts, contradiction)

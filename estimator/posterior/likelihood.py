@@ -24,7 +24,7 @@ from estimator.posterior.axes import is_sorted, prior_axes
 from estimator.posterior.class_error import shared_error
 from estimator.posterior.components import DimensionRows
 from estimator.posterior.sameness import Hypothesis
-from estimator.posterior.symmetric import DIAGONAL, dot, inverse, pack, product, row_sums, total
+from estimator.posterior.symmetric import DIAGONAL, OFF_DIAGONAL, dot, inverse, pack, product, row_sums, total
 from estimator.records.measured_object import MeasuredObject
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.axes import AXES, EXTENTS
@@ -90,7 +90,8 @@ def _usable_axes(prior: Prior, vertical_known: bool) -> tuple[bool, ...]:
 class Measured:
     """The numbers of n objects, extents in falling order where the prior's are.
 
-    evidence : the objects; y, sigma : (n, 3) log extents and their standard deviations, 0 where missing; code : (n,)
+    evidence : the objects; y, sigma : (n, 3) log extents and their standard deviations, 0 where missing; together :
+    (n, 3, 3) covariance of the log extents off its diagonal; code : (n,)
     what is missing, truncated, free or too close to order, eight bits; outlier : (n,) its probability before the
     sizes are seen.
     """
@@ -98,6 +99,7 @@ class Measured:
     evidence: Sequence[ObjectEvidence]
     y: FloatArray
     sigma: FloatArray
+    together: FloatArray
     code: Sequence[int]
     outlier: FloatArray
 
@@ -109,16 +111,21 @@ def measurement_arrays(evidence: Sequence[ObjectEvidence]) -> Measured:
     cut = np.array([item.object.truncated for item in evidence], dtype=bool)  # (n, 3)
     y = np.log(extents)
     close = y[:, 0] - y[:, 1] < SURE_ORDER_SD * np.hypot(sigma[:, 0], sigma[:, 1])  # (n,)
+    joint = np.zeros((len(evidence), 3, 3))
+    for i, item in enumerate(evidence):
+        if item.object.covariance is not None:
+            joint[i] = item.object.covariance
     missing = np.isnan(y)
     free = np.array([not item.object.vertical_known for item in evidence])  # (n,)
     for i, item in enumerate(evidence):
         if is_sorted(item.prior):
             order = np.argsort(-np.where(missing[i], -np.inf, y[i]), kind="stable")
             y[i], sigma[i], cut[i], missing[i] = y[i, order], sigma[i, order], cut[i, order], missing[i, order]
+            joint[i] = joint[i][np.ix_(order, order)]
     codes = np.packbits(np.column_stack([missing, cut, close, free]), axis=1, bitorder="little")[:, 0].tolist()
     score = np.array([item.object.score for item in evidence])
     outlier = OUTLIER_SHARE + (1 - OUTLIER_SHARE) * SCORE_SLOPE * (1 - np.clip(score, 0.0, 1.0))  # (n,)
-    return Measured(evidence, np.nan_to_num(y), np.nan_to_num(sigma), codes, outlier)
+    return Measured(evidence, np.nan_to_num(y), np.nan_to_num(sigma), np.nan_to_num(joint), codes, outlier)
 
 
 def rows(objects: Measured) -> DimensionRows:
@@ -126,7 +133,7 @@ def rows(objects: Measured) -> DimensionRows:
     tables = [
         _table(item.prior, item.pose, code, -1, True) for item, code in zip(objects.evidence, objects.code, strict=True)
     ]
-    return _rows_of(tables, objects.y, objects.sigma, objects.outlier)
+    return _rows_of(tables, objects.y, objects.sigma, objects.together, objects.outlier)
 
 
 def hypothesis_rows(objects: Measured, chosen: IntArray, ways: Sequence[Sequence[Hypothesis]]) -> DimensionRows:
@@ -143,7 +150,7 @@ def hypothesis_rows(objects: Measured, chosen: IntArray, ways: Sequence[Sequence
         for way in own
     ]
     place = np.repeat(chosen, [len(own) for own in ways])
-    return _rows_of(tables, objects.y[place], objects.sigma[place], objects.outlier[place])
+    return _rows_of(tables, objects.y[place], objects.sigma[place], objects.together[place], objects.outlier[place])
 
 
 def has_readings(item: ObjectEvidence) -> bool:
@@ -214,8 +221,13 @@ def _table(prior: Prior, pose: str, code: int, reading: int, alone: bool) -> _Ta
     return _Table(np.concatenate(columns), np.tile(ways.measured, (k, 1)).T)
 
 
-def _rows_of(tables: Sequence[_Table], y: FloatArray, sigma: FloatArray, outlier: FloatArray) -> DimensionRows:
-    """The rows of n objects: log extents and their standard deviations (n, 3), probability of an outlier (n,)."""
+def _rows_of(
+    tables: Sequence[_Table], y: FloatArray, sigma: FloatArray, together: FloatArray, outlier: FloatArray
+) -> DimensionRows:
+    """The rows of n objects: log extents and their standard deviations (n, 3), probability of an outlier (n,).
+
+    together : (n, 3, 3) what the errors of the log extents have in common.
+    """
     counts = [table.measured.shape[1] for table in tables]
     owner = np.repeat(np.arange(len(tables)), counts)  # (m,)
     columns = np.concatenate([table.columns for table in tables], axis=1)  # (14, m)
@@ -223,6 +235,10 @@ def _rows_of(tables: Sequence[_Table], y: FloatArray, sigma: FloatArray, outlier
     extent = np.concatenate([table.measured for table in tables], axis=1) + 3 * owner  # (3, m) place in y and sigma
     residual = (mean - y.take(extent)) * active
     covariance[DIAGONAL] += (sigma**2).take(extent) * active
+    if together.any():
+        measured = extent - 3 * owner
+        for place, (one, two) in OFF_DIAGONAL.items():
+            covariance[place] += together[owner, measured[one], measured[two]] * active[one] * active[two]
     precision, log_det = inverse(covariance)
     for place, counts_or_not in zip(DIAGONAL, active, strict=True):
         precision[place] *= counts_or_not  # off the diagonal it is zero already

@@ -12,10 +12,12 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["DIAGONAL", "dot", "inverse", "pack", "product", "row_sums", "total"]
+__all__ = ["DIAGONAL", "OFF_DIAGONAL", "dot", "inverse", "pack", "product", "row_sums", "total"]
 
 #: Which of the six lie on the diagonal.
 DIAGONAL = [0, 3, 5]
+#: Row and column of the others.
+OFF_DIAGONAL = {1: (0, 1), 2: (0, 2), 4: (1, 2)}
 
 #: Six arrays or three: the rows of one array, or as many of their own.
 Arrays = FloatArray | Sequence[FloatArray]

@@ -28,12 +28,14 @@ class MeasuredObject:
     """One object in scene units.
 
     extents : (3,) length >= width (horizontal), height (vertical); NaN where missing. With `vertical_known` False they
-        are the extents of a free box, longest first. sigma : (3,) one standard deviation of the measurement, natural
-        log. confidence : (3,) the paper's eta (section 4.2); NaN where it does not apply. truncated : (3,) bool; the
-        true extent is at least the measured one. cloud, point_rows : which cloud of the scene it was measured in, and
-        its rows there; members : rows of the instances that show it. beyond : (3, 2) how far its masks go beyond its
-        points at the low and the high end of each axis, as a share of the extent; NaN where no two views tell.
-        unsupported_height : the height of the points alone, where `extents[2]` reaches down to a support plane.
+    are the extents of a free box, longest first. sigma : (3,) one standard deviation of the measurement, natural
+    log. covariance : (3, 3) of the log extents where their errors go together (all depend on one depth), its diagonal
+    sigma squared; None where they are independent. confidence : (3,) the paper's eta (section 4.2); NaN where it does
+    not apply. truncated : (3,) bool; the true extent is at least the measured one. cloud, point_rows : which cloud of
+    the scene it was measured in, and its rows there; members : rows of the instances that show it. beyond : (3, 2) how
+    far its masks go beyond its points at the low and the high end of each axis, as a share of the extent; NaN where no
+    two views tell. unsupported_height : the height of the points alone, where `extents[2]` reaches down to a support
+    plane.
     """
 
     id: str
@@ -54,3 +56,4 @@ class MeasuredObject:
     beyond: FloatArray | None = None
     skipped: str | None = None
     notes: tuple[str, ...] = ()
+    covariance: FloatArray | None = None

@@ -98,7 +98,7 @@ class Instance:
 
     mask : (h, w) bool crop whose upper left pixel is `origin` (x, y) of the image at camera resolution.
     `from_box` marks a box that stands in for a mask: its border is not trusted.
-    `track` is the annotation's own identity over frames where the file states one; kept for evaluation only.
+    `track` is the annotation's own identity over frames where the file states one.
     """
 
     id: str

@@ -6,16 +6,17 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.geometry.box_fit import BoxEdges, _outlines
+from estimator.geometry.cuboid_fit import _reaches
+from estimator.geometry.outlines import Outlines
 
 LOG = st.floats(-1.0, 1.0)
 
 
-def camera(distance: float) -> BoxEdges:
+def camera(distance: float) -> Outlines:
     """One camera that looks along y from `distance`, z up in its picture."""
     rotation = np.array([[[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]])
-    four = np.ones((1, 4))
-    return BoxEdges(four, four, four > 0, rotation, np.array([[0.0, 0, distance]]))
+    ones = np.ones((1, 8))
+    return Outlines(ones, ones, ones > 0, rotation, np.array([[0.0, 0, distance]]))
 
 
 @settings(max_examples=50)
@@ -23,7 +24,7 @@ def camera(distance: float) -> BoxEdges:
 def test_half_a_turn_and_an_exchange_of_sides_change_nothing(
     yaw: float, length: float, width: float, height: float, aside: float
 ) -> None:
-    one, half, quarter, mirrored = _outlines(
+    one, half, quarter, mirrored = _reaches(
         camera(12.0),
         np.array([
             [aside, 0.3, 0.1, yaw, length, width, height],
@@ -34,5 +35,5 @@ def test_half_a_turn_and_an_exchange_of_sides_change_nothing(
     )  # fmt: skip
     np.testing.assert_allclose(half, one, atol=1e-9)
     np.testing.assert_allclose(quarter, one, atol=1e-9)
-    np.testing.assert_allclose(mirrored[:, [2, 1, 0, 3]] * [-1, 1, -1, 1], one, atol=1e-9)
-    assert (one[:, 2:] > one[:, :2]).all()
+    np.testing.assert_allclose(mirrored[:, [2, 1, 0, 3, 5, 4, 7, 6]], one, atol=1e-9)
+    assert (one[:, :2] + one[:, 2:4] > 0).all()

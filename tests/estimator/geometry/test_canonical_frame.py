@@ -13,8 +13,9 @@ from estimator.geometry.measurement import measure_objects
 from estimator.records.scene import DenseCloud
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
 
-#: Largest change of a log size: rounding in another order, a few points on borders of cells in another frame.
-REORDERED, MOVED = 1e-9, 2e-3
+#: Largest change of a log size: rounding in another order; in another frame a few points on borders of cells, which
+#: turn the heading that the fit of a round object starts from.
+REORDERED, MOVED = 1e-9, 1e-2
 
 
 @pytest.fixture(scope="module")

@@ -110,7 +110,9 @@ def without_feet(made, category, share):
 @pytest.mark.parametrize(("category", "share"), [("chair", 0.4), ("cabinet", 0.25)])
 def test_an_unseen_foot_reaches_down_to_what_it_stands_on(room, category, share):
     made = without_feet(room, category, share)
-    bare = by_category(measure_objects(made.scene, made.instances, MeasurementOptions(supports=False)))[category]
+    bare = by_category(measure_objects(made.scene, made.instances, MeasurementOptions(supports=False, cuboids=False)))[
+        category
+    ]
     found = by_category(measure_objects(made.scene, made.instances))[category]
     assert np.log(bare.extents[2] / SIZES[category][2]) < np.log(1 - share) + 0.06
     assert abs(np.log(found.extents[2] / SIZES[category][2])) < 0.05
@@ -148,14 +150,14 @@ def test_a_clock_on_the_wall_stays_there():
 def test_too_few_points_are_skipped_with_a_reason(room):
     views = []
     for view in room.scene.views:
-        kept = view.point_index < 40
+        kept = view.point_index < 6
         views.append(replace(view, keypoints=view.keypoints[kept], point_index=view.point_index[kept]))
-    starved = replace(room.scene, dense=None, points=room.scene.points[:40], views=tuple(views))
+    starved = replace(room.scene, dense=None, points=room.scene.points[:6], views=tuple(views))
     objects = measure_objects(starved, room.instances).objects
     skipped = [thing for thing in objects if thing.skipped is not None]
     assert skipped
     for thing in skipped:
-        assert "needed" in thing.skipped
+        assert "how far away" in thing.skipped
         assert np.isnan(thing.extents).all()
         assert thing.box is None
 

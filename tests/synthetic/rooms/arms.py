@@ -68,7 +68,7 @@ def scores(
             taken = None
         else:
             if how not in measurements:
-                measurements[how] = measure_objects(case.scene, case.instances, how)
+                measurements[how] = measure_objects(case.scene, case.instances, replace(how, stated_tracks=False))
             taken = measurements[how]
             options = Options(method=method)
             if method == "paper":

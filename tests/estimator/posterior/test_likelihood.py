@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
@@ -56,6 +57,20 @@ def test_curve_is_the_mixture_on_the_line(u: float, stretch: list[float], sigma:
     found = object_curves([item], np.array([u, u + 1e-3]))[0, 0]
     expected = (1 - OUTLIER_SHARE) * _density(CHAIR, np.log(sizes), u, (0, 1, 2), sigma) + OUTLIER_SHARE
     assert found == pytest.approx(expected, rel=2e-3)
+
+
+@pytest.mark.usefixtures("no_gross_errors")
+def test_errors_that_go_together_are_in_the_density() -> None:
+    sizes, sigma = np.array([1.4, 0.5, 1.1]), 0.15
+    noise = sigma**2 * np.array([[1.0, 0.9, 0.5], [0.9, 1.0, 0.2], [0.5, 0.2, 1.0]])
+    alone = evidence(CHAIR, sizes, sigma=sigma)
+    item = replace(alone, object=replace(alone.object, covariance=noise))
+    expected = 0.0
+    for weight, mean, covariance in zip(CHAIR.weights, CHAIR.means, CHAIR.covariances, strict=True):
+        spread = covariance + CHAIR.shared_covariance + noise
+        expected += weight * multivariate_normal(mean, spread).pdf(np.log(1000 * sizes)) * LOG_BOX**3
+    found = object_curves([item], np.array([0.0, 1e-3]))[0, 0]
+    assert found == pytest.approx((1 - OUTLIER_SHARE) * expected + OUTLIER_SHARE, rel=2e-3)
 
 
 @pytest.mark.usefixtures("no_gross_errors")

@@ -1,0 +1,68 @@
+"""Objects with 1 to 30 points are measured by their outlines, and their sigma knows how well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.geometry.measurement import MeasurementOptions, measure_objects
+from estimator.geometry.outlines import mask_reaches
+from estimator.geometry.sight_errors import point_covariances
+from tests.synthetic.rooms.few_points import FewPointsWorld, few_points_world
+from tests.synthetic.shapes import orbit
+
+
+@pytest.fixture(scope="module")
+def world() -> FewPointsWorld:
+    return few_points_world(1000, "round")
+
+
+def test_heights_of_small_far_and_half_hidden_objects(world: FewPointsWorld) -> None:
+    options = MeasurementOptions(standing={"car": True, "chair": True}.get)
+    objects = [item for item in measure_objects(world.scene, world.instances, options).objects if item.skipped is None]
+    assert len(objects) >= 8
+    assert min(item.points for item in objects) < 5
+    sizes = np.array([world.sizes[int(world.instances[item.members[0]].track or 0)] for item in objects])
+    error = np.log(np.array([item.extents for item in objects]) / sizes)
+    assert np.median(np.abs(error), axis=0) == pytest.approx([0, 0, 0], abs=0.2)
+    assert abs(np.median(error[:, 2])) < 0.05
+    assert (np.abs(error) < 2 * np.array([item.sigma for item in objects])).mean() > 0.8
+    for item in objects:
+        assert item.covariance is not None
+        assert np.diag(item.covariance) == pytest.approx(item.sigma**2)
+
+
+def test_masks_of_one_track_are_one_object_unless_a_view_has_two(world: FewPointsWorld) -> None:
+    without = [replace(mask, track=None) for mask in world.instances]
+    stated = measure_objects(world.scene, world.instances).tracks
+    alone = measure_objects(world.scene, without).tracks
+    assert len(stated) == len({mask.track for mask in world.instances}) < len(alone)
+    twice = [*world.instances, replace(world.instances[0], origin=(0, 0), id="other")]
+    assert len(measure_objects(world.scene, twice).tracks) == len(stated) + 1
+
+
+def test_the_error_of_a_point_lies_along_the_view_where_the_baseline_is_short() -> None:
+    place = np.array([[0.0, 0.0, 0.4]])
+    for arc, least, most in ((2.0, 10.0, 100.0), (90.0, 0.5, 3.0)):
+        views = [
+            replace(view, keypoints=np.array([[320.0, 240.0]]), point_index=np.array([0]))
+            for view in orbit(6, 5.0, 0.4, arc=arc)
+        ]
+        covariance = point_covariances(views, place)[0]
+        assert least < np.sqrt(covariance[1, 1] / covariance[0, 0]) < most  # the first view looks along y
+
+
+def test_an_edge_behind_a_nearer_mask_is_not_free(world: FewPointsWorld) -> None:
+    first = world.instances[0]
+    height, width = first.mask.shape
+    beside = replace(
+        first, id="cover", mask=np.ones((height, 20), dtype=bool), origin=(first.origin[0] + width, first.origin[1])
+    )
+    solid = replace(first, mask=np.ones_like(first.mask))
+    alone = mask_reaches(world.scene, [solid], np.array([5.0]))
+    for depth, free in ((4.0, False), (6.0, True)):
+        covered = mask_reaches(world.scene, [solid, beside], np.array([5.0, depth]))
+        assert covered.free[0, 2] == (free and alone.free[0, 2])
+        assert covered.free[0, 0] == alone.free[0, 0]

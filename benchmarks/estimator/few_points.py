@@ -22,7 +22,7 @@ __all__ = ["main"]
 STANDING = {"car": True, "chair": True}
 #: Standard deviations that hold the middle 90 % of a Gaussian.
 NINETY = 1.645
-PIXELS, POINTS = (25, 50, 100, 200, 10_000), (0, 3, 8, 16, 10_000)
+PIXELS, POINTS = (50, 100, 200, 10_000), (0, 3, 8, 16, 10_000)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -45,6 +45,7 @@ ROOMS = [
     "estimator.instances",
     "estimator.visibility",
     "estimator.association",
+    "estimator.outlines",
     "estimator.geometry",
     "estimator.telemetry",
     "estimator.evidence",

@@ -18,12 +18,12 @@ from estimator.geometry.fragments import without_fragments
 from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.geometry.outlined import MIN_BOX_VIEWS, MIN_DENSE_POINTS, outline_data, outlined_object
 from estimator.geometry.planes import SupportPlane, level_basis, refine_up, support_planes
-from estimator.geometry.sight_errors import point_covariances
 from estimator.geometry.standing import stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.geometry.truncation import Outline, Sides, outline, side_evidence
 from estimator.geometry.up import Up, camera_up, given_up, up_contradiction
 from estimator.geometry.upright_box import Dimensions, dimensions, inliers
+from estimator.outlines.sight_errors import point_covariances
 from estimator.records.measured_object import Box, MeasuredObject
 from estimator.records.scene import Instance, Scene
 from estimator.visibility.depth_buffer import Surroundings

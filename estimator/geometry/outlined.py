@@ -82,7 +82,7 @@ def outline_data(
     planes: Sequence[SupportPlane],
     standing: Callable[[str], bool | None],
 ) -> OutlineData:
-    """The data of the fits, with the outlines of all masks."""
+    """The data of the fits, with the outlines of all masks; arrays as in `OutlineData`, covariances (n, 3, 3)."""
     depths = np.array([_median_depth(scene, instance, labels, row) for row, instance in enumerate(instances)])
     reaches = mask_reaches(scene, instances, depths)
     floor = floor_of(planes, labels[-1].points)
@@ -97,7 +97,7 @@ def outlined_object(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
     """
     masks = [data.instances[row] for row in item.members]
     if all(mask.from_box for mask in masks):
-        return _boxed(item, data)
+        return _box_object(item, data)
     whole = item.skipped is None and not np.any(item.truncated)
     if any(mask.from_box for mask in masks) or (item.points >= MANY_POINTS and whole):
         return item
@@ -113,16 +113,16 @@ def outlined_object(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
         foot = None
     cuboid = fit_cuboid(outlines, middle, _yaw(item, data.basis), foot, points)
     if not filled and stands is not False:
-        plane = _touched(cuboid, data)
+        plane = _contact_plane(cuboid, data)
         if plane is not None:
             foot = _on_plane(plane, data, float(cuboid.extents[2]), cuboid.centre)
             cuboid = fit_cuboid(outlines, cuboid.centre, cuboid.yaw, foot, points)
     away = float(np.median((outlines.rotation @ cuboid.centre + outlines.translation)[:, 2]))
     pixel = away / float(data.scene.views[masks[0].view].camera.params[0])
-    return _measured(item, cuboid, data, filled, outlines.truncated(foot is not None), pixel)
+    return _outline_sizes(item, cuboid, data, filled, outlines.cut_sides(foot is not None), pixel)
 
 
-def _boxed(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
+def _box_object(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
     """The object of boxes alone: its points, most of which are background, only say about where it is."""
     if item.skipped is not None or item.box is None:
         return item
@@ -146,7 +146,7 @@ def _boxed(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
     )
 
 
-def _measured(
+def _outline_sizes(
     item: MeasuredObject, cuboid: Cuboid, data: OutlineData, filled: bool, cut: BoolArray, pixel: float
 ) -> MeasuredObject:
     """The object by its outlines, or its points' box with what the outlines say of the sides that it lacks.
@@ -169,7 +169,7 @@ def _measured(
         truncated = np.where(kept, item.truncated, cut)
         covariance[kept] = covariance[:, kept] = 0
         covariance[kept, kept] = item.sigma[kept] ** 2
-        box = item.box if kept[:2].any() else replace(box, centre=_raised(box.centre, item.box.centre, data.basis[2]))
+        box = item.box if kept[:2].any() else replace(box, centre=_at_z(box.centre, item.box.centre, data.basis[2]))
     order = [0, 1, 2] if extents[0] >= extents[1] else [1, 0, 2]
     extents, covariance = extents[order], covariance[np.ix_(order, order)]
     return replace(
@@ -185,19 +185,20 @@ def _measured(
     )
 
 
-def _raised(centre: FloatArray, other: FloatArray, up: FloatArray) -> FloatArray:
+def _at_z(centre: FloatArray, other: FloatArray, up: FloatArray) -> FloatArray:
     """The centre (3,) at the height of another one."""
     return np.asarray(centre + (other - centre) @ up * up)
 
 
 def _box(cuboid: Cuboid, basis: FloatArray) -> Box:
+    """The cuboid in the scene; `basis` (3, 3) has up as its last row."""
     c, s = np.cos(cuboid.yaw), np.sin(cuboid.yaw)
     axes = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]]) @ basis
     return Box(cuboid.centre @ basis, axes, cuboid.extents)
 
 
 def _yaw(item: MeasuredObject, basis: FloatArray) -> float:
-    """How the footprint of the points is turned, 0 without one."""
+    """How the footprint of the points is turned in the level basis (3, 3), 0 without one."""
     if item.box is None:
         return 0.0
     along = item.box.axes[0] @ basis.T
@@ -251,7 +252,7 @@ def _middle(points: Sightings | None, outlines: Outlines, foot: tuple[float, flo
     return np.median(places, axis=0) if places else None
 
 
-def _touched(cuboid: Cuboid, data: OutlineData) -> SupportPlane | None:
+def _contact_plane(cuboid: Cuboid, data: OutlineData) -> SupportPlane | None:
     """The support plane at which the cuboid ends, None where it ends at none."""
     height = float(cuboid.extents[2])
     bottom = float(cuboid.centre[2]) - height / 2
@@ -265,7 +266,7 @@ def _touched(cuboid: Cuboid, data: OutlineData) -> SupportPlane | None:
 
 
 def _on_plane(plane: SupportPlane, data: OutlineData, height: float, place: FloatArray | None) -> tuple[float, float]:
-    """Height of a plane under an object, and its standard deviation: it tilts between where it was seen and there."""
+    """Height of a plane under an object at `place` (3,), and its sigma: it tilts away from where it was seen."""
     sigma = np.hypot(PLANE_SHARE * plane.sigma, FOOT_SHARE * height)
     eyes = np.array([view.centre for view in data.scene.views]) @ data.basis.T
     if place is None:

@@ -117,7 +117,7 @@ def fit_cuboid(
             [*middle, yaw + turn, np.log(START_LENGTH * across), np.log(START_WIDTH * across), np.log(tall)]
         )
         fits.append(_fit(data, start, float(np.sqrt(across * tall)), centre_sd or CENTRE_SD * away))
-    return _joined(fits)
+    return _join(fits)
 
 
 def entry_depths(parameters: FloatArray, sight: Sightings) -> tuple[FloatArray, FloatArray]:
@@ -224,8 +224,8 @@ def _point_residuals(
     return slope, residual, half, np.full(len(sigma), min(1.0, MAX_INDEPENDENT_POINTS / len(sigma)))
 
 
-def _joined(fits: list[tuple[float, FloatArray, FloatArray, float]]) -> Cuboid:
-    """The cuboid of several fits, each with the weight of its cost; the mode is the cheapest."""
+def _join(fits: list[tuple[float, FloatArray, FloatArray, float]]) -> Cuboid:
+    """The cuboid of several fits (cost, (7,), (7, 7), misfit), each with the weight of its cost."""
     least = min(fit[0] for fit in fits)
     kept = [fit for fit in fits if fit[0] - least < WORSE_COST]
     weights = np.array([np.exp(-(fit[0] - least) / 2) for fit in kept])

@@ -46,7 +46,7 @@ class Outlines:
     rotation: FloatArray
     translation: FloatArray
 
-    def truncated(self, standing: bool) -> BoolArray:
+    def cut_sides(self, standing: bool) -> BoolArray:
         """(3,) whether no view shows both ends of length and width, of height; standing : its foot is known."""
         left, top, right, bottom = (bool(self.free[:, k].any()) for k in range(4))
         across = not (left and right)
@@ -88,6 +88,7 @@ def mask_reaches(scene: Scene, instances: Sequence[Instance], depths: FloatArray
 
 
 def _is_nearer(instances: Sequence[Instance], depths: FloatArray, one: int, other: int) -> bool:
+    """Whether mask `one` is before the other, by their depths (m,), else by which goes lower."""
     if np.isfinite(depths[one]) and np.isfinite(depths[other]):
         return bool(depths[one] < depths[other])
     bottoms = [instances[row].origin[1] + instances[row].mask.shape[0] for row in (one, other)]

@@ -46,7 +46,7 @@ def point_covariances(views: Sequence[View], points: FloatArray) -> FloatArray:
 
 
 def keypoint_error(views: Sequence[View], points: FloatArray) -> float:
-    """Standard deviation of a keypoint along either axis of its picture, in pixels."""
+    """Standard deviation of the keypoints of points (n, 3) along either axis of a picture, in pixels."""
     misses = [np.empty(0)]
     for view in views:
         step = max(1, -(-len(view.point_index) // MAX_OBSERVATIONS))

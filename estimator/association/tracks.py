@@ -274,8 +274,8 @@ def _merge_by_statement(
 ) -> list[list[int]]:
     """Groups of one category after joining those whose masks have one track in the file, the largest first.
 
-    Views that see enough of each other's points and hardly share any contradict it, and so do two masks in one view. shared,
-    total : (m, m) what two masks share, and their total.
+    Views that see enough of each other's points and hardly share any contradict it, and so do two masks in one view.
+    shared, total : (m, m) what two masks share, and their total.
     """
     by_track: dict[str | None, list[list[int]]] = defaultdict(list)
     for group in sorted(groups, key=len, reverse=True):

@@ -34,15 +34,17 @@ class LogAxis:
         return self.start + min(max(share, 0.0), 1.0) * (self.end - self.start)
 
     def ticks(self) -> list[float]:
-        """Round lengths in mm, evenly spread: 1, 2, 5 times powers of ten, or powers of ten alone."""
+        """Round lengths in mm that do not meet: the roundest first, others between them where there is room."""
         first, last = math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))
-        for steps in (_FINE, (1, 2, 5), (1, 3), (1,)):
-            every = [step * 10.0**power for power in range(first, last + 1) for step in steps]
-            inside = [tick for tick in every if self.low <= tick <= self.high]
-            gaps = [abs(self.at(b) - self.at(a)) for a, b in pairwise(inside)]
-            if len(inside) <= MOST_TICKS and min(gaps, default=LEAST_GAP) >= LEAST_GAP:
-                return inside
-        return inside[:: math.ceil(len(inside) / MOST_TICKS)]
+        kept: list[float] = []
+        for steps in ((1,), (2, 5), (1.5, 3, 4, 6, 7, 8, 9)):
+            for power in range(first, last + 1):
+                near = [step * 10.0**power for step in steps if self.low <= step * 10.0**power <= self.high]
+                for tick in near:
+                    apart = min((abs(self.at(tick) - self.at(other)) for other in kept), default=LEAST_GAP)
+                    if apart >= LEAST_GAP and len(kept) < MOST_TICKS:
+                        kept.append(tick)
+        return sorted(kept)
 
     def svg(self, y: float, top: float) -> str:
         """The ticks as grid lines from `y` up to `top`, with their lengths below."""
@@ -51,9 +53,6 @@ class LogAxis:
             f'<text x="{self.at(tick):.1f}" y="{y + 12:g}" text-anchor="middle">{length_text(tick)}</text>'
             for tick in self.ticks()
         )
-
-
-_FINE = (1, 1.5, 2, 3, 4, 5, 6, 7, 8, 9)
 
 
 def path_data(points: Iterable[Sequence[float]]) -> str:

@@ -6,7 +6,6 @@ import errno
 import os
 import re
 import shutil
-import stat
 import tempfile
 import unicodedata
 from collections.abc import Iterable, Iterator
@@ -15,6 +14,7 @@ from pathlib import Path
 
 from metric_base.errors import InputError
 from metric_base.leftovers import hold, part_of, remove_dead_files, remove_dead_folders
+from metric_base.outputs import ANY_SCHEMA, check_output, is_special, stamp_file
 
 __all__ = [
     "WRITE_ERRORS",
@@ -22,7 +22,6 @@ __all__ = [
     "inside",
     "output_file",
     "output_names",
-    "refuse_input",
     "whole_file",
     "whole_folder",
 ]
@@ -37,17 +36,12 @@ WRITE_ERRORS = frozenset({
 _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|conout\$)(\..*)?", re.IGNORECASE)
 #: Characters that no Windows file name has, and controls that no terminal should be shown.
 _UNFIT = re.compile(r'[<>:"|?*\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]')
-#: What figures, pages and videos end in, and the folders where pictures are input all the same.
-_DRAWN = frozenset({".png", ".pdf", ".svg", ".jpg", ".jpeg", ".webp", ".html", ".mp4", ".mkv", ".mov"})
-_PICTURE_FOLDERS = frozenset({"images", "frames", "instances", "pictures", "masks"})
-#: What the first bytes of a result hold, and no input.
-_RESULT, _HEAD_BYTES = b'"metric-tree/scale/', 200
 #: Longest name of a file in bytes, less room for a temporary ending.
 MAX_NAME_BYTES = 200
 
 
 @contextmanager
-def whole_file(path: Path, option: str | None = None) -> Iterator[Path]:
+def whole_file(path: Path, option: str | None = None, schema: str = ANY_SCHEMA) -> Iterator[Path]:
     """A temporary path to write to; `path` has its content when the block ends, and is untouched when it fails.
 
     The temporary name ends otherwise than the path's, so that what a kill leaves behind is not read as one of its
@@ -57,10 +51,13 @@ def whole_file(path: Path, option: str | None = None) -> Iterator[Path]:
     Raises
     ------
     InputError
-        Where `option` is given: the system cannot write there (a full disk, no such folder, no permission).
+        Where `option` is given, by which a user named the path: the system cannot write there (a full disk, no such
+        folder, no permission), or there is a file that `check_output` does not let go.
     """
+    if option is not None:
+        check_output(path, option, schema)
     with _write_errors(path, option):
-        if _is_special(path):
+        if is_special(path):
             with tempfile.TemporaryDirectory() as folder:
                 work = Path(folder) / path.name
                 yield work
@@ -72,6 +69,8 @@ def whole_file(path: Path, option: str | None = None) -> Iterator[Path]:
         work = part_of(target_path)
         try:
             yield work
+            if option is not None:
+                stamp_file(work, path.suffix)
             work.replace(target_path)
         finally:
             with suppress(OSError):  # the error that led here says more
@@ -177,31 +176,6 @@ def output_file(path: Path, option: str = "--out") -> Path:
     return path
 
 
-def refuse_input(output: Path, option: str, inputs: Iterable[Path | None]) -> None:
-    """InputError if an output is one of the files that are read, or part of a folder that is: it would be overwritten.
-
-    In a folder that is read, what this project wrote there may be written again: results, pages and figures.
-    """
-    if not output.is_file():
-        return
-    for path in inputs:
-        if path is None or not path.exists():
-            continue
-        if output.samefile(path) or (path.is_dir() and _is_part(output.resolve(), path.resolve())):
-            raise InputError(f"{option}: expected another file than {path}, which is read; found {output}")
-
-
-def _is_part(file: Path, folder: Path) -> bool:
-    """Whether a file below an input folder may be read as part of it: no figure, page or result of an earlier run."""
-    if not file.is_relative_to(folder):
-        return False
-    if file.suffix.lower() in _DRAWN:
-        return file.parent.name in _PICTURE_FOLDERS
-    with file.open("rb") as content:
-        head = content.read(_HEAD_BYTES)
-    return bool(head) and _RESULT not in head
-
-
 def _safe_part(part: str) -> str:
     """One part of a path, fit for every system."""
     text = _UNFIT.sub("_", part).rstrip(" .")
@@ -212,15 +186,6 @@ def _safe_part(part: str) -> str:
     ending = f"{dot}{ending}" if stem and len(ending) <= 8 else ""
     room = MAX_NAME_BYTES - len(ending.encode())
     return text.encode()[:room].decode(errors="ignore") + ending
-
-
-def _is_special(path: Path) -> bool:
-    """Whether there is something at the path that is neither a file nor a folder: a device, a pipe, a socket."""
-    try:
-        mode = path.stat().st_mode
-    except OSError:
-        return False
-    return not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
 
 
 @contextmanager

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
-__all__ = ["code_folder", "data_folder", "taxonomy_directory"]
+__all__ = ["code_folder", "data_folder", "is_checkout", "taxonomy_directory", "user_data_folder"]
 
 
 def code_folder() -> Path:
@@ -16,6 +17,17 @@ def data_folder() -> Path:
     """The data that the project ships: `metric_tree/data` once installed, `data` in a checkout."""
     installed = code_folder() / "metric_tree" / "data"
     return installed if installed.is_dir() else code_folder() / "data"
+
+
+def is_checkout() -> bool:
+    """Whether the program runs from a checkout, whose data a maintainer changes, and not from an installation."""
+    return data_folder() == code_folder() / "data"
+
+
+def user_data_folder() -> Path:
+    """Where a user's own data are kept: `$XDG_DATA_HOME/metric-tree`, or `~/.local/share/metric-tree`."""
+    home = os.environ.get("XDG_DATA_HOME")
+    return (Path(home) if home else Path.home() / ".local" / "share") / "metric-tree"
 
 
 def taxonomy_directory() -> Path:

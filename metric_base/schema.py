@@ -83,7 +83,7 @@ def json_lines(
     InputError
         Of the type `error_type`: a line is not such a record; the message names file and line.
     """
-    for number, line in enumerate(read_text(path, may_be_empty=True).splitlines(), start=1):
+    for number, line in enumerate(read_text(path, may_be_empty=True).split("\n"), start=1):  # U+2028 ends no line
         if line.strip():
             with in_file(f"{path}:{number}", error_type) as place:
                 record = json_record(line, kind)

@@ -12,6 +12,7 @@ import sys
 import traceback
 from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
+from contextvars import copy_context
 from importlib import metadata
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
@@ -20,6 +21,7 @@ from metric_base.escaping import visible, visible_json
 from metric_base.extras import missing_extra
 from metric_base.files import WRITE_ERRORS
 from metric_base.spelling import advice, near_spellings
+from metric_cli.arguments import check_paths
 from metric_cli.signals import INTERRUPTED, Terminated, orderly_termination
 from metric_cli.streams import flush_or_silence, make_streams_forgiving
 
@@ -71,6 +73,12 @@ class OneLineParser(argparse.ArgumentParser):
         super().__init__(**settings)
         self._negative_number_matcher = re.compile(r"-\.?\d")  # as of Python 3.14; before, whole numbers alone
 
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """The options; an output that would replace an input or a file of others is an error."""
+        options = super().parse_args(args, namespace)
+        check_paths(self, options)
+        return options
+
     def error(self, message: str) -> NoReturn:
         """Raise what is wrong as an error of the input."""
         unknown = re.match(r"unrecognized arguments: (.*)", message)
@@ -90,7 +98,7 @@ def exit_status(program: str, run: Callable[[], int]) -> int:
     make_streams_forgiving()
     with orderly_termination():
         try:
-            status = run()
+            status = copy_context().run(run)  # what one run reads and may replace is forgotten after it
             sys.stdout.flush()
         except BrokenPipeError:  # the reader of a pipe left; what it took is all it wanted
             status = DONE

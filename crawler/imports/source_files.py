@@ -59,17 +59,17 @@ def quarantine_path(path: Path) -> Path:
     return path.with_name(f"{stem}.quarantine.jsonl{rest}")
 
 
-def write_import(result: Import, path: Path) -> None:
+def write_import(result: Import, path: Path, option: str | None = None) -> None:
     """The items of an import as JSON Lines (gzip by the name) and its refusals in the quarantine file beside it."""
-    write_lines(quarantine_path(path), (refusal.line() for refusal in result.refusals))
-    write_lines(path, (item.line() for item in result.items))
+    write_lines(quarantine_path(path), (refusal.line() for refusal in result.refusals), option)
+    write_lines(path, (item.line() for item in result.items), option)
 
 
-def write_lines(path: Path, lines: Iterable[str]) -> None:
+def write_lines(path: Path, lines: Iterable[str], option: str | None = None) -> None:
     """A text file, gzip where the name ends in `.gz`, written aside and renamed; the same lines give the same bytes."""
     path.parent.mkdir(parents=True, exist_ok=True)
     text = "".join(f"{line}\n" for line in lines).encode()
     # mtime 0 and no name inside: the bytes depend on the lines alone.
     data = gzip.compress(text, compresslevel=9, mtime=0) if path.suffix == ".gz" else text
-    with whole_file(path) as work:
+    with whole_file(path, option) as work:
         work.write_bytes(data)

@@ -170,7 +170,7 @@ class ScaleResult:
 
         InputError where the system cannot write there and `option` says who named the place.
         """
-        with whole_file(path, option) as work:
+        with whole_file(path, option, SCHEMA.rpartition("/")[0] + "/") as work:
             work.write_text(self.json() + "\n", encoding="utf-8")
 
     def _object(self, item: ObjectReport) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from insertion.study.curve import Curve
+from metric_base.files import whole_file
 
 __all__ = ["report_text", "write_curve"]
 
@@ -96,4 +97,5 @@ def write_curve(curve: Curve, file: Path) -> None:
     axes.set_ylabel("share of answers")
     axes.set_ylim(0, 1)
     axes.legend()
-    figure.savefig(file)
+    with whole_file(file, "--figure") as work:
+        figure.savefig(work, format=file.suffix[1:].lower())

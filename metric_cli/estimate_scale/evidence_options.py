@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError, Unquoted
+from metric_cli.arguments import input_path
 
 if TYPE_CHECKING:
     from estimator.evidence.camera_path import CameraPath
@@ -50,7 +51,7 @@ def add_evidence_options(parser: argparse.ArgumentParser) -> None:
     marker = "ArUco or AprilTag markers with a side of METRES, as DICT_4X4_50:0.1; charuco:DICT:COLSxROWS:SQUARE:MARKER"
     add("--marker", metavar="DICT:METRES", action="append", default=[], help=marker)
     depth = "depth maps of a network, named as the pictures (NPY, NPZ, EXR, PFM, 16-bit PNG)"
-    add("--metric-depth", metavar="DIR", type=Path, help=depth)
+    add("--metric-depth", metavar="DIR", type=input_path, help=depth)
     unit = "PNG in mm (metres: all else in metres) or 1/256 m; da3: focal * value / 300; metric3d: focal * value / 1000"
     add("--depth-unit", choices=DEPTH_UNITS, default="metres", help=unit)
     doubt = "what the network's metres are worth, one standard deviation as a share (default: %(default)s)"

@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NoReturn
 
 from estimator.records import METHODS
 from metric_base.errors import InputError
+from metric_cli.arguments import OutputFile, add_overwrite, input_path, output_folder
 from metric_cli.estimate_scale.completion import SHELLS, completion_script
 from metric_cli.estimate_scale.evidence_options import add_evidence_options, evidence_sources, up_direction
 from metric_cli.terminal import OneLineParser
@@ -47,7 +47,7 @@ def parse_options(words: Sequence[str]) -> argparse.Namespace:
     InputError
         An option is unknown, lacks its value, or does not go with the others.
     """
-    options = parser().parse_args(words)
+    options: argparse.Namespace = parser().parse_args(words)
     _check(options)
     return options
 
@@ -68,33 +68,38 @@ def parser() -> OneLineParser:
         "scene",
         metavar="SCENE",
         nargs="?",
-        type=Path,
+        type=input_path,
         help="reconstruction, a video, or pictures",
     )
     add(
         "--objects",
         metavar="FILE",
-        type=Path,
+        type=input_path,
         help="sizes measured elsewhere (metric-tree/objects/1; - is stdin)",
     )
     add(
         "--instances",
         metavar="FILE",
-        type=Path,
+        type=input_path,
         help="masks: COCO, label images, YOLO, labelme, NumPy",
     )
-    add("--categories", metavar="FILE", type=Path, help="file that names categories, for masks that lack them")
+    add("--categories", metavar="FILE", type=input_path, help="file that names categories, for masks that lack them")
     add(
         "--images",
         metavar="DIR",
-        type=Path,
+        type=input_path,
         help="the scene's pictures, for --detector, --overlay, --gps exif, --marker",
     )
     add("--detector", metavar="MODEL", help="ONNX Mask R-CNN, YOLO or RT-DETR, or a registered name to download")
-    add("--detector-labels", metavar="FILE", type=Path, help="its label names, one a line from label 1 (default: COCO)")
+    add(
+        "--detector-labels",
+        metavar="FILE",
+        type=input_path,
+        help="its label names, one a line from label 1 (default: COCO)",
+    )
     dense = "dense cloud (default: the one beside the model, if any; auto: make one, for a video or pictures)"
     add("--dense", metavar="FILE|none|auto", help=dense)
-    add("--work", metavar="DIR", type=Path, help="for a video or pictures: folder that keeps every stage")
+    add("--work", metavar="DIR", type=output_folder, help="for a video or pictures: folder that keeps every stage")
     add("--frames", metavar="N", type=int, help="for a video or pictures: frames to use (default: by the motion)")
     add("--focal", metavar="PX", type=float, help="for a video or pictures: focal length in pixels, not refined")
     add("--camera-model", metavar="M", help="for a video or pictures: COLMAP's camera model (default: SIMPLE_RADIAL)")
@@ -116,18 +121,29 @@ def parser() -> OneLineParser:
     add("--strict", action="store_true", help="exit 3 of an uncertain scale too")
     add("--level", type=float, default=0.9, help="mass of the interval (default: %(default)s)")
     add("--leave-one-class-out", action="store_true", help="the scale without each class in turn")
-    add("--paper-lists", metavar="DIR", type=Path, help="--method paper with the authors' own lists (scale_metrics)")
+    add(
+        "--paper-lists",
+        metavar="DIR",
+        type=input_path,
+        help="--method paper with the authors' own lists (scale_metrics)",
+    )
     add("--json", action="store_true", help="print the result as JSON (metric-tree/scale/1)")
-    add("--output", metavar="FILE", type=Path, help="write the JSON result there as well")
-    add("--figure", metavar="FILE", type=Path, help="draw the posterior and the objects; for a SCENE, its plan too")
-    add("--overlay", metavar="DIR", type=Path, help="draw the boxes with their sizes into every frame")
-    add("--write-scaled", metavar="DIR", type=Path, help="write the model again at metric scale")
+    add("--output", metavar="FILE", type=OutputFile("metric-tree/scale/"), help="write the JSON result there as well")
+    add(
+        "--figure",
+        metavar="FILE",
+        type=OutputFile(),
+        help="draw the posterior and the objects; for a SCENE, its plan too",
+    )
+    add("--overlay", metavar="DIR", type=output_folder, help="draw the boxes with their sizes into every frame")
+    add("--write-scaled", metavar="DIR", type=output_folder, help="write the model again at metric scale")
     add("--csv", action="store_true", help="print the objects as CSV")
     add("--wide", action="store_true", help="print the node, the units and the weight of each object too")
     add("--quiet", action="store_true", help="print the scale alone, and no warnings")
     add("--completion", choices=SHELLS, action=_PrintCompletion, help="print the completion script of a shell")
     add("--version", action="version", version=f"{PROGRAM} {version()}")
     add_evidence_options(root)
+    add_overwrite(root)
     return root
 
 
@@ -153,14 +169,10 @@ def _check(options: argparse.Namespace) -> None:
 
 def _check_outputs(options: argparse.Namespace) -> None:
     """InputError for an output that cannot be written, or that would take the place of an input."""
-    from metric_base.files import refuse_input
-
     for name in ("output", "figure"):
         path = getattr(options, name)
         if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
             raise InputError(f"--{name}: expected a file in a folder that exists; found {path}")
-        if path is not None:
-            refuse_input(path, f"--{name}", _inputs(options))
     if (
         options.figure is not None
         and options.output is not None
@@ -171,19 +183,6 @@ def _check_outputs(options: argparse.Namespace) -> None:
         path = getattr(options, name)
         if path is not None and path.exists():  # said before the work is done, not after
             raise InputError(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
-
-
-def _inputs(options: argparse.Namespace) -> list[Path]:
-    """What is read, as far as the arguments name it: files and folders."""
-    lengths = [words[0] for words in options.known_length if len(words) == 1]
-    texts = [options.scene, options.dense, options.detector, options.gps, options.tree, *options.baseline, *lengths]
-    paths = [Path(text) for text in texts if isinstance(text, str | Path) and str(text)]
-    named = (options.objects, options.instances, options.categories, options.detector_labels, options.images)
-    paths += [path for path in (*named, options.metric_depth) if path is not None]
-    scene = None if options.scene is None else Path(options.scene)
-    # any file of a model stands for its folder; a video stands for itself
-    beside = [scene.parent] if scene is not None and scene.is_file() and options.work is None else []
-    return [*paths, *beside]
 
 
 def _check_known_lengths(options: argparse.Namespace) -> None:

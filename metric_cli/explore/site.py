@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 import time
-from pathlib import Path
 
+from metric_cli.arguments import input_path
 from metric_cli.terminal import print_json
 from metric_tree.tree import open_tree
 
@@ -16,7 +16,7 @@ HELP = "Every page and JSON answer of the explorer as files, for any static host
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("out", metavar="OUT", type=Path, help="folder to write; it must not exist")
+    parser.add_argument("out", metavar="OUT", type=input_path, help="folder to write; it must not exist")
     parser.add_argument(
         "--tree",
         metavar="REF",

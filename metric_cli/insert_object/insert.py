@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
+from metric_cli.arguments import OutputFile, add_overwrite, output_folder
 from metric_cli.insert_object.scene_arguments import add_scene_arguments, requests_of, stage_of, tree_of
 
 if TYPE_CHECKING:
@@ -55,46 +56,45 @@ def parser() -> argparse.ArgumentParser:
     )
     add_scene_arguments(root)
     add = root.add_argument
-    add("--out", metavar="OUT", type=Path, help="a video (OUT.mp4), or a new folder for one PNG a frame")
+    add("--out", metavar="OUT", type=OutputFile(), help="a video (OUT.mp4), or a new folder for one PNG a frame")
     add("--renderer", choices=("embedded", "blender"), default="embedded", help="Blender's Cycles, if it is installed")
     codecs = ("h264", "hevc", "prores", "lossless", "vp9")
     add("--codec", choices=codecs, help="of the video (default: h264, or hevc for a source of more than 8 bits)")
     add("--frames", metavar="FIRST:LAST", help="draw only these pictures, by number from 0, both included")
-    add("--layers", metavar="DIR", type=Path, help="object, shadow, matte, depth, normals, ids, plate of each picture")
+    add(
+        "--layers",
+        metavar="DIR",
+        type=output_folder,
+        help="object, shadow, matte, depth, normals, ids, plate of each picture",
+    )
     add("--show-interval", action="store_true", help="draw the object's outline at both ends of the scale's interval")
     add(
         "--export",
         metavar="DIR",
-        type=Path,
+        type=output_folder,
         help="the scene in metres: glTF, USD, Blender, COLMAP, nerfstudio, masks, depth",
     )
     add(
         "--preview",
         metavar="FILE",
-        type=Path,
+        type=OutputFile(),
         help="draw the free places into a picture, best first, and list the options for each; needs no --out",
     )
     add("--json", action="store_true", help="print the result as JSON (metric-tree/insertion/1)")
     add("--version", action="version", version=f"{PROGRAM} {version()}")
+    add_overwrite(root)
     return root
 
 
 def _run(options: argparse.Namespace) -> int:
-    from insertion.footage.video_footage import VideoFootage
     from insertion.insert import insert_into
     from insertion.pipeline.stage import frame_range
-    from metric_base.files import refuse_input
     from metric_cli.progress import progress_bars
     from metric_cli.terminal import warn
 
     _check_outputs(options)
     requests = requests_of(options)
     stage = stage_of(options)
-    source = stage.footage.source if isinstance(stage.footage, VideoFootage) else None
-    for option, path in (("--out", options.out), ("--preview", options.preview)):
-        if path is not None:
-            models = [item.model for item in requests]
-            refuse_input(path, option, [source, options.scene, options.images, options.instances, *models])
     tree = tree_of(options)
     if options.preview is not None:
         _preview(stage, requests[0], tree, options)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
+from metric_cli.arguments import input_path
 
 if TYPE_CHECKING:
     from estimator.geometry.up import Up
@@ -39,16 +39,23 @@ class _PerModel(argparse.Action):
 def add_scene_arguments(root: argparse.ArgumentParser) -> None:
     """What `insert-object` and `insert-object study` share."""
     add = root.add_argument
-    add("scene", metavar="SCENE|WORK", type=Path, help="COLMAP model folder with its pictures, or a work folder")
-    add("--images", metavar="DIR", type=Path, help="the pictures (default: `images` beside or above the model)")
-    add("--instances", metavar="FILE", type=Path, help="masks that hide the object (default: SCENE/instances.json)")
+    add("scene", metavar="SCENE|WORK", type=input_path, help="COLMAP model folder with its pictures, or a work folder")
+    add("--images", metavar="DIR", type=input_path, help="the pictures (default: `images` beside or above the model)")
+    add(
+        "--instances",
+        metavar="FILE",
+        type=input_path,
+        help="masks that hide the object (default: SCENE/instances.json)",
+    )
     add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
     add("--scale", metavar="METRES", type=float, help="metres per scene unit (default: SCENE/result.json)")
     add("--up", metavar="X,Y,Z", help="up in the scene's axes, if it is known (default: by the cameras and planes)")
     add("--tree", metavar="REF", help="release for --size prior and --on (default: the newest available)")
     each = root.add_argument_group("each object")
     add_one = each.add_argument
-    add_one("--model", metavar="FILE", type=Path, action=_PerModel, required=True, help="glTF or GLB file, in metres")
+    add_one(
+        "--model", metavar="FILE", type=input_path, action=_PerModel, required=True, help="glTF or GLB file, in metres"
+    )
     add_one("--size", action=_PerModel, help="file (default), height=METRES (length=, width=), or prior")
     add_one("--category", metavar="NAME", action=_PerModel, help="category of the tree, for --size prior")
     add_one("--at", metavar="WHERE", action=_PerModel, help="frame=NAME_OR_INDEX,x=PX,y=PX or auto (default)")

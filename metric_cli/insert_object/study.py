@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.errors import InputError
+from metric_cli.arguments import OutputFile, add_overwrite, input_path
 from metric_cli.terminal import OneLineParser
 
 __all__ = ["run_study"]
@@ -39,15 +40,19 @@ def _page_parser() -> argparse.ArgumentParser:
     root.add_argument("--thing", default="object", help="what the object is called on the page")
     root.add_argument("--title", default="How large does it look?", help="heading of the page")
     root.add_argument("--repeats", type=int, default=2, help="how often each size is shown (default: %(default)s)")
-    root.add_argument("--out", metavar="FILE", type=Path, required=True, help="the page, FILE.html")
+    root.add_argument("--out", metavar="FILE", type=OutputFile(), required=True, help="the page, FILE.html")
+    add_overwrite(root)
     return root
 
 
 def _report_parser() -> argparse.ArgumentParser:
     root = OneLineParser(prog="insert-object study report", description="The curve of the answers.", allow_abbrev=False)
-    root.add_argument("answers", metavar="ANSWERS", type=Path, help="a file that the page saved, or a folder of them")
-    root.add_argument("--figure", metavar="FILE", type=Path, help="draw the curve (.png, .svg, .pdf)")
+    root.add_argument(
+        "answers", metavar="ANSWERS", type=input_path, help="a file that the page saved, or a folder of them"
+    )
+    root.add_argument("--figure", metavar="FILE", type=OutputFile(), help="draw the curve (.png, .svg, .pdf)")
     root.add_argument("--json", action="store_true", help="print the curve as JSON")
+    add_overwrite(root)
     return root
 
 
@@ -65,7 +70,7 @@ def _make(options: argparse.Namespace) -> int:
     stage = stage_of(options)
     placed = place_objects(stage, requests, tree_of(options))
     pictures = _pictures(stage, placed, options.frame)
-    with whole_file(options.out) as file:
+    with whole_file(options.out, "--out") as file:
         file.write_text(study_page(pictures, options.title, options.thing, options.repeats), encoding="utf-8")
     sys.stdout.write(f"{options.out}: {len(pictures)} sizes, each shown {options.repeats} times\n")
     sys.stdout.write(plan_text(options.repeats) + "\n")

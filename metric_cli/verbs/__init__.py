@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 
+from metric_cli.arguments import add_overwrite
 from metric_cli.terminal import OneLineParser, exit_status, version
 
 __all__ = ["VERBS", "main", "parser_of"]
@@ -67,6 +68,7 @@ def parser_of(verb: str) -> argparse.ArgumentParser:
     )
     parser.add_argument("--json", action="store_true", help="print the result as JSON")
     module.add_arguments(parser)
+    add_overwrite(parser)
     parser.set_defaults(run=module.run)
     return parser
 

@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 from crawler.imports.sources import declared_sources
 from crawler.items import STATED_KINDS
 from metric_base.errors import InputError
+from metric_cli.arguments import input_path, output_folder
 from metric_cli.progress import progress_bars
 from metric_cli.terminal import print_json, print_table, warn
 from metric_tree.build.ingest import raw_files
@@ -44,12 +45,16 @@ SCHEDULER_TIMEOUT = 10
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("raw", metavar="RAW", nargs="+", type=Path, help="*.jsonl, *.jsonl.gz, or folders of them")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the release; it must not exist yet")
+    parser.add_argument(
+        "raw", metavar="RAW", nargs="+", type=input_path, help="*.jsonl, *.jsonl.gz, or folders of them"
+    )
+    parser.add_argument(
+        "--out", metavar="DIR", type=output_folder, required=True, help="the release; it must not exist yet"
+    )
     parser.add_argument("--version", default="0.1.0", help="semantic version of the release (default: %(default)s)")
     parser.add_argument("--name", default="metric-tree", help="name of the release (default: %(default)s)")
     parser.add_argument("--created", metavar="DATE", help=f"ISO date (default: ${DATE_VARIABLE}, else today)")
-    parser.add_argument("--log", metavar="DIR", type=Path, help="quarantine and report (default: DIR.build)")
+    parser.add_argument("--log", metavar="DIR", type=output_folder, help="quarantine and report (default: DIR.build)")
     parser.add_argument("--fold-out", metavar="I/N", type=_fold, help="leave out fold I (from 0) of N, by item id")
     parser.add_argument("--without-noncommercial", action="store_true", help="leave out non-commercial sources")
     parser.add_argument(
@@ -64,14 +69,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sources",
         metavar="DIR",
-        type=Path,
+        type=input_path,
         help="declarations of your own, SOURCE.toml each, beside the package's, for the terms and kinds of RAW",
     )
     parser.add_argument(
         "--without-curated", action="store_true", help="leave out the project's norms and judged ranges"
     )
     parser.add_argument(
-        "--carry", metavar="DIR", type=Path, help="take nodes, priors and the choice of rows from this release"
+        "--carry", metavar="DIR", type=input_path, help="take nodes, priors and the choice of rows from this release"
     )
     parser.add_argument(
         "--without-pictures",

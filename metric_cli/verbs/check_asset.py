@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
+from metric_cli.arguments import OutputFile, input_path
 from metric_cli.progress import with_bar
 from metric_cli.terminal import print_table, warn
 
@@ -32,20 +33,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "files",
         metavar="FILE",
         nargs="*",
-        type=Path,
+        type=input_path,
         help="models (glTF, USD, OBJ, STL, PLY, DAE, URDF, ...) or folders",
     )
     add("--category", metavar="NAME", help="what all of them are; else the files' own words say")
     add(
         "--batch",
         metavar="LIST",
-        type=Path,
+        type=input_path,
         help="table of boxes (CSV or Parquet: name, x, y, z in metres), or file names",
     )
     add("--up", choices=("x", "y", "z"), help="the axis that points up in boxes")
-    add("--out", metavar="FILE.jsonl", type=Path, help="one JSON line a model; a run that was stopped goes on there")
-    add("--report", metavar="FILE.html", type=Path, help="a page, the most wrong first, with drawings to scale")
-    add("--fix", metavar="OUT", type=Path, help="write what is wrong at its true size: a file, or a folder for many")
+    add(
+        "--out",
+        metavar="FILE.jsonl",
+        type=OutputFile("metric-tree/asset/"),
+        help="one JSON line a model; a run that was stopped goes on there",
+    )
+    add("--report", metavar="FILE.html", type=OutputFile(), help="a page, the most wrong first, with drawings to scale")
+    add(
+        "--fix",
+        metavar="OUT",
+        type=OutputFile(),
+        help="write what is wrong at its true size: a file, or a folder for many",
+    )
     add("--bake", action="store_true", help="with --fix: change the vertices of glTF, not a node above them")
     add("--strict", action="store_true", help="exit 3 also for what is not known")
     add("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")

@@ -9,10 +9,10 @@ import re
 import sys
 import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 from crawler.fetch import DELAY_SECONDS
+from metric_cli.arguments import input_path, output_folder
 from metric_cli.terminal import print_json, print_table
 
 __all__ = ["CONTACT_VARIABLE", "HELP", "add_arguments", "run"]
@@ -29,8 +29,8 @@ _CONTACT = re.compile(r".*(?:[^@\s]+@[^@\s]+|https?://[^\s/]+).*")
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("spider", metavar="SPIDER", help="amazon, ikea, ..., wikidata, or generic for any site")
-    parser.add_argument("--site", type=Path, metavar="FILE.toml", help="a site of your own; SPIDER is its name")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set")
+    parser.add_argument("--site", type=input_path, metavar="FILE.toml", help="a site of your own; SPIDER is its name")
+    parser.add_argument("--out", type=output_folder, required=True, metavar="DIR", help="folder of the data set")
     parser.add_argument(
         "--start-url", action="append", default=[], metavar="URL", help="where to begin; may be repeated"
     )
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     delay = "between requests to one site (default: %(default)s)"
     parser.add_argument("--delay", type=float, default=DELAY_SECONDS, metavar="SECONDS", help=delay)
-    parser.add_argument("--cache", type=Path, metavar="DIR", help="HTTP cache for conditional requests")
+    parser.add_argument("--cache", type=output_folder, metavar="DIR", help="HTTP cache for conditional requests")
     parser.add_argument("--redis", default="", metavar="URL", help="share the frontier with other workers")
     parser.add_argument("--worker", default="", metavar="NAME", help="this worker's folder in DIR, with --redis")
     parser.add_argument("--private", action="store_true", help="allow addresses of this machine and its network")

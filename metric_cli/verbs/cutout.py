@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from pathlib import Path
 
 from metric_base.errors import InputError
+from metric_cli.arguments import output_folder
 from metric_cli.progress import progress_bars
 from metric_cli.terminal import print_json, print_table
 from metric_cli.verbs.build import executor_of
@@ -25,7 +25,9 @@ HELP = "Foreground cut-outs of a release's pictures, as a new release; the old o
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("release", metavar="RELEASE", help="folder or version of a release with pictures")
-    parser.add_argument("--out", metavar="DIR", type=Path, required=True, help="the new release; it must not exist yet")
+    parser.add_argument(
+        "--out", metavar="DIR", type=output_folder, required=True, help="the new release; it must not exist yet"
+    )
     parser.add_argument("--backend", choices=BACKENDS, default="auto", help="how to cut (default: %(default)s)")
     parser.add_argument(
         "--model", default="u2net", help="open model that rembg knows, or an ONNX file (default: %(default)s)"

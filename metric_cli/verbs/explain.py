@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
 from metric_base.input_files import read_text
+from metric_cli.arguments import input_path
 from metric_cli.terminal import print_json, print_table
 from metric_tree.tree import Tree, open_tree
 
@@ -25,8 +26,10 @@ SCHEMA = "metric-tree/explain/1"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("item", metavar="ITEM_ID", help="<source>:<source_id>, as in a release's items")
-    parser.add_argument("raw", metavar="RAW", nargs="*", type=Path, help="raw items to look for its words in")
-    parser.add_argument("--log", metavar="DIR", type=Path, help="log of the build (DIR.build): why it refused the item")
+    parser.add_argument("raw", metavar="RAW", nargs="*", type=input_path, help="raw items to look for its words in")
+    parser.add_argument(
+        "--log", metavar="DIR", type=input_path, help="log of the build (DIR.build): why it refused the item"
+    )
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
 
 
@@ -116,9 +119,9 @@ def _absence(tree: Tree, item_id: str, log: Path | None) -> dict[str, Any]:
 
 def _refusal(item_id: str, file: Path) -> dict[str, Any] | None:
     """The record of an item among those that a build refused."""
-    lines = read_text(file, may_be_empty=True).splitlines()
+    lines = read_text(file, may_be_empty=True).split("\n")
     try:
-        records = [json.loads(line) for line in lines]
+        records = [json.loads(line) for line in lines if line.strip()]
         return next((one for one in records if f"{one['source']}:{one['source_id']}" == item_id), None)
     except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(f"{file}: expected refused items as a build writes them; found others") from None

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError
+from metric_cli.arguments import input_path, output_folder
 from metric_cli.progress import with_bar
 from metric_cli.terminal import print_json, print_table
 from metric_tree.tree import Node, Tree, open_tree
@@ -21,15 +22,19 @@ HELP = "Training data for instance segmentation (COCO format): pasted cut-outs, 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="a folder that does not exist yet")
+    add("--out", type=output_folder, required=True, metavar="DIR", help="a folder that does not exist yet")
     add("--categories", metavar="FILE.csv|NAME,NAME", help="what `select --out` wrote, or names (default: select's)")
     add("--pictures", type=int, default=1000, help="synthetic pictures (default: %(default)s)")
     add("--size", default="640x480", metavar="WxH", help="of a synthetic picture in pixels (default: %(default)s)")
-    add("--backgrounds", type=Path, metavar="DIR", help="pictures to paste on (default: made patches)")
+    add("--backgrounds", type=input_path, metavar="DIR", help="pictures to paste on (default: made patches)")
     add("--val-share", type=float, default=0.1, help="share of items and pictures kept for validation")
-    add("--coco", nargs=2, type=Path, action="append", default=[], metavar=("JSON", "IMAGES"), help="COCO or LVIS")
-    add("--ade20k", type=Path, action="append", default=[], metavar="DIR", help="ADE20K: full set or challenge")
-    add("--open-images", type=Path, action="append", default=[], metavar="DIR", help="Open Images masks, V5 to V7")
+    add(
+        "--coco", nargs=2, type=input_path, action="append", default=[], metavar=("JSON", "IMAGES"), help="COCO or LVIS"
+    )
+    add("--ade20k", type=input_path, action="append", default=[], metavar="DIR", help="ADE20K: full set or challenge")
+    add(
+        "--open-images", type=input_path, action="append", default=[], metavar="DIR", help="Open Images masks, V5 to V7"
+    )
     add("--seed", type=int, default=0, help="the same seed and input give the same bytes (default: %(default)s)")
     add("--jobs", type=int, default=1, help="processes; they change nothing but the time (default: %(default)s)")
     add("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")

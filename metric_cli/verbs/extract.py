@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from pathlib import Path
 
 from metric_base.escaping import visible_json
+from metric_cli.arguments import input_path
 from metric_cli.terminal import print_table
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -17,8 +17,8 @@ HELP = "One saved web page to a raw item, by the spider that owns the URL's site
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("file", type=Path, metavar="FILE", help="HTML, gzipped or not")
-    parser.add_argument("--site", type=Path, metavar="FILE.toml", help="a site of your own, whose page this is")
+    parser.add_argument("file", type=input_path, metavar="FILE", help="HTML, gzipped or not")
+    parser.add_argument("--site", type=input_path, metavar="FILE.toml", help="a site of your own, whose page this is")
     parser.add_argument("--url", required=True, help="the address the page was saved from")
 
 

@@ -12,6 +12,7 @@ from crawler.imports.source_files import changed_files, source_folder, write_imp
 from crawler.imports.sources import Source, source, sources
 from metric_base.errors import InputError
 from metric_base.files import output_file
+from metric_cli.arguments import OutputFile, input_path, output_folder
 from metric_cli.progress import with_bar
 from metric_cli.terminal import print_json, print_table, warn
 
@@ -29,24 +30,29 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--list", action="store_true", help="list the declared sources, with terms and addresses")
     parser.add_argument(
         "--sources",
-        type=Path,
+        type=input_path,
         metavar="DIR",
         help="declarations of your own, SOURCE.toml each, in place of the package's",
     )
     parser.add_argument(
         "--input",
-        type=Path,
+        type=input_path,
         metavar="PATH",
         help="the source's folder or its one file, or a folder that holds such folders (default: download)",
     )
     parser.add_argument(
-        "--out", type=Path, metavar="PATH", help="FILE.jsonl, FILE.jsonl.gz, or a folder (default: none)"
+        "--out",
+        type=OutputFile("metric-tree/raw/"),
+        metavar="PATH",
+        help="FILE.jsonl, FILE.jsonl.gz, or a folder (default: none)",
     )
     parser.add_argument(
-        "--ship", type=Path, metavar="DIR", help="DIR/<source>.jsonl.gz of the sources whose terms allow it"
+        "--ship", type=output_folder, metavar="DIR", help="DIR/<source>.jsonl.gz of the sources whose terms allow it"
     )
     parser.add_argument("--verbose", action="store_true", help="with --list: why a source can be downloaded or not")
-    parser.add_argument("--summary", type=Path, metavar="FILE.md", help="write the table of the sources imported")
+    parser.add_argument(
+        "--summary", type=OutputFile(), metavar="FILE.md", help="write the table of the sources imported"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -64,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         _write(result, arguments)
         summaries.append({"schema": SCHEMA, **summary(result)})
     if arguments.summary:
-        write_lines(arguments.summary, overview(summaries).splitlines())
+        write_lines(arguments.summary, overview(summaries).splitlines(), "--summary")
     if arguments.json:
         print_json(summaries if arguments.all else summaries[0])
     else:
@@ -109,9 +115,9 @@ def _write(result: Import, arguments: argparse.Namespace) -> None:
     name = f"{result.source.id}.jsonl"
     if arguments.out:
         inside = arguments.all or arguments.out.is_dir()
-        write_import(result, arguments.out / name if inside else arguments.out)
+        write_import(result, arguments.out / name if inside else arguments.out, "--out")
     if arguments.ship and result.source.ship:
-        write_lines(arguments.ship / f"{name}.gz", (item.line() for item in result.items))
+        write_lines(arguments.ship / f"{name}.gz", (item.line() for item in result.items), "--ship")
 
 
 def _print_sources(declared: Sequence[Source], as_json: bool, verbose: bool) -> int:

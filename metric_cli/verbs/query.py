@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from metric_base.errors import InputError
+from metric_cli.arguments import OutputFile
 from metric_cli.terminal import print_json, print_table
 from metric_tree.context import Where, where_of
 from metric_tree.description import is_mixed, item_quantiles, node_sentence, shipped_evidence
@@ -36,7 +37,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--at-least", metavar="TIER", help="refuse a size that rests on less: norm, measured, few, ...")
     parser.add_argument("--kind", help="also the sizes of the shipped items of this kind: product, measured, ...")
     parser.add_argument("--images", metavar="N", type=int, help="name N pictures, spread over the sizes")
-    parser.add_argument("--sheet", metavar="FILE.png", type=Path, help="draw them to one scale (12 unless --images)")
+    parser.add_argument(
+        "--sheet", metavar="FILE.png", type=OutputFile(), help="draw them to one scale (12 unless --images)"
+    )
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
 from metric_base.files import whole_file
+from metric_cli.arguments import input_path, output_folder
 from metric_cli.progress import with_bar
 from metric_cli.terminal import print_json, print_table
 
@@ -35,13 +36,13 @@ NOT_SHOWN = frozenset({"trademark"})
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument(
-        "raw", metavar="RAW", type=Path, help="raw items whose ids are paths of models (.glb) in --models"
+        "raw", metavar="RAW", type=input_path, help="raw items whose ids are paths of models (.glb) in --models"
     )
-    parser.add_argument("--models", metavar="DIR", type=Path, required=True, help="the folder of the models")
+    parser.add_argument("--models", metavar="DIR", type=input_path, required=True, help="the folder of the models")
     parser.add_argument(
         "--out",
         metavar="DIR",
-        type=Path,
+        type=output_folder,
         required=True,
         help="where pictures and their records are written: beside RAW",
     )
@@ -65,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         for item in with_bar(drawn, "render", len(drawn))
         for picture in _pictures(context, item, arguments.models, folder)
     ]
-    with whole_file(arguments.out / "pictures-000001-000001.jsonl") as work:
+    with whole_file(arguments.out / "pictures-000001-000001.jsonl", "--out") as work:
         work.write_text("".join(f"{picture.line()}\n" for picture in pictures), encoding="utf-8")
     counts = {"items": len(drawn), "pictures": len(pictures)}
     if arguments.json:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from metric_base.files import output_file, refuse_input, whole_file
+from metric_base.files import output_file, whole_file
+from metric_cli.arguments import OutputFile
 from metric_cli.terminal import print_json
 from metric_tree.tree import open_tree
 
@@ -18,7 +19,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("release", metavar="DIR", nargs="?", help="folder or version of a release (default: shipped)")
     parser.add_argument("--against", metavar="DIR", help="an earlier release, to say what changed since")
-    parser.add_argument("--out", metavar="FILE", type=Path, default=Path("report.html"), help="page (report.html)")
+    parser.add_argument(
+        "--out", metavar="FILE", type=OutputFile(), default=Path("report.html"), help="page (report.html)"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -30,10 +33,8 @@ def run(arguments: argparse.Namespace) -> int:
     output_file(arguments.out)
     tree = open_tree(arguments.release)
     against = open_tree(arguments.against) if arguments.against else None
-    for read in (tree, against):
-        refuse_input(arguments.out, "--out", [None if read is None else read.release.directory])
     text = page(tree, against)
-    with whole_file(arguments.out) as work:
+    with whole_file(arguments.out, "--out") as work:
         work.write_text(text, encoding="utf-8")
     if arguments.json:
         print_json(

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError, in_file
 from metric_base.spelling import near_spellings
+from metric_cli.arguments import input_path
 from metric_cli.terminal import print_json, print_table
 
 if TYPE_CHECKING:
@@ -24,6 +25,9 @@ __all__ = ["HELP", "add_arguments", "run"]
 HELP = "What waits for a reviewer (list), subjects without answers (blind), record a decision, agreement."
 
 SCHEMA = "metric-tree/review/1"
+
+#: Where decisions are read and recorded if no folder is named.
+DEFAULT_FOLDER = "default: ./decisions if it is there, the user's own, and the project's"
 
 #: Sources of raw items that are neither declared nor sites: our norms and ranges, and what our spider asks Wikidata.
 UNDECLARED = ("norms", "judged", "wikidata")
@@ -50,7 +54,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     waits.add_argument("--all", action="store_true", help=f"print all words, not {SHOWN}")
     blind = actions.add_parser("blind", help="what a reviewer has not read, shuffled and without any answer")
-    blind.add_argument("raw", metavar="RAW", nargs="*", type=Path, help="raw items to take an example of each from")
+    blind.add_argument(
+        "raw", metavar="RAW", nargs="*", type=input_path, help="raw items to take an example of each from"
+    )
     _add_reviewer(blind, "the reviewer that will answer")
     blind.add_argument("--source", help="only subjects of this source")
     blind.add_argument("--limit", type=int, metavar="N", help="at most N subjects")
@@ -63,12 +69,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_reviewer(record, "a person's name, or 'program: what it is'")
     record.add_argument("--what", choices=["match", "insertion"], default="match", help="kind of decision")
     record.add_argument(
-        "--sources", type=Path, metavar="DIR", help="declarations of your own: their sources exist, too"
+        "--sources", type=input_path, metavar="DIR", help="declarations of your own: their sources exist, too"
     )
     record.add_argument("--why", default="", help="one line")
     actions.add_parser("agreement", help="Cohen's kappa of first and second readings, and where they differ")
     for action in actions.choices.values():
-        action.add_argument("--folder", type=Path, help="folder of the decision files (default: the project's)")
+        action.add_argument("--folder", type=input_path, help=f"folder of the decision files ({DEFAULT_FOLDER})")
         action.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help="print the result as JSON")
 
 
@@ -168,8 +174,15 @@ def _examples(raw: Sequence[Path], subjects: set[str]) -> dict[str, dict[str, st
 
 
 def _record(arguments: argparse.Namespace) -> None:
-    from metric_base.folders import taxonomy_directory
-    from taxonomy.matching.decisions import NONE, WITHDRAWN, BadDecision, Decision, decisions, record_decision
+    from taxonomy.matching.decisions import (
+        NONE,
+        WITHDRAWN,
+        BadDecision,
+        Decision,
+        decisions,
+        record_decision,
+        record_folder,
+    )
     from taxonomy.matching.lexicon import default_lexicon
     from taxonomy.words.spelling import fold_text
 
@@ -197,7 +210,7 @@ def _record(arguments: argparse.Namespace) -> None:
             why=arguments.why,
             blind=not (arguments.amend or withdrawn),
         )
-    folder = arguments.folder or taxonomy_directory() / "decisions"
+    folder = arguments.folder or record_folder()
     file = folder / "recorded.jsonl"
     record_decision(decision, file, amend=arguments.amend or withdrawn)
     if arguments.json:

@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError
-from metric_base.files import output_file, refuse_input, whole_file
+from metric_base.files import output_file, whole_file
+from metric_cli.arguments import OutputFile
 from metric_cli.terminal import print_json, print_table
 from metric_tree.training.selection import (
     TRAINING_LISTS,
@@ -49,8 +50,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=rules.least_lists,
         help=f"of the training sets {', '.join(TRAINING_LISTS)} (default: %(default)s)",
     )
-    parser.add_argument("--out", type=Path, metavar="FILE.csv", help="write the chosen categories, for `export`")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="draw the figure of each rule (.png, .svg, .pdf)")
+    parser.add_argument(
+        "--out", type=OutputFile(), metavar="FILE.csv", help="write the chosen categories, for `export`"
+    )
+    parser.add_argument(
+        "--figure", type=OutputFile(), metavar="FILE", help="draw the figure of each rule (.png, .svg, .pdf)"
+    )
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
 
 
@@ -70,9 +75,6 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out:
         output_file(arguments.out)
     tree = open_tree(arguments.tree)
-    for option, path in (("--out", arguments.out), ("--figure", arguments.figure)):
-        if path is not None:
-            refuse_input(path, option, [tree.release.directory])
     ranked = candidates(tree)
     taken = choose(ranked, rules)
     chosen_summary = selection(tree, ranked, taken, rules)
@@ -137,7 +139,7 @@ def _write(rows: Sequence[dict[str, Any]], path: Path) -> None:
     writer.writerow(_COLUMNS)
     for row in rows:
         writer.writerow([*(row[name] for name in _COLUMNS[:5]), len(row["lists"]), *(row[n] for n in _COLUMNS[6:])])
-    with whole_file(path) as work:
+    with whole_file(path, "--out") as work:
         work.write_text(text.getvalue(), encoding="utf-8")
 
 

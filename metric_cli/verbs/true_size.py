@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from metric_base.errors import InputError
+from metric_cli.arguments import OutputFile, input_path
 from metric_cli.terminal import print_json, print_table
 
 __all__ = ["HELP", "add_arguments", "run"]
@@ -16,13 +16,15 @@ HELP = "The true size of a generated or normalised model, from its shape and its
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument(
-        "model", metavar="MODEL", type=Path, nargs="?", help="glTF, USD, OBJ, STL, PLY, DAE, URDF, SDF or MJCF"
+        "model", metavar="MODEL", type=input_path, nargs="?", help="glTF, USD, OBJ, STL, PLY, DAE, URDF, SDF or MJCF"
     )
     parser.add_argument("--category", metavar="NAME", help="what it is")
     parser.add_argument(
-        "--batch", metavar="TABLE", type=Path, help="boxes of one scene (CSV or Parquet): one factor for all"
+        "--batch", metavar="TABLE", type=input_path, help="boxes of one scene (CSV or Parquet): one factor for all"
     )
-    parser.add_argument("--out", metavar="FILE", type=Path, help="write the model at the median of its true size")
+    parser.add_argument(
+        "--out", metavar="FILE", type=OutputFile(), help="write the model at the median of its true size"
+    )
     parser.add_argument("--bake", action="store_true", help="with --out: change the vertices of glTF")
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
 

@@ -203,7 +203,8 @@ REFUSALS = {
 
 def refusal(reason: str, source: str, source_id: str, title: str, category: Sequence[str], detail: str = "") -> str:
     """One line of the quarantine file."""
-    record = {"reason": reason, "source": source, "source_id": source_id, "title": title, "category": list(category)}
+    record: dict[str, Any] = {"schema": "metric-tree/refused/1", "reason": reason}
+    record |= {"source": source, "source_id": source_id, "title": title, "category": list(category)}
     return json.dumps(record | ({"detail": detail} if detail else {}), ensure_ascii=False) + "\n"
 
 

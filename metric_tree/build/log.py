@@ -29,6 +29,7 @@ def report(
 ) -> dict[str, Any]:
     """The report of a build, as it is written to `report.json`."""
     return {
+        "schema": "metric-tree/build-report/1",
         "raw": dict(sorted(counts.items())),
         "evidence_model": model.record(),
         "disagreements": disagreements(classes, priors),

@@ -410,9 +410,9 @@ def _spill_classes(result: Cleaned, stem: Path) -> Cleaned:
 
 
 def _write_log(log: Path, work: Path, content: Mapping[str, Any]) -> None:
-    with whole_file(log / "quarantine.jsonl") as place, place.open("wb") as quarantine:
+    with whole_file(log / "quarantine.jsonl", "--log") as place, place.open("wb") as quarantine:
         for path in sorted(work.glob("*.refused"), reverse=True):  # ingest first, then clean
             with path.open("rb") as part:
                 shutil.copyfileobj(part, quarantine)
-    with whole_file(log / "report.json") as place:
+    with whole_file(log / "report.json", "--log") as place:
         place.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -18,7 +18,7 @@ from typing import Any
 
 from crawler.fetch.pictures import decode_picture
 from metric_base.errors import InputError
-from metric_base.files import output_file, refuse_input, whole_file
+from metric_base.files import output_file, whole_file
 from metric_tree.pictures import image_path
 from metric_tree.tree import Node
 
@@ -93,7 +93,6 @@ def write_sheet(file: Path, node: Node, count: int) -> list[dict[str, Any]]:
     if file.suffix.lower() != ".png":
         raise InputError(f"--sheet: expected a name that ends in .png; found {file}")
     output_file(file, "--sheet")
-    refuse_input(file, "--sheet", [node.tree.release.directory])
     rows = picture_rows(node, count)
     things = tiles(node.tree.release.directory, rows)
     if not things:

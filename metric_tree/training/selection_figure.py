@@ -101,5 +101,5 @@ def _ranking(panel: Any, taken: Sequence[CategoryCandidate], paper: Collection[s
 def _save(figure: Any, file: Path) -> None:
     """The figure under its name, whole or not at all."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    with whole_file(file) as work:
+    with whole_file(file, "--figure") as work:
         figure.savefig(work, dpi=120, format=file.suffix[1:].lower())

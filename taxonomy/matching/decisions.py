@@ -14,7 +14,7 @@ import msgspec
 
 from metric_base.errors import InputError, in_file
 from metric_base.files import whole_file
-from metric_base.folders import taxonomy_directory
+from metric_base.folders import is_checkout, taxonomy_directory, user_data_folder
 from metric_base.schema import expect, json_lines
 
 __all__ = [
@@ -24,10 +24,12 @@ __all__ = [
     "BadDecision",
     "Decision",
     "agreement",
+    "decision_folders",
     "decisions",
     "default_rulings",
     "disagreements",
     "record_decision",
+    "record_folder",
     "rulings",
     "waiting",
 ]
@@ -101,7 +103,8 @@ def decisions(folder: Path | None = None) -> list[Decision]:
     BadDecision
         A line is not a decision.
     """
-    files = sorted((folder or _folder()).glob("*.jsonl"))
+    folders = decision_folders() if folder is None else [folder]
+    files = [file for one in folders for file in sorted(one.glob("*.jsonl"))]
     return [decision for file in files for _, decision in json_lines(file, Decision, BadDecision)]
 
 
@@ -162,7 +165,7 @@ def record_decision(decision: Decision, file: Path, *, amend: bool = False) -> N
     with in_file(file, BadDecision):
         expect(amend or not stands, "subject", f"one that {decision.reviewer} has not decided", decision.subject)
         expect(stands or not amend, "subject", f"one that {decision.reviewer} has decided", decision.subject)
-    before = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    before = file.read_text(encoding="utf-8").removesuffix("\n").split("\n") if file.is_file() else []
     file.parent.mkdir(parents=True, exist_ok=True)
     with whole_file(file) as part:
         part.write_text("\n".join([*before, decision.line(), ""]), encoding="utf-8")
@@ -174,8 +177,21 @@ def default_rulings() -> Mapping[tuple[str, str], Decision]:
     return rulings(decisions())
 
 
-def _folder() -> Path:
-    return taxonomy_directory() / "decisions"
+def decision_folders() -> list[Path]:
+    """Where decisions are read by default: the project's, those of the user's data folder, those of `./decisions`."""
+    folders = [taxonomy_directory() / "decisions", user_data_folder() / "decisions", Path("decisions")]
+    return list({folder.resolve(): folder for folder in folders if folder.is_dir()}.values())
+
+
+def record_folder() -> Path:
+    """Where a decision is recorded by default, never in an installation.
+
+    `./decisions` where there is one, else the project's own in a checkout, else the user's data folder.
+    """
+    if Path("decisions").is_dir():
+        return Path("decisions")
+    home = taxonomy_directory() if is_checkout() else user_data_folder()
+    return home / "decisions"
 
 
 def _identity(decision: Decision) -> tuple[str, str, str]:

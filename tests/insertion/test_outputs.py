@@ -16,7 +16,6 @@ from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.box import Box
 from metric_base.errors import InputError
-from metric_base.files import refuse_input
 
 PICTURE = np.full((8, 9, 3), 90, dtype=np.uint8)
 NAMES = ("../images/a.jpg", "/etc/a.png", "a.jpg", "a.png", "b/../../c.jpg", "A.PNG", "no ending")
@@ -66,11 +65,6 @@ def test_a_disk_that_is_full_leaves_no_folder(tmp_path: Path, monkeypatch: pytes
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_output_is_no_input(tmp_path: Path, source: Path) -> None:
-    refuse_input(tmp_path / "out.mp4", "--out", [source, None])
-    link = tmp_path / "link.mp4"
-    link.symlink_to(source)
-    with pytest.raises(InputError, match="--out: expected another file than"):
-        refuse_input(link, "--out", [source])
+def test_a_preview_is_a_picture(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="--preview: expected a picture"):
         preview_place(tmp_path / "preview.xyz")

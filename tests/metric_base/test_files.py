@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from metric_base.errors import InputError
-from metric_base.files import OutputNames, inside, refuse_input, whole_file, whole_folder
+from metric_base.files import OutputNames, inside, whole_file, whole_folder
 
 
 def half_written(path: Path) -> None:
@@ -120,22 +120,3 @@ def test_no_two_names_are_one_file(names: list[str]) -> None:
     folded = [unicodedata.normalize("NFC", str(path)).casefold() for path in paths]
     assert len(set(folded)) == len(folded)
     assert not any(other.startswith(f"{path}/") for path in folded for other in folded)
-
-
-@pytest.mark.parametrize("name", ["instances.json", "sparse/points3D.txt", "sparse/points3D.bin", "images/a.jpg"])
-def test_a_file_of_a_folder_that_is_read_is_no_output(tmp_path: Path, name: str) -> None:
-    file = tmp_path / name
-    file.parent.mkdir(exist_ok=True)
-    file.write_text('{"images": []}')
-    with pytest.raises(InputError, match=r"--output: expected another file than .*, which is read; found .*"):
-        refuse_input(file, "--output", [None, tmp_path])
-    with pytest.raises(InputError, match="which is read"):
-        refuse_input(file, "--output", [file])
-
-
-def test_what_an_earlier_run_wrote_there_may_be_written_again(tmp_path: Path) -> None:
-    for name, text in (("result.json", '{\n "schema": "metric-tree/scale/1",'), ("new.json", ""), ("plan.png", "x")):
-        (tmp_path / name).write_text(text)
-        refuse_input(tmp_path / name, "--output", [tmp_path])
-    refuse_input(tmp_path / "absent.json", "--output", [tmp_path])
-    refuse_input(Path(os.devnull), "--output", [tmp_path])

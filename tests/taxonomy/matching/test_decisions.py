@@ -268,3 +268,22 @@ def test_a_blind_list_shows_an_example_of_each(tmp_path: Path, capsys: pytest.Ca
     assert main([*blind, "--limit", "0"]) == 2
     assert main(["review", "list", str(raw), "--folder", str(folder), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["words"] == [], "what one reviewer has read does not wait for a first"
+
+
+def test_a_decision_is_recorded_where_its_reviewer_works(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In `./decisions`, or where the program is installed in the user's data folder; both are read by default."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    monkeypatch.setattr("taxonomy.matching.decisions.is_checkout", lambda: False)
+    record = ["review", "record", "*: foo", "chair.n.01", "--why", "a\u2028b", "--json", "--reviewer"]
+    assert main([*record, "Ada"]) == 0
+    (tmp_path / "decisions").mkdir()
+    assert main([*record, "Grace"]) == 0
+    files = [tmp_path / "data" / "metric-tree" / "decisions" / "recorded.jsonl", tmp_path / "decisions/recorded.jsonl"]
+    assert all(file.read_text(encoding="utf-8").count("\n") == 1 for file in files)
+    given = [one.reviewer for one in decisions() if one.subject == "*: foo"]
+    assert given == ["Ada", "Grace"]
+    assert main(["review", "list", "--json"]) == 0
+    capsys.readouterr()

@@ -183,17 +183,17 @@ def _with_companions(inputs: Iterable[Path]) -> Iterator[Path]:
     for path in inputs:
         yield path
         if path.suffix.lower() == ".gltf":
-            yield from (path.parent / name for name in _named(path, "uri"))
+            yield from (path.parent / name for name in _texts_of(path, "uri"))
         if path.is_dir():
             for file in (path / "frames.json", path / "frame_poses.json"):
-                yield from (Path(name) for name in _named(file, "source"))
+                yield from (Path(name) for name in _texts_of(file, "source"))
             above = [path.resolve(), *path.resolve().parents][: _LEVELS_UP + 1]
             yield from (place / "images" for place in above if (place / "images").is_dir())
         elif path.is_file() and path.suffix.lower() in (".bin", ".txt"):
             yield path.parent  # any file of a model stands for its folder
 
 
-def _named(file: Path, key: str) -> list[str]:
+def _texts_of(file: Path, key: str) -> list[str]:
     """The texts of a key anywhere in a JSON file."""
     texts: list[str] = []
 

@@ -393,7 +393,7 @@ def test_an_input_is_never_an_output(tmp_path: Path, tree: Path, capsys: pytest.
     before = objects.read_bytes()
     status, out, err = _run(capsys, "--objects", objects, "--tree", tree, "--output", objects)
     assert (status, out, err.count("\n")) == (2, "", 1)
-    assert "which is read" in err
+    assert "is read in this run" in err
     status, _, err = _run(
         capsys, "--objects", objects, "--tree", tree, "--output", tmp_path / "a.png", "--figure", tmp_path / "a.png"
     )

@@ -19,13 +19,22 @@ from pathlib import Path
 
 from metric_base.errors import InputError
 
-__all__ = ["ANY_SCHEMA", "OutputRules", "check_output", "is_own_output", "is_special", "set_rules", "stamp_file"]
+__all__ = [
+    "ANY_SCHEMA",
+    "STAMP",
+    "OutputRules",
+    "check_output",
+    "is_own_output",
+    "is_special",
+    "set_rules",
+    "stamp_file",
+]
 
 #: What our JSON files have as `schema`, whatever their kind.
 ANY_SCHEMA = "metric-tree/"
 STAMP = b"written by metric-tree"
-#: Bytes at the beginning and at the end of a file among which a stamp or a schema is.
-_ENDS = 512
+#: Bytes at the beginning and at the end of a file among which a stamp is, and at the beginning a schema.
+_ENDS, _SCHEMA_BYTES = 1 << 16, 512
 _JSON = (".json", ".jsonl")
 #: The first line of tables.
 _TABLES = (b"node,name,divergence,samples,sources",)
@@ -84,7 +93,7 @@ def is_own_output(path: Path, schema: str = ANY_SCHEMA) -> bool:
         return True  # nothing is lost
     names = "".join(path.suffixes[-2:]).lower()
     if any(suffix in names for suffix in _JSON):
-        start = head.replace(b'": "', b'":"')
+        start = head[:_SCHEMA_BYTES].replace(b'": "', b'":"')
         return f'"schema":"{schema}'.encode() in start
     return STAMP in head or STAMP in tail or head.startswith(_TABLES)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import argparse
 import sys
-from pathlib import Path
 
 from metric_base.errors import InputError
-from metric_base.files import output_file, refuse_input, whole_file
+from metric_base.files import output_file, whole_file
+from metric_base.outputs import STAMP
+from metric_cli.arguments import OutputFile
 from metric_cli.terminal import print_json, print_table
 from metric_tree.tree import open_tree
 
@@ -23,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--vocabulary", metavar="NAME", help="the labels of this list (coco_80, lvis_v1, ...)")
     form = parser.add_mutually_exclusive_group()
     form.add_argument("--csv", action="store_true", help="print it as CSV")
-    form.add_argument("--parquet", metavar="FILE", type=Path, help="write it as Parquet")
+    form.add_argument("--parquet", metavar="FILE", type=OutputFile(), help="write it as Parquet")
     parser.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
 
 
@@ -32,13 +33,13 @@ def run(arguments: argparse.Namespace) -> int:
     tree = open_tree(arguments.tree)
     if arguments.parquet is not None:
         output_file(arguments.parquet, "--parquet")
-        refuse_input(arguments.parquet, "--parquet", [tree.release.directory])
     table = tree.priors(arguments.vocabulary)
     if arguments.parquet is not None:
         import pyarrow.parquet as pq
 
         if arguments.json:
             raise InputError("--json: expected it without --parquet; found both")
+        table = table.replace_schema_metadata({**(table.schema.metadata or {}), b"origin": STAMP})
         with whole_file(arguments.parquet, "--parquet") as work:
             pq.write_table(table, work, compression="zstd")
     elif arguments.json:

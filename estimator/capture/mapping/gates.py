@@ -9,6 +9,7 @@ from estimator.capture.mapping.failures import Failure, failure
 
 __all__ = [
     "LEAST_FRAMES",
+    "PATTERN",
     "SMEARED",
     "UNDETERMINED",
     "UNSTEADY",

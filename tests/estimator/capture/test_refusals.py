@@ -125,7 +125,7 @@ def test_what_the_model_shows() -> None:
 )
 def test_what_is_used_with_a_caution(edges: list[float | None], spread: float | None, words: str | None) -> None:
     frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
-    model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": spread, "left_out": []}
+    model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": spread, "left_out": [], "pattern": 0.02}
     report = {"pairs": {"edges": edges}, "model": model, "focal_held": False}
     cautions = capture_cautions(Path("video.mp4"), frames, report, focal_given=False)
     assert len(cautions) == (words is not None)
@@ -135,12 +135,21 @@ def test_what_is_used_with_a_caution(edges: list[float | None], spread: float | 
 def test_frames_without_a_place_are_named() -> None:
     frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
     names = [f"{k}.jpg" for k in range(7)]
-    model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": 0.0, "left_out": names}
+    model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": 0.0, "left_out": names, "pattern": 0.02}
     report = {"pairs": {"edges": [0.2, 0.2], "frames": 20}, "model": model, "focal_held": False}
     (caution,) = capture_cautions(Path("p"), frames, report, focal_given=False)
     assert caution.endswith(
         "7 of 20 frames could not be placed and are not used: 0.jpg, 1.jpg, 2.jpg, 3.jpg, 4.jpg, ..."
     )
+
+
+def test_a_lens_that_no_model_describes_is_said() -> None:
+    frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
+    model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": 0.0, "left_out": [], "pattern": 0.15}
+    model |= {"camera": "SIMPLE_RADIAL"}
+    report = {"pairs": {"edges": [0.2, 0.2], "frames": 20}, "model": model, "focal_held": False}
+    (caution,) = capture_cautions(Path("p"), frames, report, focal_given=False)
+    assert "the camera model (SIMPLE_RADIAL) leaves a pattern in the residuals" in caution
 
 
 def test_a_group_of_more_than_half_of_the_frames_is_used() -> None:

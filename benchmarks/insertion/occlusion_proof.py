@@ -182,7 +182,7 @@ def _known(hidden: HiddenObject, setting: Setting) -> Known:
     scene = hidden.made.scene
     dense = scene.dense if setting.dense else None
     points = scene.points if dense is None else np.concatenate([scene.points, dense.points])
-    known = scene_visibility(scene) if dense is None else None
+    known = scene_visibility(replace(scene, dense=None)) if dense is None else None
     cloud = Cloud(points, np.zeros((len(points), 3), np.float32), dense is not None, visibility=known)
     by_view = {
         row: [item for item in hidden.made.instances if item.view == row]

@@ -29,6 +29,7 @@ import numpy as np
 
 from crawler.imports.sources import sources
 from metric_base.arrays import FloatArray
+from metric_base.progress import silent
 from metric_cli.terminal import print_table
 from metric_tree.build.clean import Cleaned, NodeClass
 from metric_tree.build.ingest import block_of, blocks, raw_files
@@ -61,7 +62,7 @@ def clean_rows(raw: Sequence[Path], work: Path) -> None:
     declared = {source.id: source for source in sources()}
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
         options = Options(version="0.0.0", created="")
-        steps = Steps(options, shipped_taxonomy, declared, None, pool, None, BuildFolder(work))
+        steps = Steps(options, shipped_taxonomy, declared, None, pool, silent, BuildFolder(work))
         steps.ingest([*blocks(raw_files(raw)), block_of(shipped_curated(), "curated ranges")])
         steps.clean()
 

@@ -23,6 +23,7 @@ import pyarrow as pa
 from crawler.imports.source_files import quarantine_path
 from crawler.imports.sources import Source, sources
 from crawler.items import RawItem
+from metric_base.progress import silent
 from metric_cli.terminal import print_table
 from metric_cli.verbs.build import executor_of
 from metric_tree.build.clean import NodeClass
@@ -107,7 +108,7 @@ def counted(
         BuildFolder.open(Path(folder) / "work", "counts") as work,
         executor_of(workers, None) as executor,
     ):
-        steps = Steps(options, taxonomy, declared, None, executor or SerialExecutor(), None, work)
+        steps = Steps(options, taxonomy, declared, None, executor or SerialExecutor(), silent, work)
         own = block_of(shipped_curated() if curated is None else curated, "curated ranges")
         counts = steps.ingest(chain(blocks(raw_files(raw)), [own]))
         classes, dropped = steps.clean()

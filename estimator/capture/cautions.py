@@ -16,6 +16,7 @@ from metric_base.input_files import read_json
 __all__ = ["CAUTIONS_FILE", "capture_cautions", "read_cautions", "write_cautions"]
 
 CAUTIONS_FILE = "cautions.json"
+SCHEMA = "metric-tree/cautions/1"
 #: Frames without a place that are named.
 MOST_NAMED = 5
 
@@ -54,7 +55,7 @@ def _left_out(names: list[str], n_frames: int) -> str:
 def write_cautions(cautions: tuple[str, ...], folder: Path) -> None:
     """Keep them in a work folder."""
     with whole_file(folder / CAUTIONS_FILE, "--work") as file:
-        file.write_text(json.dumps(list(cautions)) + "\n", encoding="utf-8")
+        file.write_text(json.dumps({"schema": SCHEMA, "cautions": list(cautions)}) + "\n", encoding="utf-8")
 
 
 def read_cautions(folder: Path) -> tuple[str, ...]:
@@ -69,7 +70,8 @@ def read_cautions(folder: Path) -> tuple[str, ...]:
     if not file.is_file():
         return ()
     with in_file(file):
-        rows = json_array(read_json(file))
+        record = read_json(file)
+        rows = json_array(record.get("cautions") if isinstance(record, dict) else record)  # 1.0.0 wrote the list alone
     if not all(isinstance(row, str) for row in rows):
         raise InputError.at(file, "cautions", "sentences", rows)
     return tuple(rows)

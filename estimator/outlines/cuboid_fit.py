@@ -226,9 +226,10 @@ def _point_residuals(
 
 def _join(fits: list[tuple[float, FloatArray, FloatArray, float]]) -> Cuboid:
     """The cuboid of several fits (cost, (7,), (7, 7), misfit), each with the weight of its cost."""
+    fits = [fit for fit in fits if np.isfinite(fit[0])] or fits[:1]  # wild cameras make no sense of any heading
     least = min(fit[0] for fit in fits)
-    kept = [fit for fit in fits if fit[0] - least < WORSE_COST]
-    weights = np.array([np.exp(-(fit[0] - least) / 2) for fit in kept])
+    kept = [fit for fit in fits if not fit[0] - least >= WORSE_COST]
+    weights = np.array([np.exp(-(fit[0] - least) / 2) if np.isfinite(least) else 1.0 for fit in kept])
     weights /= weights.sum()
     logs, covariances, centres, yaws = [], [], [], []
     for _, at, covariance, misfit in kept:

@@ -103,8 +103,7 @@ def _outcomes(arguments: argparse.Namespace, tree: Tree, done: int) -> Iterator[
 
 
 def _assets(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
-    from estimator.assets.boxes import read_boxes
-    from estimator.assets.formats import asset_files, read_assets
+    from estimator.assets.formats import asset_files, read_assets, read_boxes
     from metric_base.input_files import read_text
 
     files = list(arguments.files)

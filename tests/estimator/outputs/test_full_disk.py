@@ -54,7 +54,8 @@ def test_pictures_of_an_overlay(small_disk: Path) -> None:
 
 def test_a_file_that_was_there_stays(small_disk: Path) -> None:
     file = small_disk / "result.json"
-    file.write_text("before")
+    before = '{"schema": "metric-tree/scale/1"}'
+    file.write_text(before)
     with pytest.raises(InputError, match="No space left"), whole_file(file, "--output") as work:
         work.write_bytes(b"x" * 100_000)
-    assert [(path.name, path.read_text()) for path in small_disk.iterdir()] == [("result.json", "before")]
+    assert [(path.name, path.read_text()) for path in small_disk.iterdir()] == [("result.json", before)]

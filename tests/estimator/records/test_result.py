@@ -142,7 +142,7 @@ def test_skipped_objects_keep_their_reason(mini: Tree) -> None:
 
 def test_names_that_may_be_meant_are_in_the_warning_and_not_in_every_row(mini: Tree) -> None:
     sizes, sigma = np.array([0.6, 0.6, 1.0]), np.full(3, 0.03)
-    unknown = [MeasuredObject(str(row), "swivel chiar", sizes, sigma) for row in range(3)]
+    unknown = [MeasuredObject(str(row), "swivl chiar", sizes, sigma) for row in range(3)]
     result = scale_of_objects([MeasuredObject("9", "swivel chair", sizes, sigma), *unknown], mini)
-    assert {item.reason for item in result.objects[1:]} == {"no node is called 'swivel chiar'"}
+    assert {item.reason for item in result.objects[1:]} == {"no node is called 'swivl chiar'"}
     assert sum("did you mean 'swivel chair'" in line for line in result.warnings) == 1

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from estimator.capture.frames import Frames
-from estimator.capture.mapping.gates import PATTERN, SMEARED, UNDETERMINED, UNSTEADY, UNSURE
+from estimator.capture.mapping.gates import DOUBTFUL_PATTERN, SMEARED, UNDETERMINED, UNSTEADY, UNSURE
 from estimator.reconstructions.checked_files import json_array
 from metric_base.errors import InputError, in_file
 from metric_base.files import whole_file
@@ -38,7 +38,7 @@ def capture_cautions(path: Path, frames: Frames, report: dict[str, Any], focal_g
         )
     if report["model"]["left_out"]:
         cautions.append(f"{path}: {_left_out(report['model']['left_out'], report['pairs']['frames'])}")
-    if report["model"]["pattern"] > PATTERN:
+    if report["model"]["pattern"] > DOUBTFUL_PATTERN:
         cautions.append(
             f"{path}: the camera model ({report['model']['camera']}) leaves a pattern in the residuals, so its focal "
             "length may be wrong by a tenth or two; name the lens with --camera-model and --focal if you know it"

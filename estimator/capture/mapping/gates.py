@@ -8,6 +8,7 @@ from estimator.capture.mapping.evidence import Evidence, ModelShape
 from estimator.capture.mapping.failures import Failure, failure
 
 __all__ = [
+    "DOUBTFUL_PATTERN",
     "LEAST_FRAMES",
     "PATTERN",
     "SMEARED",
@@ -56,6 +57,8 @@ UNSURE = 0.05
 MOST_BEND = 0.2
 #: `residual_pattern` from which other camera models are tried: a wide lens under SIMPLE_RADIAL 0.16, telephones 0.02.
 PATTERN = 0.06
+#: ... and from which the result says so: the right model leaves up to 0.09 in short rendered videos of few frames.
+DOUBTFUL_PATTERN = 0.12
 #: Failures that a wrong camera model may explain.
 OF_THE_LENS = frozenset(
     {"too_few_frames", "implausible_focal_length", "focal_length_changes", "focal_length_undetermined", "drift"}

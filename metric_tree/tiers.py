@@ -147,5 +147,10 @@ def tier_words(tier: str, norm: str | None = None) -> str:
 
     >>> tier_words("judged"), tier_words("norm", "ISO 216, table 1")
     ("A language model's judgement", 'By ISO 216, table 1')
+    >>> tier_words("norm", "BS EN 771-1: 215 by 102.5 by 65; DIN 105-100: 240 by 115 by 52")
+    'By 2 norms'
     """
-    return f"By {norm}" if tier == "norm" and norm else _WORDS[tier]
+    if tier != "norm" or not norm:
+        return _WORDS[tier]
+    count = len(norm.split("; "))
+    return f"By {norm}" if count == 1 else f"By {count} norms"

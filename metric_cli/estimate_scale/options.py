@@ -58,7 +58,7 @@ def parser() -> OneLineParser:
 
     root = OneLineParser(
         prog=PROGRAM,
-        description="The metric scale of a reconstruction from the sizes of the things that are in it.",
+        description="The metric scale of a reconstruction from the sizes of the objects in it.",
         epilog=EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,

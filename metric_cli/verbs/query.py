@@ -136,7 +136,7 @@ def _print(description: dict[str, Any]) -> None:
             ("pose", description["pose"]),
             ("items", description["n_items"]),
             ("tier", description["tier"] or "none"),
-            *([("norm", description["norm"])] if description["norm"] else []),
+            *((("norm", one) for one in description["norm"].split("; ")) if description["norm"] else ()),
             ("in words", description["sentence"] or "nothing is known of its size"),
             *([("where", description["where"])] if description["where"] else []),
             ("evidence", _shares(description)),
@@ -153,7 +153,7 @@ def _print(description: dict[str, Any]) -> None:
         print_table(["prior"], [("none: no item with a size at or below this node",)])
         return
     prior = description["prior"]
-    counted = f"{prior['n']} items of {prior['n_sources']} sources, {prior['borrowed']:.0%} borrowed from the parent"
+    counted = f"{prior['n']} items, {prior['n_sources']} sources, {prior['borrowed']:.0%} borrowed from the parent"
     title = f"{description['tier']}, mm; {counted}"
     _print_quantiles(description["quantiles_mm"], title)
     if "items_of_kind" in description:

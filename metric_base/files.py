@@ -13,7 +13,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from metric_base.errors import InputError
-from metric_base.leftovers import hold, part_of, remove_dead_files, remove_dead_folders
+from metric_base.leftovers import part_of, remove_dead_files, remove_dead_folders
+from metric_base.locks import hold
 from metric_base.outputs import ANY_SCHEMA, check_output, is_special, stamp_file
 
 __all__ = [

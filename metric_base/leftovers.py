@@ -11,7 +11,9 @@ import zlib
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["hold", "part_of", "remove_dead_files", "remove_dead_folders"]
+from metric_base.locks import hold
+
+__all__ = ["part_of", "remove_dead_files", "remove_dead_folders"]
 
 #: Tells machines that share a disk apart in the names of temporary files.
 _MACHINE = f"{zlib.crc32(platform.node().encode()):08x}"
@@ -39,24 +41,6 @@ def remove_dead_folders(path: Path) -> None:
         if held is not None:
             shutil.rmtree(entry, ignore_errors=True)
             os.close(held)
-
-
-def hold(folder: Path) -> int | None:
-    """Lock a folder until its descriptor is closed or the process ends; None if another process holds it."""
-    try:
-        import fcntl
-    except ImportError:  # a system without such locks keeps its leftovers
-        return None
-    try:
-        descriptor = os.open(folder, os.O_RDONLY)
-    except OSError:
-        return None
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(descriptor)
-        return None
-    return descriptor
 
 
 def _parts(path: Path) -> list[Path]:

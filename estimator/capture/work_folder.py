@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
@@ -15,6 +14,7 @@ from typing import Any
 
 from metric_base.errors import InputError, Unquoted
 from metric_base.files import whole_file
+from metric_base.locks import sole_holder
 
 __all__ = ["WorkFolder", "content_digest"]
 
@@ -48,15 +48,12 @@ class WorkFolder:
         """
         try:
             (self.path / STAMPS).mkdir(parents=True, exist_ok=True)
-            with (self.path / _LOCK).open("a") as lock:
-                try:
-                    fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                except BlockingIOError:
-                    raise InputError.at(
-                        self.path, "--work", "a folder of its own", Unquoted("one in use by another run")
-                    ) from None
+            with sole_holder(self.path / _LOCK):
                 self._clear_leftovers()
                 yield
+        except BlockingIOError:
+            in_use = Unquoted("one in use by another run")
+            raise InputError.at(self.path, "--work", "a folder of its own", in_use) from None
         except OSError as error:
             words = error.strerror or "an error"
             raise InputError.at(self.path, "--work", "a folder that can be written", Unquoted(words)) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import pickle
 import shutil
@@ -16,6 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from metric_base.errors import InputError
 from metric_base.folders import code_folder, taxonomy_directory
+from metric_base.locks import sole_holder
 
 __all__ = ["BuildFolder", "SerialExecutor", "fingerprint", "sole_writer"]
 
@@ -103,17 +103,16 @@ def sole_writer(out: Path) -> Iterator[None]:
     """
     out.parent.mkdir(parents=True, exist_ok=True)
     note = out.parent / f".{out.name}.lock"
-    with note.open("a", encoding="ascii") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise InputError(
-                f"{out}: another run is writing this output; wait until it ends, or choose another --out"
-            ) from None
-        try:
-            yield
-        finally:
-            note.unlink(missing_ok=True)
+    try:
+        with sole_holder(note):
+            try:
+                yield
+            finally:
+                note.unlink(missing_ok=True)
+    except BlockingIOError:
+        raise InputError(
+            f"{out}: another run is writing this output; wait until it ends, or choose another --out"
+        ) from None
 
 
 def fingerprint(files: Iterable[Path], options: str) -> str:

@@ -14,7 +14,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 
-.PHONY: help demo demo-video test check coverage reference lock dist sbom clean fuzz hunt
+.PHONY: help demo demo-video test check coverage reference lock dist release-check sbom clean fuzz hunt
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -76,6 +76,9 @@ dist: | $(UV) ## build the wheel and the source archive; the same commit gives t
 	rm -rf dist
 	SOURCE_DATE_EPOCH=$$(git log -1 --format=%ct) $(UV) build --quiet --build-constraints .ci/build.lock.txt --require-hashes --out-dir dist
 	@cd dist && sha256sum *.whl *.tar.gz
+
+release-check: dist ## is what `make dist` writes fit to publish: versions, contents, the three programs from the wheel alone
+	UV=$(UV) .ci/release-check
 
 sbom: | $(UV) ## list all components of the full install (CycloneDX): out/sbom.json
 	@mkdir -p out

@@ -167,12 +167,9 @@ def _whole(item: ObjectEvidence, sides: BoolArray, scale: float) -> ObjectEviden
     extents = np.where(sides, usual, item.object.extents)
     sigma = np.where(sides, MEASURED_SD_LOG, item.object.sigma)
     vertical = item.object.vertical_known and not (is_sorted(item.prior) and sides.all())
-    return replace(
-        item,
-        object=replace(
-            item.object, extents=extents, sigma=sigma, truncated=np.zeros(3, dtype=bool), vertical_known=vertical
-        ),
-    )
+    thing = replace(item.object, extents=extents, sigma=sigma, vertical_known=vertical)
+    # errors that went together were those of the extents that are replaced here
+    return replace(item, object=replace(thing, truncated=np.zeros(3, dtype=bool), covariance=None))
 
 
 def _quantiles(estimate: Posterior) -> list[float]:

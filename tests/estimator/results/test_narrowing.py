@@ -57,6 +57,14 @@ def test_truncated_and_unmeasured_objects_are_named(tree: Tree) -> None:
     assert [one.object for one in nothing.would_help if "could not be measured" in one.what] == ["toilet 9"]
 
 
+def test_errors_that_go_together_end_with_the_sides_that_are_supposed(tree: Tree) -> None:
+    together = 0.09 * np.full((3, 3), 0.95) + 0.0045 * np.eye(3)
+    cut = replace(DESK, truncated=np.array([True, True, False]), sigma=np.full(3, 0.3), covariance=together)
+    result = scale_of_objects([cut, replace(cut, id="5")], tree)
+    assert result.status != "resolved"
+    assert result.would_help
+
+
 def estimate_width(result: object) -> float:
     """Log width of the 90 % interval of the curve."""
     curve = result.curve  # type: ignore[attr-defined]

@@ -48,6 +48,7 @@ coverage: .venv/.dev ## the tests with the share of lines they run
 
 reference: .venv/.dev ## write the generated pages of the reference
 	$(BIN)/python docs/generate.py
+	$(BIN)/python docs/house.py
 
 lock: ## pin all dependencies again
 	$(UV) pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --all-extras --group dev --no-emit-package metric-tree pyproject.toml -o requirements.lock

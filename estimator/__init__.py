@@ -1,4 +1,4 @@
-"""Metric scale of a reconstruction from the sizes of the things in it.
+"""Metric scale of a reconstruction from the sizes of the objects in it.
 
 >>> import estimator
 >>> scene = estimator.read_scene("data/scenes/demo_room")

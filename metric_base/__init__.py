@@ -1,1 +1,1 @@
-"""The ground that every package stands on: errors, files, folders, terminal output."""
+"""What all packages use: errors of the input, checked records, files and who may replace them, locks, statistics."""

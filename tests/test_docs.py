@@ -90,6 +90,12 @@ def test_generated_pages_are_current(tmp_path: Path) -> None:
     assert stale == [], "run `make reference`"
 
 
+def test_the_drawing_of_the_packages_is_current() -> None:
+    code = "import sys; sys.path.insert(0, 'docs'); import house; print(house.drawing(), end='')"
+    drawn = subprocess.run([sys.executable, "-c", code], check=True, cwd=ROOT, capture_output=True, text=True).stdout
+    assert drawn == (ROOT / "docs/pictures/architecture.svg").read_text(encoding="utf-8"), "run `make reference`"
+
+
 def test_every_environment_variable_is_documented() -> None:
     used = {name for path in CODE for name in VARIABLE.findall(path.read_text(encoding="utf-8"))}
     page = (ROOT / "docs" / "reference" / "environment.md").read_text(encoding="utf-8")

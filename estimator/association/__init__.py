@@ -1,1 +1,1 @@
-"""Which points and which masks show one thing (paper section 4.1)."""
+"""Which points and which masks show one object (paper section 4.1)."""

@@ -1,134 +1,172 @@
-"""How many small errors the tests notice.
+"""How many small errors the nearest tests notice.
 
-    python -m benchmarks.mutants [ROOM ...] [--sample 40] [--seed 1] [--minutes 60]
+    python -m benchmarks.mutants [FOLDER ...] --work DIR [--sample 120] [--seed 1] [--minutes 60]
 
-Cosmic Ray makes each mutant (a changed operator, constant or branch) in a copy of the repository and runs the room's
-tests. A mutant that no test notices survives. A room's mutants are sampled by the seed. `--cosmic-ray` names the
-program; it is not a dependency, so run it from an environment of its own: `uv tool install cosmic-ray==8.7.0`.
+Cosmic Ray lists the mutants of the folders (a changed operator, constant or branch) and applies them, one at a time,
+in a copy of the last commit. Each is tried against the tests nearest to its module: those with the module's name,
+then those that import it, until their seconds without a mutant reach `--seconds`. Results are a line of JSON each in
+DIR; a run on the same DIR continues it. `--cosmic-ray` names the program; it is not a dependency, so it is
+run from an environment of its own: `uv tool install cosmic-ray==8.7.0`.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import random
 import sqlite3
 import subprocess
 import sys
-import tempfile
 import time
+from collections import Counter
 from pathlib import Path
+from typing import TypeAlias
+from xml.etree import ElementTree
 
 ROOT = Path(__file__).resolve().parents[1]
-#: A room and the tests that are there to notice its errors.
-ROOMS = {
-    "crawler/text": "tests/crawler/text tests/crawler/imports/test_imports.py tests/crawler/page"
-    " --ignore=tests/crawler/page/test_page_cost.py",
-    "metric_tree/fit": "tests/metric_tree/fit tests/metric_tree/build",
-    "estimator/posterior": "tests/estimator/posterior tests/estimator/records/test_result.py",
-    "estimator/geometry": "tests/estimator/geometry",
-    "estimator/evidence": "tests/estimator/evidence",
-    "taxonomy": "tests/taxonomy",
-    "insertion": "tests/insertion",
-}
-#: Seconds for the tests of one mutant; a mutant that makes them hang counts as killed.
-TIMEOUT = 600
+FOLDERS = ("insertion", "taxonomy", "metric_tree/fit", "estimator/evidence")
 #: `int | None` of an annotation is no code that runs; a mutant of it survives by its nature.
-ANNOTATIONS = "BinaryOperator_BitOr"
-CONFIG = """\
-[cosmic-ray]
-module-path = "{room}"
-timeout = {timeout}
-excluded-modules = []
-test-command = "{python} -m pytest -x -q -p no:cacheprovider {tests}"
+ANNOTATIONS = "%BinaryOperator_BitOr%"
+#: A mutant whose tests take so many times longer than without it counts as killed.
+HANG_FACTOR = 4
+CONFIG = '[cosmic-ray]\nmodule-path = {folders}\ntimeout = 60\nexcluded-modules = []\ntest-command = "true"\n'
+PYTEST = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
 
-[cosmic-ray.distributor]
-name = "local"
-"""
+Mutant: TypeAlias = tuple[str, str, int, int]
 
 
 def main() -> None:
-    """Print a table of rooms: mutants made, tried, killed, and each survivor."""
+    """Try the sample, and print the table of folders and each survivor."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("rooms", nargs="*", choices=[*ROOMS, []], default=list(ROOMS))
-    parser.add_argument("--sample", type=int, default=40, help="mutants of each room (default: %(default)s)")
+    parser.add_argument("folders", nargs="*", default=FOLDERS)
+    parser.add_argument("--work", type=Path, required=True, help="the copy of the repository, and results.jsonl")
+    parser.add_argument("--sample", type=int, default=120, help="mutants of all folders (default: %(default)s)")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument(
-        "--minutes", type=float, default=60, help="for each room; what is not tried then is not counted"
-    )
+    parser.add_argument("--minutes", type=float, default=60, help="what is not tried then is left for the next run")
+    parser.add_argument("--seconds", type=float, default=10, help="of tests without a mutant (default: %(default)s)")
     parser.add_argument("--cosmic-ray", default="cosmic-ray", help="the program (default: the one on PATH)")
     arguments = parser.parse_args()
-    print("| room | mutants | tried | killed | share |\n|---|---|---|---|---|")
-    for room in arguments.rooms:
-        with tempfile.TemporaryDirectory() as folder:
-            made, outcomes = _outcomes(room, Path(folder), arguments)
-        killed = sum(outcome != "SURVIVED" for outcome, _ in outcomes)
-        share = f"{killed / len(outcomes):.2f}" if outcomes else "–"
-        print(f"| {room} | {made} | {len(outcomes)} | {killed} | {share} |", flush=True)
-        for outcome, where in outcomes:
-            if outcome == "SURVIVED":
-                print(f"  survived: {where}", flush=True)
-
-
-def _outcomes(room: str, folder: Path, arguments: argparse.Namespace) -> tuple[int, list[tuple[str, str]]]:
-    """The number of mutants, and of those tried the outcome and the place."""
-    archive = subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, capture_output=True, check=True).stdout
-    subprocess.run(["tar", "-x", "-C", str(folder)], input=archive, check=True)
-    config, session = folder / "mutants.toml", folder / "mutants.sqlite"
-    config.write_text(
-        CONFIG.format(room=room, timeout=TIMEOUT, python=sys.executable, tests=ROOMS[room]), encoding="utf-8"
-    )
-    environment = os.environ | {"PYTHONPATH": str(folder)}
-    program = arguments.cosmic_ray
-    subprocess.run([program, "init", config.name, session.name], cwd=folder, env=environment, check=True)
-    _check_whole(room, folder, environment)
-    made = _keep_sample(session, arguments.sample, arguments.seed)
-    work = subprocess.Popen([program, "exec", config.name, session.name], cwd=folder, env=environment)
     end = time.monotonic() + 60 * arguments.minutes
-    while work.poll() is None and time.monotonic() < end:
-        time.sleep(1)
-    if work.poll() is None:
-        work.terminate()
-        work.wait()
-    return made, _results(session)
+    copy, results = arguments.work / "copy", arguments.work / "results.jsonl"
+    if not copy.is_dir():
+        _copy_repository(copy)
+    mutants = _mutants(copy, arguments)
+    tried = {tuple(row["mutant"]) for row in _rows(results)}
+    seconds = Seconds(arguments.work / "seconds.json", copy)
+    for mutant in mutants:
+        if time.monotonic() < end and mutant not in tried:
+            row = _outcome(mutant, copy, seconds.within(nearest_tests(mutant[0], copy), arguments.seconds), arguments)
+            with results.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+    _print(arguments.folders, [row for row in _rows(results) if tuple(row["mutant"]) in mutants])
 
 
-def _check_whole(room: str, folder: Path, environment: dict[str, str]) -> None:
-    """Stop if the tests are red without a mutant: every mutant would count as killed."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *ROOMS[room].split()]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    if done.returncode:
-        sys.exit(f"{room}: the tests fail without a mutant:\n{done.stdout[-2000:]}")
+def _copy_repository(copy: Path) -> None:
+    copy.mkdir(parents=True)
+    archive = subprocess.run(["git", "archive", "HEAD"], cwd=ROOT, capture_output=True, check=True).stdout
+    subprocess.run(["tar", "-x", "-C", str(copy)], input=archive, check=True)
 
 
-def _keep_sample(session: Path, sample: int, seed: int) -> int:
-    """Drop all mutants but a sample of the session; return how many there were."""
+def _mutants(copy: Path, arguments: argparse.Namespace) -> list[Mutant]:
+    """The sample: file, operator, its occurrence, and the line."""
+    session = copy / "mutants.sqlite"
+    if not session.exists():
+        (copy / "mutants.toml").write_text(CONFIG.format(folders=json.dumps(list(arguments.folders))), encoding="utf-8")
+        subprocess.run([arguments.cosmic_ray, "init", "mutants.toml", session.name], cwd=copy, check=True)
+    columns = "module_path, operator_name, occurrence, start_pos_row"
+    query = f"SELECT {columns} FROM mutation_specs WHERE operator_name NOT LIKE ? ORDER BY {columns}"  # noqa: S608
     with sqlite3.connect(session) as database:
-        database.execute("DELETE FROM mutation_specs WHERE operator_name LIKE ?", [f"%{ANNOTATIONS}%"])
-        place = "module_path || start_pos_row || operator_name || occurrence"
-        ids = [row[0] for row in database.execute(f"SELECT job_id FROM mutation_specs ORDER BY {place}")]  # noqa: S608
-        keep = random.Random(seed).sample(ids, min(sample, len(ids)))  # noqa: S311
-        database.execute("CREATE TEMP TABLE kept (job_id TEXT)")
-        database.executemany("INSERT INTO kept VALUES (?)", [(job,) for job in keep])
-        database.execute("DELETE FROM mutation_specs WHERE job_id NOT IN (SELECT job_id FROM kept)")
-        database.execute("DELETE FROM work_items WHERE job_id NOT IN (SELECT job_id FROM kept)")
-    return len(ids)
+        rows: list[Mutant] = database.execute(query, [ANNOTATIONS]).fetchall()
+    return random.Random(arguments.seed).sample(rows, min(arguments.sample, len(rows)))  # noqa: S311
 
 
-def _results(session: Path) -> list[tuple[str, str]]:
-    query = (
-        "SELECT r.test_outcome, m.module_path || ':' || m.start_pos_row || ' ' || m.operator_name, r.diff"
-        " FROM work_results r JOIN mutation_specs m ON r.job_id = m.job_id WHERE r.test_outcome IS NOT NULL"
-    )
-    with sqlite3.connect(session) as database:
-        rows = database.execute(query).fetchall()
-    return [(str(outcome).rpartition(".")[2], f"{place}: {_new_line(diff)}") for outcome, place, diff in rows]
+def nearest_tests(module: str, copy: Path) -> list[str]:
+    """The test files of a module, nearest first: of its name, that import it, that import a module which does."""
+    package, stem = module.split("/")[0], Path(module).stem
+    name = module.removesuffix(".py").replace("/", ".")
+    importers = {name} | {
+        str(path.relative_to(copy).with_suffix("")).replace("/", ".")
+        for path in (copy / package).rglob("*.py")
+        if name in path.read_text(encoding="utf-8")
+    }
+    ranked = []
+    for path in sorted((copy / "tests" / package).rglob("test_*.py")):
+        text = path.read_text(encoding="utf-8")
+        ranks = [path.stem == f"test_{stem}", name in text, any(importer in text for importer in importers)]
+        if any(ranks):
+            ranked.append((ranks.index(True), str(path.relative_to(copy))))
+    return [path for _, path in sorted(ranked)]
 
 
-def _new_line(diff: str | None) -> str:
-    """The line that a mutant puts in place of another."""
-    added = [line[1:].strip() for line in (diff or "").splitlines() if line.startswith("+") and line[:3] != "+++"]
-    return added[0] if added else ""
+class Seconds:
+    """Seconds of each test file without a mutant, measured once; a file that fails is left out."""
+
+    def __init__(self, path: Path, copy: Path) -> None:
+        self._path, self._copy = path, copy
+        self._known: dict[str, float | None] = json.loads(path.read_text()) if path.exists() else {}
+
+    def within(self, tests: list[str], limit: float) -> list[tuple[str, float]]:
+        """The first tests that take at most `limit` seconds together, and at least one."""
+        chosen: list[tuple[str, float]] = []
+        for test in tests:
+            seconds = self._measured(test)
+            if seconds is not None and (not chosen or sum(s for _, s in chosen) + seconds <= limit):
+                chosen.append((test, seconds))
+        return chosen
+
+    def _measured(self, test: str) -> float | None:
+        if test not in self._known:
+            report = self._path.with_suffix(".xml")
+            done = _run_tests([test, f"--junitxml={report}"], self._copy, None)
+            suite = next(ElementTree.parse(report).iter("testsuite")) if done == 0 else None  # noqa: S314
+            self._known[test] = float(suite.get("time", "0")) if suite is not None else None
+            self._path.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
+        return self._known[test]
+
+
+def _outcome(
+    mutant: Mutant, copy: Path, tests: list[tuple[str, float]], arguments: argparse.Namespace
+) -> dict[str, object]:
+    """What became of a mutant, with its line."""
+    source = copy / mutant[0]
+    whole = source.read_text(encoding="utf-8")
+    try:
+        command = [arguments.cosmic_ray, "apply", mutant[0], mutant[1], str(mutant[2])]
+        subprocess.run(command, cwd=copy, check=True, capture_output=True)
+        changed = [line for line in source.read_text(encoding="utf-8").splitlines() if line not in whole.splitlines()]
+        names = [name for name, _ in tests]
+        limit = HANG_FACTOR * sum(seconds for _, seconds in tests) + 20
+        status = _run_tests(["-x", *names], copy, limit) if names else 0
+    finally:
+        source.write_text(whole, encoding="utf-8")
+    return {"mutant": mutant, "killed": status != 0, "line": (changed or [""])[0].strip(), "tests": names}
+
+
+def _run_tests(words: list[str], copy: Path, limit: float | None) -> int | None:
+    """The exit status; None after `limit` seconds."""
+    environment = os.environ | {"PYTHONPATH": str(copy)}
+    try:
+        return subprocess.run(
+            [*PYTEST, *words], cwd=copy, env=environment, capture_output=True, timeout=limit, check=False
+        ).returncode
+    except subprocess.TimeoutExpired:
+        return None
+
+
+def _rows(path: Path) -> list[dict[str, object]]:
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").split("\n") if line] if path.exists() else []
+
+
+def _print(folders: list[str], rows: list[dict[str, object]]) -> None:
+    print("| folder | tried | killed | share |\n|---|---|---|---|")
+    for folder in folders:
+        counts = Counter(row["killed"] for row in rows if str(row["mutant"][0]).startswith(f"{folder}/"))
+        share = f"{counts[True] / counts.total():.2f}" if counts else "–"
+        print(f"| `{folder}` | {counts.total()} | {counts[True]} | {share} |")
+    for row in rows:
+        if not row["killed"]:
+            print(f"- survived: `{row['mutant'][0]}:{row['mutant'][3]}` {row['mutant'][1]}: `{row['line']}`")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
 """What the commands give for each input that broke release 1.0.0.
 
-    python -m benchmarks.damaged [FOLDER]
+    python -m benchmarks.damaged [FOLDER | --videos]
 
-FOLDER is the collection of damaged inputs (default `../shared/data/damaged`). Each runs in a process of its own, on a
+FOLDER is the collection of damaged inputs (default `../shared/data/damaged`); `--videos` tries the videos of
+`tests/synthetic/refused_videos.py`. Each runs in a process of its own, on a
 copy, with an overlay where there are pictures (`estimate-scale`; pages go through `metric-tree extract`): exit status,
 seconds of processor time, peak memory, whether control characters reached the output, and the answer in a line. The
 table is in Markdown.
@@ -10,18 +11,16 @@ table is in Markdown.
 
 from __future__ import annotations
 
-import os
+import argparse
 import re
 import shutil
-import subprocess
-import sys
 import tempfile
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
-__all__ = ["DamagedRun", "damaged_runs"]
+from benchmarks.child import ChildRun, ours, run_child
+
+__all__ = ["damaged_runs", "main", "video_runs"]
 
 FOLDER = Path(__file__).resolve().parents[1].parent / "shared" / "data" / "damaged"
 #: Signs that a terminal takes for commands.
@@ -31,28 +30,31 @@ PAGE_URL = "https://www.shop.example/p/1"
 #: Scene in which the damaged clouds and side files are tried.
 SCENE = FOLDER.parent / "scenes" / "tum_office"
 DEMO = Path(__file__).resolve().parents[1] / "data" / "scenes" / "demo_room"
+#: The camera of the video that drifts turns too little to determine its focal length, which would be refused first.
+VIDEO_OPTIONS = {"drift": ("--focal", 250)}
 SECONDS = 120
 
 
-@dataclass(frozen=True, slots=True)
-class DamagedRun:
-    """One input and what became of it; `status` is None where it ran out of time."""
-
-    name: str
-    status: int | None
-    seconds: float
-    peak_mib: float
-    output: str
-    errors: str
-
-
-def damaged_runs(folder: Path = FOLDER) -> Iterator[DamagedRun]:
-    """Every input of the collection, each run once."""
+def damaged_runs(folder: Path = FOLDER) -> Iterator[tuple[str, ChildRun]]:
+    """The name and the run of every input of the collection."""
     for entry in sorted(folder.iterdir()):
         with tempfile.TemporaryDirectory() as temporary:
             words = _command(entry, Path(temporary))
             if words is not None:
-                yield _run(entry.name, words)
+                yield entry.name, run_child(ours(*words), SECONDS)
+
+
+def video_runs(folder: Path) -> Iterator[tuple[str, ChildRun]]:
+    """The name and the run of every video that must be refused."""
+    from tests.synthetic.refused_videos import RARE_VIDEOS, REFUSED_VIDEOS
+    from tests.synthetic.videos import times_of, write_video
+
+    for name, frames in (REFUSED_VIDEOS | RARE_VIDEOS).items():
+        file = folder / f"{name}.mp4"
+        pictures = [frame.colour for frame in frames()]
+        write_video(file, pictures, times_of(len(pictures), rate=10.0))
+        words = (file, "--work", folder / f"{name}.work", *VIDEO_OPTIONS.get(name, ()))
+        yield name, run_child(ours("estimate-scale", *words), SECONDS)
 
 
 def _command(entry: Path, work: Path) -> list[str] | None:
@@ -90,61 +92,30 @@ def _copy(source: Path, target: Path) -> Path:
     return target
 
 
-def _run(name: str, words: list[str]) -> DamagedRun:
-    started = time.perf_counter()
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "benchmarks.damaged", "--one", *words], stdout=out, stderr=err
-        )
-        status, seconds, peak = _wait(process, started)
-        texts = []
-        for file in (out, err):
-            file.seek(0)
-            texts.append(file.read().decode("utf-8", "replace"))
-    return DamagedRun(name, status, seconds, peak / 1024, texts[0], texts[1])
-
-
-def _wait(process: subprocess.Popen[bytes], started: float) -> tuple[int | None, float, float]:
-    """Exit status (None after SECONDS), seconds of processor time, and peak memory in KiB."""
-    ended = status = 0
-    while not ended and time.perf_counter() - started < SECONDS:
-        ended, status, usage = os.wait4(process.pid, os.WNOHANG)
-        time.sleep(0.05)
-    if not ended:
-        process.kill()
-        _, _, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status) if ended else -9
-    return process.returncode if ended else None, usage.ru_utime + usage.ru_stime, float(usage.ru_maxrss)
-
-
-def main(words: list[str]) -> int:
-    """Print the table, or run one input."""
-    if words[:2] == ["--one", "estimate-scale"]:
-        from metric_cli.estimate_scale.estimate import main as estimate_scale
-
-        return estimate_scale(words[2:])
-    if words[:2] == ["--one", "metric-tree"]:
-        from metric_cli.verbs import main as metric_tree
-
-        return metric_tree(words[2:])
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", nargs="?", type=Path, default=FOLDER)
+    parser.add_argument("--videos", action="store_true", help="videos that must be refused, in place of the folder")
+    arguments = parser.parse_args()
     print("| input | exit | seconds | MiB | control characters | answer |\n|---|---|---|---|---|---|")
-    for run in damaged_runs(Path(words[0]) if words else FOLDER):
-        status = "killed" if run.status is None else run.status
-        control = "yes" if _CONTROL.search(run.output + run.errors) else "none"
-        cells = (f"`{run.name}`", status, f"{run.seconds:.1f}", f"{run.peak_mib:.0f}", control, _answer(run))
-        print(f"| {' | '.join(map(str, cells))} |", flush=True)
-    return 0
+    with tempfile.TemporaryDirectory() as scratch:
+        for name, run in video_runs(Path(scratch)) if arguments.videos else damaged_runs(arguments.folder):
+            status = "killed" if run.timed_out else run.status
+            control = "yes" if _CONTROL.search(run.output + run.errors) else "none"
+            cells = (f"`{name}`", status, f"{run.cpu_s:.1f}", f"{run.peak_mib:.0f}", control, _answer(name, run))
+            print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
-def _answer(run: DamagedRun) -> str:
+def _answer(name: str, run: ChildRun) -> str:
     """The line that says most: the error, or the scale, or the first fact of a page."""
     lines = [line.strip() for line in run.output.splitlines() if line.strip()]
-    told = next((line for line in lines if re.match(r"(scale|unresolved|extents_mm|dimensions_text)", line)), "")
-    if run.name.endswith(".html") and run.status == 0 and not told:
-        told = "an item without a size"
-    said = told or next(iter(run.errors.strip().splitlines()), "") or next(iter(lines), "")
-    return re.sub(r"/\S*/", "", said)[:160].replace("|", "\\|")
+    answer = next((line for line in lines if re.match(r"(scale|unresolved|extents_mm|dimensions_text)", line)), "")
+    if name.endswith(".html") and run.status == 0 and not answer:
+        answer = "an item without a size"
+    answer = answer or next(iter(run.errors.strip().splitlines()), "") or next(iter(lines), "")
+    return re.sub(r"/\S*/", "", answer)[:160].replace("|", "\\|")
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -5,14 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import subprocess
-import sys
 from collections import Counter
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from benchmarks.child import ours
 from tests.synthetic.shop import PictureShop
 from tests.synthetic.synthetic_site import Shop, SyntheticSite
 
@@ -22,11 +23,11 @@ ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / "data"
 CONTACT = ["--contact", "tests@example.org", "--delay", "0", "--private"]
 DECLARATION = """
-id = "things"
-title = "Made things"
-url = "https://example.org/things"
+id = "boxes"
+title = "Synthetic boxes"
+url = "https://example.org/boxes"
 licence = "none"
-licence_basis = "made for a benchmark"
+licence_basis = "written for a benchmark"
 kind = "measured"
 ship = false
 [[tables]]
@@ -75,12 +76,10 @@ class Case:
     command: Callable[[Prepared, Path, bool], list[str]]
     outcome: Callable[[Path], Counter[str]]
     results: tuple[str, ...]
-    stands: str = "found an existing one"
+    stands: str = "already exists"
 
 
-def _metric_tree(*words: object) -> list[str]:
-    code = "from metric_cli.verbs import main; raise SystemExit(main())"
-    return [sys.executable, "-c", code, *map(str, words)]
+_metric_tree = partial(ours, "metric-tree")
 
 
 def _files(place: Path, *names: str) -> Counter[str]:
@@ -162,11 +161,10 @@ def _video(folder: Path) -> Prepared:
 
 
 def _estimate(_prepared: Prepared, place: Path, _again: bool) -> list[str]:
-    code = "import sys; from metric_cli.estimate_scale.estimate import main; sys.exit(main(sys.argv[1:]))"
     video = DATA / "scenes" / "demo_video"
     words = [video / "video.mp4", "--instances", video / "instances.json", "--frames", 12, "--dense", "none"]
     words += ["--work", place / "work", "--output", place / "scale.json"]
-    return [sys.executable, "-c", code, *map(str, words)]
+    return ours("estimate-scale", *words)
 
 
 def _estimated(place: Path) -> Counter[str]:
@@ -182,7 +180,7 @@ def _served_tables(folder: Path) -> Prepared:
 
     folder.mkdir()
     tables = {
-        f"things-{row:02d}.csv": b"no,w\n" + b"".join(b"%d-%d,%d\n" % (row, k, 10 + k % 90) for k in range(300))
+        f"boxes-{row:02d}.csv": b"no,w\n" + b"".join(b"%d-%d,%d\n" % (row, k, 10 + k % 90) for k in range(300))
         for row in range(12)
     }
     stack = ExitStack()
@@ -191,12 +189,12 @@ def _served_tables(folder: Path) -> Prepared:
         FILE.format(name=name, sha256=hashlib.sha256(data).hexdigest(), url=f"{site.base}/{name}")
         for name, data in tables.items()
     ]
-    (folder / "things.toml").write_text(DECLARATION + "".join(files))
+    (folder / "boxes.toml").write_text(DECLARATION + "".join(files))
     return Prepared(folder, site.base, stack)
 
 
 def _import(prepared: Prepared, place: Path, _again: bool) -> list[str]:
-    words = ["import", "things", "--sources", prepared.folder, "--out", place / "raw" / "things.jsonl"]
+    words = ["import", "boxes", "--sources", prepared.folder, "--out", place / "raw" / "boxes.jsonl"]
     return ["env", f"METRIC_TREE_CACHE={place / 'cache'}", *_metric_tree(*words)]
 
 

@@ -13,10 +13,8 @@ temporary files and folders beside the result or in the system's temporary folde
 from __future__ import annotations
 
 import argparse
-import os
 import random
 import signal
-import subprocess
 import sys
 import tempfile
 import time
@@ -24,7 +22,8 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.kill_cases import CASES, Case
+from benchmarks.child import run_child
+from benchmarks.kill_cases import CASES, Case, Prepared
 from metric_cli.terminal import print_table
 
 COLUMNS = ("command", "seconds", "kills", "before the end", "outputs", "lost", "doubled", "changed", "left over")
@@ -64,7 +63,7 @@ def measure_case(case: Case, folder: Path, kills: int, in_a_row: int, draw: rand
     return (case.name, round(seconds, 1), given, sums[0], len(trials), *sums[1:], sum(len(t.left_over) for t in trials))
 
 
-def _undisturbed(case: Case, prepared: object, place: Path) -> tuple[Counter[str], float]:
+def _undisturbed(case: Case, prepared: Prepared, place: Path) -> tuple[Counter[str], float]:
     place.mkdir()
     started = time.monotonic()
     status, message = _run(case.command(prepared, place, False), place, None)
@@ -73,7 +72,7 @@ def _undisturbed(case: Case, prepared: object, place: Path) -> tuple[Counter[str
     return case.outcome(place), time.monotonic() - started
 
 
-def _trial(case: Case, prepared: object, place: Path, right: Counter[str], moments: list[float]) -> Trial:
+def _trial(case: Case, prepared: Prepared, place: Path, right: Counter[str], moments: list[float]) -> Trial:
     place.mkdir()
     kills, again = 0, False
     for moment in moments:
@@ -94,24 +93,12 @@ def _run(words: list[str], place: Path, moment: float | None) -> tuple[int, str]
     """Exit status and standard error of a run that is killed after `moment` seconds."""
     temporary = place / "tmp"
     temporary.mkdir(exist_ok=True)
-    environment = os.environ | {"TMPDIR": str(temporary)}
-    with (place / "stderr").open("w+") as errors:
-        process = subprocess.Popen(
-            words, stdout=subprocess.DEVNULL, stderr=errors, env=environment, start_new_session=True
-        )
-        try:
-            process.wait(SECONDS if moment is None else moment)
-        except subprocess.TimeoutExpired:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-            if moment is None:
-                return 1, f"still running after {SECONDS} s"
-        errors.seek(0)
-        return process.returncode, errors.read()
+    run = run_child(words, SECONDS if moment is None else moment, {"TMPDIR": str(temporary)})
+    return run.status, run.errors if moment or not run.timed_out else f"still running after {SECONDS} s"
 
 
 def _left_over(case: Case, place: Path) -> list[str]:
-    kept = {"stderr", "tmp", *case.results}
+    kept = {"tmp", *case.results}
     beside = [entry.name for entry in place.iterdir() if entry.name not in kept]
     within = [str(path.relative_to(place)) for path in place.rglob("*") if path.name.endswith((".part", ".half"))]
     temporary = [f"tmp/{entry.name}" for entry in (place / "tmp").iterdir()]

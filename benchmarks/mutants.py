@@ -21,8 +21,8 @@ import sys
 import time
 from collections import Counter
 from pathlib import Path
-from typing import TypeAlias
-from xml.etree import ElementTree
+from typing import Any, TypeAlias
+from xml.etree import ElementTree as ET
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("insertion", "taxonomy", "metric_tree/fit", "estimator/evidence")
@@ -83,7 +83,7 @@ def _mutants(copy: Path, arguments: argparse.Namespace) -> list[Mutant]:
 
 def nearest_tests(module: str, copy: Path) -> list[str]:
     """The test files of a module, nearest first: of its name, that import it, that import a module which does."""
-    package, stem = module.split("/")[0], Path(module).stem
+    package, stem = module.split("/", maxsplit=1)[0], Path(module).stem
     name = module.removesuffix(".py").replace("/", ".")
     importers = {name} | {
         str(path.relative_to(copy).with_suffix("")).replace("/", ".")
@@ -119,7 +119,7 @@ class Seconds:
         if test not in self._known:
             report = self._path.with_suffix(".xml")
             done = _run_tests([test, f"--junitxml={report}"], self._copy, None)
-            suite = next(ElementTree.parse(report).iter("testsuite")) if done == 0 else None  # noqa: S314
+            suite = next(ET.parse(report).iter("testsuite")) if done == 0 else None  # noqa: S314
             self._known[test] = float(suite.get("time", "0")) if suite is not None else None
             self._path.write_text(json.dumps(self._known, indent=1), encoding="utf-8")
         return self._known[test]
@@ -127,7 +127,7 @@ class Seconds:
 
 def _outcome(
     mutant: Mutant, copy: Path, tests: list[tuple[str, float]], arguments: argparse.Namespace
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """What became of a mutant, with its line."""
     source = copy / mutant[0]
     whole = source.read_text(encoding="utf-8")
@@ -154,11 +154,11 @@ def _run_tests(words: list[str], copy: Path, limit: float | None) -> int | None:
         return None
 
 
-def _rows(path: Path) -> list[dict[str, object]]:
+def _rows(path: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").split("\n") if line] if path.exists() else []
 
 
-def _print(folders: list[str], rows: list[dict[str, object]]) -> None:
+def _print(folders: list[str], rows: list[dict[str, Any]]) -> None:
     print("| folder | tried | killed | share |\n|---|---|---|---|")
     for folder in folders:
         counts = Counter(row["killed"] for row in rows if str(row["mutant"][0]).startswith(f"{folder}/"))

@@ -23,7 +23,7 @@ SETTINGS = {
 }  # fmt: skip
 
 
-class Bare(scrapy.Spider):
+class Bare(scrapy.Spider):  # type: ignore[misc]  # Scrapy has no types
     """Follows links and keeps nothing."""
 
     name = "bare"

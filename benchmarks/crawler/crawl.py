@@ -1,10 +1,10 @@
 """Cost of a crawl: ours beside a bare Scrapy spider on the same links of the same synthetic site.
 
-    python -m benchmarks.crawler.crawl --pages 1000 10000 [--real-sizes] [--shares]
+    python -m benchmarks.crawler.crawl --pages 1000 10000 [--real-sizes]
 
 The synthetic site (`tests/synthetic/synthetic_site.py`) runs in a process of its own; its time is not counted. CPU and
 memory are the operating system's figures of the crawling process. `--real-sizes` gives product pages the sizes of the
-sixteen saved real pages (235 to 3,149 kB, drawn evenly by number); `--shares` says where our time goes.
+sixteen saved real pages (235 to 3,149 kB, drawn evenly by number).
 """
 
 from __future__ import annotations
@@ -12,15 +12,13 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
-import resource
-import subprocess
 import sys
 import tempfile
-import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
+from benchmarks.child import ChildRun, ours, run_child
 from tests.synthetic.filler import REAL_SIZES
 from tests.synthetic.synthetic_site import Shop, SyntheticSite, expected
 
@@ -52,55 +50,43 @@ def _serve(shop: Shop, pipe: Any) -> None:
             pipe.send(site.fetched)
 
 
-def _ours(base: str, out: Path, *words: str, shares: Path | None = None) -> list[str]:
-    code = "from metric_cli.verbs import main; raise SystemExit(main())"
-    program = ["-c", code] if shares is None else ["-m", "benchmarks.crawler.crawl_shares", str(shares)]
-    fixed = ["crawl", "generic", "--out", str(out), "--start-url", f"{base}/list/0", "--contact", "bench@example.org"]
-    return [sys.executable, *program, *fixed, "--delay", "0", "--private", "--json", *words]
+def _ours(base: str, out: Path) -> list[str]:
+    words = ["crawl", "generic", "--out", out, "--start-url", f"{base}/list/0", "--contact", "bench@example.org"]
+    return ours("metric-tree", *words, "--delay", 0, "--private", "--json")
 
 
-def measured(command: list[str]) -> dict[str, float]:
-    """Wall and CPU seconds and peak memory in MB of a command."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    started = time.monotonic()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
-    peak = 0
-    while process.poll() is None:
-        status = Path(f"/proc/{process.pid}/status").read_text()
-        peak = max([peak, *(int(line.split()[1]) for line in status.splitlines() if line.startswith("VmHWM"))])
-        time.sleep(0.2)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return {"wall_s": time.monotonic() - started, "cpu_s": cpu, "peak_mb": peak / 1024}
-
-
-def compared(shop: Shop, with_shares: bool) -> list[dict[str, Any]]:
-    """Ours and a bare spider over one synthetic site, and what ours brought home against truth."""
+def compared(shop: Shop) -> list[dict[str, Any]]:
+    """Ours and a bare spider over one synthetic site, and what ours collected against the truth."""
     rows: list[dict[str, Any]] = []
     asked: list[Counter[str]] = []
     with tempfile.TemporaryDirectory() as scratch:
-        out, shares = Path(scratch) / "out", Path(scratch) / "shares.json"
+        out = Path(scratch) / "out"
         for name in ("bare", "ours"):
             served = ServedShop(shop)
             command = [sys.executable, "-m", "benchmarks.crawler.bare_spider", served.base]
             if name == "ours":
-                command = _ours(served.base, out, shares=shares if with_shares else None)
-            figures = measured(command)
+                command = _ours(served.base, out)
+            run = run_child(command)
             asked.append(served.asked())
             served.close()
-            rows.append({"spider": name, **_rates(figures, asked[-1])})
+            rows.append({"spider": name, **_rates(run, asked[-1])})
         rows[-1] |= _against_truth(shop, out) | {"other_addresses": len(set(asked[0]) ^ set(asked[1]))}
-        if with_shares:
-            rows[-1]["cpu_s_by_part"] = json.loads(shares.read_text())
     return rows
 
 
-def _rates(figures: dict[str, float], asked: Counter[str]) -> dict[str, float]:
+def _rates(run: ChildRun, asked: Counter[str]) -> dict[str, float]:
     """A page is an answer that was asked for, of a product, a list or a calendar."""
     pages = asked.total()
     products = sum(path.startswith("/item/") for path in asked)
-    rates = {"ms_per_page": 1000 * figures["cpu_s"] / pages, "ms_per_product": 1000 * figures["cpu_s"] / products}
-    return {"products": products, "pages": pages, **figures, **rates, "pages_per_s": pages / figures["wall_s"]}
+    rates = {"ms_per_page": 1000 * run.cpu_s / pages, "ms_per_product": 1000 * run.cpu_s / products}
+    return {
+        "products": products,
+        "pages": pages,
+        "cpu_s": run.cpu_s,
+        "peak_mb": run.peak_mib,
+        **rates,
+        "pages_per_s": pages / run.wall_s,
+    }
 
 
 def _against_truth(shop: Shop, out: Path) -> dict[str, int]:
@@ -127,11 +113,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pages", type=int, nargs="*", default=[])
     parser.add_argument("--real-sizes", action="store_true")
-    parser.add_argument("--shares", action="store_true")
     arguments = parser.parse_args()
     for pages in arguments.pages:
         shop = Shop(products=pages, sizes=REAL_SIZES if arguments.real_sizes else ())
-        for row in compared(shop, arguments.shares):
+        for row in compared(shop):
             print(_rounded(row), flush=True)
 
 

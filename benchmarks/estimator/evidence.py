@@ -105,7 +105,7 @@ def up_rows(tree: Tree) -> Iterator[Row]:
     aside = np.cross(up, [1.0, 0, 0]) / np.linalg.norm(np.cross(up, [1.0, 0, 0]))
     scene = read_scene(DEMO)
     masks = estimator.read_instances(None, scene)
-    ups = {
+    ups: dict[str, FloatArray | None] = {
         "not given": None,
         "right": up,
         "off by 2°": _tilted(up, aside, 2),
@@ -113,7 +113,7 @@ def up_rows(tree: Tree) -> Iterator[Row]:
         "gravity": -up,
     }
     for name, vector in ups.items():
-        result = estimator.estimate_scale(scene, masks, tree, up=vector)
+        result = estimator.estimate_scale(scene, masks, tree, up=None if vector is None else vector.tolist())
         warning = next((line for line in result.warnings if "given up" in line), "–")
         if result.scale is None or result.interval is None:
             yield name, "unresolved", "–", warning

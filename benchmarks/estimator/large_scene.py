@@ -11,15 +11,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import subprocess
-import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.child import ours, run_child
 from estimator.records.scene import DenseCloud, View
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.knobs import Knobs
@@ -29,15 +27,6 @@ from tests.synthetic.rooms.scene_files import write_scene
 VIEWS, POINTS = 125, 500_000
 #: Most views of a dense point, and most observations of sparse points in a view.
 SEEN, OBSERVATIONS = 12, 3000
-#: The command, which writes its own peak memory to a file: the system's count of a child begins with its parent's.
-COMMAND = """
-import sys
-from pathlib import Path
-from metric_cli.estimate_scale.estimate import main
-status = main(sys.argv[2:])
-Path(sys.argv[1]).write_text(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])
-sys.exit(status)
-"""
 
 
 def repeated(made: SyntheticScene, times: int) -> SyntheticScene:
@@ -113,15 +102,12 @@ def main() -> None:
 def _row(large: SyntheticScene, folder: Path, true: float) -> str:
     dense = large.scene.dense
     assert dense is not None
-    words = [sys.executable, "-c", COMMAND, str(folder / "peak"), str(folder), "--quiet", "--json"]
-    with (folder / "out").open("wb") as out, subprocess.Popen(words, stdout=out) as process:
-        _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-    scale = json.loads((folder / "out").read_bytes())["scale"]
+    run = run_child(ours("estimate-scale", folder, "--quiet", "--json"))
+    scale = json.loads(run.output)["scale"]
     masks = len(json.loads((folder / "instances.json").read_bytes())["annotations"])
     cells = (
-        len(large.scene.views), f"{len(dense.points):,}", f"{masks:,}", f"{usage.ru_utime + usage.ru_stime:.0f}",
-        f"{int((folder / 'peak').read_text()) / 1024:.0f}", process.returncode,
+        len(large.scene.views), f"{len(dense.points):,}", f"{masks:,}", f"{run.cpu_s:.0f}", f"{run.peak_mib:.0f}",
+        run.status,
         "" if scale is None else f"{scale / true:.3f}",
     )  # fmt: skip
     return " | ".join(map(str, cells))

@@ -12,7 +12,6 @@ import argparse
 import json
 import os
 import shutil
-import subprocess
 import sys
 import time
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.child import run_child
 from estimator.records.scale_evidence import ScaleEvidence
 from metric_base.arrays import FloatArray
 
@@ -114,27 +114,14 @@ def path_error(centres: FloatArray, reference: FloatArray) -> float:
 
 def _run(data: Path, row: FootageSet, out: Path, limit_s: float) -> None:
     """Reconstruct one set in a process of its own and keep what came of it."""
-    command = [sys.executable, "-m", "benchmarks.estimator.real_footage", str(data), "--out", str(out), "--one"]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    with (out / f"{row.name}.log").open("w") as log:
-        try:
-            done = subprocess.run(
-                [*command, "--sets", row.name],
-                stdout=-1,
-                stderr=log,
-                text=True,
-                check=False,
-                timeout=limit_s,
-                env=environment,
-            )
-            lines = done.stdout.splitlines()
-            result = (
-                json.loads(lines[-1])
-                if done.returncode == 0 and lines
-                else {"failure": f"ended with {done.returncode}"}
-            )
-        except subprocess.TimeoutExpired:
-            result = {"failure": f"no answer in {limit_s:.0f} s"}
+    words = ["-m", "benchmarks.estimator.real_footage", str(data), "--out", str(out), "--one", "--sets", row.name]
+    run = run_child([sys.executable, *words], limit_s, {"OMP_NUM_THREADS": "1"})
+    (out / f"{row.name}.log").write_text(run.errors, encoding="utf-8")
+    lines = run.output.splitlines()
+    if run.timed_out:
+        result = {"failure": f"no answer in {limit_s:.0f} s"}
+    else:
+        result = json.loads(lines[-1]) if run.status == 0 and lines else {"failure": f"ended with {run.status}"}
     (out / f"{row.name}.json").write_text(json.dumps(result) + "\n", encoding="utf-8")
     print(row.name, json.dumps(result), flush=True)
 

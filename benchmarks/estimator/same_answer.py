@@ -68,7 +68,7 @@ def movements(case: Case) -> list[str]:
     whole = estimate_scale(case.scene, instances)
     cells = [case.group, case.name, whole.status]
     for way in WAYS.values():
-        moved = [_movement(whole, estimate_scale(*other), factor) for *other, factor in way(case.scene, instances)]
+        moved = [_movement(whole, estimate_scale(*other[:2]), other[2]) for other in way(case.scene, instances)]
         scale, ends = (max(one[part] for one in moved) for part in (0, 1))
         cells.append(f"{scale:.2g} ({ends:.2g}){'' if all(one[2] for one in moved) else ' !'}")
     return cells

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import os
 import platform
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -23,6 +22,7 @@ from statistics import median
 import numpy as np
 
 import metric_tree
+from benchmarks.child import ours, run_child
 from benchmarks.estimator.simulation import Knobs, World, simulated, world
 from estimator.association.point_labels import dense_labels, sparse_labels
 from estimator.geometry.measurement import measure_objects
@@ -45,7 +45,6 @@ OBJECTS = 50
 COUNTS = (5, 20, 50, 200)
 DEMO = ROOT / "data" / "scenes" / "demo_room"
 QUERY = "import metric_tree; metric_tree.open().find('swivel chair').prior().quantile(0.5)"
-ESTIMATE = f"from metric_cli.estimate_scale.estimate import main; raise SystemExit(main([{str(DEMO)!r}]))"
 
 
 def main() -> None:
@@ -77,8 +76,8 @@ def main() -> None:
         (f"posterior, a scene ({len(measurements.objects)} objects)", "4 ms", scene_posterior),
         (f"posterior, {OBJECTS} objects", "4 ms", fifty),
         *((f"posterior, {count} simulated objects", "4 ms", _simulated(classes, count)) for count in COUNTS),
-        ("start to answer, demo scene (new process)", "-", _processes(ESTIMATE)),
-        ("import metric_tree and one query (new process)", "-", _processes(QUERY)),
+        ("start to answer, demo scene (new process)", "-", _processes(ours("estimate-scale", DEMO))),
+        ("import metric_tree and one query (new process)", "-", _processes([sys.executable, "-c", QUERY])),
     ]  # fmt: skip
     where = f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
     print(f"{where}, load {os.getloadavg()[0]:.1f}\n\n| what | paper | here, median | here, least |\n|---|---|---|---|")
@@ -100,16 +99,12 @@ def _a_frame(call: Callable[[], object], views: int) -> list[float]:
     return [seconds / views for seconds in _timed(call)]
 
 
-def _processes(code: str) -> list[float]:
-    """Seconds of fresh interpreters that run `code`; an unresolved scale (exit 3) is an answer too."""
-
-    def run() -> None:
-        status = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, check=False)
-        if status.returncode not in (0, 3):
-            raise SystemExit(f"{code}: {status.stderr.decode()[-500:]}")
-
-    run()  # the disk's cache
-    return _timed(run, 5)
+def _processes(words: list[str]) -> list[float]:
+    """Processor seconds of fresh interpreters; an unresolved scale (exit 3) is an answer too."""
+    runs = [run_child(words) for _ in range(6)]
+    if runs[0].status not in (0, 3):
+        raise SystemExit(runs[0].errors[-500:])
+    return [run.cpu_s for run in runs[1:]]  # the first fills the disk's cache
 
 
 def _simulated(classes: World, count: int) -> list[float]:

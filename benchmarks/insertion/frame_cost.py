@@ -9,9 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import subprocess
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.child import ours, run_child
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from estimator.records.scene import Camera
 from metric_base.arrays import FloatArray
@@ -31,7 +29,6 @@ from tests.synthetic.videos import Lens, recorded, room, times_of, write_video
 
 __all__ = ["main", "synthetic_work"]
 
-COMMAND = "import sys; from metric_cli.insert_object.insert import main; sys.exit(main(sys.argv[1:]))"
 #: Different frames of the path, and every how many one is of the reconstruction.
 PATH, STEP = 20, 2
 RATE = 20.0
@@ -93,15 +90,11 @@ def synthetic_work(world: World, lens: Lens, length: int, folder: Path) -> None:
 def run(work: Path, model: Path, *words: str) -> tuple[float, float, dict[str, list[dict[str, dict[str, float]]]]]:
     """CPU seconds, peak memory in MiB and the printed record of one insertion."""
     out = work.with_name(f"{work.name}-out.mp4")
-    arguments = [str(work), "--model", str(model), "--out", str(out), "--json", *words]
-    child = subprocess.Popen([sys.executable, "-c", COMMAND, *arguments], stdout=subprocess.PIPE)
-    assert child.stdout is not None
-    printed = child.stdout.read()
-    _, status, usage = os.wait4(child.pid, 0)
-    child.returncode = os.waitstatus_to_exitcode(status)
-    if child.returncode:
-        raise SystemExit(child.returncode)
-    return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024, json.loads(printed)
+    arguments = [work, "--model", model, "--out", out, "--json", *words]
+    child = run_child(ours("insert-object", *arguments))
+    if child.status:
+        raise SystemExit(child.errors)
+    return child.cpu_s, child.peak_mib, json.loads(child.output)
 
 
 def _poses(video: Path, camera: Camera, turns: Sequence[FloatArray], centres: FloatArray, kept: set[int]) -> FramePoses:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from estimator.reading import read_instances, read_scene
+from estimator.records.scene import Instance
 from insertion.colour.encoding import linear_to_srgb
 from insertion.composite.match import look_of
 from insertion.scene.box import Box, mask_in_box
@@ -52,10 +53,10 @@ def main() -> None:
         print(name, json.dumps(_frame(options, name, layer, [i for i in instances if i.view == views.get(name)])))
 
 
-def _frame(options: argparse.Namespace, name: str, layer: str, masks: list) -> dict[str, float]:
+def _frame(options: argparse.Namespace, name: str, layer: str, masks: list[Instance]) -> dict[str, float]:
     import cv2
 
-    frame = cv2.imread(str(options.out / f"{Path(name).stem}.png"))[..., ::-1]
+    frame = np.asarray(cv2.imread(str(options.out / f"{Path(name).stem}.png")))[..., ::-1]
     covering, plate = (read_exr(options.layers / kind / layer) for kind in ("object", "plate"))
     before = np.rint(linear_to_srgb(plate)).astype(np.uint8)
     light = plate * read_exr(options.layers / "shadow" / layer) * (1 - covering[..., 3:]) + covering[..., :3]

@@ -74,7 +74,7 @@ def pairs_of_traced(folders: Sequence[Path]) -> list[Pair]:
     pairs = []
     for folder in folders:
         for file in sorted(folder.glob("compare_*.png"))[:3]:
-            _, ours, true = np.split(cv2.imread(str(file))[..., ::-1], 3, axis=1)
+            _, ours, true = np.split(np.asarray(cv2.imread(str(file)))[..., ::-1], 3, axis=1)
             large = [
                 cv2.resize(p, None, fx=TRACED_TIMES, fy=TRACED_TIMES, interpolation=cv2.INTER_CUBIC)
                 for p in (ours, true)

@@ -31,6 +31,7 @@ from benchmarks.insertion.synthetic_videos import (
     true_video,
 )
 from estimator.reading import read_instances, read_scene
+from insertion.composite.compose import Composite, Joined
 from insertion.footage.footage import Shot, Stills
 from insertion.footage.picture_writer import picture_writer
 from insertion.footage.video_footage import VideoFootage, video_footage
@@ -62,14 +63,21 @@ class Layers:
 
     visible: dict[int, BoolArray] = field(default_factory=dict)
     whole: dict[int, BoolArray] = field(default_factory=dict)
+    _shape: tuple[int, ...] = ()
 
     def picture(self, shot: Shot, picture: NDArray[np.uint8]) -> None:
-        """The frame without objects is not kept."""
+        """The frame without objects: its size alone is kept."""
+        del shot
+        self._shape = picture.shape
 
-    def layers(self, shot: Shot, number: int, alpha: NDArray[np.float32], depth: NDArray[np.float32]) -> None:
-        """Visible coverage (h, w) of the one object, and its depth (h, w), known wherever it is."""
+    def layers(self, shot: Shot, number: int, joined: Joined) -> None:
+        """Visible coverage of the one object, and where its depth is known."""
         del number
+        alpha, depth = joined.whole(self._shape)
         self.visible[shot.index], self.whole[shot.index] = alpha > 0.5, np.isfinite(depth)
+
+    def composite(self, shot: Shot, composite: Composite) -> None:
+        """The picture with the object is not kept."""
 
 
 def main() -> None:
@@ -97,7 +105,7 @@ def video_row(condition: Condition, folder: Path) -> dict[str, Any]:
     placed, truth = painted_twin(video, stage, to_scene, folder)
     layers = Layers()
     with picture_writer(folder / "ours.mp4", video.file, condition.turned_deg) as write:
-        (result,) = insert_objects(stage, [placed], write, video=True, layers=layers)
+        (result,) = insert_objects(stage, [placed], write, video=True, layers=[layers])
     ratios = {1.0: _height_ratio(result.frames, truth)}
     for error in SCALE_ERRORS:
         (wrong,) = insert_objects(_thinned(stage, 4), [resize(placed, 1 / error)], lambda *_: None)

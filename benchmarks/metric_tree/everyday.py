@@ -50,7 +50,7 @@ class Axis:
     @property
     def is_off(self) -> bool:
         """Whether the medians differ by more than `OFF`."""
-        return abs(np.log(self.prior[1] / self.written[1])) > np.log(OFF)
+        return bool(abs(np.log(self.prior[1] / self.written[1])) > np.log(OFF))
 
     @property
     def is_wide(self) -> bool:
@@ -78,7 +78,8 @@ def axes_of(name: str, written: FloatArray, node_id: str, priors: list[Prior]) -
 
 
 def _measured(tree: Tree, written_things: Mapping[str, FloatArray]) -> tuple[list[Axis], list[str]]:
-    axes, unknown = [], []
+    axes: list[Axis] = []
+    unknown: list[str] = []
     for name, written in written_things.items():
         try:
             node = tree.find(name)

@@ -33,7 +33,7 @@ def labelled(tree: Tree, name: str) -> Iterable[Node]:
             yield node
 
 
-def moved(before: Tree, after: Tree, factor: float) -> list[tuple[str, str, str, str, str]]:
+def moved(before: Tree, after: Tree, factor: float) -> list[tuple[str, ...]]:
     """Leaves with a median of both releases off by more than `factor` on some axis, the farthest first."""
     rows = []
     for node in after.leaves():
@@ -60,7 +60,7 @@ def main() -> None:
     parser.add_argument("--factor", type=float, default=1.4, help="list leaves that moved by more (%(default)s)")
     parser.add_argument("--most", type=int, default=400, help="leaves that are listed (%(default)s)")
     arguments = parser.parse_args()
-    trees = [open_tree(arguments.before), open_tree(arguments.after)]
+    trees = open_tree(arguments.before), open_tree(arguments.after)
     rows: list[tuple[object, ...]] = []
     for tree in trees:
         for level in (3, 4, 5):

@@ -7,6 +7,7 @@ differ from what is settled.
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -42,6 +43,7 @@ def paired(independent: Iterable[Decision], found: Iterable[Decision], reviewer:
 
 def main() -> None:
     """Print the agreement with either reviewer, then the subjects on which the first one differs."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     independent, found = independent_decisions(), decisions()
     for reviewer in _REVIEWERS:
         both = paired(independent, found, reviewer)

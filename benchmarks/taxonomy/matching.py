@@ -1,29 +1,25 @@
-"""Precision and coverage of the matcher on hand-labelled strings, on both halves; how often each rule is right.
+"""Precision and coverage of the matcher on hand-labelled strings, on both halves.
 
-    python -m benchmarks.taxonomy.matching                 # both halves
-    python -m benchmarks.taxonomy.matching --calibrate     # write data/taxonomy/reliability.json from the development
-    half
+    python -m benchmarks.taxonomy.matching
 
 A string is *covered* when it is matched above the threshold, and counts towards coverage when its label names a
 category. A match is *right* when it is one of the label's categories; a label that also allows `none` says that a
-careful reader would not insist. Ids that are gone count as their successors, in labels as in findings.
+careful annotator would not insist. Ids that are gone count as their successors, in labels as in findings.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from metric_base.files import whole_file
 from metric_base.folders import taxonomy_directory
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import NONE, Decision, default_rulings
-from taxonomy.matching.finding import Finding, measured_reliability, reliabilities
+from taxonomy.matching.finding import Finding, measured_reliability
 from taxonomy.matching.lexicon import default_lexicon
 from taxonomy.matching.matcher import Matcher, default_matcher
 from taxonomy.matching.source_reading import default_readings
@@ -34,7 +30,7 @@ HALVES = ("development", "held-out")
 
 @dataclass(frozen=True)
 class Labelled:
-    """One string with what a reader says it names."""
+    """One string with what an annotator says it names."""
 
     source: str
     path: tuple[str, ...]
@@ -101,31 +97,10 @@ def counts_by_rule(strings: Sequence[Labelled], matcher: Matcher) -> dict[str, t
 
 
 def main() -> None:
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--calibrate", action="store_true", help="write the reliability of each rule")
-    arguments = parser.parse_args()
+    parser.parse_args()
     strings = labelled()
-    development = [one for one in strings if one.half == "development"]
-    if arguments.calibrate:
-        calibrate(development)
-    else:
-        show(strings)
-
-
-def calibrate(development: Sequence[Labelled]) -> None:
-    """Write the reliability of each rule, measured without the decisions on the strings themselves."""
-    file = taxonomy_directory() / "reliability.json"
-    record = json.loads(file.read_text(encoding="utf-8"))
-    titles = {rule: tuple(counts) for rule, counts in record["counts"].items() if rule.startswith("title ")}
-    own = counts_by_rule(development, matcher_without(development, default_rulings(), {}))
-    record["counts"] = dict(sorted((titles | own).items()))
-    record["reliability"] = reliabilities(record["counts"])
-    with whole_file(file) as part:
-        part.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
-    print(file)
-
-
-def show(strings: Sequence[Labelled]) -> None:
     print(f"{'half':<12} {'decisions':<22} {'strings':>7} {'named':>6} {'matched':>7} {'precision':>9} {'coverage':>8}")
     for half in HALVES:
         chosen = [one for one in strings if one.half == half]

@@ -72,7 +72,7 @@ def reliabilities(counts: Mapping[str, tuple[int, int]]) -> dict[str, float]:
 def measured_reliability(path: Path | None = None) -> Mapping[str, float]:
     """Share of right matches by rule; empty where it was never measured.
 
-    `python -m benchmarks.taxonomy.matching --calibrate` writes it.
+    `python -m data.generate reliability` writes it.
     """
     file = path or taxonomy_directory() / _FILE
     if not file.is_file():

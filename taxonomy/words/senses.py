@@ -1,6 +1,6 @@
 """What a word means: its senses in WordNet, their reviewed order, trust in head nouns, codes and labels of detectors.
 
-`python -m benchmarks.taxonomy.word_tables` writes all tables but two, which a reviewer (a program: a language model)
+`python -m data.generate words` writes all tables but two, which a reviewer (a program: a language model)
 writes: `meanings.csv`, the words that several nodes share, with the nodes in the order in which people mean them, and
 `other_names.csv`, names in other languages and names of norms. The tables are read on demand, each once, as text that
 is searched: a first answer must not wait for fifty thousand lines to be parsed.

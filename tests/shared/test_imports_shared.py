@@ -124,8 +124,8 @@ def test_the_shipped_file_is_what_the_command_makes(imports: Imports, name: str)
         assert lines.read().splitlines() == [item.line() for item in imports(name).items]
 
 
-def test_things_that_several_sets_state_count_once(shared: Path, imports: Imports) -> None:
-    from benchmarks.crawler.same_things import superseded
+def test_objects_that_several_sets_state_count_once(shared: Path, imports: Imports) -> None:
+    from data.generate import superseded
 
     for name, ids in superseded(shared / "data" / "sizes").items():
         listed = (ROOT / "data" / "sources" / f"{name}.superseded.txt").read_text(encoding="utf-8").splitlines()

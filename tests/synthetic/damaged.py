@@ -93,7 +93,7 @@ def _read_once(folder: Path) -> None:
 
 
 def _zero_bytes(name: str) -> Damage:
-    return lambda folder: (folder / name).write_bytes(b"") and None
+    return _written(name, b"")
 
 
 def _truncated(name: str, share: float) -> Damage:
@@ -123,7 +123,10 @@ def _replaced(name: str, old: str, new: str) -> Damage:
 
 
 def _written(name: str, data: bytes) -> Damage:
-    return lambda folder: (folder / name).write_bytes(data) and None
+    def damage(folder: Path) -> None:
+        (folder / name).write_bytes(data)
+
+    return damage
 
 
 def _removed(name: str) -> Damage:

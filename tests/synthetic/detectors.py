@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnx
@@ -107,7 +108,9 @@ def constant_graph(
     return save(path, nodes, constants, picture, _outputs(tuple(answers), (None, 1, None, None)))
 
 
-def save(path: Path, nodes: list, constants: dict, picture: onnx.ValueInfoProto, outputs: list) -> Path:
+def save(
+    path: Path, nodes: list[Any], constants: dict[str, Any], picture: onnx.ValueInfoProto, outputs: list[Any]
+) -> Path:
     initial = [numpy_helper.from_array(np.asarray(value), name) for name, value in constants.items()]
     graph = helper.make_graph(nodes, "detector", [picture], outputs, initial)
     model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)])
@@ -117,7 +120,7 @@ def save(path: Path, nodes: list, constants: dict, picture: onnx.ValueInfoProto,
     return path
 
 
-def _outputs(names: tuple[str, ...], mask_shape: tuple) -> list:
+def _outputs(names: tuple[str, ...], mask_shape: tuple[int | str | None, ...]) -> list[Any]:
     boxes, labels, scores, masks = names
     n = mask_shape[0]
     return [

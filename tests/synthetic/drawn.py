@@ -11,7 +11,7 @@ from estimator.geometry.up import Up
 from estimator.reading import read_instances, read_scene
 from estimator.records.curve import Curve, Mode
 from estimator.records.measured_object import Box, MeasuredObject
-from estimator.records.result import Interval, ObjectReport, ScaleResult, UpReport
+from estimator.records.result import Interval, ObjectReport, ScaleResult, UpReport, Verdict
 from estimator.results.scene_estimate import SceneEstimate
 
 __all__ = ["SCALE", "drawn_estimate"]
@@ -19,14 +19,14 @@ __all__ = ["SCALE", "drawn_estimate"]
 SCALE = 0.5
 _LOG_SCALE = np.linspace(np.log(0.2), np.log(1.2), 400)
 #: category, verdict, own scale, what counted, what is cut
-_OBJECTS = (
+_OBJECTS: tuple[tuple[str, Verdict, float, tuple[str, ...], tuple[bool, bool, bool]], ...] = (
     ("chair", "used", 0.48, ("length", "height"), (False, True, False)),
     ("table", "outlier", 0.9, ("length", "width", "height"), (False, False, False)),
 )
 
 
 def bump(centre: float, width: float) -> np.ndarray:
-    return np.exp(-0.5 * ((_LOG_SCALE - np.log(centre)) / width) ** 2)
+    return np.asarray(np.exp(-0.5 * ((_LOG_SCALE - np.log(centre)) / width) ** 2))
 
 
 def drawn_estimate(folder: Path) -> SceneEstimate:

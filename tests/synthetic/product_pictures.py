@@ -67,7 +67,7 @@ def pictured(thing: Thing, kind: str, generator: np.random.Generator) -> Product
     clean = np.clip(mixed, 0, 255).astype(np.uint8)
     quality = int(generator.integers(78, 96))
     _, body = cv2.imencode(".jpg", np.ascontiguousarray(clean[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, quality])
-    pixels = np.ascontiguousarray(cv2.imdecode(body, cv2.IMREAD_COLOR)[..., ::-1])
+    pixels = np.ascontiguousarray(np.asarray(cv2.imdecode(body, cv2.IMREAD_COLOR))[..., ::-1])
     return ProductPicture(kind, thing.category, pixels, thing.coverage >= 0.5)
 
 

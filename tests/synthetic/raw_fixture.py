@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from crawler.imports.sources import Source
-from crawler.items import RawItem
+from crawler.items import Kind, RawItem
 
 #: Typical sizes in mm of the leaves of `small_taxonomy`, by our axes.
 TYPICAL = {
@@ -19,6 +19,12 @@ TYPICAL = {
     "ball": (220, 220, 220),
 }
 
+_KINDS: tuple[tuple[str, Kind, bool, bool], ...] = (
+    ("shop", "product", False, False),
+    ("lab", "measured", True, False),
+    ("games", "asset", True, False),
+    ("club", "product", False, True),
+)
 SOURCES = {
     name: Source(
         id=name,
@@ -33,12 +39,7 @@ SOURCES = {
         tables=(),
         excluded="made for the tests",
     )
-    for name, kind, ship, noncommercial in (
-        ("shop", "product", False, False),
-        ("lab", "measured", True, False),
-        ("games", "asset", True, False),
-        ("club", "product", False, True),
-    )
+    for name, kind, ship, noncommercial in _KINDS
 }
 
 
@@ -55,12 +56,13 @@ def synthetic_items(per_class: int = 40, seed: int = 0) -> list[RawItem]:
 
 def _item(name: str, number: int, sizes: np.ndarray, source: str) -> RawItem:
     first, second, height = (round(float(size), 1) for size in sizes)
-    words = {
+    by_source: dict[str, dict[str, float | None]] = {
         "shop": {"width": first, "depth": None if number % 8 == 0 else second, "height": height},
         "lab": {"length": max(first, second), "width": min(first, second), "height": height},
         "club": {"length": max(first, second), "width": min(first, second), "height": height},
         "games": {},
-    }[source]
+    }
+    words = by_source[source]
     return RawItem(
         source=source,
         source_id=f"{name}-{number}",

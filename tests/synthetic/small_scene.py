@@ -68,7 +68,8 @@ def _write_dense(folder: Path, reconstruction: pycolmap.Reconstruction) -> None:
 
 
 def _write_coco(folder: Path, reconstruction: pycolmap.Reconstruction) -> None:
-    images, annotations = [], []
+    images: list[dict[str, Any]] = []
+    annotations: list[dict[str, Any]] = []
     for number, key in enumerate(sorted(reconstruction.images)):
         image = reconstruction.images[key]
         width, height = image.camera.width, image.camera.height

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from taxonomy.categories import Category, Match
+from crawler.items import RawItem
+from taxonomy.categories import Category, Match, Pose
 
-_PLACES = [  # name, parent, level, pose
+_PLACES: tuple[tuple[str, str | None, int, Pose], ...] = (  # name, parent, level, pose
     ("entity", None, 1, "upright"),
     ("artifact", "entity", 2, "upright"),
     ("furniture", "artifact", 3, "upright"),
@@ -19,7 +20,7 @@ _PLACES = [  # name, parent, level, pose
     ("desk", "table", 5, "upright"),
     ("phone", "handset", 5, "flat"),
     ("ball", "toy", 5, "any"),
-]
+)
 
 
 class SmallTaxonomy:
@@ -27,7 +28,7 @@ class SmallTaxonomy:
 
     def __init__(self) -> None:
         paths: dict[str, tuple[str, ...]] = {}
-        self._categories = []
+        self._categories: list[Category] = []
         for name, parent, level, pose in _PLACES:
             paths[name] = (*paths.get(parent or "", ()), name)
             self._categories.append(
@@ -43,10 +44,10 @@ class SmallTaxonomy:
             )
         self._leaves = {category.name: category.node_id for category in self._categories if category.level == 5}
 
-    def categories(self):
+    def categories(self) -> list[Category]:
         return self._categories
 
-    def match(self, item):
+    def match(self, item: RawItem) -> Match:
         node_id = self._leaves.get(item.category_path[-1] if item.category_path else "")
         return Match(node_id, 1.0 if node_id else 0.0, "name" if node_id else "unknown")
 

@@ -1,1 +1,1 @@
-"""Ten videos from the file to the inserted object, and twins of real things, against the truth."""
+"""Ten videos from the file to the inserted object, against the truth."""

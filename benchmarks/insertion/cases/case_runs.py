@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.child import ours, run_child
 from benchmarks.insertion.cases.case_list import SHARED, Case, video_of, world_of
 from estimator.reading import read_scene
 from insertion.models.model import Model
@@ -28,10 +26,7 @@ from tests.synthetic.rooms.similarity import Similarity
 from tests.synthetic.rooms.solids import Mesh
 from tests.synthetic.rooms.world import World
 
-__all__ = [
-    "Outcome", "command", "drawn_heights", "fresh", "mesh_of", "placed_object", "ratio_of", "run_case", "true_heights",
-    "whole_height", "work_similarity",
-]  # fmt: skip
+__all__ = ["Outcome", "drawn_heights", "run_case"]
 
 #: The room a command has before it is stopped, seconds.
 LIMIT = 900
@@ -70,24 +65,24 @@ def run_case(case: Case, folder: Path) -> Outcome:
     video, work = video_of(case, folder), folder / "work"
     words = [video / "video.mp4", "--work", work, "--instances", video / "instances.json", "--frames", case.frames]
     started = time.time()
-    code, record, estimate = command("metric_cli.estimate_scale.estimate", [*words, "--json"])
+    code, record, estimate = _command("estimate-scale", [*words, "--json"])
     length = len(json.loads((video / "truth.json").read_text(encoding="utf-8"))["frames"])
     seconds = _stages(work, estimate, started)
     if code:
         return Outcome((length, 0), seconds, refusal=_refusal(record))
-    to_scene = work_similarity(video, work)
+    to_scene = _work_similarity(video, work)
     true = 1 / to_scene.scale
     scale, interval = _scale_errors(record, true)
     chosen = len(read_scene(work).views)
-    words = [work, "--model", case.model_file, "--out", fresh(folder / "out.mp4"), *case.words]
-    code, inserted, seconds["insertion"] = command("metric_cli.insert_object.insert", [*words, "--json"])
+    words = [work, "--model", case.model_file, "--out", _fresh(folder / "out.mp4"), *case.words]
+    code, inserted, seconds["insertion"] = _command("insert-object", [*words, "--json"])
     if code:
         return Outcome((length, chosen), seconds, scale, interval, refusal=_refusal(inserted))
     _keep(folder, inserted)
-    placed = placed_object(words)
+    placed = _placed_object(words)
     world = world_of(case)
-    masks = true_heights(world, work, to_scene, placed, drawn_heights(inserted))
-    size, heights = ratio_of(drawn_heights(inserted), masks)
+    masks = _true_heights(world, work, to_scene, placed, drawn_heights(inserted))
+    size, heights = _ratio_of(drawn_heights(inserted), masks)
     return Outcome((length, chosen), seconds, scale, interval, size, heights)
 
 
@@ -96,38 +91,32 @@ def _run_real(case: Case, folder: Path) -> Outcome:
     scene = SHARED / "scenes" / case.video
     true = json.loads((scene / "truth.json").read_text(encoding="utf-8"))["metres_per_unit"]
     folder.mkdir(parents=True, exist_ok=True)
-    code, record, seconds = command(
-        "metric_cli.estimate_scale.estimate", [scene, "--json", "--output", folder / "result.json"]
-    )
+    code, record, seconds = _command("estimate-scale", [scene, "--json", "--output", folder / "result.json"])
     views = len(read_scene(scene).views)
     if code:
         return Outcome((views, views), {"scale": seconds}, refusal=_refusal(record))
     scale, interval = _scale_errors(record, true)
     records, spent = [], {"scale": seconds}
     for name, used in (("out", record["scale"]), ("out_true", true)):
-        words = [scene, "--scale", used, "--model", case.model_file, "--out", fresh(folder / name), *case.words]
-        code, inserted, seconds = command("metric_cli.insert_object.insert", [*words, "--json"])
+        words = [scene, "--scale", used, "--model", case.model_file, "--out", _fresh(folder / name), *case.words]
+        code, inserted, seconds = _command("insert-object", [*words, "--json"])
         if code:
             return Outcome((views, views), spent, scale, interval, refusal=_refusal(inserted))
         spent.setdefault("insertion", seconds)
         records.append(inserted)
     _keep(folder, records[0])
-    size, heights = ratio_of(*(drawn_heights(inserted) for inserted in records))
+    size, heights = _ratio_of(*(drawn_heights(inserted) for inserted in records))
     return Outcome((views, views), spent, scale, interval, size, heights)
 
 
-def command(module: str, words: list[Any]) -> tuple[int, dict[str, Any], float]:
-    """Exit status, the printed record (or what was said), and CPU seconds of a command with all its processes."""
-    code = f"import sys; from {module} import main; sys.exit(main(sys.argv[1:]))"
-    before = _child_seconds()
-    done = subprocess.run(
-        [sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True, timeout=LIMIT, check=False
-    )
-    record: dict[str, Any] = json.loads(done.stdout) if done.stdout.strip() else {"said": done.stderr.strip()}
-    return done.returncode, record, _child_seconds() - before
+def _command(program: str, words: list[Any]) -> tuple[int, dict[str, Any], float]:
+    """Exit status, the printed record (or the error), and CPU seconds of a command with all its processes."""
+    run = run_child(ours(program, *words), LIMIT)
+    record: dict[str, Any] = json.loads(run.output) if run.output.strip() else {"error": run.errors.strip()}
+    return run.status, record, run.cpu_s
 
 
-def work_similarity(video: Path, work: Path) -> Similarity:
+def _work_similarity(video: Path, work: Path) -> Similarity:
     """From true metres to the reconstruction of a work folder: its cameras' directions, then their centres.
 
     The centres of a straight drive alone would leave the turn about its line open.
@@ -146,7 +135,7 @@ def work_similarity(video: Path, work: Path) -> Similarity:
     return Similarity(scale, turn, after.mean(axis=0) - scale * turn @ before.mean(axis=0))
 
 
-def mesh_of(model: Model, factor: float = 1.0) -> Mesh:
+def _mesh_of(model: Model, factor: float = 1.0) -> Mesh:
     """A model (y up, front +z) as a made solid (z up, front -y) in metres, standing on the origin."""
     parts = [(part.vertices, part.faces) for part in model.parts]
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
@@ -167,26 +156,26 @@ def drawn_heights(inserted: dict[str, Any]) -> dict[int, int]:
     return heights
 
 
-def true_heights(
+def _true_heights(
     world: World, work: Path, to_scene: Similarity, placed: Placed, wanted: Mapping[int, float]
 ) -> dict[int, int]:
     """Rows of the same mesh at its true size at the same place, through the true cameras, where all of it is shown."""
     room = RecordedRoom(world, read_scene(work), (), work, to_scene)
-    mesh = mesh_of(placed.model, placed.size.factor)
+    mesh = _mesh_of(placed.model, placed.size.factor)
     alone = added(room, mesh, placed.place.position, placed.front, alone=True)
     rows = sorted(wanted)[:: max(1, len(wanted) // LOOKED_AT)]
     with Renderer(alone) as renderer:
         masks = {row: renderer.frame(row, colour=False).ids == 1 for row in rows}
-    return {row: height for row, mask in masks.items() if (height := whole_height(mask)) is not None}
+    return {row: height for row, mask in masks.items() if (height := _whole_height(mask)) is not None}
 
 
-def ratio_of(drawn: Mapping[int, float], true: Mapping[int, float]) -> tuple[float | None, int]:
+def _ratio_of(drawn: Mapping[int, float], true: Mapping[int, float]) -> tuple[float | None, int]:
     """Median of drawn over true heights, less 1, and the number of frames that both have."""
     both = sorted(set(drawn) & set(true))
     return (float(np.median([drawn[k] / true[k] for k in both])) - 1 if both else None), len(both)
 
 
-def whole_height(mask: BoolArray) -> int | None:
+def _whole_height(mask: BoolArray) -> int | None:
     """Rows of an outline (h, w) that is wholly in the picture, else None."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     if not len(rows) or rows[0] < 2 or columns[0] < 2:
@@ -196,7 +185,7 @@ def whole_height(mask: BoolArray) -> int | None:
     return int(np.ptp(rows)) + 1
 
 
-def placed_object(words: list[Any]) -> Placed:
+def _placed_object(words: list[Any]) -> Placed:
     """The object as the command placed it."""
     options = parser().parse_args([str(word) for word in words])
     return place_objects(stage_of(options), requests_of(options))[0]
@@ -222,18 +211,14 @@ def _refusal(record: dict[str, Any]) -> str:
     failure = record.get("failure")
     if failure:
         return f"`{failure['code']}`"
-    return str(record.get("said") or "; ".join(record.get("warnings", [])) or record.get("status"))
+    return str(record.get("error") or "; ".join(record.get("warnings", [])) or record.get("status"))
 
 
 def _keep(folder: Path, inserted: dict[str, Any]) -> None:
     (folder / "insertion.json").write_text(json.dumps(inserted) + "\n", encoding="utf-8")
 
 
-def fresh(path: Path) -> Path:
+def _fresh(path: Path) -> Path:
     """The path with nothing there."""
     shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
     return path
-
-
-def _child_seconds() -> float:
-    return sum(os.times()[2:4])

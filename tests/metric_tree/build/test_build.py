@@ -18,6 +18,7 @@ from metric_tree.build.ingest import believed_spread, is_held_out
 from metric_tree.build.steps import Options, build_release
 from metric_tree.build.work_folder import sole_writer
 from metric_tree.checks.release_files import findings
+from metric_tree.fit.evidence import EVIDENCE
 from metric_tree.tree import open_tree
 from tests.synthetic.raw_fixture import SOURCES, TYPICAL, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy
@@ -57,6 +58,14 @@ def test_release_is_valid_and_holds_the_sizes(release):
     assert tree.find("furniture").n_items == sum(tree.find(name).n_items for name in ("chair", "stool", "sofa", "desk"))
     assert tree.find("stool").prior().borrowed > 0.5
     assert tree.find("chair").prior().n_sources == 3  # the games' models are silent beside so many products
+
+
+def test_evidence_is_counted_from_the_weakest_to_the_strongest(release):
+    counts, whole = release.manifest["evidence"], release.manifest["counts"]
+    assert counts["any"]["items"] == whole["n_fit"] > counts["strong"]["items"] > 0
+    assert all(counts["any"][f"leaves_{n}"] == whole[f"leaves_{n}"] for n in (1, 10, 30))
+    assert "judged" not in EVIDENCE["any"]
+    assert EVIDENCE["physical"] - EVIDENCE["strong"] == {"museum"}
 
 
 def test_rows_without_an_open_licence_are_used_and_not_shipped(release):

@@ -49,8 +49,8 @@ def outlook(frame: Frame, camera: Pinhole, rows: IntArray, columns: IntArray) ->
     other = np.where(far / own > own / near, far, near)
     other = np.where(np.maximum(far / own, own / near) > 1 + STEP, other, np.nan)
     # inverse depth of a plane is linear in the pixel: w = a x + b y + c, normal (a, b, c)
-    inverse = 1 / depth
-    down, right = np.gradient(inverse)
+    inverse = np.asarray(1 / depth)
+    down, right = (np.asarray(part) for part in np.gradient(inverse))
     a, b = right[rows, columns] * camera.focal, down[rows, columns] * camera.focal
     x, y = (columns + 0.5 - camera.width / 2) / camera.focal, (rows + 0.5 - camera.height / 2) / camera.focal
     w = inverse[rows, columns]

@@ -1,0 +1,268 @@
+"""The tables in `data` that a command writes.
+
+    python -m data.generate words                       # senses.tsv, heads.tsv, near_words.txt
+    python -m data.generate codes --openimages FILE --imagenet FILE
+    python -m data.generate reliability
+    python -m data.generate repeated ../shared/data/sizes
+
+`words`: `data/taxonomy/senses.tsv` has a line for each noun of WordNet with a sense that is an object, and for each
+name of an inserted category: the word, then its senses in WordNet's order, each as `count:node>node`, where `count` is
+how often WordNet's tagged texts use the word so and the nodes are the concept's own node and those above it, nearest
+first. `heads.tsv` says how far a head noun can be trusted: of the known compounds that end in the word (`car door`,
+`barn door`), how many are kinds of each node that the word alone names. `near_words.txt` has the English words, with
+the forms of verbs, that are one letter off a word of a name without being one: `tunnel` is not a misspelt `funnel`.
+
+`codes`: `codes.tsv` has the ids of label lists: ImageNet's `n02119789`, Open Images' `/m/01mzpv`.
+
+`reliability`: how often each rule of the matcher is right on the development half of the labelled strings, without the
+decisions on the strings themselves (`data/taxonomy/reliability.json`).
+
+`repeated`: rows of sets of ScanNet's boxes that another set states better (`data/sources/*.superseded.txt`). A box
+along the room's axes under a fine name is better than one under a coarse name; a minimal box, which has a footprint of
+its own, is better than both. Two rows are one object if they are of one scan and agree in their sizes: the fine names'
+are rounded to 10 mm, a minimal box agrees in height alone.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import re
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from benchmarks.taxonomy.matching import counts_by_rule, labelled, matcher_without
+from metric_base.files import whole_file
+from metric_base.folders import taxonomy_directory
+from taxonomy.catalogue import OTHER, Catalogue, default_catalogue
+from taxonomy.label_lists import vocabulary
+from taxonomy.matching.decisions import default_rulings
+from taxonomy.matching.finding import reliabilities
+from taxonomy.wordnet import WordNet, default_wordnet
+from taxonomy.words.spelling import fold_text, one_edit
+
+SOURCES = Path(__file__).with_name("sources")
+
+#: Steps up from a concept to a node that still limits its size.
+STEPS = 4
+
+#: Nodes above this level limit no size.
+LEAST_LEVEL = 3
+
+#: Compounds of a head word before a share is stated.
+LEAST_COMPOUNDS = 3
+
+#: Letters of a word that may be misspelt.
+LEAST_NEAR = 5
+
+#: How WordNet marks the senses that insult people. They are no names of things, and are not shipped.
+INSULTS = re.compile(
+    r"ethnic slur|offensive (?:term|name|word)|\(offensive\)|derogatory|disparaging|obscene|thoroughly disliked"
+)
+
+
+class Chains:
+    """Nodes of a concept and above it, nearest first."""
+
+    def __init__(self, catalogue: Catalogue, wordnet: WordNet) -> None:
+        self._catalogue = catalogue
+        self._wordnet = wordnet
+        self._levels = {one.node_id: one.level for one in catalogue.categories}
+        self._memory: dict[str, tuple[str, ...]] = {}
+
+    def of(self, concept: str) -> tuple[str, ...]:
+        """The nodes of a concept: its own, then those of what is above it."""
+        if concept not in self._memory:
+            self._memory[concept] = self._of(concept)
+        return self._memory[concept]
+
+    def _of(self, concept: str) -> tuple[str, ...]:
+        at = self._catalogue.successors.get(concept, concept)
+        chain = [at] if self._levels.get(at, 0) >= LEAST_LEVEL else []
+        leaf = self._catalogue.leaves.get(at)
+        above = leaf.hypernym if leaf is not None and leaf.hypernym else at
+        if above.startswith("mt:"):
+            return tuple(dict.fromkeys((*chain, *(self.of(above) if above != at else ()))))
+        upward = ([above] if above != at else []) + list(self._near(above))
+        chain += [node for node in upward if self._levels.get(node, 0) >= LEAST_LEVEL]
+        return tuple(dict.fromkeys(chain))
+
+    def _near(self, synset: str) -> Iterator[str]:
+        level: tuple[str, ...] = (synset,)
+        for _ in range(STEPS):
+            level = tuple(dict.fromkeys(above for one in level for above in self._wordnet.parents(one)))
+            yield from level
+
+
+def sense_lines(catalogue: Catalogue, wordnet: WordNet) -> dict[str, list[tuple[int, tuple[str, ...]]]]:
+    """Senses of every word with at least one that names an object: how often each is meant, and its nodes."""
+    chains = Chains(catalogue, wordnet)
+    lines: dict[str, list[tuple[int, tuple[str, ...]]]] = {}
+    for noun in sorted(wordnet.nouns):
+        general = [sense for sense in wordnet.senses(noun) if not wordnet.is_instance(sense)]
+        decent = [sense for sense in general if not INSULTS.search(wordnet.definition(sense))]
+        senses = [(wordnet.tagged_count(sense, noun), chains.of(sense)) for sense in decent]
+        if any(nodes for _, nodes in senses):
+            lines.setdefault(fold_text(noun), []).extend(senses)
+    for category in catalogue.categories:
+        if category.node_id.startswith("mt:") and not category.node_id.endswith(OTHER):
+            for name in (category.name.partition(" (")[0], *category.aliases):
+                chain = chains.of(category.node_id)
+                line = lines.setdefault(fold_text(name), [])
+                if chain and not any(nodes[:1] == chain[:1] for _, nodes in line):
+                    line.append((0, chain))
+    return {word: line for word, line in lines.items() if word and line}
+
+
+def head_lines(lines: dict[str, list[tuple[int, tuple[str, ...]]]]) -> Iterator[tuple[str, str, int, int]]:
+    """(head word, node, compounds that are kinds of the node, compounds) of words that end three compounds or more."""
+    compounds: defaultdict[str, list[set[str]]] = defaultdict(list)
+    for phrase, senses in lines.items():
+        before, _, head = phrase.rpartition(" ")
+        if before and head in lines:
+            compounds[head].append({node for _, nodes in senses[:1] for node in nodes})
+    for head in sorted(compounds):
+        kinds = Counter(node for nodes in compounds[head] for node in nodes)
+        own = {nodes[0] for _, nodes in lines[head] if nodes}
+        if len(compounds[head]) >= LEAST_COMPOUNDS:
+            yield from ((head, node, kinds[node], len(compounds[head])) for node in sorted(own) if kinds[node])
+
+
+def near_words(names: Iterable[str], wordnet: WordNet) -> list[str]:
+    """English words that are one letter off a word of a name and are not a word of one."""
+    spelt = {word for name in names for word in name.split() if len(word) >= LEAST_NEAR - 1}
+    by_hole: defaultdict[str, set[str]] = defaultdict(set)
+    for word in spelt:
+        for hole in _holes(word):
+            by_hole[hole].add(word)
+    inflected = {word.removesuffix("e") + "ing" for word in wordnet.words} | {f"{word}s" for word in wordnet.words}
+    english = wordnet.words | inflected | {word.removesuffix("e") + "ed" for word in wordnet.words}
+    candidates = (word for word in english - spelt if len(word) >= LEAST_NEAR)
+    return sorted(
+        word for word in candidates if any(one_edit(word, one) for hole in _holes(word) for one in by_hole[hole])
+    )
+
+
+def _holes(word: str) -> set[str]:
+    """A word, and the word without each of its letters: two words that are one edit apart share one of them."""
+    return {word, *(word[:at] + word[at + 1 :] for at in range(len(word)))}
+
+
+def code_lines(files: dict[str, Path]) -> Iterator[tuple[str, str]]:
+    """(code, node) of the labels of lists whose own tables are given: rows `id,name,code` in the list's order."""
+    for name, file in files.items():
+        with file.open(encoding="utf-8", newline="") as rows:
+            codes = [row[2] for row in list(csv.reader(rows))[1:]]
+        for code, label in zip(codes, vocabulary(name), strict=True):
+            if label.node_id:
+                yield code, label.node_id
+
+
+#: Half a step of rounding at both ends, and the height of a minimal box against that of one along the axes.
+SIDES_MM, HEIGHT_MM = 11.0, 15.0
+AXES = ("length_mm", "width_mm", "height_mm")
+#: Names of minimal boxes, and what the other sets call those objects.
+NAMES = {"trash bin": {"trash can", "recycling bin"}, "tv": {"television"}, "chair": {"office chair", "armchair"}}
+
+#: What the declarations refuse anyway: cut by the scan, or a mixture.
+REFUSED = {"door", "window", "curtain", "shower curtain", "counter", "otherfurniture"}
+
+Box = tuple[str, str, tuple[float, ...]]
+
+
+def _boxes(path: Path) -> dict[str, list[Box]]:
+    """Id, name and sides of each box with a known vertical, by scan."""
+    by_scan: dict[str, list[Box]] = defaultdict(list)
+    with path.open(encoding="utf-8", newline="") as lines:
+        for row in csv.DictReader(lines):
+            if row["height_mm"] and row["category"] not in REFUSED:
+                sides = tuple(float(row[axis]) for axis in AXES)
+                by_scan[row["instance_or_n"].split("/")[0]].append((row["instance_or_n"], row["category"], sides))
+    return by_scan
+
+
+def _same_sides(one: Box, other: Box) -> bool:
+    """Whether two boxes along the same axes are of one object."""
+    return all(abs(a - b) <= SIDES_MM for a, b in zip(one[2], other[2], strict=True))
+
+
+def _same_height(one: Box, other: Box) -> bool:
+    """Whether a box along the axes may be the object of a minimal box: by name and height."""
+    return one[1] in {other[1], *NAMES.get(other[1], ())} and abs(one[2][2] - other[2][2]) <= HEIGHT_MM
+
+
+def superseded(sizes: Path) -> dict[str, list[str]]:
+    """Ids of the rows of each set that another one states better, sorted."""
+    coarse, fine, minimal = (
+        _boxes(sizes / name / f"{name}.csv") for name in ("scannet18_boxes", "scannet_fine_boxes", "vsibench_scannet")
+    )
+    gone: dict[str, set[str]] = {"scannet18_boxes": set(), "scannet_fine_boxes": set()}
+    for name, boxes_of, others, same in (
+        ("scannet18_boxes", coarse, fine, _same_sides),
+        ("scannet18_boxes", coarse, minimal, _same_height),
+        ("scannet_fine_boxes", fine, minimal, _same_height),
+    ):
+        for scan, better in others.items():
+            for box in better:
+                match = next((b for b in boxes_of.get(scan, []) if b[0] not in gone[name] and same(b, box)), None)
+                if match is not None:
+                    gone[name].add(match[0])
+    return {name: sorted(ids) for name, ids in gone.items()}
+
+
+def write_words() -> None:
+    """Write the tables of words."""
+    catalogue, wordnet = default_catalogue(), default_wordnet()
+    lines = sense_lines(catalogue, wordnet)
+    senses = (f"{word}\t" + ";".join(f"{n}:{'>'.join(nodes)}" for n, nodes in lines[word]) for word in sorted(lines))
+    names = (fold_text(name) for one in catalogue.categories for name in (one.name, *one.aliases))
+    _write(taxonomy_directory() / "senses.tsv", senses)
+    _write(taxonomy_directory() / "heads.tsv", ("\t".join(map(str, row)) for row in head_lines(lines)))
+    _write(taxonomy_directory() / "near_words.txt", near_words(names, wordnet))
+
+
+def write_reliability() -> None:
+    """Write the share of right findings of each rule; rules on titles keep their counts."""
+    development = [one for one in labelled() if one.half == "development"]
+    file = taxonomy_directory() / "reliability.json"
+    record = json.loads(file.read_text(encoding="utf-8"))
+    titles = {rule: tuple(counts) for rule, counts in record["counts"].items() if rule.startswith("title ")}
+    own = counts_by_rule(development, matcher_without(development, default_rulings(), {}))
+    record["counts"] = dict(sorted((titles | own).items()))
+    record["reliability"] = reliabilities(record["counts"])
+    _write(file, [json.dumps(record, indent=1)])
+
+
+def _write(file: Path, lines: Iterable[str]) -> None:
+    with whole_file(file) as part:
+        part.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    print(file)
+
+
+def main() -> None:
+    """Write the tables of one kind."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    kinds = parser.add_subparsers(dest="kind", required=True)
+    kinds.add_parser("words")
+    kinds.add_parser("reliability")
+    codes = kinds.add_parser("codes")
+    codes.add_argument("--openimages", type=Path, required=True, help="Open Images' classes as id,name,mid")
+    codes.add_argument("--imagenet", type=Path, required=True, help="ImageNet's classes as id,name,synset offset")
+    kinds.add_parser("repeated").add_argument("sizes", type=Path, help="folder of the tables of boxes")
+    arguments = parser.parse_args()
+    if arguments.kind == "words":
+        write_words()
+    elif arguments.kind == "reliability":
+        write_reliability()
+    elif arguments.kind == "codes":
+        lists = {"imagenet_1k": arguments.imagenet, "openimages_601": arguments.openimages}
+        _write(taxonomy_directory() / "codes.tsv", ("\t".join(row) for row in sorted(set(code_lines(lists)))))
+    else:
+        for name, ids in superseded(arguments.sizes).items():
+            _write(SOURCES / f"{name}.superseded.txt", ids)
+
+
+if __name__ == "__main__":
+    main()

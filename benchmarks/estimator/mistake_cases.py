@@ -111,7 +111,7 @@ def _dataset(base: Base, segment: Segment = _run_lengths, masks: Sequence[Mask] 
     width, height = base.size
     pictures = [view.name for view in base.scene.views]
     names = sorted({mask.category for mask in masks})
-    annotations = []
+    annotations: list[dict[str, Any]] = []
     for mask in masks:
         if mask.pixels.any():
             row: dict[str, Any] = {"id": len(annotations) + 1, "image_id": pictures.index(mask.picture) + 1}
@@ -187,7 +187,8 @@ def _grown(pixels: BoolArray) -> BoolArray:
     import cv2
 
     reach = max(1, round(0.1 * float(np.sqrt(pixels.sum()))))
-    return cv2.dilate(pixels.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)).astype(bool)
+    wider = cv2.dilate(pixels.astype(np.uint8), np.ones((2 * reach + 1, 2 * reach + 1), np.uint8))
+    return np.asarray(wider, dtype=bool)
 
 
 def _squeezed(base: Base) -> list[list[float]]:

@@ -156,6 +156,10 @@ def insert_into(
     video = stage.footage if isinstance(stage.footage, VideoFootage) else None
     source, turned = (video.source, video.turned_deg) if video is not None else (None, 0)
     placed = place_objects(stage, requests, tree)
+    moving = next((item.model.name for item in placed if item.moves), None)
+    if renderer == "blender" and moving is not None:
+        how = "objects that stand still (--at-time SECONDS or --clip none stops an animation)"
+        raise InputError(f"--renderer blender: expected {how}; found {moving}, which moves")
     stage = stage if frames is None else stage.with_frames(frames)
     with (
         picture_writer(out, source, turned, codec) as write,
@@ -180,6 +184,7 @@ def insert_into(
         warnings: list[str] = []
         if folder is not None:
             warnings = [*write_exports(folder, stage, placed, results), *export_blend(folder, stage, placed)]
+            warnings += [f"{item.model.name}: stands in the export as at first" for item in placed if item.moves]
     return Insertion(tuple(results), out, tuple(warnings))
 
 

@@ -1,8 +1,8 @@
-"""Insertion against a path tracer's truth: `python -m benchmarks.insertion.traced_room --room lamp --out DIR`.
+"""Insertion against a path tracer's truth: `python -m benchmarks.insertion.traced_room --set tune|held --out DIR`.
 
-Blender's Cycles renders a furnished room without an object and with it. We insert the same object into the pictures
-without it, and compare colour, shadow and outline with those in which it really stands. Needs Blender
-(`METRIC_TREE_BLENDER`); about 20 s of CPU a picture.
+Blender's Cycles renders ten furnished rooms without an object and with it, five to tune with and five that are held
+out. We insert the same object into the pictures without it, and compare colour and shadow with those in which it really
+stands. Needs Blender (`METRIC_TREE_BLENDER`).
 """
 
 from __future__ import annotations
@@ -20,16 +20,18 @@ from numpy.typing import NDArray
 from estimator.records.scene import View
 from insertion.blender.process import run_blender
 from insertion.colour.encoding import linear_to_srgb, luminance, srgb_to_linear
+from insertion.exports.glb import Glb
 from insertion.exports.metric_frame import MetricFrame, metric_frame, object_matrix
 from insertion.footage.footage import PictureFootage, Stills
 from insertion.models.gltf import read_model
 from insertion.models.size import Size
 from insertion.pipeline.frames import insert_objects
-from insertion.pipeline.objects import Placed
+from insertion.pipeline.objects import Placed, place_objects, space_for
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import Stage, make_stage
-from insertion.placement.place import Place
-from insertion.render.body import body_of
+from insertion.placement.free_space import candidates
+from insertion.placement.locate import plane_coordinates
+from insertion.scene.rays import camera_rays
 from insertion.scene.scale import ScaleUsed
 from tests.synthetic.insertions import write_glb
 from tests.synthetic.rooms.furnish import furnished_room
@@ -38,97 +40,179 @@ from tests.synthetic.rooms.materials import look_of
 from tests.synthetic.rooms.quick import SyntheticScene, quick_scene
 from tests.synthetic.rooms.shapes import solid
 from tests.synthetic.rooms.similarity import Similarity, similarity_between
-from tests.synthetic.rooms.solids import Mesh, join
+from tests.synthetic.rooms.solids import Mesh
 from tests.synthetic.rooms.world import Pinhole, World
 
-SIZE, FOCAL = (240, 180), 187.5
-SAMPLES = 24
+SIZE, FOCAL = (192, 144), 150.0
+SAMPLES = 16
 #: Views of a room, and those in which the object is rendered as well.
-VIEWS, JUDGED = 8, 3
+VIEWS, JUDGED = 6, 2
 #: Mean luminance of the pictures: what a camera's own exposure aims at.
 EXPOSED = 0.18
+#: Metres of a texture's tile.
+TILE_M = 1.5
+#: What is asked: brightness, each channel of it, degrees between the shadows, and their difference in depth.
+BRIGHTNESS, CHANNEL, TURN_DEG, DEPTH = (0.85, 1.15), (0.8, 1.2), 25.0, 0.25
+WHITE, WARM, COOL = (1.0, 1.0, 1.0), (1.0, 0.8, 0.55), (0.8, 0.9, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
 class TracedRoom:
-    """A synthetic room under square area lights: side (m), watts, place (x, y, z with z up), what it shines at.
+    """A synthetic room.
 
-    place : x, y on the floor in metres and the heading in degrees of the object; colours : linear, of the lights, white
-    without.
+    lamps : kind and linear colour of each, their places by the seed; thing, size, colour : the object, its metres and
+    its linear colour; pattern : of the textures.
     """
 
     kind: str
     seed: int
-    place: tuple[float, float, float]
-    lights: tuple[tuple[float, float, tuple[float, float, float], tuple[float, float, float]], ...]
-    colours: tuple[tuple[float, float, float], ...] = ()
+    lamps: tuple[tuple[str, tuple[float, float, float]], ...]
+    thing: str
+    size: tuple[float, float, float]
+    colour: tuple[float, float, float]
+    pattern: str
 
 
-#: The last two, with coloured lamps, are held out: no constant was chosen with them in view.
 ROOMS = {
-    "lamp": TracedRoom("sitting room", 1001, (1.761, 0.986, -160.64), ((0.5, 45.0, (0.6, -0.4, 2.5), (0.5, -0.3,
-        0.0)),)),
-    "day": TracedRoom("kitchen", 1002, (1.41, 1.533, -150.62), ((1.3, 110.0, (-2.4, -0.5, 1.6), (1.0, 0.3, 0.4)),
-        (2.0, 8.0, (0.0, 0.0, 2.5), (0.0, 0.0, 0.0)))),
-    "two lamps": TracedRoom("study", 1004, (0.328, 1.593, -87.0), ((0.4, 35.0, (-1.3, 0.9, 2.5), (-1.2, 0.8, 0.0)),
-        (0.4, 20.0, (1.4, -0.9, 2.5), (1.3, -0.8, 0.0)))),
-    "panels": TracedRoom("study", 1012, (-0.97, 0.78, -70.0), ((0.6, 22.0, (-1.2, 0.3, 2.55), (-1.2, 0.3, 0.0)),
-        (0.6, 22.0, (1.2, 0.3, 2.55), (1.2, 0.3, 0.0)))),
-    "held out": TracedRoom("bedroom", 1006, (0.3, 0.6, -90.0), ((1.2, 60.0, (2.6, 0.3, 1.5), (-1.0, 0.0, 0.3)),
-        (0.3, 16.0, (-1.4, 1.2, 2.3), (-1.2, 1.0, 0.0)))),
-    "uplight": TracedRoom("bedroom", 1013, (-0.45, 0.3, -60.0), ((0.3, 45.0, (-2.3, -2.1, 1.7), (-2.2, -2.0, 2.6)),
-        (0.2, 8.0, (2.3, 1.9, 1.1), (0.0, 0.0, 0.5)))),
-    "window": TracedRoom("sitting room", 1014, (0.05, 1.2, -120.0), ((1.5, 90.0, (-2.6, 0.8, 1.5), (1.0, -0.2,
-        0.6)),)),
-    "floor lamp": TracedRoom("sitting room", 1021, (0.88, 1.58, -120.0), ((0.35, 18.0, (1.6, 2.1, 1.5), (1.2, 1.6,
-        0.0)), (0.8, 14.0, (-0.8, -0.4, 2.55), (-0.8, -0.4, 0.0))), ((1.0, 0.85, 0.62), (1.0, 1.0, 1.0))),
-    "window and lamp": TracedRoom("bedroom", 1022, (-0.62, 1.18, -60.0), ((1.4, 80.0, (2.6, -0.6, 1.5), (-1.0, 0.2,
-        0.6)), (0.4, 22.0, (0.2, 0.1, 2.5), (0.2, 0.1, 0.0))), ((0.82, 0.92, 1.0), (1.0, 0.88, 0.72))),
+    "tune": (
+        TracedRoom(
+            "sitting room", 2101, (("bulb", WHITE),), "chair", (0.42, 0.38, 0.75), (0.6, 0.25, 0.12), "plain"
+        ),
+        TracedRoom(
+            "kitchen", 2102, (("window", COOL), ("panel", WHITE)), "book", (0.4, 0.4, 0.4), (0.5, 0.5, 0.5), "grain"
+        ),
+        TracedRoom(
+            "study", 2103, (("floor lamp", WARM), ("panel", WHITE)), "vase", (0.3, 0.3, 0.5), (0.7, 0.7, 0.68), "plain"
+        ),
+        TracedRoom(
+            "bedroom", 2104, (("bulb", WHITE), ("bulb", WARM)), "stool", (0.4, 0.4, 0.5), (0.12, 0.2, 0.5), "grain"
+        ),
+        TracedRoom(
+            "sitting room", 2105, (("window", WHITE),), "suitcase", (0.5, 0.25, 0.7), (0.1, 0.35, 0.15), "grain"
+        ),
+    ),
+    "held": (
+        TracedRoom("study", 2206, (("panel", WARM),), "chair", (0.45, 0.45, 0.85), (0.6, 0.25, 0.12), "stripes"),
+        TracedRoom(
+            "sitting room", 2207, (("bulb", WHITE), ("window", COOL)), "book", (0.3, 0.3, 0.3), (0.5, 0.5, 0.5),
+            "checks",
+        ),
+        TracedRoom(
+            "bedroom", 2208, (("panel", WHITE), ("panel", WARM)), "bowl", (0.5, 0.5, 0.3), (0.7, 0.6, 0.5), "stripes"
+        ),
+        TracedRoom(
+            "kitchen", 2209, (("floor lamp", WHITE), ("uplight", WARM)), "office chair", (0.6, 0.6, 0.95),
+            (0.4, 0.05, 0.08), "checks",
+        ),
+        TracedRoom(
+            "study", 2210, (("bulb", WARM), ("bulb", WARM), ("bulb", WARM)), "suitcase", (0.55, 0.3, 0.75),
+            (0.15, 0.35, 0.3), "checks",
+        ),
+    ),
 }  # fmt: skip
 
 
 def main() -> None:
+    """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--room", choices=ROOMS, default="lamp")
+    parser.add_argument("--set", choices=ROOMS, default="tune", dest="rooms")
+    parser.add_argument("--room", type=int, help="only this one, from 0")
+    parser.add_argument("--trace-only", action="store_true", help="trace the pictures without the object, no more")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    room = ROOMS[options.room]
-    world = _world(room, VIEWS)
+    for number, room in enumerate(ROOMS[options.rooms]):
+        if options.room in (None, number):
+            record = judge(room, options.out / f"{options.rooms}{number}", options.trace_only)
+            if record:
+                print(json.dumps({"room": f"{options.rooms} {number}"} | record), flush=True)
+
+
+def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
+    """What is compared, over the judged views together; empty where the pictures are only traced."""
+    out.mkdir(parents=True, exist_ok=True)
+    world = replace(
+        furnished_room(room.kind, room.seed, Knobs(views=VIEWS, coverage=0.5)), camera=Pinhole(*SIZE, FOCAL)
+    )
     made = quick_scene(world, Knobs(depth_noise=0.004), room.seed)
     to_scene = similarity_between(
         np.array([pose.centre for pose in world.poses]), np.array([view.centre for view in made.scene.views])
     )
-    _bare_pictures(world, room, options.out)
-    stage = _stage(made, to_scene, options.out)
-    model = write_glb(solid("chair", np.array([0.42, 0.38, 0.75])), options.out / "chair.glb", (0.6, 0.25, 0.12))
-    placed = _placed(stage, model, room, to_scene)
+    _bare_pictures(world, room, out)
+    if trace_only:
+        return {}
+    stage = _stage(made, to_scene, out)
+    placed = _placed(stage, write_glb(solid(room.thing, np.array(room.size)), out / "object.glb", room.colour))
     ours: list[NDArray[np.uint8]] = []
     results = insert_objects(stage, [placed], lambda _, picture: ours.append(picture))
-    order = [k for k, frame in enumerate(results[0].frames) if frame.silhouette is not None and frame.visible > 0.9]
-    judged = order[:: max(1, len(order) // JUDGED)][:JUDGED]
-    truth = _true_pictures(world, room, options.out, stage, placed, to_scene, judged)
-    records = [_compare(stage, placed, row, ours[row], truth[number], options.out) for number, row in enumerate(judged)]
-    (options.out / "records.jsonl").write_text("".join(json.dumps(record) + "\n" for record in records))
+    boxes = [frame.silhouette for frame in results[0].frames]
+    shown = [
+        0.0 if box is None else box[3] * frame.visible for box, frame in zip(boxes, results[0].frames, strict=True)
+    ]
+    judged = sorted(np.argsort(shown)[::-1][:JUDGED].tolist())
+    truth = _true_pictures(world, room, out, stage, placed, to_scene, judged)
+    return _compared(stage, placed, judged, [ours[row] for row in judged], truth, out)
 
 
-def _world(room: TracedRoom, views: int) -> World:
-    world = furnished_room(room.kind, room.seed, Knobs(views=views, coverage=0.7))
-    return replace(world, camera=Pinhole(*SIZE, FOCAL))
-
-
-def _room_files(world: World, folder: Path) -> list[dict[str, Any]]:
-    """One GLB for each material of each thing: plain colours."""
+def _room_files(world: World, room: TracedRoom, folder: Path) -> list[dict[str, Any]]:
+    """One GLB for each material of each thing, with a texture of two of its colours."""
     rows = []
     for number, mesh in enumerate([world.surfaces, *(thing.mesh for thing in world.objects)]):
         for name in sorted(set(mesh.material)):
-            chosen = np.array([material == name for material in mesh.material])
-            part = Mesh(mesh.vertices, mesh.faces[chosen], (name,) * int(chosen.sum()))
-            colour = srgb_to_linear(np.rint(255 * look_of(name, number, world.seed, 1.0)[:3]).astype(np.uint8))
             file = folder / f"room_{number}_{name}.glb"
-            # `write_glb` turns z up into y up
-            write_glb(join([part]), file, (float(colour[0]), float(colour[1]), float(colour[2])))
+            chosen = np.array([material == name for material in mesh.material])
+            look = look_of(name, number, world.seed, 1.0)
+            _write_part(mesh, mesh.faces[chosen], _texture(look, room.pattern, number), file)
             rows.append({"file": str(file.resolve()), "matrix": np.eye(4).tolist()})
+    return rows
+
+
+def _texture(look: NDArray[np.float64], pattern: str, number: int) -> NDArray[np.uint8]:
+    """(64, 64, 4) sRGB tile of the two colours of a look."""
+    y, x = np.mgrid[:64, :64]
+    grain = np.random.default_rng(number).uniform(0, 1, (16, 16)).repeat(4, 0).repeat(4, 1)
+    share = {
+        "plain": np.zeros((64, 64)), "grain": 0.6 * grain, "stripes": 1.0 * ((x // 8) % 2), "checks":
+        0.9 * ((x // 16 + y // 16) % 2),
+    }[pattern]  # fmt: skip
+    colour = (1 - share)[..., None] * look[:3] + share[..., None] * look[3:6]
+    return np.dstack([np.rint(255 * colour), np.full((64, 64), 255)]).astype(np.uint8)
+
+
+def _write_part(mesh: Mesh, faces: NDArray[np.int64], texture: NDArray[np.uint8], file: Path) -> None:
+    """Faces of a mesh (z up) as a GLB file (y up), its texture laid on along the axis that each face looks along."""
+    corners = mesh.vertices[faces]  # (m, 3, 3)
+    across = np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])).argmax(axis=1)
+    axes = np.array([[1, 2], [0, 2], [0, 1]])[across]  # (m, 2)
+    uv = np.take_along_axis(corners, axes[:, None, :].repeat(3, axis=1), axis=2) / TILE_M
+    document = Glb("traced room")
+    surface = {"baseColorTexture": {"index": document.add_texture(texture)}, "metallicFactor": 0.0}
+    document.add("materials", {"pbrMetallicRoughness": surface | {"roughnessFactor": 0.9}, "doubleSided": True})
+    attributes = {
+        "POSITION": document.add_values(corners.reshape(-1, 3)[:, [0, 2, 1]] * [1, 1, -1], limits=True),
+        "TEXCOORD_0": document.add_values(uv.reshape(-1, 2)),
+    }
+    document.add("meshes", {"primitives": [{"attributes": attributes, "material": 0}]})
+    file.write_bytes(document.data([document.add("nodes", {"mesh": 0})]))
+
+
+def _lights(room: TracedRoom, world: World) -> list[dict[str, Any]]:
+    """Square area lights of the job: side in metres, watts, place and what they shine at, by the kind of each lamp."""
+    generator = np.random.default_rng(room.seed)
+    low, high = world.surfaces.vertices.min(axis=0) + 0.15, world.surfaces.vertices.max(axis=0) - 0.15
+    rows = []
+    for kind, colour in room.lamps:
+        x, y = generator.uniform(0.6 * low[:2], 0.6 * high[:2])
+        corner = np.where(generator.random(2) < 0.5, low[:2], high[:2]) * 0.9
+        side = np.array([low[0] if generator.random() < 0.5 else high[0], y])
+        strength = generator.uniform(0.8, 1.25)
+        size, watts, place, target = {
+            "bulb": (0.2, 40.0, (x, y, high[2] - 0.1), (x, y, 0.0)),
+            "panel": (1.0, 40.0, (x, y, high[2]), (x, y, 0.0)),
+            "window": (1.3, 90.0, (*side, 1.5), (0.0, y, 0.6)),
+            "floor lamp": (0.3, 45.0, (*corner, 1.6), (0.0, 0.0, 0.4)),
+            "uplight": (0.3, 30.0, (*-corner, 1.7), (*-0.9 * corner, 2.6)),
+        }[kind]
+        rows.append({**_light(size, watts * strength, place, target), "colour": colour})
     return rows
 
 
@@ -137,10 +221,7 @@ def _job(
 ) -> dict[str, Any]:
     return {
         "objects": objects,
-        "lights": [
-            {**_light(*stated), "colour": colour}
-            for stated, colour in zip(room.lights, room.colours or [(1.0, 1.0, 1.0)] * len(room.lights), strict=True)
-        ],
+        "lights": _lights(room, world),
         "environment": None,
         "window": {"width": SIZE[0], "height": SIZE[1], "fx": FOCAL, "fy": FOCAL, "cx": SIZE[0] / 2, "cy": SIZE[1] / 2},
         "keys": [
@@ -184,7 +265,7 @@ def _bare_pictures(world: World, room: TracedRoom, out: Path) -> None:
     images.mkdir(exist_ok=True)
     rows = [k for k in range(len(world.poses)) if not (traced / f"{k:06d}.npy").is_file()]
     if rows:
-        run_blender(_job(world, room, rows, _room_files(world, out), traced), out)
+        run_blender(_job(world, room, rows, _room_files(world, room, out), traced), out)
     for k in range(len(world.poses)):
         cv2.imwrite(str(images / f"frame{k:03d}.png"), _developed(traced / f"{k:06d}.npy", out)[..., ::-1])
 
@@ -204,18 +285,12 @@ def _stage(made: SyntheticScene, to_scene: Similarity, out: Path) -> Stage:
     return make_stage(scene, stills, PictureFootage(stills), made.instances, scale)
 
 
-def _placed(stage: Stage, model: Path, room: TracedRoom, to_scene: Similarity) -> Placed:
-    """The object on the floor where the room says, whatever the places that are free."""
-    x, y, turn = room.place
-    floor = stage.supports.surfaces[0].plane
-    position = to_scene(np.array([[x, y, 0.0]]))[0]
-    position = position + (floor.height - position @ floor.basis[2]) * floor.basis[2]
-    front = to_scene.rotation @ [np.cos(np.radians(turn)), np.sin(np.radians(turn)), 0.0]
-    front = front - (front @ floor.basis[2]) * floor.basis[2]
-    place = Place(position, floor.basis, stage.scene.views[0].centre, "floor", 0)
-    chair, size = read_model(model), Size(1.0, "file")
-    body = body_of(chair, position, floor.basis, front / np.linalg.norm(front), 1 / stage.scale.metres_per_unit)
-    return Placed(ObjectRequest(model), chair, size, place, front / np.linalg.norm(front), turn, body)
+def _placed(stage: Stage, model: Path) -> Placed:
+    """The object at the best free place of the floor."""
+    space = space_for(stage, read_model(model), Size(1.0, "file"))
+    place = next(one for one in candidates(space) if one.plane == 0)
+    x, y = plane_coordinates(space, place) * stage.scale.metres_per_unit
+    return place_objects(stage, [ObjectRequest(model, plane=0, xy_m=(float(x), float(y)), facing=30.0)])[0]
 
 
 def _named(view: View) -> View:
@@ -233,7 +308,7 @@ def _true_pictures(
     item = {"file": str(placed.request.model.resolve()), "matrix": (TO_JOB @ matrix).tolist()}
     missing = [k for k in rows if not (traced / f"{k:06d}.npy").is_file()]
     if missing:
-        run_blender(_job(world, room, missing, [*_room_files(world, out), item], traced), out)
+        run_blender(_job(world, room, missing, [*_room_files(world, room, out), item], traced), out)
     return [_developed(traced / f"{k:06d}.npy", out) for k in rows]
 
 
@@ -245,36 +320,63 @@ def _to_world(frame: MetricFrame, to_scene: Similarity) -> NDArray[np.float64]:
     return matrix
 
 
-def _compare(
-    stage: Stage, placed: Placed, row: int, ours: NDArray[np.uint8], truth: NDArray[np.uint8], out: Path
+def _compared(
+    stage: Stage,
+    placed: Placed,
+    rows: Sequence[int],
+    ours: Sequence[NDArray[np.uint8]],
+    truth: Sequence[NDArray[np.uint8]],
+    out: Path,
 ) -> dict[str, Any]:
+    """Ours over the truth: brightness, channels, brightness in the true shadow, and the shadows' ways over the floor."""
     import cv2
 
-    bare = stage.stills.picture(row)
-    ratio = _ratio(truth, bare)
-    mask = _object_mask(stage, placed, row)
-    inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    outside = ~(cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
-    dark = outside & (cv2.GaussianBlur(ratio, (0, 0), 2.0) < 0.93)
-    ours_ratio = _ratio(ours, bare)
-    linear_ours, linear_true = (
-        luminance(srgb_to_linear(ours))[inner].mean(),
-        luminance(srgb_to_linear(truth))[inner].mean(),
-    )
-    record = {
-        "view": row,
-        "object_pixels": int(inner.sum()),
-        "mean_abs_srgb": round(float(np.abs(ours.astype(float) - truth)[inner].mean()), 1),
-        "mean_srgb_ours": [round(float(v), 1) for v in ours[inner].mean(axis=0)],
-        "mean_srgb_true": [round(float(v), 1) for v in truth[inner].mean(axis=0)],
-        "luminance_ratio": round(float(linear_ours / linear_true), 3),
-        "shadow_true": round(float(ratio[dark].mean()), 3) if dark.any() else None,
-        "shadow_ours": round(float(ours_ratio[dark].mean()), 3) if dark.any() else None,
-        "shadow_pixels": int(dark.sum()),
+    inside: list[list[NDArray[np.float32]]] = [[], []]
+    dark: list[list[NDArray[np.float32]]] = [[], []]
+    ways = np.zeros((2, 3))  # sums of x, y and weight
+    for row, one, two in zip(rows, ours, truth, strict=True):
+        bare, mask = stage.stills.picture(row), _object_mask(stage, placed, row)
+        inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+        outside = ~(cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
+        ratios = [cv2.GaussianBlur(_ratio(picture, bare), (0, 0), 1.0) for picture in (one, two)]
+        shaded = outside & (ratios[1] < 0.93)
+        floor, near = _floor_places(stage, placed, row)
+        for k, picture in enumerate((one, two)):
+            inside[k].append(srgb_to_linear(picture)[inner])
+            dark[k].append(ratios[k][shaded])
+            weight = np.where(outside & near, np.maximum(1 - ratios[k] - 0.04, 0.0), 0.0)
+            ways[k] += [*(floor * weight[..., None]).sum(axis=(0, 1)), weight.sum()]
+        cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, one, two])[..., ::-1])
+    colours = [np.concatenate(part).mean(axis=0) for part in inside]
+    depths = [float(np.concatenate(part).mean()) if sum(map(len, part)) > 20 else None for part in dark]
+    middles = ways[:, :2] / np.maximum(ways[:, 2:], 1e-9)
+    between = np.degrees(np.arctan2(middles[0, 1], middles[0, 0]) - np.arctan2(middles[1, 1], middles[1, 0]))
+    turn = float(abs((between + 180) % 360 - 180)) if np.linalg.norm(middles[1]) > 0.15 else None
+    brightness = float(luminance(colours[0]) / luminance(colours[1]))
+    channels = [float(v) for v in colours[0] / colours[1]]
+    return {
+        "brightness": round(brightness, 2),
+        "channels": [round(v, 2) for v in channels],
+        "shadow_turn_deg": None if turn is None else round(turn),
+        "shadow": [None if v is None else round(v, 2) for v in depths],
+        "good": {
+            "brightness": BRIGHTNESS[0] <= brightness <= BRIGHTNESS[1],
+            "channels": all(CHANNEL[0] <= v <= CHANNEL[1] for v in channels),
+            "turn": turn is None or turn <= TURN_DEG,
+            "depth": depths[0] is None or depths[1] is None or abs(depths[0] - depths[1]) <= DEPTH,
+        },
     }
-    print(json.dumps(record))
-    cv2.imwrite(str(out / f"compare_{row:03d}.png"), np.hstack([bare, ours, truth])[..., ::-1])
-    return record
+
+
+def _floor_places(stage: Stage, placed: Placed, row: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """(h, w, 2) place of each pixel on the floor about the object's foot in its heights, and whether it is near."""
+    view, basis = stage.scene.views[row], placed.place.basis
+    rays = np.dstack([camera_rays(view.camera), np.ones(SIZE[::-1])]) @ view.rotation @ basis.T
+    start = basis @ (view.centre - placed.place.position)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        flat = start[:2] + rays[..., :2] * np.where(rays[..., 2] < 0, -start[2] / rays[..., 2], np.nan)[..., None]
+    flat = np.nan_to_num(flat / (placed.size_m["height"] / stage.scale.metres_per_unit), nan=1e6)
+    return flat, np.asarray(np.linalg.norm(flat, axis=-1) < 2.5)
 
 
 def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.float32]:

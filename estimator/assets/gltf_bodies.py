@@ -12,12 +12,13 @@ import numpy as np
 from estimator.assets.asset import Asset, Body, Box, Word, body_of
 from estimator.gltf.accessors import Accessors
 from estimator.gltf.gltf_files import MAX_BYTES, FolderResolver, buffers_of, check_header, gltf_header
+from estimator.gltf.nodes import joint_transforms, root_nodes, skin_transforms, world_transforms
 from metric_base.arrays import FloatArray
-from metric_base.errors import FieldError, Unquoted, in_file
+from metric_base.errors import Unquoted, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect
 
-__all__ = ["local_transform", "read_gltf"]
+__all__ = ["read_gltf"]
 
 #: Fields of `asset.extras` and `extras` that name a model.
 _TITLES = ("title", "name", "label", "category", "description")
@@ -31,16 +32,7 @@ class _Document:
         self.nodes: list[dict[str, Any]] = header.get("nodes", [])
         self._meshes: list[dict[str, Any]] = header.get("meshes", [])
         self._accessors = Accessors(header, buffers)
-        self._world = self._world_transforms()
-
-    def roots(self) -> list[int]:
-        """The root nodes of the scene that is shown, or of all nodes where no scene is."""
-        scenes = self.header.get("scenes", [])
-        if scenes:
-            scene = scenes[self.header.get("scene", 0)]
-            return list(scene.get("nodes", []))
-        below = set(itertools.chain.from_iterable(node.get("children", []) for node in self.nodes))
-        return [number for number in range(len(self.nodes)) if number not in below]
+        self._world = world_transforms(self.nodes)
 
     def below(self, root: int) -> Iterator[int]:
         """A node and all nodes below it."""
@@ -78,7 +70,9 @@ class _Document:
         node = self.nodes[number]
         if "mesh" not in node:
             return
-        joints = self._joint_transforms(node["skin"]) if "skin" in node else None
+        joints = None
+        if "skin" in node:
+            joints = joint_transforms(self.header, self._accessors, node["skin"], self._world)
         for part in self._meshes[node["mesh"]].get("primitives", []):
             attributes = part.get("attributes", {})
             if "POSITION" not in attributes:
@@ -103,39 +97,10 @@ class _Document:
         return np.asarray(points)
 
     def _skin_points(self, points: FloatArray, attributes: dict[str, int], joints: FloatArray) -> FloatArray:
-        """Vertices (n, 3) as the joints (j, 4, 4) hold them, without the node's own transform (glTF 2.0, 3.7.3.3)."""
-        weights = self._accessors.values(attributes["WEIGHTS_0"], (4,))  # (n, 4)
-        which = self._accessors.values(attributes["JOINTS_0"], (4,)).astype(int)  # (n, 4)
-        if len(weights) != len(points) or which.max(initial=0) >= len(joints):
-            raise FieldError("skins", "joints and weights for each vertex", Unquoted("others"))
-        total = np.maximum(weights.sum(axis=1, keepdims=True), 1e-12)
-        matrices = np.einsum("nw,nwij->nij", weights / total, joints[which])
+        """Vertices (n, 3) as the joints (j, 4, 4) hold them."""
+        which, weights = (self._accessors.values(attributes[name], (4,)) for name in ("JOINTS_0", "WEIGHTS_0"))
+        matrices = skin_transforms(which, weights, joints, len(points))
         return np.asarray(np.einsum("nij,nj->ni", matrices[:, :3, :3], points) + matrices[:, :3, 3])
-
-    def _joint_transforms(self, skin: int) -> FloatArray:
-        """(j, 4, 4) of each joint: its place in the scene after the inverse of its place when it was bound."""
-        row = self.header["skins"][skin]
-        joints = row["joints"]
-        world = np.stack([self._world[joint] for joint in joints])
-        if "inverseBindMatrices" not in row:
-            return world
-        inverse = self._accessors.values(row["inverseBindMatrices"], (16,)).reshape(-1, 4, 4).transpose(0, 2, 1)
-        expect(len(inverse) >= len(joints), f"skins[{skin}]", f"{len(joints)} inverse matrices", len(inverse))
-        return np.asarray(world @ inverse[: len(joints)])
-
-    def _world_transforms(self) -> list[FloatArray]:
-        """(4, 4) of each node; the tree is known to have no circle."""
-        parents = {child: number for number, node in enumerate(self.nodes) for child in node.get("children", [])}
-        world: dict[int, FloatArray] = {}
-        for number in range(len(self.nodes)):
-            way = [number]
-            while way[-1] not in world and way[-1] in parents:
-                way.append(parents[way[-1]])
-            for step in reversed(way):
-                if step not in world:
-                    local = local_transform(self.nodes[step])
-                    world[step] = world[parents[step]] @ local if step in parents else local
-        return [world[number] for number in range(len(self.nodes))]
 
 
 def read_gltf(path: Path) -> Asset:
@@ -149,27 +114,9 @@ def read_gltf(path: Path) -> Asset:
     return Asset(path, "gltf", 1.0, "y", bodies, _asset_words(header))
 
 
-def local_transform(node: dict[str, Any]) -> FloatArray:
-    """(4, 4) of a node: its matrix, or translation, rotation and scale in this order."""
-    if "matrix" in node:
-        matrix = np.array(node["matrix"], dtype=float)
-        expect(matrix.shape == (16,), "matrix", "16 numbers", Unquoted(str(matrix.shape)))
-        return matrix.reshape(4, 4).T
-    x, y, z, w = np.array(node.get("rotation", (0, 0, 0, 1)), dtype=float)
-    turn = np.array([
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ])  # fmt: skip
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn * np.array(node.get("scale", (1, 1, 1)), dtype=float)
-    matrix[:3, 3] = node.get("translation", (0, 0, 0))
-    return matrix
-
-
 def _bodies(document: _Document) -> Iterator[Body]:
     """One body for each root; a chain of single children counts as its last."""
-    roots = document.roots()
+    roots = root_nodes(document.header)
     while len(roots) == 1 and "mesh" not in document.nodes[roots[0]] and document.nodes[roots[0]].get("children"):
         roots = list(document.nodes[roots[0]]["children"])
     for root in roots:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from estimator.records.scene import Camera
+from insertion.exports.gltf_scene import write_gltf_model
 from insertion.exports.metric_frame import CameraKey, MetricFrame, object_matrix
 from insertion.light.environment import Environment
 from insertion.pipeline.objects import Placed
@@ -49,7 +50,7 @@ def insertion_job(
     """
     largest = max(placed.body.unit for placed in objects) * frame.scale
     return {
-        "objects": [_object(item, frame) for item in objects],
+        "objects": [_object(item, frame, folder / f"model{number}.glb") for number, item in enumerate(objects)],
         "catcher": {"half": CATCHER_SIZES * largest, "albedo": support_albedo(environment)},
         "environment": str(write_environment(environment, folder / "environment.hdr")),
         "window": _window(window_of(keys[0].camera)),
@@ -75,8 +76,13 @@ def _window(window: Window) -> dict[str, float]:
     }  # fmt: skip
 
 
-def _object(item: Placed, frame: MetricFrame) -> dict[str, Any]:
-    return {"file": str(item.request.model.resolve()), "matrix": object_matrix(item, frame).tolist()}
+def _object(item: Placed, frame: MetricFrame, posed: Path) -> dict[str, Any]:
+    """A model with its matrix; one with animations is written to `posed` as it stands."""
+    file = item.request.model
+    if item.model.motions:
+        write_gltf_model(posed, item.model)
+        file = posed
+    return {"file": str(file.resolve()), "matrix": object_matrix(item, frame).tolist()}
 
 
 def support_albedo(environment: Environment) -> list[float]:

@@ -15,12 +15,12 @@ import numpy as np
 from estimator.records.scene import Camera
 from insertion.exports.glb import ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, Glb
 from insertion.exports.metric_frame import CameraKey, MetricFrame, keys_by_camera, object_matrix
-from insertion.models.model import Material, Part
+from insertion.models.model import Material, Model, Part
 from insertion.pipeline.objects import Placed
 from insertion.render.pinhole import focal_lengths
 from metric_base.arrays import FloatArray
 
-__all__ = ["write_gltf_scene"]
+__all__ = ["write_gltf_model", "write_gltf_scene"]
 
 #: Metres between which a camera sees anything.
 NEAR_M, FAR_M = 0.01, 1000.0
@@ -37,6 +37,13 @@ def write_gltf_scene(file: Path, objects: Sequence[Placed], keys: Sequence[Camer
     for number, (camera, own) in enumerate(keys_by_camera(keys)):
         nodes.append(_animated_camera(document, f"camera{number or ''}", camera, own))
     file.write_bytes(document.data(nodes))
+
+
+def write_gltf_model(file: Path, model: Model) -> None:
+    """Write a model alone, in the pose that it has."""
+    document = Glb("insert-object")
+    mesh = document.add("meshes", {"primitives": [_primitive(document, part) for part in model.parts]})
+    file.write_bytes(document.data([document.add("nodes", {"mesh": mesh})]))
 
 
 def _object(document: Glb, number: int, placed: Placed, frame: MetricFrame) -> int:

@@ -8,14 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.records.scene import Camera, View
-from insertion.footage.footage import Shot
+from insertion.footage.footage import STILLS_RATE, Shot
 from insertion.pipeline.objects import Placed
 from metric_base.arrays import FloatArray
 
 __all__ = ["CameraKey", "MetricFrame", "camera_keys", "frame_rate", "keys_by_camera", "metric_frame", "object_matrix"]
-
-#: Frames per second of pictures without times.
-STILLS_RATE = 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,8 +65,7 @@ def frame_rate(shots: Sequence[Shot]) -> float:
 
 def _times(shots: Sequence[Shot]) -> list[float]:
     """Seconds of each picture since the first."""
-    times = [shot.index / STILLS_RATE if shot.time_s is None else shot.time_s for shot in shots]
-    return [time_s - times[0] for time_s in times]
+    return [shot.clock_s - shots[0].clock_s for shot in shots]
 
 
 def keys_by_camera(keys: Sequence[CameraKey]) -> list[tuple[Camera, list[CameraKey]]]:
@@ -84,7 +80,7 @@ def keys_by_camera(keys: Sequence[CameraKey]) -> list[tuple[Camera, list[CameraK
 
 def object_matrix(placed: Placed, frame: MetricFrame) -> FloatArray:
     """(4, 4) from the model's file (its own metres) to the metric frame: turned, sized and moved."""
-    low, high = placed.model.bounds
+    low, high = placed.model.bounds if placed.act is None else placed.act.bounds
     foot = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
     matrix = np.eye(4)
     matrix[:3, :3] = placed.size.factor * frame.rotation @ placed.turn

@@ -15,9 +15,13 @@ from estimator.records.scene import Scene, View
 from metric_base.errors import InputError
 from metric_base.pictures import read_picture
 
-__all__ = ["Footage", "FrameRange", "PictureFootage", "Shot", "Stills"]
+__all__ = ["STILLS_RATE", "Footage", "FrameRange", "PictureFootage", "Shot", "Stills"]
 
 Picture = NDArray[np.uint8]
+
+
+#: Pictures without times count as so many a second, in a video that is made of them and for what moves.
+STILLS_RATE = 6.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -33,6 +37,11 @@ class Shot:
     time_s: float | None
     view: View | None
     row: int | None
+
+    @property
+    def clock_s(self) -> float:
+        """When the picture is shown, seconds."""
+        return self.index / STILLS_RATE if self.time_s is None else self.time_s
 
 
 class Footage(Protocol):

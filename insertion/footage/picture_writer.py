@@ -21,8 +21,6 @@ Picture = NDArray[np.uint8]
 Writer = Callable[[Shot, Picture], None]
 #: What a preview may be written as.
 PREVIEWS = (".png", ".jpg", ".jpeg", ".webp")
-#: Rate of a video made from stills, which have no times.
-STILLS_RATE = 6.0
 
 
 def output_kind(out: Path) -> str:
@@ -70,6 +68,6 @@ def picture_writer(
     with whole_file(out, "--out") as file, VideoWriter(file, out.suffix, source, turned_deg, codec) as video:
 
         def write(shot: Shot, picture: Picture) -> None:
-            video.write(picture, shot.index / STILLS_RATE if shot.time_s is None else shot.time_s, shot.index)
+            video.write(picture, shot.clock_s, shot.index)
 
         yield write

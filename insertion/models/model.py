@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Material", "Model", "Part"]
+__all__ = ["Material", "Model", "Motion", "Part"]
 
 Pixels = NDArray[np.uint8]
 
@@ -62,12 +63,26 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """An animation of a file by its name; parts : those of the model at a time from 0 to duration_s, which repeats."""
+
+    name: str
+    duration_s: float
+    parts: Callable[[float], tuple[Part, ...]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Model:
-    """A model: its file's name, its parts, and what was left out of the file."""
+    """A model: its file's name, its parts, what was left out of the file, and how it may move."""
 
     name: str
     parts: tuple[Part, ...]
     warnings: tuple[str, ...] = ()
+    motions: tuple[Motion, ...] = ()
+
+    def at(self, motion: Motion, time_s: float) -> Model:
+        """The model in the pose of a motion at a time; the motion repeats."""
+        return replace(self, parts=motion.parts(time_s % motion.duration_s))
 
     @property
     def bounds(self) -> FloatArray:

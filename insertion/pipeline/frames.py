@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -22,6 +22,7 @@ from insertion.light.estimate import environment_at
 from insertion.pipeline.objects import Placed
 from insertion.pipeline.result import FrameReport, InsertionResult
 from insertion.pipeline.stage import Stage
+from insertion.render.body import Body
 from insertion.render.context import gl_context
 from insertion.render.layers import draw_interval, object_layers
 from insertion.render.renderer import ObjectRenderer
@@ -64,11 +65,12 @@ class _Running:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Run:
-    """What stays the same over the frames."""
+    """What stays the same over the frames; start_s : when objects that move begin to."""
 
     stage: Stage
     objects: list[_Running]
     looks: Looks
+    start_s: float = 0.0
     show_interval: bool = False
     layers: Sequence[LayerSink] = ()
     traced: Traced | None = None
@@ -94,7 +96,7 @@ def insert_objects(
     seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
     started = time.perf_counter()
     with _renderers(stage, objects) as running, _open_tracer(stage, running, tracer, progress) as traced:
-        run = _Run(stage, running, Looks(smooth=video), show_interval, layers, traced)
+        run = _Run(stage, running, Looks(smooth=video), stage.start_s, show_interval, layers, traced)
         seconds["light"] = time.perf_counter() - started
         for shot, picture in with_progress(stage.footage.pictures(), "inserting", progress, len(stage.footage.shots)):
             started = time.perf_counter()
@@ -118,7 +120,7 @@ def single_pictures(stage: Stage, variants: Sequence[Sequence[Placed]], shot: Sh
         raise LookupError(shot.name)
     for objects in variants:
         with _renderers(stage, objects) as running:
-            yield _draw_objects(_Run(stage, running, Looks(smooth=False)), shot, picture)
+            yield _draw_objects(_Run(stage, running, Looks(smooth=False), stage.start_s), shot, picture)
 
 
 @contextmanager
@@ -127,8 +129,9 @@ def _renderers(stage: Stage, objects: Sequence[Placed]) -> Iterator[list[_Runnin
     context = gl_context()
     try:
         bodies = [item.body for item in objects]
+        moves = any(item.moves for item in objects)
         yield [
-            _Running(item, _renderer(context, stage, item, bodies[:number] + bodies[number + 1 :], bodies[:number]))
+            _Running(item, _renderer(context, stage, item, *_beside(bodies, number), moves))
             for number, item in enumerate(objects)
         ]
     finally:
@@ -144,11 +147,33 @@ def _open_tracer(
     return tracer(stage, [item.placed for item in running], running[0].renderer.environment, progress)
 
 
-def _renderer(context: Any, stage: Stage, item: Placed, others: Sequence[Any], before: Sequence[Any]) -> ObjectRenderer:
+def _renderer(
+    context: Any, stage: Stage, item: Placed, others: Sequence[Body], before: Sequence[Body], moves: bool
+) -> ObjectRenderer:
     height = float(item.model.extents[1]) * item.size.factor / stage.scale.metres_per_unit
-    environment = environment_at(item.place, height, stage.cloud, stage.stills, stage.shading())
-    ground = environment_at(item.place, GROUND * height, stage.cloud, stage.stills, stage.shading())
-    return ObjectRenderer(context, item.body, environment, ground, shading=others, before=before)
+    place = item.place
+    if item.walk is not None:  # lamps have their place; the rest of the light is that of the middle of the way
+        place = replace(place, position=item.walk.place(item.walk.arrival_s / 2))
+    environment = environment_at(place, height, stage.cloud, stage.stills, stage.shading())
+    ground = environment_at(place, GROUND * height, stage.cloud, stage.stills, stage.shading())
+    return ObjectRenderer(context, item.body, environment, ground, shading=others, before=before, moves=moves)
+
+
+def _beside(bodies: Sequence[Body], number: int) -> tuple[list[Body], list[Body]]:
+    """The bodies beside one of them, and those before it."""
+    return [*bodies[:number], *bodies[number + 1 :]], list(bodies[:number])
+
+
+def _move_objects(objects: Sequence[_Running], time_s: float) -> None:
+    """Put every object where it is at a time from the first picture; where nothing changes, nothing is done."""
+    bodies = [item.placed.body_at(time_s) if item.placed.moves else item.renderer.body for item in objects]
+    moved = [body is not item.renderer.body for body, item in zip(bodies, objects, strict=True)]
+    old = [item.renderer.body for item in objects]
+    for number, item in enumerate(objects):
+        others = [k for k in range(len(objects)) if k != number]
+        beside = any(moved[k] and (bodies[number].near(bodies[k]) or old[number].near(old[k])) for k in others)
+        if moved[number] or beside:
+            item.renderer.stand(bodies[number], *_beside(bodies, number))
 
 
 def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:
@@ -158,6 +183,7 @@ def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:
         for item in run.objects:
             item.frames.append(FrameReport(shot.name, shot.time_s, None, 0.0))
         return picture
+    _move_objects(run.objects, shot.clock_s - run.start_s)
     front = front_points(view, run.stage.cloud, shot.row)
     look = run.looks.next(picture, front, run.stage.cloud)
     masks = run.stage.masks(shot)
@@ -198,7 +224,7 @@ def _layers_in_frame(
     layers = object_layers(item.renderer, view, whole)
     if layers is None:
         return None
-    body, surface = item.placed.body, item.placed.surface
+    body, surface = item.renderer.body, item.placed.surface
     sigma = 0.0 if surface is None else surface.plane.sigma
     support = on_support(body, stage.cloud, front, sigma)
     hidden = hidden_share(layers.image, layers.box, view, masks, front, support, picture[layers.box.slices])

@@ -9,19 +9,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.records.scene import View
+from insertion.models.acting import Acting, acting
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
 from insertion.models.size import Size, model_size
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import Stage
 from insertion.placement.free_space import Space, candidates
-from insertion.placement.heading import heading
-from insertion.placement.locate import place_at_point, place_on_plane
+from insertion.placement.heading import heading, turned
+from insertion.placement.locate import level_point, place_at_point, place_on_plane, plane_point
 from insertion.placement.on_objects import instances_named, place_on_category
 from insertion.placement.place import NoPlace, Place
 from insertion.placement.surface import Surface
+from insertion.placement.walk import Walk, walk_along
 from insertion.render.body import Body, body_of, colliding
 from metric_base.arrays import FloatArray
+from metric_base.errors import InputError
 
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
@@ -36,7 +39,8 @@ TAKEN_SHARE = 3e-4
 class Placed:
     """An object at its place, ready to be rendered.
 
-    front : (3,) horizontal unit direction of its front; surface : what it stands on, if its extent is known.
+    model, front, heading_deg, body : as it stands at first; front : (3,) horizontal unit direction of its front;
+    surface : what it stands on, if its extent is known; act : how it moves by itself; walk : the way that it follows.
     """
 
     request: ObjectRequest
@@ -48,6 +52,26 @@ class Placed:
     body: Body
     surface: Surface | None = None
     warnings: tuple[str, ...] = ()
+    act: Acting | None = None
+    walk: Walk | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether the object is not the same at all times."""
+        return self.walk is not None or (self.act is not None and self.act.motion is not None)
+
+    def body_at(self, time_s: float) -> Body:
+        """The object at a time from the first picture: `body` itself where it stands still."""
+        if not self.moves or self.act is None:
+            return self.body
+        model, bounds = self.act.at(time_s), self.act.bounds
+        position, front = self.place.position, self.front
+        if self.walk is not None:
+            model = self.act.at(min(time_s, self.walk.arrival_s))  # who has arrived stands
+            position = self.walk.place(time_s)
+            front = turned(self.walk.front(time_s), self.place.basis[2], self.heading_deg)
+        unit = self.body.unit / float((bounds[1] - bounds[0]).max())
+        return body_of(model, position, self.place.basis, front, unit, bounds)
 
     @property
     def size_m(self) -> dict[str, float]:
@@ -83,32 +107,71 @@ def resize(placed: Placed, times: float) -> Placed:
     return replace(placed, size=size, body=replace(placed.body, unit=placed.body.unit * times))
 
 
-def space_for(stage: Stage, model: Model, size: Size) -> Space:
-    """The scene as places for this model are sought in it."""
+def space_for(stage: Stage, model: Model, size: Size, extents: FloatArray | None = None) -> Space:
+    """The scene as places for this model are sought in it; extents : (3,) of its reach, its own without."""
     units = size.factor / stage.scale.metres_per_unit
-    radius = float(np.hypot(model.extents[0], model.extents[2])) / 2 * units
-    return Space(stage.scene, stage.cloud, stage.supports, radius, float(model.extents[1]) * units)
+    x, y, z = model.extents if extents is None else extents
+    return Space(stage.scene, stage.cloud, stage.supports, float(np.hypot(x, z)) / 2 * units, float(y) * units)
 
 
 def _place_object(stage: Stage, request: ObjectRequest, tree: Tree | None, earlier: Sequence[Placed]) -> Placed:
-    model = read_model(request.model)
-    size = model_size(model, request.size, tree, request.category)
-    space = space_for(stage, model, size)
-    options = [_standing(stage, request, model, size, place) for place in _places(stage, request, space, tree)]
+    act = acting(read_model(request.model), request.clip, request.at_time_s)
+    size = model_size(act.model, request.size, tree, request.category)
+    space = space_for(stage, act.model, size, act.reach[1] - act.reach[0])
+    options = [_standing(stage, request, act, size, place) for place in _places(stage, request, space, tree)]
     free = next((one for one in options if not any(colliding(one.body, other.body) for other in earlier)), None)
     if free is not None:
         return free
     chosen = options[0]
+    model = act.model
     through = [other.model.name for other in earlier if colliding(chosen.body, other.body)]
     return replace(chosen, warnings=tuple(f"{model.name}: goes through {name}" for name in through))
 
 
-def _standing(stage: Stage, request: ObjectRequest, model: Model, size: Size, place: Place) -> Placed:
-    front, angle = heading(place, request.facing, stage.cloud)
-    # metres divided by the scale, and nothing else
-    body = body_of(model, place.position, place.basis, front, size.factor / stage.scale.metres_per_unit)
+def _standing(stage: Stage, request: ObjectRequest, act: Acting, size: Size, place: Place) -> Placed:
     surface = place.surface if place.plane is None else stage.supports.surfaces[place.plane]
-    return Placed(request, model, size, place, front, angle, body, surface, _taken(stage, model, body))
+    walk = _walk(stage, request, place) if request.path else None
+    if walk is None:
+        front, angle = heading(place, request.facing, stage.cloud)
+    else:
+        angle = _path_turn(request)
+        front = turned(walk.front(0.0), place.basis[2], angle)
+    # metres divided by the scale, and nothing else
+    body = body_of(act.model, place.position, place.basis, front, size.factor / stage.scale.metres_per_unit, act.bounds)
+    words = [*_taken(stage, act.model, body), *_beside(walk, place, surface)]
+    return Placed(request, act.model, size, place, front, angle, body, surface, tuple(words), act, walk)
+
+
+def _path_turn(request: ObjectRequest) -> float:
+    """Degrees from the way's direction to the object's front. Raises InputError for a wall."""
+    if request.facing == "wall":
+        raise InputError("--facing: expected degrees from the way of --path; found wall")
+    return 0.0 if isinstance(request.facing, str) else float(request.facing)
+
+
+def _walk(stage: Stage, request: ObjectRequest, place: Place) -> Walk:
+    """The way from the object's place through the points of `--path`, level with the place."""
+    if request.at is not None:
+        view = _view_of(stage, request.at.frame)
+        corners = [level_point(place, view, x, y) for x, y in request.path]
+    elif request.plane is not None:
+        surface = stage.supports.surfaces[request.plane]
+        corners = [plane_point(surface, np.array(xy) / stage.scale.metres_per_unit) for xy in request.path]
+    else:
+        raise InputError("--path: expected --at frame=...,x=...,y=... or --plane with it; found neither")
+    shots = stage.footage.shots
+    lasting = shots[-1].clock_s - shots[0].clock_s
+    return walk_along(np.array([place.position, *corners]), stage.scale.metres_per_unit, request.speed_m_s, lasting)
+
+
+def _beside(walk: Walk | None, place: Place, surface: Surface | None) -> tuple[str, ...]:
+    """A warning where a way leaves what was seen of the surface."""
+    if walk is None or surface is None or place.plane is None:
+        return ()
+    steps = np.array([walk.place(k / 20 * walk.arrival_s) for k in range(21)])
+    outside = np.count_nonzero(~surface.holds(steps @ place.basis[:2].T))
+    words = f"--path: {outside} of 21 places on the way are beside what was seen of {place.support}"
+    return (words,) if outside else ()
 
 
 def _places(stage: Stage, request: ObjectRequest, space: Space, tree: Tree | None) -> list[Place]:

@@ -17,6 +17,9 @@ class ObjectRequest:
     model : its file; size : the words of `--size`; at : a point in a picture; on : a category; plane and xy_m : a plane
     and metres along its axes from its middle; without any of these, free space. facing : `camera`, `wall` or degrees;
     category : for `--size prior`.
+    clip : name or number of the animation that plays, the first without, `none` for none; at_time_s : the pose of this
+    time of it, and no other; path : points that the object follows, pixels of the picture of `at` or metres as xy_m;
+    speed_m_s : metres a second on that way, else it takes the whole video.
     """
 
     model: Path
@@ -27,3 +30,7 @@ class ObjectRequest:
     xy_m: tuple[float, float] = (0.0, 0.0)
     facing: float | str = "camera"
     category: str | None = None
+    clip: str | None = None
+    at_time_s: float | None = None
+    path: tuple[tuple[float, float], ...] = ()
+    speed_m_s: float | None = None

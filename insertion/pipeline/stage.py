@@ -39,6 +39,12 @@ class Stage:
     carrier: MaskCarrier
     shading: Callable[[], Shading | None]
 
+    @property
+    def start_s(self) -> float:
+        """When the first picture of the whole footage is shown."""
+        whole = self.footage.whole if isinstance(self.footage, FrameRange) else self.footage
+        return whole.shots[0].clock_s if whole.shots else 0.0
+
     def with_frames(self, frames: tuple[int, int]) -> Stage:
         """The stage with the shots from the first to the last number of `frames`. Raises InputError without any."""
         footage = FrameRange(self.footage, *frames)

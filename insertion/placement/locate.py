@@ -15,7 +15,7 @@ from insertion.scene.rays import ray_through
 from metric_base.arrays import FloatArray
 from metric_base.statistics import robust_sigma
 
-__all__ = ["place_at_point", "place_on_plane", "plane_coordinates"]
+__all__ = ["level_point", "place_at_point", "place_on_plane", "plane_coordinates", "plane_point"]
 
 #: The cloud around the point that was clicked, in pixels at a width of 640.
 NEAR_PX = 14.0
@@ -61,10 +61,25 @@ def place_on_plane(space: Space, plane: int, at: FloatArray, camera: FloatArray)
     if not 0 <= plane < len(planes):
         raise NoPlace(f"--plane: expected 0 to {len(planes) - 1} (lowest first); found {plane}")
     chosen = planes[plane]
-    local = np.append(_middle(chosen) + at, chosen.plane.height)
-    if not chosen.holds(local[None, :2])[0]:
+    position = plane_point(chosen, at)
+    if not chosen.holds((chosen.plane.basis[:2] @ position)[None])[0]:
         raise NoPlace(f"--xy: expected a point on plane {plane}; found one beside what was seen of it")
-    return _place(space, plane, local @ chosen.plane.basis, camera)
+    return _place(space, plane, position, camera)
+
+
+def plane_point(surface: Surface, at: FloatArray) -> FloatArray:
+    """(3,) point of a plane, `at` (2,) scene units from the middle of what was seen of it, along its own axes."""
+    return np.asarray(np.append(_middle(surface) + at, surface.plane.height) @ surface.plane.basis)
+
+
+def level_point(place: Place, view: View, x: float, y: float) -> FloatArray:
+    """(3,) where the ray through a pixel is level with a place. Raises NoPlace where it never is."""
+    up, ray = place.basis[2], ray_through(view, x, y)
+    toward = float(ray @ up)
+    depth = float((place.position - view.centre) @ up) / toward if abs(toward) > GRAZING else -1.0
+    if depth <= 0:
+        raise NoPlace(f"--path: expected pixels of {view.name} that show the surface; found x={x:g}, y={y:g}")
+    return np.asarray(view.centre + depth * ray)
 
 
 def plane_coordinates(space: Space, place: Place) -> FloatArray:

@@ -75,15 +75,23 @@ class Body:
         return rotation, (rotation @ self.position + translation) / self.unit
 
 
-def body_of(model: Model, position: FloatArray, basis: FloatArray, heading: FloatArray, units_per_metre: float) -> Body:
+def body_of(
+    model: Model,
+    position: FloatArray,
+    basis: FloatArray,
+    heading: FloatArray,
+    units_per_metre: float,
+    bounds: FloatArray | None = None,
+) -> Body:
     """The model standing with its bottom centre at `position`, its front (+z of the file) along `heading`.
 
     heading : (3,) horizontal unit direction in the scene; units_per_metre : scene units for one metre of the file,
-    which is the size factor divided by the scale.
+    which is the size factor divided by the scale; bounds : (2, 3) corners in the file by which it stands and is
+    measured, its own without.
     """
     up = basis[2]
     turn = np.column_stack([np.cross(up, heading), up, heading])  # columns: where the file's x, y, z point
-    low, high = model.bounds
+    low, high = model.bounds if bounds is None else bounds
     foot = np.array([(low[0] + high[0]) / 2, low[1], (low[2] + high[2]) / 2])
     unit = float((high - low).max())
     parts = tuple(

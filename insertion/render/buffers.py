@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,10 @@ _LAYOUT = "3f 3f 2f 4f"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoadedPart:
-    """One part: its vertex arrays for the picture, its facts and its shadows, its textures by name, its material."""
+    """One part: its vertex arrays for the picture, its facts and its shadows, its textures by name, its material.
+
+    buffers : of the vertices and of the faces.
+    """
 
     drawn: Any
     gathered: Any
@@ -28,6 +31,18 @@ class LoadedPart:
     textures: dict[str, Any]
     material: Material
     middle: NDArray[np.float64]
+    buffers: tuple[Any, Any]
+
+    def moved(self, part: BodyPart) -> LoadedPart:
+        """The same part with its vertices elsewhere; the old one is not used any more."""
+        self.buffers[0].write(_rows(part))
+        return replace(self, middle=part.vertices.mean(axis=0))
+
+    def release(self) -> None:
+        """Give the memory of the card back."""
+        for thing in (self.drawn, self.gathered, self.cast, *self.textures.values(), *self.buffers):
+            if thing:
+                thing.release()
 
     def bind(self, program: Any) -> None:
         """Hand the material to the shader; what the shader does not use is skipped."""
@@ -49,8 +64,7 @@ def load_part(
     context: Any, picture_program: Any, shadow_program: Any, part: BodyPart, facts_program: Any = None
 ) -> LoadedPart:
     """Upload one part; without a program for its facts, `gathered` is None."""
-    rows = np.hstack([part.vertices, part.normals, part.uv, part.tint]).astype("f4")
-    vertices = context.buffer(rows.tobytes())
+    vertices = context.buffer(_rows(part))
     index = context.buffer(np.ascontiguousarray(part.faces, dtype="i4").tobytes())
     names = ("place", "normal", "uv", "tint")
     drawn = context.vertex_array(picture_program, [(vertices, _LAYOUT, *names)], index)
@@ -64,7 +78,12 @@ def load_part(
         "emissive_texture": material.emissive_texture,
     }
     textures = {name: _texture(context, pixels) for name, pixels in stored.items() if pixels is not None}
-    return LoadedPart(drawn, gathered, cast, textures, material, part.vertices.mean(axis=0))
+    return LoadedPart(drawn, gathered, cast, textures, material, part.vertices.mean(axis=0), (vertices, index))
+
+
+def _rows(part: BodyPart) -> bytes:
+    """The vertices as they are uploaded."""
+    return np.hstack([part.vertices, part.normals, part.uv, part.tint]).astype("f4").tobytes()
 
 
 def _texture(context: Any, pixels: NDArray[np.uint8]) -> Any:

@@ -1,6 +1,7 @@
 """One object under the light of its place, through one camera after another.
 
-Everything that does not depend on the camera (shadow maps, light on the plane, reflections) is made once.
+Everything that does not depend on the camera (shadow maps, light on the plane, reflections) is made once for each
+place and pose of the object.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from numpy.typing import NDArray
 from insertion.colour.encoding import luminance
 from insertion.light.environment import LEVELS, Environment, reflection_levels
 from insertion.light.lights import Lights, environment_lights
-from insertion.render.body import Body, with_bodies
-from insertion.render.buffers import load_part
+from insertion.render.body import Body, BodyPart, with_bodies
+from insertion.render.buffers import LoadedPart, load_part
 from insertion.render.context import shader
 from insertion.render.deferred import DeferredTargets
 from insertion.render.pinhole import Window
@@ -59,80 +60,115 @@ class ObjectRenderer:
         *,
         shading: Sequence[Body] = (),
         before: Sequence[Body] = (),
+        moves: bool = False,
     ) -> None:
         """The environment is about the middle of the body; ground : about its foot, where that differs.
 
         shading : other inserted bodies, whose shadow falls on this one and which it mirrors; before : those of them
-        whose shadow is on the support already.
+        whose shadow is on the support already; moves : whether `stand` will put it, or them, elsewhere.
         """
-        self.body, self.environment = body, environment
-        self._context = context
+        self.environment, self._ground = environment, environment if ground is None else ground
+        self._context, self._moves = context, moves
         corners = body.corners
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
-        caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
-        lights = _local_lights(environment, body, OBJECT_CUTS, middle, caster.radius)
-        near = [other for other in shading if body.near(other)]
-        others = {"OTHERS": 1} if near else {}
+        number = len(_local_lights(environment, body, OBJECT_CUTS, middle, 0.0).power)
+        others = {"OTHERS": 1} if any(moves or body.near(other) for other in shading) else {}
         self._program = self._context.program(
             vertex_shader=shader("surface.vert"),
-            fragment_shader=self._lit_shader("surface.frag", len(lights.power), **others),
+            fragment_shader=self._lit_shader("surface.frag", number, **others),
         )
         self._receive = self._context.program(
-            vertex_shader=shader("full.vert"), fragment_shader=self._lit_shader("receive.frag", len(lights.power))
+            vertex_shader=shader("full.vert"), fragment_shader=self._lit_shader("receive.frag", number)
         )
         self._gather = self._context.program(
             vertex_shader=shader("surface.vert"), fragment_shader=shader("gather.frag")
         )
         self._light = self._context.program(
             vertex_shader=shader("full.vert"),
-            fragment_shader=self._lit_shader("light_samples.frag", len(lights.power), SAMPLES=SAMPLES, **others),
+            fragment_shader=self._lit_shader("light_samples.frag", number, SAMPLES=SAMPLES, **others),
         )
-        caster_program = self._context.program(
+        self._cast = self._context.program(
             vertex_shader=shader("depth_only.vert"), fragment_shader=shader("depth_only.frag")
         )
-        #: (n, 3) towards the lights that cast the shadow
-        self.casting = _strongest(lights)
-        self._parts = [
-            load_part(self._context, self._program, caster_program, part, self._gather) for part in body.parts
-        ]
-        self._solid = not any(part.material.blend for part in self._parts)
-        self._atlas = shadow_atlas(self._context, caster_program, self._parts, lights, caster)
-        below = environment if ground is None else ground
-        above = _local_lights(below, body, PLANE_CUTS, np.zeros(3), 0.0).above(body.basis[2])
-        returned = _returned_light(below, body, above)
-        earlier = [part for other in before if body.near(other) for part in body.parts_of(other)]
-        self.plane: PlaneMap = plane_map(
-            self._context,
-            caster_program,
-            self._parts,
-            above,
-            returned,
-            body.basis,
-            corners,
-            [load_part(self._context, self._program, caster_program, part) for part in earlier],
-            np.concatenate([corners, *(part.vertices for part in earlier)]),
-        )
-        for program in (self._program, self._light, self._receive):
-            _set_lights(program, lights, _returned_light(environment, body, lights), caster)
+        self._parts: list[LoadedPart] = []
+        self._atlas: Any = None
         self._others: Any = None
-        if near:
-            self._set_others(near, caster_program)
-        self._set_surroundings(with_bodies(environment, body, near))
+        self._mirrors = False
+        self._environment: Any = None
+        self._plane_texture: Any = None
+        self.stand(body, shading, before)
+        self._solid = not any(part.material.blend for part in self._parts)
         self._deferred = DeferredTargets(self._context, SAMPLES)
         self._targets: dict[tuple[int, int], tuple[Any, Any]] = {}
         quad = self._context.buffer(np.array([-1, -1, 1, -1, -1, 1, 1, 1], "f4").tobytes())
         self._cover = self._context.vertex_array(self._receive, [(quad, "2f", "corner")])
         self._light_cover = self._context.vertex_array(self._light, [(quad, "2f", "corner")])
 
-    def _set_others(self, others: Sequence[Body], caster_program: Any) -> None:
-        """Shadow maps of the other bodies, as the lights see them."""
+    def stand(self, body: Body, shading: Sequence[Body] = (), before: Sequence[Body] = ()) -> None:
+        """Put the body, of the same parts, where it is now, with what else stands there; the light stays.
+
+        All that depends on where it stands is made again: the shadow maps, the light on the plane, the reflections.
+        """
+        self.body = body
+        corners = body.corners
+        middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
+        caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
+        lights = _local_lights(self.environment, body, OBJECT_CUTS, middle, caster.radius)
+        #: (n, 3) towards the lights that cast the shadow
+        self.casting = _strongest(lights)
+        first = not self._parts
+        if first:
+            self._parts = [self._load(part, self._gather) for part in body.parts]
+        else:
+            self._parts = [old.moved(part) for old, part in zip(self._parts, body.parts, strict=True)]
+        _release(self._atlas)
+        self._atlas = shadow_atlas(self._context, self._cast, self._parts, lights, caster)
+        # what moves is drawn again for each picture
+        cuts = OBJECT_CUTS if self._moves else PLANE_CUTS
+        above = _local_lights(self._ground, body, cuts, np.zeros(3), 0.0).above(body.basis[2])
+        returned = _returned_light(self._ground, body, above)
+        earlier = [part for other in before if body.near(other) for part in body.parts_of(other)]
+        loaded = [self._load(part) for part in earlier]
+        self.plane: PlaneMap = plane_map(
+            self._context,
+            self._cast,
+            self._parts,
+            above,
+            returned,
+            body.basis,
+            corners,
+            loaded,
+            np.concatenate([corners, *(part.vertices for part in earlier)]),
+        )
+        _release(*loaded)
+        for program in (self._program, self._light, self._receive):
+            _set_lights(program, lights, _returned_light(self.environment, body, lights), caster)
+        near = [other for other in shading if body.near(other)]
+        if "other_atlas" in self._program:
+            self._set_others(near)
+        _release(self._plane_texture)
+        share = self.plane.share
+        self._plane_texture = self._context.texture(share.shape[1::-1], 3, share.tobytes(), dtype="f4")
+        for program in (self._program, self._light):
+            program["map_radius"].value = self.plane.radius
+        if first or near or self._mirrors:
+            self._set_surroundings(with_bodies(self.environment, body, near))
+        self._mirrors = bool(near)
+
+    def _load(self, part: BodyPart, facts: Any = None) -> LoadedPart:
+        return load_part(self._context, self._program, self._cast, part, facts)
+
+    def _set_others(self, others: Sequence[Body]) -> None:
+        """Shadow maps of the other bodies, as the lights see them; empty maps without any."""
         parts = [part for other in others for part in self.body.parts_of(other)]
-        corners = np.concatenate([part.vertices for part in parts])
+        corners = np.concatenate([part.vertices for part in parts]) if parts else self.body.corners
         middle = (corners.min(axis=0) + corners.max(axis=0)) / 2
         caster = Caster(middle, float(np.linalg.norm(corners - middle, axis=1).max()) * 1.02)
         lights = _local_lights(self.environment, self.body, OBJECT_CUTS, middle, caster.radius)
-        loaded = [load_part(self._context, self._program, caster_program, part) for part in parts]
-        self._others = shadow_atlas(self._context, caster_program, loaded, lights, caster)
+        loaded = [self._load(part) for part in parts]
+        _release(self._others)
+        self._others = shadow_atlas(self._context, self._cast, loaded, lights, caster)
+        _release(*loaded)
         right, above = light_axes(lights, caster.radius)
         rows = {
             "other_direction": lights.directions,
@@ -227,8 +263,7 @@ class ObjectRenderer:
         import moderngl
 
         basis = self.body.basis
-        share = self.plane.share
-        self._plane_texture = self._context.texture(share.shape[1::-1], 3, share.tobytes(), dtype="f4")
+        _release(self._environment)
         levels = reflection_levels(environment)
         self._environment = self._context.texture(levels[0].shape[1::-1], 3, levels[0].tobytes(), dtype="f4")
         self._environment.build_mipmaps(0, LEVELS)
@@ -239,7 +274,6 @@ class ObjectRenderer:
         for program in (self._program, self._light):
             for name, row in (("plane_one", 0), ("plane_two", 1), ("plane_up", 2)):
                 program[name].value = tuple(float(v) for v in basis[row])
-            program["map_radius"].value = self.plane.radius
             program["plane_map"].value, program["environment"].value = _PLANE, _ENVIRONMENT
             program["sharpest_level"].value, program["blurriest_level"].value = 0.0, float(LEVELS)
 
@@ -290,6 +324,13 @@ class ObjectRenderer:
             part.drawn.render()
         target.depth_mask = True
         context.disable(context.BLEND)
+
+
+def _release(*things: Any) -> None:
+    """Give the memory of the card back; None is nothing."""
+    for thing in things:
+        if thing is not None:
+            thing.release()
 
 
 def _read(target: Any, window: Window, attachment: int, components: int) -> NDArray[np.float32]:

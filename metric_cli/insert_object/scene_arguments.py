@@ -19,6 +19,8 @@ __all__ = ["add_scene_arguments", "requests_of", "stage_of", "tree_of"]
 
 #: Metres beyond which no plane of a scene reaches.
 FARTHEST_M = 1e6
+#: Seconds of the longest animation; metres a second of what moves over a floor.
+LONGEST_S, SLOWEST_M_S, FASTEST_M_S = 1e6, 1e-3, 1e3
 
 
 class _PerModel(argparse.Action):
@@ -63,6 +65,11 @@ def add_scene_arguments(root: argparse.ArgumentParser) -> None:
     add_one("--plane", metavar="N", type=int, action=_PerModel, help="a support plane, lowest first from 0")
     add_one("--xy", metavar="X,Y", action=_PerModel, help="metres along the plane's axes from its middle (default 0,0)")
     add_one("--facing", action=_PerModel, help="camera (default), wall, or degrees turned from the camera")
+    add_one("--clip", metavar="NAME", action=_PerModel, help="animation of the file (default: the first), or none")
+    add_one("--at-time", metavar="SECONDS", type=float, action=_PerModel, help="the pose of this time, standing still")
+    path = "points that it follows: pixels of the picture of --at, or metres with --plane"
+    add_one("--path", metavar='"X,Y X,Y ..."', action=_PerModel, help=path)
+    add_one("--speed", metavar="M_PER_S", type=float, action=_PerModel, help="on the path (default: the whole video)")
     root.set_defaults(objects=None)
 
 
@@ -98,6 +105,7 @@ def tree_of(options: argparse.Namespace) -> Any:
 def _request(stated: dict[str, Any]) -> ObjectRequest:
     from insertion.pipeline.request import ObjectRequest
     from insertion.placement.place import facing_of, point_of
+    from insertion.placement.walk import path_of
 
     ways = [name for name in ("at", "on", "plane") if stated.get(name) is not None]
     if len(ways) > 1:
@@ -111,7 +119,19 @@ def _request(stated: dict[str, Any]) -> ObjectRequest:
         _xy(stated.get("xy") or "0,0"),
         facing_of(stated.get("facing") or "camera"),
         stated.get("category"),
+        stated.get("clip"),
+        _number(stated, "at_time", 0.0, LONGEST_S),
+        () if stated.get("path") is None else path_of(stated["path"]),
+        _number(stated, "speed", SLOWEST_M_S, FASTEST_M_S),
     )
+
+
+def _number(stated: dict[str, Any], name: str, low: float, high: float) -> float | None:
+    value = stated.get(name)
+    if value is not None and not low <= value <= high:
+        option = name.replace("_", "-")
+        raise InputError(f"--{option}: expected a number from {low:g} to {high:g}; found {value:g}")
+    return None if value is None else float(value)
 
 
 def _up(words: str | None) -> Up | None:

@@ -130,6 +130,26 @@ def test_an_object_stands_in_the_shadow_of_another_and_shadows_are_not_doubled(c
     assert once.mean() > 1.5 * doubled.mean()
 
 
+def test_an_object_that_moved_is_drawn_as_one_that_stood_there(context: Any) -> None:
+    """Shadow maps, the light on the floor and the shadow of the other one follow it."""
+    before, there, other, view = _body(-0.4), _body(0.1, y=0.2), _body(0.5, (0.3, 0.3, 0.3)), _view()
+    moved = ObjectRenderer(context, before, _environment(), shading=[other], before=[other], moves=True)
+    fresh = ObjectRenderer(context, there, _environment(), shading=[other], before=[other], moves=True)
+    moved.stand(there, [other], [other])
+    one, two = (object_layers(renderer, view, whole=True) for renderer in (moved, fresh))
+    assert one is not None
+    assert two is not None
+    np.testing.assert_array_equal(one.image.colour, two.image.colour)
+    np.testing.assert_array_equal(one.plane_share, two.plane_share)
+    moved.stand(there)  # the other one has gone
+    fresh = ObjectRenderer(context, there, _environment(), moves=True)
+    one, two = (object_layers(renderer, view, whole=True) for renderer in (moved, fresh))
+    assert one is not None
+    assert two is not None
+    np.testing.assert_allclose(one.image.colour, two.image.colour, atol=1e-3)
+    np.testing.assert_array_equal(one.plane_share, two.plane_share)
+
+
 def test_no_shadow_falls_on_what_stands_in_front(context: Any) -> None:
     """A board before the floor, with an exact mask and few points: the floor's shadow was painted on it."""
     body, view = _body(0.0), _view()
@@ -226,7 +246,7 @@ class _Footage:
 
 
 def _stage() -> Any:
-    return SimpleNamespace(footage=_Footage(), scale=None)
+    return SimpleNamespace(footage=_Footage(), scale=None, start_s=0.0)
 
 
 def test_a_picture_is_decoded_once_for_all_sizes() -> None:
@@ -251,7 +271,14 @@ def test_each_result_has_its_own_seconds(monkeypatch: pytest.MonkeyPatch) -> Non
     place = SimpleNamespace(position=np.zeros(3), basis=np.eye(3), support="plane 0")
     model = SimpleNamespace(name="a", warnings=())
     placed = SimpleNamespace(
-        model=model, size=SimpleNamespace(warnings=()), warnings=(), size_m={}, place=place, heading_deg=0.0, body=None
+        model=model,
+        size=SimpleNamespace(warnings=()),
+        warnings=(),
+        size_m={},
+        place=place,
+        heading_deg=0.0,
+        body=None,
+        moves=False,
     )
     monkeypatch.setattr(frames, "gl_context", lambda: SimpleNamespace(release=lambda: None))
     monkeypatch.setattr(frames, "_renderer", lambda *_: SimpleNamespace(environment=None))

@@ -74,11 +74,6 @@ def test_faces_without_normals_are_flat(chair: Path) -> None:
     assert part.normals[part.faces] == pytest.approx(np.repeat(across[:, None], 3, axis=1), abs=1e-6)
 
 
-def test_an_animation_is_ignored_with_a_word(chair: Path, tmp_path: Path) -> None:
-    model = read_model(_with(chair, tmp_path / "moves.glb", animations=[{"channels": [], "samplers": []}]))
-    assert "animation" in model.warnings[0]
-
-
 @pytest.mark.parametrize(
     ("changes", "words"),
     [

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator.reconstructions.cameras import pixels_in_view
 from insertion.pipeline.frames import insert_objects, single_pictures
-from insertion.pipeline.objects import Placed, place_objects
+from insertion.pipeline.objects import Placed, place_objects, space_for
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.result import InsertionResult
+from insertion.placement.locate import plane_coordinates
 from tests.synthetic.insertions import RecordedRoom, added, stage_of, video_room, write_glb
 from tests.synthetic.rooms.render import Renderer
 from tests.synthetic.rooms.shapes import solid
@@ -44,6 +46,32 @@ def _insert(room: RecordedRoom, scale_error: float = 1.0) -> Inserted:
 @pytest.fixture(scope="module")
 def inserted(room: RecordedRoom) -> Inserted:
     return _insert(room)
+
+
+def test_a_model_that_walks_has_its_true_size_all_along(room: RecordedRoom) -> None:
+    """A chair drawn across the floor: in each picture it is where the way says, as the same chair would stand there."""
+    stage = stage_of(room)
+    model = write_glb(solid("chair", SIZE), room.folder / "walks.glb")
+    (stands,) = place_objects(stage, [ObjectRequest(model)])
+    assert stands.place.plane is not None
+    x, y = plane_coordinates(space_for(stage, stands.model, stands.size), stands.place) * stage.scale.metres_per_unit
+    request = ObjectRequest(model, plane=stands.place.plane, xy_m=(x, y), path=((x + 0.4, y),))
+    (walks,) = place_objects(stage, [request])
+    some = stage.with_frames((2, 4))
+    (result,) = insert_objects(some, [walks], lambda *_: None)
+    last = stage.footage.shots[-1]
+    for shot, frame in zip(some.footage.shots, result.frames, strict=True):
+        body = walks.body_at(shot.clock_s - stage.start_s)
+        gone = np.linalg.norm(body.position - walks.place.position) * stage.scale.metres_per_unit
+        assert gone == pytest.approx(0.4 * shot.index / last.index, abs=1e-6)
+        assert body.unit == pytest.approx(walks.body.unit)
+        assert shot.view is not None
+        if frame.silhouette is None:
+            continue
+        pixels, _ = pixels_in_view(shot.view, body.position + body.unit * body.corners)
+        if np.isfinite(pixels).all():
+            box, low, high = frame.silhouette, pixels.min(axis=0), pixels.max(axis=0)
+            np.testing.assert_allclose([box[0], box[1], box[2], box[3]], [*low, *(high - low)], atol=2.0)
 
 
 def _true_masks(inserted: Inserted, alone: bool) -> list[np.ndarray]:

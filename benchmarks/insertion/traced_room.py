@@ -328,7 +328,7 @@ def _compared(
     truth: Sequence[NDArray[np.uint8]],
     out: Path,
 ) -> dict[str, Any]:
-    """Ours over the truth: brightness, channels, brightness in the true shadow, and the shadows' ways over the floor."""
+    """Ours over the truth: brightness, channels, light in the true shadow, the ways of the shadows over the floor."""
     import cv2
 
     inside: list[list[NDArray[np.float32]]] = [[], []]

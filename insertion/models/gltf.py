@@ -140,6 +140,7 @@ class _Document:
         )
 
     def _parts(self, node: Mapping[str, Any], number: int, world: Sequence[FloatArray]) -> Iterator[Part]:
+        """The parts of one node; world : (4, 4) of each node."""
         mesh = int(node["mesh"])
         joints = None
         if "skin" in node:

@@ -123,6 +123,7 @@ def _with_own_corners(read: Primitive) -> Primitive:
     rows = read.faces.reshape(-1)
 
     def own(values: FloatArray | None) -> Any:
+        """(3 m, k) rows of values (n, k), one for each corner of a face."""
         return None if values is None else values[rows]
 
     targets = tuple((own(moved), None) for moved, _ in read.targets)

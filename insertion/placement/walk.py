@@ -45,6 +45,7 @@ class Walk:
         return np.asarray(ahead / max(float(np.linalg.norm(ahead)), 1e-12))
 
     def _at(self, way: float) -> FloatArray:
+        """(3,) place after a way, scene units."""
         return np.array([np.interp(way, self.along, self.corners[:, k]) for k in range(3)])
 
 

@@ -148,7 +148,7 @@ class _Document:
         morphs = np.asarray(node.get("weights", self._header["meshes"][mesh].get("weights", [])), dtype=np.float64)
         for primitive in self._mesh(mesh):
             if len(primitive.faces):
-                yield primitive.posed(world[number], joints, morphs)
+                yield primitive.pose(world[number], joints, morphs)
 
     def _mesh(self, number: int) -> list[Primitive]:
         if number not in self._primitives:

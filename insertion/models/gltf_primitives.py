@@ -41,13 +41,13 @@ class Primitive:
     weights: FloatArray | None
     targets: tuple[tuple[FloatArray | None, FloatArray | None], ...]
 
-    def posed(self, matrix: FloatArray, joints: FloatArray | None, morphs: FloatArray) -> Part:
+    def pose(self, matrix: FloatArray, joints: FloatArray | None, morphs: FloatArray) -> Part:
         """The part in the frame of the file.
 
         matrix : (4, 4) of the node; joints : (j, 4, 4) of its skin, which count in its place; morphs : (t,) weights of
         the targets.
         """
-        points, normals = self._morphed(morphs)
+        points, normals = self._with_targets(morphs)
         if joints is not None and self.which is not None and self.weights is not None:
             matrix = skin_transforms(self.which, self.weights, joints, len(points))
         matrix = np.broadcast_to(matrix, (len(points), 4, 4)) if matrix.ndim == 2 else matrix
@@ -65,7 +65,7 @@ class Primitive:
             normals = np.einsum("nij,nj->ni", turn, normals) * np.where(mirrored, -1.0, 1.0)[:, None]
         return Part(moved, _unit(normals), self.uv, faces, self.material, self.color)
 
-    def _morphed(self, morphs: FloatArray) -> tuple[FloatArray, FloatArray | None]:
+    def _with_targets(self, morphs: FloatArray) -> tuple[FloatArray, FloatArray | None]:
         """Points and normals (n, 3) with the targets by their weights (t,)."""
         points, normals = self.points, self.normals
         for weight, (moved, turned) in zip(morphs, self.targets, strict=False):

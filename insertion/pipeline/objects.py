@@ -16,7 +16,7 @@ from insertion.models.size import Size, model_size
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import Stage
 from insertion.placement.free_space import Space, candidates
-from insertion.placement.heading import heading, turned
+from insertion.placement.heading import heading, turn_about
 from insertion.placement.locate import level_point, place_at_point, place_on_plane, plane_point
 from insertion.placement.on_objects import instances_named, place_on_category
 from insertion.placement.place import NoPlace, Place
@@ -69,7 +69,7 @@ class Placed:
         if self.walk is not None:
             model = self.act.at(min(time_s, self.walk.arrival_s))  # who has arrived stands
             position = self.walk.place(time_s)
-            front = turned(self.walk.front(time_s), self.place.basis[2], self.heading_deg)
+            front = turn_about(self.walk.front(time_s), self.place.basis[2], self.heading_deg)
         unit = self.body.unit / float((bounds[1] - bounds[0]).max())
         return body_of(model, position, self.place.basis, front, unit, bounds)
 
@@ -135,7 +135,7 @@ def _standing(stage: Stage, request: ObjectRequest, act: Acting, size: Size, pla
         front, angle = heading(place, request.facing, stage.cloud)
     else:
         angle = _path_turn(request)
-        front = turned(walk.front(0.0), place.basis[2], angle)
+        front = turn_about(walk.front(0.0), place.basis[2], angle)
     # metres divided by the scale, and nothing else
     body = body_of(act.model, place.position, place.basis, front, size.factor / stage.scale.metres_per_unit, act.bounds)
     words = [*_taken(stage, act.model, body), *_beside(walk, place, surface)]

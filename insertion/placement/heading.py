@@ -9,7 +9,7 @@ from insertion.scene.cloud import Cloud
 from insertion.scene.patches import plane_patches
 from metric_base.arrays import FloatArray
 
-__all__ = ["heading", "turned"]
+__all__ = ["heading", "turn_about"]
 
 #: A plane whose normal's cosine with up is below this is upright; it is a wall if it spans this share of the scene's
 #: own height, as a wall does between furniture and the pictures' upper border.
@@ -33,10 +33,10 @@ def heading(place: Place, facing: float | str, cloud: Cloud) -> tuple[FloatArray
         away = _away_from_wall(place, cloud)
         angle = float(np.degrees(np.arctan2(np.cross(front, away) @ up, front @ away)))
         return away, angle
-    return turned(front, up, float(facing)), float(facing)
+    return turn_about(front, up, float(facing)), float(facing)
 
 
-def turned(front: FloatArray, up: FloatArray, degrees: float) -> FloatArray:
+def turn_about(front: FloatArray, up: FloatArray, degrees: float) -> FloatArray:
     """A horizontal direction (3,) turned counter-clockwise seen from above; up : (3,) unit vector."""
     angle = np.radians(degrees)
     return np.asarray(np.cos(angle) * front + np.sin(angle) * np.cross(up, front))

@@ -33,7 +33,7 @@ class LoadedPart:
     middle: NDArray[np.float64]
     buffers: tuple[Any, Any]
 
-    def moved(self, part: BodyPart) -> LoadedPart:
+    def at_vertices(self, part: BodyPart) -> LoadedPart:
         """The same part with its vertices elsewhere; the old one is not used any more."""
         self.buffers[0].write(_rows(part))
         return replace(self, middle=part.vertices.mean(axis=0))

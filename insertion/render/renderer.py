@@ -120,7 +120,7 @@ class ObjectRenderer:
         if first:
             self._parts = [self._load(part, self._gather) for part in body.parts]
         else:
-            self._parts = [old.moved(part) for old, part in zip(self._parts, body.parts, strict=True)]
+            self._parts = [old.at_vertices(part) for old, part in zip(self._parts, body.parts, strict=True)]
         _release(self._atlas)
         self._atlas = shadow_atlas(self._context, self._cast, self._parts, lights, caster)
         # what moves is drawn again for each picture

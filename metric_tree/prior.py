@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,7 @@ SHARED_KINDS = (
 )  # fmt: skip
 
 _erf = np.frompyfunc(math.erf, 1, 1)
+_STANDARD = NormalDist()
 
 
 class UnknownDimension(InputError, KeyError):
@@ -168,30 +170,24 @@ class Prior:
 
     def quantile(self, q: float) -> FloatArray:
         """Quantile `q` (0 < q < 1) of each dimension's own marginal, (d,) in mm."""
-        if not 0 < q < 1:
-            raise InputError(f"quantile: expected a number between 0 and 1; found {q!r}")
+        row: FloatArray = self.quantiles((q,))[0]
+        return row
+
+    def quantiles(self, levels: Sequence[float]) -> FloatArray:
+        """The quantile of each dimension's own marginal at each of the levels (0 < q < 1), (q, d) in mm."""
+        if wrong := [q for q in levels if not 0 < q < 1]:
+            raise InputError(f"quantile: expected a number between 0 and 1; found {wrong[0]!r}")
         sd = np.sqrt(np.diagonal(self._covariances, axis1=1, axis2=2))  # (k, d)
-        low, high = (self.means - BRACKET_SD * sd).min(axis=0), (self.means + BRACKET_SD * sd).max(axis=0)  # (d,)
-        place = self.weights @ self.means
-        for _ in range(MOST_STEPS):  # Newton's steps; a halving where one leads out of the bracket
-            z = (place - self.means) / sd
-            excess = self.weights @ _normal_cdf(z) - q  # (d,)
-            low, high = np.where(excess < 0, place, low), np.where(excess < 0, high, place)
-            density = self.weights @ (np.exp(-(z**2) / 2) / (sd * math.sqrt(2 * math.pi)))
-            with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
-                newton = place - excess / density
-            following = np.where((newton >= low) & (newton <= high), newton, (low + high) / 2)
-            place, step = following, np.abs(following - place).max()
-            if step < LEAST_STEP:
-                break
-        sizes: FloatArray = np.exp(place)
-        return sizes
+        if len(self.weights) == 1:
+            z = np.array([_STANDARD.inv_cdf(q) for q in levels])
+            return np.asarray(np.exp(self.means[0] + z[:, None] * sd[0]))
+        return np.asarray(np.exp(_mixture_quantiles(np.asarray(levels, dtype=float), self.weights, self.means, sd)))
 
     def interval(self, level: float) -> FloatArray:
         """Equal-tailed interval that holds `level` of each dimension's marginal, (d, 2) in mm."""
         if not 0 < level < 1:
             raise InputError(f"level: expected a number between 0 and 1; found {level!r}")
-        return np.stack([self.quantile((1 - level) / 2), self.quantile((1 + level) / 2)], axis=1)
+        return self.quantiles(((1 - level) / 2, (1 + level) / 2)).T
 
     def log_sd(self) -> FloatArray:
         """Standard deviation of ln size of an object of unknown source in each dimension, (d,).
@@ -298,6 +294,27 @@ class Prior:
     def _covariances(self) -> FloatArray:
         """Component covariances of an object of unknown source, (k, d, d)."""
         return self.covariances + self.shared_covariance
+
+
+def _mixture_quantiles(levels: FloatArray, weights: FloatArray, means: FloatArray, sd: FloatArray) -> FloatArray:
+    """Quantiles (q, d) of mixtures of one dimension each: weights (k,), means and standard deviations (k, d)."""
+    wanted = levels[:, None]
+    low = np.broadcast_to((means - BRACKET_SD * sd).min(axis=0), (len(levels), means.shape[1]))  # (q, d)
+    high = np.broadcast_to((means + BRACKET_SD * sd).max(axis=0), low.shape)
+    place = np.broadcast_to(weights @ means, low.shape)
+    slopes = weights[:, None] / (sd * math.sqrt(2 * math.pi))
+    for _ in range(MOST_STEPS):  # Newton's steps; a halving where one leads out of the bracket
+        z = (place[:, None] - means) / sd  # (q, k, d)
+        excess = np.einsum("k,qkd->qd", weights, _normal_cdf(z)) - wanted
+        low, high = np.where(excess < 0, place, low), np.where(excess < 0, high, place)
+        density = np.einsum("kd,qkd->qd", slopes, np.exp(-(z**2) / 2))
+        with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+            newton = place - excess / density
+        following = np.where((newton >= low) & (newton <= high), newton, (low + high) / 2)
+        place, step = following, np.abs(following - place).max()
+        if step < LEAST_STEP:
+            break
+    return place
 
 
 def _normal_cdf(z: FloatArray) -> FloatArray:

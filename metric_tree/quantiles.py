@@ -44,7 +44,7 @@ def _sizes(prior: Prior | None) -> dict[str, Any]:
     if prior is None:
         return {}
     row: dict[str, Any] = {"n_sources": prior.n_sources}
-    for q in QUANTILES:
-        for dim, mm in zip(prior.dims, prior.quantile(q), strict=True):
+    for q, sizes in zip(QUANTILES, prior.quantiles(QUANTILES), strict=True):
+        for dim, mm in zip(prior.dims, sizes, strict=True):
             row[f"{dim}_q{round(100 * q):02d}_mm"] = float(f"{mm:.5g}")
     return row

@@ -16,8 +16,8 @@ __all__ = [
     "slug",
 ]
 
-#: Rows of one page of items: some 25 kB of JSON. The static site has the first page; the CSV beside it has all.
-PAGE_ROWS = 100
+#: Rows of one page of items: some 12 kB of JSON. The static site has the first page; the CSV beside it has all.
+PAGE_ROWS = 50
 
 #: From this level down a node's items are a CSV file of the static site; those of a node above it are its children's.
 LISTED_LEVEL = 4

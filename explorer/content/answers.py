@@ -7,8 +7,6 @@ from base64 import urlsafe_b64decode, urlsafe_b64encode
 from collections import Counter
 from typing import Any
 
-import numpy as np
-
 from explorer.content.addresses import (
     LEAST_PARQUET,
     LISTED_LEVEL,
@@ -142,7 +140,7 @@ def prior_answer(
     density_at: FloatArray | None = None,
 ) -> PriorAnswer:
     """A prior with its quantiles, and its log density at sizes (n, d) in mm where these are given."""
-    table = np.stack([prior.quantile(q) for q in quantiles])
+    table = prior.quantiles(quantiles)
     return PriorAnswer(
         tree=tree_reference(catalogue.tree),
         node=node.node_id,

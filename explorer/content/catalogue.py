@@ -93,8 +93,9 @@ class Catalogue:
         """`QUANTILES` of a node's default prior, (5, d) in mm; d is 0 where it has none."""
         if node.node_id not in self._quantiles:
             prior = self.prior(node)
-            rows = [() if prior is None else prior.quantile(q) for q in QUANTILES]
-            self._quantiles[node.node_id] = np.array(rows, dtype=float)
+            self._quantiles[node.node_id] = (
+                np.zeros((len(QUANTILES), 0)) if prior is None else prior.quantiles(QUANTILES)
+            )
         return self._quantiles[node.node_id]
 
     @cached_property

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from html import escape
 from itertools import pairwise
 
+import numpy as np
+
 from explorer.content.units import length_text
+from metric_base.arrays import FloatArray
 
 __all__ = ["LogAxis", "path_data", "svg"]
 
@@ -33,6 +36,11 @@ class LogAxis:
         share = (math.log(mm) - math.log(self.low)) / (math.log(self.high) - math.log(self.low))
         return self.start + min(max(share, 0.0), 1.0) * (self.end - self.start)
 
+    def along(self, sizes: FloatArray) -> FloatArray:
+        """The same of many lengths in mm, an array of any shape."""
+        share = np.log(sizes / self.low) / math.log(self.high / self.low)
+        return np.asarray(self.start + np.clip(share, 0, 1) * (self.end - self.start))
+
     def ticks(self) -> list[float]:
         """Round lengths in mm that do not meet: the roundest first, others between them where there is room."""
         first, last = math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))
@@ -48,10 +56,10 @@ class LogAxis:
 
     def svg(self, y: float, top: float) -> str:
         """The ticks as grid lines from `y` up to `top`, with their lengths below."""
-        return "".join(
-            f'<path class="grid" d="M{self.at(tick):.1f} {y:g}V{top:g}"/>'
-            f'<text x="{self.at(tick):.1f}" y="{y + 12:g}" text-anchor="middle">{length_text(tick)}</text>'
-            for tick in self.ticks()
+        places = [(f"{self.at(tick):.0f}", length_text(tick)) for tick in self.ticks()]
+        lines = "".join(f"M{x} {y:g}V{top:g}" for x, _ in places)
+        return f'<path class="grid" d="{lines}"/>' + "".join(
+            f'<text x="{x}" y="{y + 12:g}">{text}</text>' for x, text in places
         )
 
 

@@ -17,7 +17,7 @@ KINDS = ("measured", "product", "standard", "norm", "statistic", "museum", "asse
 WIDTH, TOP, BOTTOM, MARGIN = 340, 8, 118, 14
 
 #: Points of the curve and bins of the histogram.
-POINTS, BINS = 57, 24
+POINTS, BINS = 49, 24
 
 #: Fewest items for a histogram; fewer are drawn as marks under the curve.
 LEAST_BARS = 8
@@ -39,12 +39,12 @@ def length_axis(prior: Prior, sizes: FloatArray) -> LogAxis:
     return LogAxis(float(low), float(high), MARGIN, WIDTH - MARGIN)
 
 
-def distribution(name: str, prior: Prior, sizes: FloatArray, kinds: FloatArray) -> str:
+def distribution(name: str, prior: Prior, interval: FloatArray, sizes: FloatArray, kinds: FloatArray) -> str:
     """The SVG of one dimension.
 
     Parameters
     ----------
-    name : of the dimension; prior : over it alone
+    name : of the dimension; prior : over it alone; interval : (3,) mm, its 5 %, 50 % and 95 % quantile
     sizes : (n,) mm of the shipped items; kinds : (n,) their kinds of evidence
     """
     axis = length_axis(prior, sizes)
@@ -53,10 +53,9 @@ def distribution(name: str, prior: Prior, sizes: FloatArray, kinds: FloatArray) 
     edges = np.geomspace(axis.low, axis.high, BINS + 1)
     bars = _stacks(sizes, kinds, edges)
     top = max(float(density.max()), max((sum(stack.values()) for stack in bars), default=0.0))
-    median = float(prior.quantile(0.5)[0])
-    low, high = (float(value) for value in prior.interval(0.9)[0])
+    low, median, high = interval.tolist()
     height = (BOTTOM - TOP) / top
-    curve = path_data(zip([axis.at(x) for x in grid], BOTTOM - density * height, strict=True))
+    curve = path_data(zip(axis.along(grid), BOTTOM - density * height, strict=True))
     band = f'<path class="band" d="M{axis.at(low):.1f} {TOP}H{axis.at(high):.1f}V{BOTTOM}H{axis.at(low):.1f}Z"/>'
     middle = f'<path class="median" d="M{axis.at(median):.1f} {TOP}V{BOTTOM}"/>'
     said = f"{name}: median {length_text(median)}, 90 % interval {range_text(low, high)}, {sizes.size} shipped items"
@@ -84,8 +83,9 @@ def _marks(sizes: FloatArray, kinds: FloatArray, axis: LogAxis) -> str:
 def _bars(bars: list[dict[str, float]], edges: FloatArray, axis: LogAxis, height: float) -> str:
     """One path for each kind: rectangles that stand on those of the kinds before it."""
     paths: dict[str, list[str]] = {}
+    at = axis.along(edges).tolist()
     for number, stack in enumerate(bars):
-        left, right = axis.at(edges[number]), axis.at(edges[number + 1])
+        left, right = at[number : number + 2]
         floor = float(BOTTOM)
         for kind in KINDS:
             if kind in stack:

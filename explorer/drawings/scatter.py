@@ -32,10 +32,10 @@ def scatter(prior: Prior, sizes: FloatArray, kinds: FloatArray) -> str:
     upward = length_axis(prior.marginal(prior.dims[1:]), sizes[:, 1])
     right = LogAxis(across.low, across.high, LEFT, RIGHT)
     up = LogAxis(upward.low, upward.high, BOTTOM, TOP)
-    side = "".join(
-        f'<path class="grid" d="M{LEFT} {up.at(tick):.1f}H{RIGHT}"/>'
-        f'<text x="{LEFT - 4}" y="{up.at(tick) + 4:.1f}" text-anchor="end">{length_text(tick)}</text>'
-        for tick in up.ticks()
+    ticks = [(up.at(tick), length_text(tick)) for tick in up.ticks()]
+    lines = "".join(f"M{LEFT} {y:.0f}H{RIGHT}" for y, _ in ticks)
+    side = f'<path class="grid" d="{lines}"/>' + "".join(
+        f'<text class="end" x="{LEFT - 4}" y="{y + 4:.0f}">{text}</text>' for y, text in ticks
     )
     chosen = np.linspace(0, len(sizes) - 1, min(len(sizes), MOST_POINTS)).astype(int)
     points = "".join(_points(kind, sizes[chosen][kinds[chosen] == kind], right, up) for kind in KINDS)
@@ -51,7 +51,8 @@ def scatter(prior: Prior, sizes: FloatArray, kinds: FloatArray) -> str:
 def _points(kind: str, sizes: FloatArray, right: LogAxis, up: LogAxis) -> str:
     if not len(sizes):
         return ""
-    data = "".join(f"M{right.at(a):.1f} {up.at(b):.1f}h0" for a, b in sizes)
+    places = zip(right.along(sizes[:, 0]).tolist(), up.along(sizes[:, 1]).tolist(), strict=True)
+    data = "".join(f"M{x:.0f} {y:.0f}h0" for x, y in places)
     return f'<path class="dots dots-{kind}" d="{data}"/>'
 
 
@@ -61,4 +62,5 @@ def _ellipse(prior: Prior, k: int, right: LogAxis, up: LogAxis) -> list[tuple[fl
     lower = np.linalg.cholesky(covariance) * np.sqrt(RADIUS_SQUARED)
     angles = np.linspace(0, 2 * np.pi, 36, endpoint=False)
     logs = prior.means[k] + np.stack([np.cos(angles), np.sin(angles)], axis=1) @ lower.T  # (36, 2)
-    return [(right.at(a), up.at(b)) for a, b in np.exp(logs)]
+    sizes = np.exp(logs)
+    return list(zip(right.along(sizes[:, 0]).tolist(), up.along(sizes[:, 1]).tolist(), strict=True))

@@ -93,7 +93,7 @@ def _labels(labels: list[tuple[float, str]]) -> str:
         row = 1 - row if x - last < 6 * len(text) + 12 else 0
         last = x
         placed = min(max(x, 16.0), WIDTH - 20.0)
-        texts += f'<text x="{placed:.1f}" y="{FLOOR + 13 + 11 * row}" text-anchor="middle">{text}</text>'
+        texts += f'<text x="{placed:.1f}" y="{FLOOR + 13 + 11 * row}">{text}</text>'
     return texts
 
 
@@ -104,5 +104,5 @@ def _bar(scale: float) -> str:
     length = next(step * power for step in (5, 2, 1) if step * power <= most)
     return (
         f'<path class="bar" d="M{MARGIN} {HEIGHT - 6}v4h{length * scale:.1f}v-4"/>'
-        f'<text x="{MARGIN + length * scale + 5:.1f}" y="{HEIGHT - 2}">{length_text(length)}</text>'
+        f'<text class="start" x="{MARGIN + length * scale + 5:.1f}" y="{HEIGHT - 2}">{length_text(length)}</text>'
     )

@@ -76,8 +76,8 @@ def node_page(catalogue: Catalogue, node: Node) -> bytes:
         sizes=list(zip(answer.dims, table.T.tolist(), strict=True)),
         drawing=Markup(to_scale(shown_name(node), _box(prior, table))) if prior else "",
         distributions=[
-            (dim, Markup(distribution(dim, prior.marginal((dim,)), _known(sizes, dim), _kinds_of(sizes, kinds, dim))))
-            for dim in prior.dims
+            (dim, Markup(_distribution(dim, prior, table[[0, 2, 4], place], sizes, kinds)))
+            for place, dim in enumerate(prior.dims)
         ]
         if prior
         else [],
@@ -100,7 +100,7 @@ def node_page(catalogue: Catalogue, node: Node) -> bytes:
         csv_href=csv_of(node.node_id),
         parquet_href=parquet_of(node.node_id),
         outside=outside_links(catalogue, node),
-        report_href=_report(catalogue, node, answer.sentence),
+        report_href=_report(catalogue, node),
     )
 
 
@@ -110,14 +110,10 @@ def _evidence(node: Node, n_sources: int) -> str:
     return f"From {items} and {sources}." if node.n_items else f"From no real item, and {sources}."
 
 
-def _known(sizes: FloatArray, dim: str) -> FloatArray:
+def _distribution(dim: str, prior: Prior, interval: FloatArray, sizes: FloatArray, kinds: Any) -> str:
     column = sizes[:, AXES.index(dim)]
-    known: FloatArray = column[~np.isnan(column)]
-    return known
-
-
-def _kinds_of(sizes: FloatArray, kinds: Any, dim: str) -> Any:
-    return kinds[~np.isnan(sizes[:, AXES.index(dim)])]
+    known = ~np.isnan(column)
+    return distribution(dim, prior.marginal((dim,)), interval, column[known], kinds[known])
 
 
 def _scatter(prior: Prior, sizes: FloatArray, kinds: Any) -> tuple[str, str]:
@@ -164,7 +160,7 @@ def _context(node: Node, prior: Prior) -> dict[str, Any] | None:
             where = Where(None if region == "world" else region, year)
             plain = where.region is None and where.year is None
             moved = prior if plain else prior.in_context(where, model)
-            rows = np.stack([moved.quantile(q) for q in (0.05, 0.5, 0.95)]).T
+            rows = moved.quantiles((0.05, 0.5, 0.95)).T
             table[region].append([[float(f"{mm:.4g}") for mm in row] for row in rows])
     return {"regions": list(table), "years": [round(year) for year in steps], "table": table}
 
@@ -245,7 +241,6 @@ def _picture(image: dict[str, Any], item: dict[str, Any], path: str, share: floa
     }
 
 
-def _report(catalogue: Catalogue, node: Node, sentence: str) -> str:
-    known = f"Node: {node.node_id}\nRelease: {catalogue.tree.version}\nThe page says: {sentence}"
-    body = f"{known}\n\nWhat is wrong:\n\nA source:\n"
+def _report(catalogue: Catalogue, node: Node) -> str:
+    body = f"Node: {node.node_id}\nRelease: {catalogue.tree.version}\n\nWhat is wrong:\n\nA source:\n"
     return f"{ISSUES}?title={quote(f'{node.name}: ')}&body={quote(body)}"

@@ -14,7 +14,7 @@ from metric_tree.tree import Node
 __all__ = ["multiples"]
 
 #: Rows of one table: a page stays light.
-MOST_ROWS = 11
+MOST_ROWS = 9
 
 
 #: Share of the rows from which a dimension may be the axis, though another is known of more rows.

@@ -134,13 +134,14 @@ class Explorer:
             sizes = tuple(numbers(asked.get("density_at", ""), "density_at"))
             where = asked.get("where") or None
             question = partial(asked_prior, catalogue, node, dims, where, quantiles, sizes)
-            return await self._made(request, catalogue, (node.node_id, dims, where, quantiles, sizes), question)
+            key = (node.node_id, dims, where, quantiles, sizes)
+            return await self._made(request, catalogue, key, question, quick=True)
         if what == "items" and asked:
             _see_parameters(request, {"cursor", "page"})
             made = await run_in_threadpool(asked_items, catalogue, node, asked.get("cursor") or asked.get("page"))
             if made is None:
                 return problem(404, "cursor: no such page", request.url.path)
-            return response_of(request, Delivered.of(Answer(made, _JSON)), self._etag(catalogue))
+            return response_of(request, Delivered(Answer(made, _JSON)), self._etag(catalogue))
         _see_parameters(request, set())
         return await self._file(request, catalogue, f"v1/nodes/{slug(node.node_id)}{f'/{what}' if what else ''}.json")
 
@@ -151,18 +152,21 @@ class Explorer:
             made = await run_in_threadpool(answer, catalogue, address)
             if made is None:
                 return problem(404, f"nothing is at /{address[:200]}", request.url.path)
-            found = await run_in_threadpool(Delivered.of, made)
+            found = Delivered(made)
             self.shelf.put(key, found)
         return response_of(request, found, etag)
 
     async def _made(
-        self, request: Request, catalogue: Catalogue, what: object, question: Callable[[], bytes]
+        self, request: Request, catalogue: Catalogue, what: object, question: Callable[[], bytes], quick: bool = False
     ) -> Response:
-        """The answer to a question, from the shelf where it was asked before."""
+        """The answer to a question, from the shelf where it was asked before.
+
+        quick : whether it takes less time than the way to another thread and back
+        """
         key = (catalogue.tree.version, what)
         found = self.shelf.get(key)
         if found is None:
-            found = Delivered.of(Answer(await run_in_threadpool(question), _JSON))
+            found = Delivered(Answer(question() if quick else await run_in_threadpool(question), _JSON))
             self.shelf.put(key, found)
         return response_of(request, found, self._etag(catalogue))
 
@@ -171,14 +175,16 @@ class Explorer:
         if not path.is_file():
             return problem(404, f"nothing is at /{address}", request.url.path)
         kind = {"webp": "image/webp", "jpg": "image/jpeg", "png": "image/png"}[path.suffix[1:]]
-        return response_of(request, Delivered(Answer(path.read_bytes(), kind), b""), path.stem, PICTURE_S)
+        return response_of(request, Delivered(Answer(path.read_bytes(), kind)), path.stem, PICTURE_S)
 
     def _etag(self, catalogue: Catalogue) -> str:
         return f"{catalogue.etag}-{self.edition}"
 
 
-def application(trees: Sequence[Tree]) -> ASGIApp:
+def application(trees: Sequence[Tree], warm: bool = False) -> ASGIApp:
     """The application of releases, the first at the root, each other under `/releases/VERSION/`.
+
+    warm : whether the processes that compute scales of the first release start with it, rather than when they are asked
 
     Raises
     ------
@@ -193,6 +199,8 @@ def application(trees: Sequence[Tree]) -> ASGIApp:
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        if warm:
+            explorer.jobs[explorer.main.tree.version].warm()
         yield
         for jobs in explorer.jobs.values():
             jobs.stop()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 from collections import OrderedDict
-from dataclasses import dataclass
+from functools import cached_property
 from http import HTTPStatus
 
 import msgspec
@@ -18,6 +18,9 @@ __all__ = ["Delivered", "Shelf", "problem", "response_of"]
 
 #: Bytes of answers that are kept ready; some 2,000 pages.
 SHELF_BYTES = 64_000_000
+
+#: Bytes of an answer with its compressed form over those of the answer alone.
+WITH_GZIP = 1.4
 
 #: Shorter answers are sent as they are.
 LEAST_GZIP = 500
@@ -34,19 +37,18 @@ _HEADERS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
 class Delivered:
-    """An answer, and the same compressed; empty where that is no shorter."""
+    """An answer, and the same compressed once a client takes it so; empty where that is no shorter."""
 
-    answer: Answer
-    compressed: bytes
+    def __init__(self, answer: Answer) -> None:
+        self.answer = answer
 
-    @classmethod
-    def of(cls, answer: Answer) -> Delivered:
-        """The answer with its compressed form; the same bytes each time."""
-        if answer.media_type in _PLAIN or len(answer.body) < LEAST_GZIP:
-            return cls(answer, b"")
-        return cls(answer, gzip.compress(answer.body, 6, mtime=0))
+    @cached_property
+    def compressed(self) -> bytes:
+        """The compressed form; the same bytes each time."""
+        if self.answer.media_type in _PLAIN or len(self.answer.body) < LEAST_GZIP:
+            return b""
+        return gzip.compress(self.answer.body, 6, mtime=0)
 
 
 class Shelf:
@@ -85,7 +87,7 @@ def response_of(request: Request, made: Delivered, etag: str, seconds: int = 300
     if f'"{etag}"' in request.headers.get("if-none-match", ""):
         return Response(status_code=304, headers=headers)
     body = made.answer.body
-    if made.compressed and "gzip" in request.headers.get("accept-encoding", ""):
+    if "gzip" in request.headers.get("accept-encoding", "") and made.compressed:
         body = made.compressed
         headers["content-encoding"] = "gzip"
     headers["content-type"] = made.answer.media_type
@@ -101,4 +103,4 @@ def problem(status: int, detail: str, instance: str | None = None, headers: dict
 
 
 def _weight(made: Delivered) -> int:
-    return len(made.answer.body) + len(made.compressed) + 500
+    return int(len(made.answer.body) * WITH_GZIP) + 500

@@ -82,7 +82,7 @@ def _lengths(lengths: Sequence[dict[str, float]]) -> tuple[Any, ...]:
 
 
 class ScaleJobs:
-    """Processes that compute scales; started with the first request."""
+    """Processes that compute scales; started by `warm`, or by the first request."""
 
     def __init__(self, directory: Path) -> None:
         self._directory = directory
@@ -103,9 +103,7 @@ class ScaleJobs:
             raise Busy("too many scale requests at once; try again in a few seconds")
         self._jobs += 1
         try:
-            if self._pool is None:
-                self._pool = ProcessPoolExecutor(RUNNING, get_context("spawn"), _start, (self._directory,))
-            job = asyncio.get_running_loop().run_in_executor(self._pool, _scale, body)
+            job = asyncio.get_running_loop().run_in_executor(self._started(), _scale, body)
             return await asyncio.wait_for(asyncio.shield(job), LIMIT_S)
         except TimeoutError:
             raise Busy(f"the answer took longer than {LIMIT_S:g} s; ask with fewer objects") from None
@@ -114,6 +112,16 @@ class ScaleJobs:
             raise Busy("the computing process ended; try again") from None
         finally:
             self._jobs -= 1
+
+    def warm(self) -> None:
+        """Start the processes; the first request then finds the estimator and the release in memory."""
+        for _ in range(RUNNING):
+            self._started().submit(_rehearse)
+
+    def _started(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            self._pool = ProcessPoolExecutor(RUNNING, get_context("spawn"), _start, (self._directory,))
+        return self._pool
 
     def stop(self) -> None:
         """End the processes; a job that runs is given up."""
@@ -127,6 +135,11 @@ _trees: dict[str, Tree] = {}
 
 def _start(directory: Path) -> None:
     _trees["tree"] = open_tree(directory)
+
+
+def _rehearse() -> None:
+    """A small scale: what it loads stays loaded."""
+    scale_record(ScaleRequest(objects=[{"category": "chair", "dimensions": {"height": 0.45}}]), _trees["tree"])
 
 
 def _scale(body: bytes) -> bytes:

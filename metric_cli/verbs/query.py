@@ -6,8 +6,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from metric_base.errors import InputError
 from metric_cli.arguments import OutputFile
 from metric_cli.terminal import print_json, print_table
@@ -105,7 +103,7 @@ def _images(node: Node, count: int | None, sheet: Path | None) -> list[dict[str,
 
 
 def _quantiles(prior: Prior) -> dict[str, dict[str, float]]:
-    table = np.column_stack([prior.quantile(q) for q in QUANTILES])
+    table = prior.quantiles(QUANTILES).T
     return {
         dim: {f"{q:g}": round(float(value), 2) for q, value in zip(QUANTILES, row, strict=True)}
         for dim, row in zip(prior.dims, table, strict=True)

@@ -17,11 +17,10 @@
   }
   function chosenUnit() { return document.getElementById("units").value; }
   function showUnits(within) {
-    for (const one of within.querySelectorAll("data.mm")) one.textContent = lengthText(Number(one.value), chosenUnit());
+    for (const one of within.querySelectorAll("data")) one.textContent = lengthText(Number(one.value), chosenUnit());
   }
   function sizeElement(mm) {
     const one = document.createElement("data");
-    one.className = "mm";
     one.value = String(mm);
     one.textContent = lengthText(mm, chosenUnit());
     return one;
@@ -151,7 +150,10 @@
   }
 
   // The search's script and its index are loaded when the box is first used.
-  const box = document.getElementById("search");
+  const box = document.getElementById("search"), list = document.createElement("ul");
+  for (const [key, value] of Object.entries({ id: "hits", role: "listbox", "aria-label": "Results", hidden: "" })) list.setAttribute(key, value);
+  for (const [key, value] of Object.entries({ role: "combobox", "aria-expanded": "false", "aria-controls": "hits", "aria-autocomplete": "list" })) box.setAttribute(key, value);
+  box.after(list);
   let asked = false;
   function load() {
     if (asked) return;

@@ -14,6 +14,7 @@ import multiprocessing
 import random
 import statistics
 import time
+from collections.abc import Callable
 from http.client import HTTPConnection
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -61,7 +62,7 @@ def print_rates(ports: list[int], count: int) -> None:
     bare, explorer = (HTTPConnection("127.0.0.1", port, timeout=60) for port in ports)
     nodes = sorted(metric_tree.open().leaves(), key=lambda node: -node.n_items)[:EVERYDAY]
     chance = random.Random(1)  # noqa: S311 - no secret
-    kinds = {
+    kinds: dict[str, Callable[[], float]] = {
         BARE: lambda: spent(bare, "/"),
         "node, static": lambda: spent(explorer, "/v1/nodes/chair.n.01.json"),
         "node, page": lambda: spent(explorer, "/nodes/chair.n.01.html"),

@@ -1,1 +1,1 @@
-"""How accurate the estimate is: one command writes docs/evidence/accuracy.md and its figures."""
+"""How accurate the estimate is: one command writes docs/evidence/accuracy.md."""

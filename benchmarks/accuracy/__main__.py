@@ -1,12 +1,12 @@
-"""How accurate the estimate is, in one command: `docs/evidence/accuracy.md` and its figures.
+"""How accurate the estimate is, in one command: `docs/evidence/accuracy.md`.
 
     python -m benchmarks.accuracy --quick                                   # a few minutes, nothing is built
     python -m benchmarks.accuracy --raw RAW --cache DIR --scenes DIR        # the whole
 
-RAW holds raw items (`metric-tree import`): a tree is built in the cache without one fold of them, from which the made
-rooms draw their sizes, and without the sources of ScanNet, whose rooms are judged. Without RAW the synthetic rooms draw
-typical sizes, and that part is left out. Seeds of synthetic rooms are 0 and up; whoever tunes anything uses seeds
-from 1000 on.
+RAW holds raw items (`metric-tree import`): a tree is built in the cache without one fold of them, from which the
+synthetic rooms draw their sizes, and without the sources of ScanNet, whose rooms are judged. Without RAW the synthetic
+rooms draw typical sizes, and that part is left out. Seeds of synthetic rooms are 0 and up; constants are chosen on
+seeds from 1000 on.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ import numpy as np
 import metric_tree
 from benchmarks.accuracy.budget import budget_outcomes
 from benchmarks.accuracy.cases import scenes_on_disk, synthetic_rooms, synthetic_streets, tilted_rooms
-from benchmarks.accuracy.figures import write_figures
 from benchmarks.accuracy.methods import METHODS, UNTRACKED, object_outcomes, scene_outcomes
 from benchmarks.accuracy.outcomes import Outcome, read_outcomes, write_outcomes
 from benchmarks.accuracy.page import Facts, page
@@ -53,7 +52,7 @@ QUICK = {"rooms": [0], "streets": [0, 1], "scenes_a_cell": 10, "unseen_rooms": 2
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the parts, keep their outcomes, write the page and the figures."""
+    """Run the parts, keep their outcomes, write the page."""
     arguments = _arguments(argv)
     started = time.process_time()
     outcomes = read_outcomes(arguments.rows) if arguments.rows and arguments.rows.exists() else []
@@ -71,7 +70,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments.rows:
             write_outcomes(kept, arguments.rows)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    write_figures(kept, arguments.out)
     facts = Facts(
         command=arguments.command,
         earlier=tuple(dict.fromkeys(one.part for one in kept if one.part not in arguments.parts)),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.estimator.proper_scores import crps_of
+from estimator.records.curve import Curve
 from estimator.records.result import ScaleResult
 from metric_base.arrays import FloatArray
 
@@ -17,6 +17,7 @@ __all__ = [
     "LEVEL",
     "Outcome",
     "Summary",
+    "crps_of",
     "difference",
     "outcome_of",
     "read_outcomes",
@@ -73,6 +74,17 @@ class Summary:
     ratio: float
     score: float
     crps: float
+
+
+def crps_of(curve: Curve, truth: float) -> float:
+    """The integral of (F(u) - 1[u >= truth])^2 over log scale u, over the grid and out to the truth.
+
+    The continuous ranked probability score (Gneiting and Raftery 2007).
+    """
+    u, step = curve.log_scale, curve.log_scale[1] - curve.log_scale[0]
+    below = curve.below + np.cumsum(curve.density) * step
+    beyond = max(float(u[0]) - truth, truth - float(u[-1]), 0.0)
+    return float(((below - (u >= truth)) ** 2).sum() * step) + beyond
 
 
 def outcome_of(

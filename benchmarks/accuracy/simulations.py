@@ -8,8 +8,7 @@ from itertools import chain, product
 
 import numpy as np
 
-from benchmarks.accuracy.outcomes import Outcome
-from benchmarks.estimator.proper_scores import crps_of
+from benchmarks.accuracy.outcomes import Outcome, crps_of
 from benchmarks.estimator.simulation import (
     SAMENESS_NOISE,
     SAMENESS_SCENES,

@@ -1,4 +1,4 @@
-"""Every kind of evidence on scenes whose scale is known, and the forms that reconstructions come in.
+"""Every kind of evidence on scenes whose scale is known.
 
     python -m benchmarks.estimator.evidence [--write]
 
@@ -8,8 +8,7 @@ prints the tables of docs/evidence/evidence.md, and writes them there with `--wr
   size (a model room): scale and interval by the true scale, weight, verdict;
 - `--up` right, tilted and upside down on the demo scene;
 - coverage of the 90 % interval on simulated scenes (`benchmarks.estimator.simulation`) with one to three kinds, alone
-  and beside three objects, one piece of evidence in ten wrong by up to a factor of seven;
-- how far each form of a reconstruction is from COLMAP's own files.
+  and beside three objects, one piece of evidence in ten wrong by up to a factor of seven.
 """
 
 from __future__ import annotations
@@ -38,11 +37,9 @@ from estimator.results.reports import Options
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
 from tests.synthetic.evidence import KINDS, RIG_M, objects_of
-from tests.synthetic.exports import EXPORTS, OBSERVED, largest_difference, write_export
-from tests.synthetic.small_scene import small_model, write_small_scene
 from tests.synthetic.walk import Walk, synthetic_walk, with_rig
 
-__all__ = ["coverage_rows", "form_rows", "kind_rows", "main", "up_rows"]
+__all__ = ["coverage_rows", "kind_rows", "main", "up_rows"]
 
 PAGE = Path("docs/evidence/evidence.md")
 DEMO = Path("data/scenes/demo_room")
@@ -52,18 +49,6 @@ SPREADS = {"camera height": 0.107, "GPS": 0.02, "marker": 0.01, "metric depth": 
 #: A wrong one is off by up to this either way, natural log.
 WRONG = 2.0
 LEVEL = 0.9
-#: Where the test file of each form comes from, and what was tried of real ones.
-FORMS = {
-    "COLMAP, text": "pycolmap (the real tool)",
-    "pycolmap in memory": "pycolmap (the real tool)",
-    "OpenSfM": "its documentation",
-    "nerfstudio": "its documentation; instant-ngp's own file of a public repository reads, and has no points",
-    "bundler": "its manual",
-    "metashape": "its manual; the camera of a real file (version 2.0.0, with k4) reads",
-    "realitycapture": "its help page and nerfstudio's converter; no real file was found",
-    "meshroom": "AliceVision's source; a real cameras.sfm (1.2.6) reads, and has no points",
-}
-
 Row = Sequence[object]
 
 
@@ -166,22 +151,6 @@ def _lines(names: Sequence[str], truth: float, may_fail: bool, generator: np.ran
     return np.array(rows, dtype=float).reshape(-1, 3)
 
 
-def form_rows(folder: Path) -> Iterator[Row]:
-    """Rows of a form of reconstruction, where its file comes from, and its largest difference from COLMAP's."""
-    reconstruction = small_model()
-    write_small_scene(folder, reconstruction)
-    colmap = read_scene(folder / "colmap", "none")
-    others = {
-        "COLMAP, text": read_scene(folder / "text"),
-        "pycolmap in memory": read_scene(reconstruction),
-        "OpenSfM": read_scene(folder / "opensfm"),
-    }
-    others |= {name: read_scene(write_export(colmap, name, folder / name)) for name in EXPORTS}
-    for name, scene in others.items():
-        difference = largest_difference(colmap, scene, observed=name not in EXPORTS or name in OBSERVED)
-        yield name, FORMS[name], f"{difference:.0e}"
-
-
 def _table(header: str, rows: Iterator[Row]) -> str:
     names = header.split("|")
     lines = [f"| {' | '.join(names)} |", "|" + "---|" * len(names)]
@@ -192,16 +161,12 @@ def _table(header: str, rows: Iterator[Row]) -> str:
 def page(tree: Tree, scenes: int) -> str:
     """The page with all tables."""
     with tempfile.TemporaryDirectory() as folder:
-        places = [Path(folder) / name for name in ("walk", "forms")]
-        for place in places:
-            place.mkdir()
-        kinds = _table("evidence|beside|it says|scale|90 % interval|weight|verdict", kind_rows(tree, places[0]))
-        forms = _table("form|source of the test's file|largest difference", form_rows(places[1]))
+        kinds = _table("evidence|beside|it says|scale|90 % interval|weight|verdict", kind_rows(tree, Path(folder)))
     ups = _table("`--up`|scale|90 % interval|warning", up_rows(tree))
     header = "objects|other evidence|of it wrong|coverage|median error|mean error|width (log)"
     coverage = _table(header, coverage_rows(tree, scenes))
     text = Path(__file__).with_suffix(".md").read_text(encoding="utf-8")
-    return text.format(version=tree.version, kinds=kinds, ups=ups, coverage=coverage, forms=forms, scenes=scenes)
+    return text.format(version=tree.version, kinds=kinds, ups=ups, coverage=coverage, scenes=scenes)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -20,7 +20,7 @@ STYLE = {"used": "green", "outlier": "red", "skipped": "dim"}
 PIPE_WIDTH = 120
 #: `--wide` has room for all its columns, whatever the terminal's width: its rows are read by scrolling.
 MOST_NEEDED = 160
-NOTE = "l × w × h in metres; in brackets: not used; >: truncated, at least that"
+NOTE = "tier: what the size of the category rests on; l × w × h in metres; in brackets: not used; >: truncated, at least that"
 
 
 def result_text(result: ScaleResult, *, wide: bool = False) -> str:
@@ -61,19 +61,19 @@ def headline(result: ScaleResult) -> str:
 
 
 def csv_text(result: ScaleResult) -> str:
-    """The objects as CSV: id, category, node, sizes in metres, own scale, weight, verdict, reason."""
+    """The objects as CSV: id, category, node, tier, sizes in metres, own scale, weight, verdict, reason."""
     file = io.StringIO()
     names = [
         name for names in (AXES, EXTENTS) for name in names if any(name in item.dimensions for item in result.objects)
     ]
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(
-        ["id", "category", "node", *(f"{name}_m" for name in names), "scale", "weight", "verdict", "reason"]
+        ["id", "category", "node", "tier", *(f"{name}_m" for name in names), "scale", "weight", "verdict", "reason"]
     )
     for item in result.objects:
         sizes = [_metres(item, name, result.scale) for name in names]
         own = None if item.scale is None else float(f"{item.scale:.5g}")
-        row = [item.id, item.category, item.node, *sizes, own, round(item.weight, 3), item.verdict, item.reason]
+        row = [item.id, item.category, item.node, item.tier, *sizes, own, round(item.weight, 3), item.verdict, item.reason]
         writer.writerow([_plain_cell(value) for value in row])
     return file.getvalue()
 
@@ -99,14 +99,14 @@ def _object_table(result: ScaleResult, width: int, wide: bool) -> str:
     for report, text in zip(result.evidence, own[len(shown) :], strict=True):
         name = f"{report.kind.replace('_', ' ')} {report.id}"
         more: list[object] = ["–", "–", f"{report.weight:.2f}", "–"] if wide else []
-        rows.append([name, "–", text, _verdict(report.verdict, report.reason), *more])
-    columns = ["object", "metres", "own scale", "verdict", *(["node", "units", "weight", "points"] if wide else [])]
-    return table_text(columns, rows, max(width, MOST_NEEDED if wide else 0), unbroken=("metres", "own scale", "units"))
+        rows.append([name, "–", "–", text, _verdict(report.verdict, report.reason), *more])
+    columns = ["object", "tier", "metres", "own scale", "verdict", *(["node", "units", "weight", "points"] if wide else [])]
+    return table_text(columns, rows, max(width, MOST_NEEDED if wide else 0), unbroken=("tier", "metres", "own scale", "units"))
 
 
 def _cells(item: ObjectReport, scale: float | None, own: str, wide: bool) -> list[object]:
     size = "–" if scale is None else _sizes(item, scale)
-    cells: list[object] = [f"{item.category} {item.id}", size, own, _verdict(item.verdict, item.reason)]
+    cells: list[object] = [f"{item.category} {item.id}", item.tier or "–", size, own, _verdict(item.verdict, item.reason)]
     if wide:
         weight = f"{item.weight:.2f}" if item.verdict != "skipped" else "–"
         cells += [item.node, _sizes(item, 1.0), weight, str(item.points)]

@@ -83,23 +83,24 @@ def page(tree: Tree, against: Tree | None = None) -> str:
 
 def _categories(tree: Tree) -> str:
     """All categories with their medians, to be searched by their names and aliases."""
-    head = ("category", "id", "path", "items", "median, mm")
+    head = ("category", "id", "path", "items", "tier", "median, mm")
     rows = [
         (
             " ".join((node.name, node.node_id, *node.aliases)),
-            (node.name, node.node_id, " > ".join(node.path[1:-1]), node.n_items, _median(node)),
+            (node.name, node.node_id, " > ".join(node.path[1:-1]), node.n_items, *_tier_and_median(node)),
         )
         for node in sorted(tree, key=lambda node: node.name.casefold())
     ]
     return search_table("categories", "a name, an alias or an id", head, rows)
 
 
-def _median(node: Node) -> str:
+def _tier_and_median(node: Node) -> tuple[str, str]:
+    """What the size rests on, and the size."""
     try:
         prior: Prior = node.prior()
     except NoPrior:
-        return ""
-    return " x ".join(f"{size:.3g}" if size < 100 else f"{size:.0f}" for size in prior.quantile(0.5))
+        return "", ""
+    return prior.tier, " x ".join(f"{size:.3g}" if size < 100 else f"{size:.0f}" for size in prior.quantile(0.5))
 
 
 _SIZE_NOTE = (
@@ -202,7 +203,7 @@ def _changes(tree: Tree, before: Tree, lists: Sequence[Coverage]) -> str:
         + paragraph(_MOVED_NOTE, note=True)
         + _if_any(
             f"Sizes that changed most, of nodes with {ENOUGH} items or more in both",
-            ("category", "items before", "now", "dimensions", "medians before, mm", "now", "size", "width"),
+            ("category", "items before", "now", "dimensions", "tier", "medians before, mm", "now", "size", "width"),
             [_change(change) for change in largest_changes(all_changes, SHOWN, ENOUGH)],
         )
     )
@@ -238,7 +239,7 @@ def _change(change: Change) -> tuple[object, ...]:
     then, now = (" x ".join(f"{size:.0f}" for size in sizes) for sizes in (change.then_mm, change.now_mm))
     path = " > ".join(change.node.path[1:]) or change.node.name
     moved = (f"{np.expm1(value):+.0%}" for value in (change.size, change.spread))
-    return (path, change.before.n_items, change.node.n_items, " x ".join(change.dims), then, now, *moved)
+    return (path, change.before.n_items, change.node.n_items, " x ".join(change.dims), change.node.tier or "", then, now, *moved)
 
 
 def _some(nodes: Sequence[Node]) -> str:

@@ -306,6 +306,9 @@ def test_the_table_fits_and_loses_no_word(
         words = f"{item['id']} {item['category']} {item['reason'] or ''}".split()
         assert [word for word in words if word not in shown] == []
     assert "swivel_chair.n.01" not in out
+    head = next(line.split() for line in out.splitlines() if line.split()[:1] == ["object"])
+    assert head.index("tier") < head.index("metres"), "what a size rests on stands before the number"
+    assert {item["tier"] for item in record["objects"] if item["verdict"] == "used"} <= set(shown)
     assert "swivel_chair.n.01" in _run(capsys, "--objects", objects, "--tree", tree, "--wide")[1]
 
 
@@ -323,6 +326,7 @@ def test_quiet_and_csv(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture
     assert rows[0]["id"] == f"'{formula}"
     assert float(rows[0]["height_m"]) == pytest.approx(1.05, rel=0.1)
     assert rows[1]["verdict"] == "skipped"
+    assert rows[0]["tier"] == json.loads(_run(capsys, "--objects", objects, "--tree", tree, "--json")[1])["objects"][0]["tier"]
 
 
 def test_objects_from_standard_input(tmp_path: Path, tree: Path) -> None:

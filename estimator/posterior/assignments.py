@@ -9,7 +9,7 @@ shifted by a mixture of amounts, of which one is wide.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import permutations, product
 
@@ -84,9 +84,22 @@ class Variants:
         chosen = self.measured[:, 2] == vertical
         if not chosen.any():
             return self
-        parts = (self.measured, self.active, self.shift, self.variance, self.log_weight, self.gross)
-        measured, active, shift, variance, log_weight, gross = (part[chosen] for part in parts)
-        return Variants(measured, active, shift, variance, log_weight + math.log(3), gross)
+        these = self._of(chosen)
+        return replace(these, log_weight=these.log_weight + math.log(3))
+
+    def without_gross_errors(self) -> Variants:
+        """The variants in which no dimension is grossly wrong."""
+        return self._of(~self.gross)
+
+    def _of(self, chosen: BoolArray) -> Variants:
+        return Variants(
+            measured=self.measured[chosen],
+            active=self.active[chosen],
+            shift=self.shift[chosen],
+            variance=self.variance[chosen],
+            log_weight=self.log_weight[chosen],
+            gross=self.gross[chosen],
+        )
 
 
 @lru_cache(maxsize=1024)

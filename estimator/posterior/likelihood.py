@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -23,11 +23,13 @@ from estimator.posterior.assignments import Layout, Variants, variants
 from estimator.posterior.axes import is_sorted, prior_axes
 from estimator.posterior.class_error import shared_error
 from estimator.posterior.components import DimensionRows
-from estimator.posterior.sameness import Hypothesis
+from estimator.posterior.sameness import MOST_KINDS, Hypothesis, displaced_error, displaced_share
 from estimator.posterior.symmetric import DIAGONAL, OFF_DIAGONAL, dot, inverse, pack, product, row_sums, total
 from estimator.records.measured_object import MeasuredObject
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_tree.axes import AXES, EXTENTS
+from metric_tree.fit.em import Mixture
+from metric_tree.fit.inner_priors import reduce_mixture
 from metric_tree.prior import Prior
 
 __all__ = [
@@ -195,6 +197,32 @@ def _table(prior: Prior, pose: str, code: int, reading: int, alone: bool) -> _Ta
     ways: Variants = variants(layout)
     if reading >= 0 and not layout.vertical_known:
         ways = ways.of_reading(reading)
+    columns = _columns(prior, ways, shared_error(prior).covariance if alone else None)
+    measured = [np.tile(ways.measured, (len(prior.weights), 1)).T]
+    if alone and (share := displaced_share(prior)):
+        columns[12] += math.log(1 - share)
+        # gross errors beside a displaced class change nothing that matters, and its many components are as good as few
+        few, plain = _few_components(prior), ways.without_gross_errors()
+        wide = np.zeros((3, 3))
+        axes = prior_axes(prior)
+        wide[axes[:, None], axes] = displaced_error(prior)
+        more = _columns(few, plain, wide)
+        more[12] += math.log(share)
+        columns = np.concatenate([columns, more], axis=1)
+        measured.append(np.tile(plain.measured, (len(few.weights), 1)).T)
+    return _Table(columns, np.concatenate(measured, axis=1))
+
+
+def _few_components(prior: Prior) -> Prior:
+    """The prior with at most `MOST_KINDS` components, moments kept."""
+    few = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), MOST_KINDS)
+    return replace(
+        prior, weights=few.weights / few.weights.sum(), means=few.means, covariances=few.covariances, contexts=()
+    )
+
+
+def _columns(prior: Prior, ways: Variants, shared: FloatArray | None) -> FloatArray:
+    """Columns (14, r) of a prior's components under v variants; shared : (3, 3) the class error, None to leave it out."""
     axes = prior_axes(prior)
     k, v = len(prior.weights), len(ways.log_weight)
     mean = np.zeros((k, 3))
@@ -205,8 +233,8 @@ def _table(prior: Prior, pose: str, code: int, reading: int, alone: bool) -> _Ta
     both = active[:, :, None] * active[:, None, :]  # (v, 3, 3)
     diagonal = ways.variance * active + (1 - active)  # (v, 3)
     spread = covariance[:, None] * both + diagonal[None, :, :, None] * np.eye(3)  # (k, v, 3, 3)
-    if alone:
-        spread += shared_error(prior).covariance * both
+    if shared is not None:
+        spread += shared * both
     shifted = (mean[:, None, :] - ways.shift) * active  # (k, v, 3)
     log_weight = np.log(np.maximum(prior.weights, 1e-300))[:, None] + ways.log_weight  # (k, v)
     log_weight = log_weight - 0.5 * math.log(2 * math.pi) * active.sum(axis=1)
@@ -218,7 +246,7 @@ def _table(prior: Prior, pose: str, code: int, reading: int, alone: bool) -> _Ta
         log_weight.reshape(1, k * v),
         np.tile(negligible, (1, k)),
     ]
-    return _Table(np.concatenate(columns), np.tile(ways.measured, (k, 1)).T)
+    return np.concatenate(columns)
 
 
 def _rows_of(

@@ -20,7 +20,9 @@ STYLE = {"used": "green", "outlier": "red", "skipped": "dim"}
 PIPE_WIDTH = 120
 #: `--wide` has room for all its columns, whatever the terminal's width: its rows are read by scrolling.
 MOST_NEEDED = 160
-NOTE = "tier: what the size of the category rests on; l × w × h in metres; in brackets: not used; >: truncated, at least that"
+NOTE = (
+    "tier: what the category's size rests on; l × w × h in metres; in brackets: not used; >: truncated, at least that"
+)
 
 
 def result_text(result: ScaleResult, *, wide: bool = False) -> str:
@@ -73,7 +75,17 @@ def csv_text(result: ScaleResult) -> str:
     for item in result.objects:
         sizes = [_metres(item, name, result.scale) for name in names]
         own = None if item.scale is None else float(f"{item.scale:.5g}")
-        row = [item.id, item.category, item.node, item.tier, *sizes, own, round(item.weight, 3), item.verdict, item.reason]
+        row = [
+            item.id,
+            item.category,
+            item.node,
+            item.tier,
+            *sizes,
+            own,
+            round(item.weight, 3),
+            item.verdict,
+            item.reason,
+        ]
         writer.writerow([_plain_cell(value) for value in row])
     return file.getvalue()
 
@@ -100,13 +112,28 @@ def _object_table(result: ScaleResult, width: int, wide: bool) -> str:
         name = f"{report.kind.replace('_', ' ')} {report.id}"
         more: list[object] = ["–", "–", f"{report.weight:.2f}", "–"] if wide else []
         rows.append([name, "–", "–", text, _verdict(report.verdict, report.reason), *more])
-    columns = ["object", "tier", "metres", "own scale", "verdict", *(["node", "units", "weight", "points"] if wide else [])]
-    return table_text(columns, rows, max(width, MOST_NEEDED if wide else 0), unbroken=("tier", "metres", "own scale", "units"))
+    columns = [
+        "object",
+        "tier",
+        "metres",
+        "own scale",
+        "verdict",
+        *(["node", "units", "weight", "points"] if wide else []),
+    ]
+    return table_text(
+        columns, rows, max(width, MOST_NEEDED if wide else 0), unbroken=("tier", "metres", "own scale", "units")
+    )
 
 
 def _cells(item: ObjectReport, scale: float | None, own: str, wide: bool) -> list[object]:
     size = "–" if scale is None else _sizes(item, scale)
-    cells: list[object] = [f"{item.category} {item.id}", item.tier or "–", size, own, _verdict(item.verdict, item.reason)]
+    cells: list[object] = [
+        f"{item.category} {item.id}",
+        item.tier or "–",
+        size,
+        own,
+        _verdict(item.verdict, item.reason),
+    ]
     if wide:
         weight = f"{item.weight:.2f}" if item.verdict != "skipped" else "–"
         cells += [item.node, _sizes(item, 1.0), weight, str(item.points)]

@@ -239,7 +239,16 @@ def _change(change: Change) -> tuple[object, ...]:
     then, now = (" x ".join(f"{size:.0f}" for size in sizes) for sizes in (change.then_mm, change.now_mm))
     path = " > ".join(change.node.path[1:]) or change.node.name
     moved = (f"{np.expm1(value):+.0%}" for value in (change.size, change.spread))
-    return (path, change.before.n_items, change.node.n_items, " x ".join(change.dims), change.node.tier or "", then, now, *moved)
+    return (
+        path,
+        change.before.n_items,
+        change.node.n_items,
+        " x ".join(change.dims),
+        change.node.tier or "",
+        then,
+        now,
+        *moved,
+    )
 
 
 def _some(nodes: Sequence[Node]) -> str:

@@ -326,7 +326,10 @@ def test_quiet_and_csv(tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture
     assert rows[0]["id"] == f"'{formula}"
     assert float(rows[0]["height_m"]) == pytest.approx(1.05, rel=0.1)
     assert rows[1]["verdict"] == "skipped"
-    assert rows[0]["tier"] == json.loads(_run(capsys, "--objects", objects, "--tree", tree, "--json")[1])["objects"][0]["tier"]
+    assert (
+        rows[0]["tier"]
+        == json.loads(_run(capsys, "--objects", objects, "--tree", tree, "--json")[1])["objects"][0]["tier"]
+    )
 
 
 def test_objects_from_standard_input(tmp_path: Path, tree: Path) -> None:

@@ -21,8 +21,12 @@ def prior(
     spread: float = 0.12,
     shared: float = 0.08,
     dims: tuple[str, ...] = AXES,
+    in_place: float = 1.0,
 ) -> Prior:
-    """A prior with one component per row of sizes; half of each variance is common to the dimensions."""
+    """A prior with one component per row of sizes; half of each variance is common to the dimensions.
+
+    in_place : share of its rows that were measured where the things stand.
+    """
     k, d = np.shape(sizes_mm)
     pattern = 0.5 + 0.5 * np.eye(d)
     return Prior(
@@ -34,7 +38,7 @@ def prior(
         shared_covariance=shared**2 * pattern,
         n=100,
         n_sources=4,
-        share_by_kind={"product": 1.0},
+        share_by_kind={"product": 1.0 - in_place, "measured": in_place},
         borrowed=0.0,
     )
 

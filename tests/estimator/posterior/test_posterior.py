@@ -42,16 +42,23 @@ def _moments(u: FloatArray, log_density: FloatArray) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(
-    ("count", "wrong", "cut"),
-    [(2, False, False), (3, True, False), (3, False, True), (6, True, True)],
+    ("count", "wrong", "cut", "in_place"),
+    [
+        (2, False, False, 1.0),
+        (3, True, False, 1.0),
+        (3, False, True, 1.0),
+        (6, True, True, 1.0),
+        (3, False, False, 0.0),
+    ],
 )
-def test_the_fast_code_is_the_definition(count: int, wrong: bool, cut: bool) -> None:
+def test_the_fast_code_is_the_definition(count: int, wrong: bool, cut: bool, in_place: float) -> None:
     """The accuracy that `class_error` states, in the posterior's own standard deviation, over every hypothesis."""
-    items = _drawn(BOTTLE, 0.4, count, seed=count)
+    bottle = replace(BOTTLE, share_by_kind={"product": 1 - in_place, "measured": in_place})
+    items = _drawn(bottle, 0.4, count, seed=count)
     if cut:
-        items[-1] = evidence(BOTTLE, items[-1].object.extents * [0.6, 1, 1], cut=(True, False, False))
+        items[-1] = evidence(bottle, items[-1].object.extents * [0.6, 1, 1], cut=(True, False, False))
     if wrong:
-        items[0] = evidence(BOTTLE, items[0].object.extents * [2.0, 1.3, 0.7])
+        items[0] = evidence(bottle, items[0].object.extents * [2.0, 1.3, 0.7])
     fast = posterior(items)
     u = fast.coarse[:: max(len(fast.coarse) // 20, 1)]
     expected_mean, expected_sd = _moments(u, class_log_likelihood(items, u, points=32))

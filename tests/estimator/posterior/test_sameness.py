@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -12,13 +13,21 @@ from hypothesis import strategies as st
 
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import MOST_OBJECTS, Posterior, posterior
-from estimator.posterior.sameness import ALIKE_SHARE, RELATED_SHARE, _kind_weights, hypotheses
+from estimator.posterior.sameness import (
+    ALIKE_SHARE,
+    DISPLACED_SHARE,
+    RELATED_SHARE,
+    _kind_weights,
+    displaced_share,
+    hypotheses,
+)
 from metric_tree.prior import Prior
 from tests.synthetic.priors import evidence, prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])
 DESK = prior("desk.n.01", [(1300, 680, 740)], spread=0.1)
 BOTTLE = prior("bottle.n.01", [(85, 80, 260), (75, 73, 200), (95, 90, 330)], spread=0.08, shared=0.1)
+CATALOGUED = prior("car.n.01", [(4600, 1820, 1500)], spread=0.06, shared=0.04, in_place=0.0)
 PERSON = prior("person.n.01", [(1700,)], spread=0.06, shared=0.04, dims=("height",))
 
 
@@ -44,8 +53,8 @@ def width(answer: Posterior) -> float:
 
 
 def test_hypotheses_are_a_distribution() -> None:
-    for free in (False, True):
-        ways = hypotheses(BOTTLE, free)
+    for free, of in itertools.product((False, True), (BOTTLE, CATALOGUED)):
+        ways = hypotheses(of, free)
         assert sum(math.exp(way.log_weight) for way in ways) == pytest.approx(1)
         for way in ways:
             assert way.prior.weights.sum() == pytest.approx(1)
@@ -156,6 +165,28 @@ def test_an_object_alone_resolves_where_its_class_is_tight() -> None:
     by_height = posterior([evidence(PERSON, (math.nan, math.nan, 1.7))])
     assert by_height.status == "resolved"
     assert by_height.weight[0] > 0.8
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_catalogued_class_keeps_its_height_where_its_footprint_is_contradicted(count: int) -> None:
+    """Footprints 20 % larger than the catalogue says, heights as it says."""
+
+    def found(in_place: float) -> Posterior:
+        of = replace(CATALOGUED, share_by_kind={"product": 1 - in_place, "measured": in_place})
+        return posterior([evidence(of, np.array([4.6, 1.82, 1.5]) * [1.2, 1.2, 1], name=str(n)) for n in range(count)])
+
+    known, catalogued = found(1.0), found(0.0)
+    assert abs(math.log(catalogued.modes[0].scale)) < abs(math.log(known.modes[0].scale)) - 0.005
+    assert catalogued.interval[1] > 1
+
+
+def test_only_what_was_not_measured_in_place_is_displaced() -> None:
+    by_share = [
+        displaced_share(replace(CATALOGUED, share_by_kind={"product": 1 - m, "measured": m})) for m in (0, 0.5, 1)
+    ]
+    assert by_share == pytest.approx([DISPLACED_SHARE, DISPLACED_SHARE / 2, 0])
+    assert displaced_share(replace(CATALOGUED, tier="norm")) == 0
+    assert displaced_share(PERSON) == 0
 
 
 def test_large_classes_are_thinned_alike_in_any_order() -> None:

@@ -222,7 +222,7 @@ def _few_components(prior: Prior) -> Prior:
 
 
 def _columns(prior: Prior, ways: Variants, shared: FloatArray | None) -> FloatArray:
-    """Columns (14, r) of a prior's components under v variants; shared : (3, 3) the class error, None to leave it out."""
+    """Columns (14, r) of a prior's components under v variants; shared : (3, 3) the class error, or None."""
     axes = prior_axes(prior)
     k, v = len(prior.weights), len(ways.log_weight)
     mean = np.zeros((k, 3))

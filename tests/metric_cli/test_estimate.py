@@ -112,7 +112,8 @@ def test_unresolved_when_modes_contradict(tmp_path: Path, tree: Path, capsys: py
     status, out, err = _run(capsys, "--objects", objects, "--tree", tree, "--json")
     record = json.loads(out)
     assert status == 3
-    assert sorted(round(mode["scale"], 2) for mode in record["modes"]) == pytest.approx([0.25, 0.5], abs=0.02)
+    likely = [mode["scale"] for mode in record["modes"] if mode["mass"] > 0.25]
+    assert sorted(likely) == pytest.approx([0.25, 0.5], abs=0.02)
     assert record["objects"][0]["dimensions_m"] is None
     assert "unresolved" in err
 

@@ -92,6 +92,7 @@ class Variants:
         return self._of(~self.gross)
 
     def _of(self, chosen: BoolArray) -> Variants:
+        """The variants of a mask (v,)."""
         return Variants(
             measured=self.measured[chosen],
             active=self.active[chosen],

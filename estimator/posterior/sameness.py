@@ -86,7 +86,7 @@ def hypotheses(prior: Prior, free: bool = False) -> tuple[Hypothesis, ...]:
 
     free : some object's vertical is unknown, so that each hypothesis comes with each reading of the axes.
     """
-    plain = [*_displaced(prior), *_foreign(prior)]
+    plain = [*_usual_and_displaced(prior), *_foreign(prior)]
     if not free:
         return tuple(plain)
     third = math.log(len(READINGS))
@@ -108,7 +108,7 @@ def displaced_error(prior: Prior) -> FloatArray:
     return np.asarray(DISPLACED_FACTOR * prior.disagreement() + FOOTPRINT_SD_LOG**2 * np.outer(footprint, footprint))
 
 
-def _displaced(prior: Prior) -> list[Hypothesis]:
+def _usual_and_displaced(prior: Prior) -> list[Hypothesis]:
     """Assorted, related and of one kind with the error that B says, and with a larger one."""
     share = displaced_share(prior)
     usual = [*_assorted_hypotheses(prior), *_one_kind(prior)]

@@ -93,7 +93,7 @@ def _of_axis(x: FloatArray, scene: NDArray[np.str_]) -> Sameness | None:
     x = np.clip(x, centre - reach, centre + reach)
     _, code, counts = np.unique(scene, return_inverse=True, return_counts=True)
     n, k = len(x), len(counts)
-    if (counts >= 2).sum() < LEAST_ROOMS or k < 2 or n <= k:
+    if (counts >= 2).sum() < LEAST_ROOMS:
         return None
     means = np.bincount(code, x) / counts
     between = float(counts @ (means - x.mean()) ** 2) / (k - 1)

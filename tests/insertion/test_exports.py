@@ -17,6 +17,8 @@ import pytest
 from estimator.other_programs.nerfstudio import read_nerfstudio
 from estimator.reconstructions.cameras import pixels_in_view
 from insertion.blender.tracing import export_blend, traced_layers
+from insertion.exports.compositing import _normals
+from insertion.exports.glb import Glb
 from insertion.exports.gltf_scene import write_gltf_scene
 from insertion.exports.metric_frame import camera_keys, metric_frame, object_matrix
 from insertion.exports.nerfstudio import write_transforms
@@ -25,6 +27,7 @@ from insertion.light.estimate import environment_at
 from insertion.pipeline.objects import Placed, place_objects
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import Stage
+from insertion.render.studio import _camera_axes
 from tests.synthetic.insertions import stage_of, video_room, write_glb
 from tests.synthetic.rooms.shapes import solid
 
@@ -240,3 +243,31 @@ def test_without_blender_the_rest_is_exported(
     monkeypatch.setenv("METRIC_TREE_BLENDER", str(tmp_path / "none"))
     (line,) = export_blend(tmp_path, stage, [placed])
     assert "scene.blend is not written" in line
+
+
+def test_values_of_a_glb_start_at_whole_words() -> None:
+    glb = Glb("test")
+    glb.add_texture(np.full((3, 5, 4), 77, np.uint8))
+    glb.add_values(np.arange(3.0), limits=True)
+    data = glb.data([])
+    (size,) = struct.unpack_from("<I", data, 12)
+    views = json.loads(data[20 : 20 + size])["bufferViews"]
+    assert views[0]["byteLength"] % 4
+    assert [view["byteOffset"] % 4 for view in views] == [0, 0]
+    assert views[1]["byteOffset"] - views[0]["byteLength"] < 4
+
+
+def test_normals_of_a_slanted_plane_look_at_the_camera() -> None:
+    normal = np.array([0.3, -0.4, -1.0]) / np.linalg.norm([0.3, -0.4, -1.0])
+    x, y = np.meshgrid(np.linspace(-0.4, 0.4, 21), np.linspace(-0.3, 0.3, 15))
+    rays = np.dstack([x, y]).astype(np.float32)
+    depth = (-3 / (np.dstack([x, y, np.ones_like(x)]) @ normal)).astype(np.float32)
+    assert np.allclose(_normals(depth, rays)[1:-1, 1:-1], normal, atol=0.02)
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 35.0, 200.0])
+def test_the_studio_camera_looks_at_the_middle(azimuth: float) -> None:
+    axes = _camera_axes(azimuth, 20.0)
+    assert np.allclose(axes @ axes.T, np.eye(3))
+    assert np.linalg.det(axes) == pytest.approx(1)
+    assert axes[2][1] == pytest.approx(-np.sin(np.radians(20)))

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots
+from insertion.light.candidates import open_share
+from insertion.light.environment import HEIGHT, WIDTH, Environment, LampSpots, map_directions, solid_angles
+from insertion.light.estimate import _raise_top, _Samples, _splat
 from insertion.light.lights import environment_lights
-from insertion.light.shading import Shading, fit_shading
+from insertion.light.shading import WHITE_ALBEDO, Shading, fit_shading
+from insertion.scene.occupancy import Occupancy
 from insertion.scene.patches import Patches
 from metric_base.arrays import FloatArray
 
@@ -96,3 +99,37 @@ def test_a_lamp_is_brighter_nearby() -> None:
         points, away = moved.rows(moved.near > 0), place - offset
         assert points.power.sum(axis=0) == pytest.approx(power / (away @ away), rel=0.02)
         assert (points.directions @ away / np.linalg.norm(away)).min() > 0.999
+
+
+def test_cells_of_the_last_planes_may_all_go() -> None:
+    patches = _room(None, 0.0)
+    kept = patches.cells(patches.plane < 2)
+    assert sorted(set(kept.plane.tolist())) == [0, 1]
+    assert len(kept.places) == 120
+
+
+def test_a_lamp_in_the_open_reaches_every_cell() -> None:
+    patches = _room((0.5, 0.3, 2.2), 2.0)
+    empty = Occupancy(
+        np.full((40, 40, 40), 60, np.float32), np.zeros((40, 40, 40, 3), np.float32), -4 * np.ones(3), 0.2
+    )
+    for spots in (1, 2, 4):
+        assert open_share(patches, empty, np.array([[0.5, 0.3, 2.2]]), spots) == pytest.approx(1)
+
+
+def test_samples_are_where_they_look() -> None:
+    directions = np.array([[1.0, 0, 0], [0.6, 0, 0.8], [0.6, 0, -0.8]])
+    _, counts = _splat(_Samples(directions, np.ones((3, 3), np.float32)))
+    rows = np.flatnonzero(counts.any(axis=1))
+    tops = np.arccos(directions[[1, 0, 2], 2]) / np.pi * HEIGHT
+    assert rows.tolist() == np.floor(tops).astype(int).tolist()
+
+
+def test_the_unseen_part_makes_white_white() -> None:
+    """Its irradiance is what is wanted: that of the lamp's lobe and of the rest together."""
+    filled = np.full((HEIGHT, WIDTH, 3), 0.1)
+    seen = np.zeros((HEIGHT, WIDTH))
+    raised = _raise_top(filled, seen, 0.12, np.array([0.0, 0.0, 1.0]))
+    weight = np.maximum(map_directions()[..., 2], 0) * solid_angles()[:, None]
+    irradiance = float((weight * raised[..., 0]).sum())
+    assert irradiance == pytest.approx(np.pi * 0.12 / WHITE_ALBEDO, rel=1e-6)

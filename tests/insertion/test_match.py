@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insertion.composite.blur import blur_layer, blur_of
-from insertion.composite.match import Look, grain, look_of
+from insertion.composite.match import Look, _blend, grain, look_of
 from insertion.scene.box import Box
 from insertion.scene.cloud import Cloud, FrontPoints
 
@@ -80,3 +80,16 @@ def test_a_layer_is_smeared_as_the_picture_is() -> None:
     assert (result.sum(axis=0) * offsets**2).sum() == pytest.approx(4, rel=0.05)
     assert (result.sum(axis=1) * offsets**2).sum() < 0.1
     np.testing.assert_array_equal(blur_layer(layer, np.eye(2) * 0.35**2), layer)
+
+
+def test_looks_of_neighbouring_frames_blend() -> None:
+    old = Look(np.array([1.0, 2.0, 3.0]), 1.5, np.full((16, 3), 2.0), 0.7, 0.4)
+    new = Look(np.array([2.0, 2.0, 4.0]), 2.5, np.full((16, 3), 4.0), 1.3, 0.8)
+    for look in (old, new):
+        same = _blend(look, look)
+        assert np.allclose(same.gain, look.gain)
+        assert np.allclose(same.grain, look.grain)
+        assert (same.grain_px, same.common) == pytest.approx((look.grain_px, look.common))
+    between = _blend(old, new)
+    assert old.grain_px < between.grain_px < new.grain_px
+    assert old.common < between.common < new.common

@@ -9,9 +9,12 @@ import numpy as np
 
 from estimator.records.scene import Camera, Instance, View
 from estimator.visibility.sights import Visibility
-from insertion.composite.occlusion import hidden_share
+from insertion.composite.compose import Joined, behind_each_other
+from insertion.composite.occlusion import _without_gaps, hidden_share
+from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.box import Box
+from insertion.scene.carried_masks import _carry
 from insertion.scene.cloud import Cloud, FrontPoints, front_points
 
 BOX = Box(0, 0, 160, 120)
@@ -94,3 +97,41 @@ def test_a_film_frame_trusts_what_its_nearest_view_observed() -> None:
     front = front_points(VIEW, cloud)
     assert front.sure is not None
     assert dict(zip(front.rows.tolist(), front.sure.tolist(), strict=True)) == {0: True, 1: False}
+
+
+def test_a_gap_of_lines_closes_as_one_of_columns() -> None:
+    reach, behind = 6, np.full(BOX.shape, OBJECT, np.float32)
+    for axis in (0, 1):
+        hidden = np.ones(BOX.shape, bool)
+        hidden[(slice(40, 50), slice(None)) if axis == 0 else (slice(None), slice(40, 50))] = False
+        assert _without_gaps(hidden, reach, behind, np.zeros((0, 2)), np.zeros(0))[20:-20, 20:-20].all()
+
+
+def test_a_box_has_its_first_pixels_and_not_its_last() -> None:
+    front = FrontPoints(np.arange(4), np.array([[2.0, 3], [8, 3], [2, 9], [7.9, 8.9]]), np.ones(4), False)
+    assert front.marks_inside(np.arange(4), 2, 3, 8, 9).tolist() == [0, 3]
+
+
+def test_a_mask_that_starts_inside_the_picture_is_carried_to_its_place() -> None:
+    item = replace(_thing("box", (0, 0, 20, 16)), origin=(300, 200))
+    carried = _carry(item, VIEW, VIEW, np.array([1 / NEAR, 0.0, 0.0]))
+    assert carried is not None
+    assert np.abs(np.array(carried.origin) - item.origin).max() <= 1
+    assert np.abs(np.array(carried.mask.shape) - [16, 20]).max() <= 3
+
+
+def _joined(depth: float, alpha: float = 1.0) -> Joined:
+    image = ObjectImage(
+        np.ones((*BOX.shape, 3), np.float32),
+        np.full(BOX.shape, alpha, np.float32),
+        np.full(BOX.shape, depth, np.float32),
+    )
+    layers = ObjectLayers(BOX, image, np.ones((*BOX.shape, 3), np.float32), np.full(BOX.shape, np.nan, np.float32))
+    return Joined(layers, np.zeros(BOX.shape, np.float32), np.ones((*BOX.shape, 3), np.float32))
+
+
+def test_objects_hide_what_is_behind_them_and_not_each_other() -> None:
+    near, far = behind_each_other([_joined(NEAR), _joined(FAR)])
+    assert (near.visible, far.visible) == (1.0, 0.0)
+    assert [item.visible for item in behind_each_other([_joined(NEAR), _joined(NEAR)])] == [1.0, 1.0]
+    assert _joined(NEAR, alpha=0.0).visible == 0.0

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import json
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -154,3 +156,37 @@ def test_a_rig_configuration_without_a_baseline_is_one_line(tmp_path: Path, text
     with pytest.raises(InputError, match=r"rig_config\.json") as error:
         rig_baselines(tmp_path / "rig_config.json")
     assert "\n" not in str(error.value)
+
+
+def _exr_file(channels: dict[str, np.ndarray], compression: int) -> bytes:
+    """An OpenEXR picture of float channels, by the layout of openexr.com; blocks are packed whatever their size."""
+    height, width = next(iter(channels.values())).shape
+
+    def field(name: str, kind: str, data: bytes) -> bytes:
+        return name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(data)) + data
+
+    rows = b"".join(name.encode() + b"\0" + struct.pack("<iIii", 2, 0, 1, 1) for name in sorted(channels)) + b"\0"
+    window = struct.pack("<4i", 0, 0, width - 1, height - 1)
+    head = struct.pack("<II", 20000630, 2) + field("channels", "chlist", rows)
+    head += field("compression", "compression", bytes([compression])) + field("dataWindow", "box2i", window) + b"\0"
+    step = {0: 1, 2: 1, 3: 16}[compression]
+    blocks = []
+    for first in range(0, height, step):
+        lines = range(first, min(first + step, height))
+        data = b"".join(channels[name][row].astype("<f4").tobytes() for row in lines for name in sorted(channels))
+        if compression:
+            plain = np.frombuffer(data, np.uint8)
+            halves = np.concatenate([plain[0::2], plain[1::2]])
+            differences = np.concatenate([halves[:1], np.diff(halves) + np.uint8(128)]).astype(np.uint8)
+            data = zlib.compress(differences.tobytes())
+        blocks.append(struct.pack("<ii", first, len(data)) + data)
+    places = np.cumsum([len(head) + 8 * len(blocks), *(len(block) for block in blocks)])[:-1]
+    return head + places.astype("<u8").tobytes() + b"".join(blocks)
+
+
+@pytest.mark.parametrize("compression", [0, 2, 3])
+def test_the_depth_among_other_channels(compression: int, tmp_path: Path) -> None:
+    generator = np.random.default_rng(3)
+    channels = {name: generator.normal(5, 1, (19, 7)).astype(np.float32) for name in ("A", "B", "Z")}
+    (tmp_path / "a.exr").write_bytes(_exr_file(channels, compression))
+    assert np.array_equal(read_depth(tmp_path / "a.exr"), channels["Z"])

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from estimator.evidence import gps
 from estimator.evidence.alignment import align
 from estimator.evidence.gps import Gps, local_metres
 from estimator.evidence.marker import Marker
@@ -104,3 +105,27 @@ def test_no_position_is_outside_the_earth(walk: Walk, nothing: Measurements, tmp
     file = position_table(tmp_path / "path.csv", walk.scene, walk.metres + 1e300, "x y z")
     with pytest.raises(InputError, match="finite numbers below 1e\\+09"):
         Gps(file).observe(walk.scene, nothing)
+
+
+def _earth_centred(degrees: np.ndarray) -> np.ndarray:
+    """(n, 3) metres of WGS 84 positions, by the ellipsoid's equation."""
+    lat, lon, height = np.radians(degrees[:, 0]), np.radians(degrees[:, 1]), degrees[:, 2]
+    square = 0.00669437999014
+    prime = 6378137.0 / np.sqrt(1 - square * np.sin(lat) ** 2)
+    along = (prime + height) * np.cos(lat)
+    return np.column_stack([along * np.cos(lon), along * np.sin(lon), (prime * (1 - square) + height) * np.sin(lat)])
+
+
+@given(st.floats(-70, 70), st.floats(-180, 180), st.floats(-300, 3000))
+def test_local_metres_are_those_of_the_ellipsoid(lat: float, lon: float, height: float) -> None:
+    places = np.array([[lat, lon, height], [lat + 0.005, lon, height], [lat, lon + 0.005, height + 7]])
+    found, exact = local_metres(places), _earth_centred(places)
+    assert np.linalg.norm(found[1:], axis=1) == pytest.approx(np.linalg.norm(exact[1:] - exact[0], axis=1), rel=2e-4)
+
+
+def test_pictures_all_over_the_scene_are_asked_for_gps(walk: Walk, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    monkeypatch.setattr(gps, "_exif_positions", lambda scene, _: asked.extend(scene.views) or ({}, 0.0))
+    views = tuple(replace(walk.scene.views[0], name=str(number)) for number in range(40))
+    assert not gps.pictures_have_gps(replace(walk.scene, views=views), None)
+    assert [int(view.name) for view in asked] == [0, 8, 16, 24, 32]

@@ -54,3 +54,14 @@ def test_another_class_is_as_uncertain_as_the_known_ones_differ() -> None:
     assert other.share == pytest.approx(0.5)
     assert other.sd == pytest.approx(np.sqrt(shares.var(ddof=1) * (1 + 1 / 4)), rel=1e-3)
     assert [shrunk[f"c{row}"].share for row in range(4)] == pytest.approx(shares, abs=1e-3)
+
+
+def test_only_the_source_with_most_rooms_counts() -> None:
+    x, source, scene = rooms(0.8)
+    y, _, other = rooms(0.0, n=20, seed=1)
+    sources, scenes = (
+        np.concatenate([source, np.full(len(y), "few")]),
+        np.concatenate([scene, np.char.add("few ", other)]),
+    )
+    both = class_sameness(np.concatenate([x, y]), sources, scenes)
+    assert both == class_sameness(x, source, scene)

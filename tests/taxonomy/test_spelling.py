@@ -1,0 +1,44 @@
+"""One edit between two words, against its definition; weights of the label lists."""
+
+from __future__ import annotations
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from taxonomy.naming.nodes import LEAST_SHARE, _astray
+from taxonomy.words.senses import LABEL_WEIGHT, LABEL_WEIGHT_ELSEWHERE, Sense, label_votes
+from taxonomy.words.spelling import one_edit
+
+LETTERS = "abc"
+
+
+def _edits(word: str) -> set[str]:
+    """All words one edit away over three letters."""
+    cuts = [(word[:at], word[at:]) for at in range(len(word) + 1)]
+    return (
+        {a + b[1:] for a, b in cuts if b}
+        | {a + letter + b[1:] for a, b in cuts if b for letter in LETTERS}
+        | {a + letter + b for a, b in cuts for letter in LETTERS}
+        | {a + b[1] + b[0] + b[2:] for a, b in cuts if len(b) > 1}
+    ) - {word}
+
+
+@given(st.text(LETTERS, max_size=5), st.text(LETTERS, max_size=5))
+@example("abc", "cac")
+@example("ab", "ba")
+def test_one_edit_is_what_it_says(word: str, other: str) -> None:
+    assert one_edit(word, other) == (other in _edits(word))
+
+
+def test_a_label_weighs_what_its_lists_do() -> None:
+    assert label_votes("toaster")["toaster.n.02"] >= LABEL_WEIGHT["coco_80"] + LABEL_WEIGHT["lvis_v1"]
+    assert min(label_votes("toaster").values()) >= LABEL_WEIGHT_ELSEWHERE
+
+
+def test_a_rare_sense_counts_itself() -> None:
+    """A sense with a tenth of the uses is not rare; each sense counts one more than its uses."""
+    senses = [Sense(("board.n.01",), 88), Sense(("board.n.09",), 8)]
+    assert (8 + 1) / (89 + 9) < LEAST_SHARE < 9 / 88
+    assert _astray(1, senses, "board")
+    assert not _astray(1, [Sense(("board.n.01",), 80), senses[1]], "board")
+    assert not _astray(1, [Sense(("plank.n.01",), 88), senses[1]], "board")

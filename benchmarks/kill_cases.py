@@ -206,7 +206,7 @@ CASES = {
             "build", _raw, _build, lambda place: _files(place, "release", "release.build"), ("release", "release.build")
         ),
         Case("cutout", _pictures, _cutout, lambda place: _files(place, "cut"), ("cut",)),
-        Case("export", _cut_pictures, _export, lambda place: _files(place, "set"), ("set",), "found something there"),
+        Case("export", _cut_pictures, _export, lambda place: _files(place, "set"), ("set",)),
         Case("estimate-scale", _video, _estimate, _estimated, ("work", "scale.json")),
         Case("import", _served_tables, _import, lambda place: _files(place, "raw", "cache"), ("raw", "cache")),
     )

@@ -61,10 +61,10 @@ def set_rules(inputs: Iterable[Path], overwrite: bool) -> None:
     _RULES.set(OutputRules(tuple(_with_companions(inputs)), overwrite))
 
 
-def check_output(path: Path, option: str, schema: str = ANY_SCHEMA) -> None:
+def check_output(path: Path, option: str, schema: str | None = ANY_SCHEMA) -> None:
     """See that a file may be written: it is not there, or it is ours and not read in this run.
 
-    schema : what the `schema` of a JSON file that may be replaced begins with.
+    schema : what the `schema` of a JSON file that may be replaced begins with; None where no JSON file may be.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def check_output(path: Path, option: str, schema: str = ANY_SCHEMA) -> None:
         )
 
 
-def is_own_output(path: Path, schema: str = ANY_SCHEMA) -> bool:
+def is_own_output(path: Path, schema: str | None = ANY_SCHEMA) -> bool:
     """Whether a file is one that this program writes: by its schema, its stamp or its first line; or it is empty."""
     try:
         head, tail = _ends(path)
@@ -94,7 +94,7 @@ def is_own_output(path: Path, schema: str = ANY_SCHEMA) -> bool:
     names = "".join(path.suffixes[-2:]).lower()
     if any(suffix in names for suffix in _JSON):
         start = head[:_SCHEMA_BYTES].replace(b'": "', b'":"')
-        return f'"schema":"{schema}'.encode() in start
+        return schema is not None and f'"schema":"{schema}'.encode() in start
     return STAMP in head or STAMP in tail or head.startswith(_TABLES)
 
 

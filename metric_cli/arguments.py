@@ -8,9 +8,10 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-from metric_base.outputs import ANY_SCHEMA, check_output, set_rules
+from metric_base.errors import InputError
+from metric_base.outputs import check_output, set_rules
 
-__all__ = ["OutputFile", "add_overwrite", "check_paths", "input_path", "output_folder"]
+__all__ = ["OutputFile", "add_overwrite", "arguments_of", "check_paths", "input_path", "new_folder", "output_folder"]
 
 
 def input_path(text: str) -> Path:
@@ -19,14 +20,22 @@ def input_path(text: str) -> Path:
 
 
 def output_folder(text: str) -> Path:
-    """The type of an argument that names a folder to write: a new one, or one in which a command keeps its files."""
+    """The type of an argument that names a folder in which a command keeps its files, beside those of others."""
+    return Path(text)
+
+
+def new_folder(text: str) -> Path:
+    """The type of an argument that names a folder to write, which must not be there yet."""
     return Path(text)
 
 
 class OutputFile:
-    """The type of an argument that names a file to write; schema : of the JSON that it may replace."""
+    """The type of an argument that names a file to write.
 
-    def __init__(self, schema: str = ANY_SCHEMA) -> None:
+    schema : of the JSON that it may replace; None where the file is none: a page over a manifest is no new page.
+    """
+
+    def __init__(self, schema: str | None = None) -> None:
         self.schema = schema
 
     def __call__(self, text: str) -> Path:
@@ -36,7 +45,7 @@ class OutputFile:
 
 def add_overwrite(parser: argparse.ArgumentParser) -> None:
     """Add `--overwrite` where a file is written."""
-    if any(isinstance(action.type, OutputFile) for action in parser._actions):
+    if any(isinstance(action.type, OutputFile) for action in arguments_of(parser)):
         words = "replace existing files of others, too; an input of the run is never replaced"
         parser.add_argument("--overwrite", action="store_true", help=words)
 
@@ -51,15 +60,28 @@ def check_paths(parser: argparse.ArgumentParser, options: argparse.Namespace) ->
     InputError
         An output may not be written.
     """
-    outputs = [action for action in parser._actions if isinstance(action.type, OutputFile)]
-    folders = [action for action in parser._actions if action.type is output_folder]
-    written = {action.dest for action in (*outputs, *folders)}
+    actions = list(arguments_of(parser))
+    written = {
+        one.dest for one in actions if isinstance(one.type, OutputFile) or one.type in (output_folder, new_folder)
+    }
     values = [value for name, value in vars(options).items() if name not in written]
     set_rules(list(_existing(values)), bool(getattr(options, "overwrite", False)))
-    for action in outputs:
+    for action in actions:
         path, kind = getattr(options, action.dest, None), action.type
+        name = next(iter(action.option_strings), str(action.metavar))
         if path is not None and isinstance(kind, OutputFile):
-            check_output(path, action.option_strings[0] if action.option_strings else action.dest, kind.schema)
+            check_output(path, name, kind.schema)
+        if path is not None and kind is new_folder and os.path.lexists(path):
+            raise InputError(f"{name}: expected a folder that is not there yet; found an existing one: {path}")
+
+
+def arguments_of(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
+    """The arguments of a parser and of the verbs below it."""
+    for action in parser._actions:
+        yield action
+        if isinstance(action, argparse._SubParsersAction):
+            for below in action.choices.values():
+                yield from arguments_of(below)
 
 
 def _existing(values: Iterable[Any]) -> Iterator[Path]:

@@ -150,6 +150,7 @@ def _frontier(crawl: Crawl, spider: Any) -> Any:
     if path.exists() and not crawl.resume and not has_no_result(stored_counts(path)):
         raise InputError(f"{crawl.folder}: expected a free folder, or --resume; found a crawl")
     if not path.exists() and not crawl.redis:
+        _expect_free(crawl)
         _origin_of(crawl, spider, {})  # an error is found before a file is made
     frontier = _open_frontier(crawl, path)
     try:
@@ -158,6 +159,14 @@ def _frontier(crawl: Crawl, spider: Any) -> Any:
         frontier.close()
         raise
     return frontier
+
+
+def _expect_free(crawl: Crawl) -> None:
+    """See that a folder without a frontier has no file that the crawl would replace."""
+    for name in ("items-*", "pictures-*", "pictures"):
+        taken = next(crawl.folder.glob(name), None)
+        if taken is not None:
+            raise InputError(f"--out: expected a folder without a crawl's files, or with its frontier; found {taken}")
 
 
 def _begin(frontier: Any, crawl: Crawl, spider: Any) -> None:

@@ -20,9 +20,12 @@ from estimator.geometry.outlined import MIN_BOX_VIEWS
 from estimator.records.scene import Scene
 from metric_base.errors import InputError, Unquoted
 from metric_base.files import whole_file
+from metric_base.input_files import read_json
 
-__all__ = ["Drawing", "MaskPage", "frames_to_draw", "instances_document"]
+__all__ = ["SCHEMA", "Drawing", "MaskPage", "frames_to_draw", "instances_document"]
 
+#: Of what was drawn so far.
+SCHEMA = "metric-tree/drawing/1"
 #: Frames to draw in: fewer leave things measured from one side, more tire.
 FRAMES = 5
 #: Most bytes of one answer: ten thousand corners.
@@ -88,8 +91,9 @@ class MaskPage:
         self, frames: list[_Frame], names: list[str], draft: Path, look_up: LookUp | None = None, port: int = 0
     ) -> None:
         self._frames, self._names, self._draft, self._look_up = frames, names, draft, look_up
+        self._sizes = {frame.name: (frame.width, frame.height) for frame in frames}
         self._finished = threading.Event()
-        self._drawing = _draft_of(draft, {frame.name for frame in frames})
+        self._drawing = _draft_of(draft, self._sizes)
         self._secret = secrets.token_urlsafe(12)
         try:
             self._server = _QuietServer((LOOPBACK, port), _handler(self))
@@ -126,9 +130,9 @@ class MaskPage:
         ValueError
             It is not a drawing of these frames, or it is done and empty.
         """
-        drawing = _check_drawing(document, {frame.name: (frame.width, frame.height) for frame in self._frames})
-        with whole_file(self._draft) as file:
-            file.write_text(json.dumps(drawing), encoding="utf-8")
+        drawing = _check_drawing(document, self._sizes)
+        with whole_file(self._draft, "--work", SCHEMA) as file:
+            file.write_text(json.dumps({"schema": SCHEMA, "frames": drawing}), encoding="utf-8")
         self._drawing = drawing
         if document.get("done") is True:
             if not any(drawing.values()):
@@ -175,10 +179,10 @@ def _kept(page: MaskPage, body: BufferedIOBase, length: int) -> tuple[int, dict[
     """Keep the drawing of a request; the status and the words of the answer."""
     try:
         page.save(json.loads(body.read(length)))
+    except InputError as error:
+        return 500, {"error": f"the drawing cannot be kept: {error}"}
     except (ValueError, RecursionError) as error:
         return 400, {"error": str(error)}
-    except OSError as error:
-        return 500, {"error": f"the drawing cannot be kept: {error.strerror or error}"}
     return 200, {}
 
 
@@ -230,13 +234,23 @@ def _shape(thing: dict[str, Any]) -> dict[str, Any]:
     return row
 
 
-def _draft_of(file: Path, names: set[str]) -> Drawing:
-    """What an earlier page kept of the same frames."""
+def _draft_of(file: Path, sizes: Mapping[str, tuple[int, int]]) -> Drawing:
+    """What an earlier page kept of the same frames; sizes : width and height by name.
+
+    Raises
+    ------
+    InputError
+        The file is no drawing: to begin anew would lose what somebody drew.
+    """
+    kept = read_json(file) if file.is_file() else {}
+    kept = kept.get("frames") if isinstance(kept, dict) and kept else kept
     try:
-        kept = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        kept = {}
-    return {name: kept.get(name, []) if isinstance(kept, dict) else [] for name in names}
+        if not isinstance(kept, dict):
+            raise ValueError("no frames by name")
+        images = [{"name": name, "things": kept[name]} for name in sizes if name in kept]
+        return _check_drawing({"images": images}, sizes)
+    except ValueError as error:
+        raise InputError.at(file, "drawing", "what the page kept, or no such file", Unquoted(str(error))) from None
 
 
 def _check_drawing(document: Any, sizes: Mapping[str, tuple[int, int]]) -> Drawing:
@@ -259,7 +273,7 @@ def _check_thing(thing: Any, size: tuple[int, int]) -> dict[str, Any]:
         raise ValueError("every thing needs a name")
     try:
         points = np.array(thing.get("points"), dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: expected corners x, y") from None
     least = 2 if thing["kind"] == "box" else 3
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < least or not np.isfinite(points).all():

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
 from metric_base.escaping import visible_json
-from metric_cli.estimate_scale.options import PROGRAM, parse_options, parser
+from metric_base.outputs import is_own_output
+from metric_cli.estimate_scale.options import PROGRAM, RESULT, parse_options, parser
 
 if TYPE_CHECKING:
     from estimator.records.result import ScaleResult
@@ -63,7 +64,7 @@ def _answer(options: argparse.Namespace) -> int:
     for line in () if options.quiet else result.warnings:
         warn(line, PROGRAM)
     if result.exit_code == 0:
-        for option, file in (("--output", options.output), ("--work", options.work and options.work / "result.json")):
+        for option, file in (("--output", options.output), ("--work", options.work and options.work / RESULT)):
             if file is not None:
                 result.save(file, option)
     else:
@@ -76,8 +77,8 @@ def _withhold_files(options: argparse.Namespace) -> None:
     """Say what is not written, and remove what an earlier run of the work folder found, which no longer holds."""
     from metric_cli.terminal import warn
 
-    if options.work is not None:
-        (options.work / "result.json").unlink(missing_ok=True)
+    if options.work is not None and is_own_output(options.work / RESULT):
+        (options.work / RESULT).unlink()
     asked = [name for name in ("output", "write_scaled") if getattr(options, name) is not None]
     if asked and not options.quiet:
         names = ", ".join(f"--{name.replace('_', '-')}" for name in asked)

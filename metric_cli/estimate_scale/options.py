@@ -9,14 +9,16 @@ from typing import Any, NoReturn
 
 from estimator.records import METHODS
 from metric_base.errors import InputError
-from metric_cli.arguments import OutputFile, add_overwrite, input_path, output_folder
+from metric_cli.arguments import OutputFile, add_overwrite, input_path, new_folder, output_folder
 from metric_cli.estimate_scale.completion import SHELLS, completion_script
 from metric_cli.estimate_scale.evidence_options import add_evidence_options, evidence_sources, up_direction
 from metric_cli.terminal import OneLineParser
 
-__all__ = ["PROGRAM", "parse_options", "parser"]
+__all__ = ["PROGRAM", "RESULT", "parse_options", "parser"]
 
 PROGRAM = "estimate-scale"
+#: The answer in a work folder.
+RESULT = "result.json"
 
 #: The baselines know objects alone.
 WITHOUT_LENGTHS = ("paper", "sucar")
@@ -135,8 +137,8 @@ def parser() -> OneLineParser:
         type=OutputFile(),
         help="draw the posterior and the objects; for a SCENE, its plan too",
     )
-    add("--overlay", metavar="DIR", type=output_folder, help="draw the boxes with their sizes into every frame")
-    add("--write-scaled", metavar="DIR", type=output_folder, help="write the model again at metric scale")
+    add("--overlay", metavar="DIR", type=new_folder, help="draw the boxes with their sizes into every frame")
+    add("--write-scaled", metavar="DIR", type=new_folder, help="write the model again at metric scale")
     add("--csv", action="store_true", help="print the objects as CSV")
     add("--wide", action="store_true", help="print the node, the units and the weight of each object too")
     add("--quiet", action="store_true", help="print the scale alone, and no warnings")
@@ -179,10 +181,6 @@ def _check_outputs(options: argparse.Namespace) -> None:
         and options.output.resolve() == options.figure.resolve()
     ):
         raise InputError(f"--figure: expected another file than that of --output; found {options.figure}")
-    for name in ("overlay", "write_scaled"):
-        path = getattr(options, name)
-        if path is not None and path.exists():  # said before the work is done, not after
-            raise InputError(f"--{name.replace('_', '-')}: expected a folder that is not there yet; found {path}")
 
 
 def _check_known_lengths(options: argparse.Namespace) -> None:

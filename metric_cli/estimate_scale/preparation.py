@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, NoReturn
 
 from estimator.capture.frames import FRAMES_FILE, is_capture
 from metric_base.errors import InputError, Unquoted
+from metric_base.outputs import check_output
+from metric_cli.estimate_scale.options import RESULT
 from metric_cli.terminal import warn
 
 if TYPE_CHECKING:
@@ -20,7 +22,7 @@ __all__ = ["check_capture", "failure_json", "prepare_capture", "work_lock"]
 
 PROGRAM = "estimate-scale"
 #: What was drawn so far, kept over an interruption.
-DRAFT = "drawing.json"
+DRAFT, DRAWING_SCHEMA = "drawing.json", "metric-tree/drawing/1"
 #: Options that mean something only for a video or pictures.
 _CAPTURE_OPTIONS = ("--work", "--frames", "--focal", "--camera-model", "--draw")
 
@@ -78,8 +80,11 @@ def check_capture(options: Namespace) -> None:
         raise InputError.at("--draw", "port", "a number from 0 to 65535", options.draw)
     if options.work is None:
         raise InputError.at(options.scene, "--work", "a folder for frames, reconstruction and result", Unquoted("none"))
+    # said before the reconstruction, not after
+    check_output(options.work / RESULT, "--work", "metric-tree/scale/")
+    check_output(options.work / DRAFT, "--work", DRAWING_SCHEMA)
     for file in (options.instances, options.categories, options.detector_labels):
-        if file is not None and not file.exists():  # said now rather than after the reconstruction
+        if file is not None and not file.exists():
             raise InputError.at(file, "file", "a readable file", Unquoted("no such file"))
 
 

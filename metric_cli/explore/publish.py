@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from metric_cli.arguments import output_folder
+from metric_cli.arguments import new_folder
 from metric_cli.terminal import print_json
 from metric_tree.releases import release_directory, releases
 from metric_tree.tree import open_tree
@@ -17,7 +17,7 @@ HELP = "A release as a folder for a data hub: tables, data card, licences, check
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("out", metavar="DIR", type=output_folder, help="folder to write; it must not exist")
+    parser.add_argument("out", metavar="DIR", type=new_folder, help="folder to write; it must not exist")
     parser.add_argument(
         "--tree", metavar="REF", help="version or folder of a release (default: the open twin of the shipped one)"
     )

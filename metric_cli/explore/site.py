@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import time
 
-from metric_cli.arguments import input_path
+from metric_cli.arguments import new_folder
 from metric_cli.terminal import print_json
 from metric_tree.tree import open_tree
 
@@ -16,7 +16,7 @@ HELP = "Every page and JSON answer of the explorer as files, for any static host
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    parser.add_argument("out", metavar="OUT", type=input_path, help="folder to write; it must not exist")
+    parser.add_argument("out", metavar="OUT", type=new_folder, help="folder to write; it must not exist")
     parser.add_argument(
         "--tree",
         metavar="REF",

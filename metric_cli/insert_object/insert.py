@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError
-from metric_cli.arguments import OutputFile, add_overwrite, output_folder
+from metric_cli.arguments import OutputFile, add_overwrite, new_folder
 from metric_cli.insert_object.scene_arguments import add_scene_arguments, requests_of, stage_of, tree_of
 
 if TYPE_CHECKING:
@@ -64,14 +64,14 @@ def parser() -> argparse.ArgumentParser:
     add(
         "--layers",
         metavar="DIR",
-        type=output_folder,
+        type=new_folder,
         help="object, shadow, matte, depth, normals, ids, plate of each picture",
     )
     add("--show-interval", action="store_true", help="draw the object's outline at both ends of the scale's interval")
     add(
         "--export",
         metavar="DIR",
-        type=output_folder,
+        type=new_folder,
         help="the scene in metres: glTF, USD, Blender, COLMAP, nerfstudio, masks, depth",
     )
     add(

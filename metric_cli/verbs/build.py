@@ -19,7 +19,7 @@ from typing import Any, TypeVar
 from crawler.imports.sources import declared_sources
 from crawler.items import STATED_KINDS
 from metric_base.errors import InputError
-from metric_cli.arguments import input_path, output_folder
+from metric_cli.arguments import input_path, new_folder, output_folder
 from metric_cli.progress import progress_bars
 from metric_cli.terminal import print_json, print_table, warn
 from metric_tree.build.ingest import raw_files
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "raw", metavar="RAW", nargs="+", type=input_path, help="*.jsonl, *.jsonl.gz, or folders of them"
     )
     parser.add_argument(
-        "--out", metavar="DIR", type=output_folder, required=True, help="the release; it must not exist yet"
+        "--out", metavar="DIR", type=new_folder, required=True, help="the release; it must not exist yet"
     )
     parser.add_argument("--version", default="0.1.0", help="semantic version of the release (default: %(default)s)")
     parser.add_argument("--name", default="metric-tree", help="name of the release (default: %(default)s)")

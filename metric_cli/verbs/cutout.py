@@ -7,7 +7,7 @@ import os
 import sys
 
 from metric_base.errors import InputError
-from metric_cli.arguments import output_folder
+from metric_cli.arguments import new_folder
 from metric_cli.progress import progress_bars
 from metric_cli.terminal import print_json, print_table
 from metric_cli.verbs.build import executor_of
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     parser.add_argument("release", metavar="RELEASE", help="folder or version of a release with pictures")
     parser.add_argument(
-        "--out", metavar="DIR", type=output_folder, required=True, help="the new release; it must not exist yet"
+        "--out", metavar="DIR", type=new_folder, required=True, help="the new release; it must not exist yet"
     )
     parser.add_argument("--backend", choices=BACKENDS, default="auto", help="how to cut (default: %(default)s)")
     parser.add_argument(
@@ -40,8 +40,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Cut and print what came of it."""
-    if arguments.out.exists():
-        raise InputError(f"{arguments.out}: expected a free path for a new release; found an existing one")
     release = open_release(release_directory(arguments.release))
     settings = _settings(arguments.backend, arguments.model, arguments.download)
     manifest = release.manifest

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from metric_base.errors import InputError
-from metric_cli.arguments import input_path, output_folder
+from metric_cli.arguments import input_path, new_folder
 from metric_cli.progress import with_bar
 from metric_cli.terminal import print_json, print_table
 from metric_tree.tree import Node, Tree, open_tree
@@ -22,7 +22,7 @@ HELP = "Training data for instance segmentation (COCO format): pasted cut-outs, 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
     add = parser.add_argument
-    add("--out", type=output_folder, required=True, metavar="DIR", help="a folder that does not exist yet")
+    add("--out", type=new_folder, required=True, metavar="DIR", help="a folder that does not exist yet")
     add("--categories", metavar="FILE.csv|NAME,NAME", help="what `select --out` wrote, or names (default: select's)")
     add("--pictures", type=int, default=1000, help="synthetic pictures (default: %(default)s)")
     add("--size", default="640x480", metavar="WxH", help="of a synthetic picture in pixels (default: %(default)s)")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError, in_file
 from metric_base.spelling import near_spellings
-from metric_cli.arguments import input_path
+from metric_cli.arguments import input_path, output_folder
 from metric_cli.terminal import print_json, print_table
 
 if TYPE_CHECKING:
@@ -74,7 +74,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     record.add_argument("--why", default="", help="one line")
     actions.add_parser("agreement", help="Cohen's kappa of first and second readings, and where they differ")
     for action in actions.choices.values():
-        action.add_argument("--folder", type=input_path, help=f"folder of the decision files ({DEFAULT_FOLDER})")
+        kind = output_folder if action is record else input_path
+        action.add_argument("--folder", type=kind, metavar="DIR", help=f"folder of the decisions ({DEFAULT_FOLDER})")
         action.add_argument("--json", action="store_true", default=argparse.SUPPRESS, help="print the result as JSON")
 
 

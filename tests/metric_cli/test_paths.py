@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import re
+import shutil
+import subprocess
+import sys
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from metric_base.errors import InputError
 from metric_base.files import whole_file
-from metric_base.outputs import ANY_SCHEMA, is_own_output, set_rules
-from metric_cli.arguments import OutputFile, check_paths, input_path, output_folder
+from metric_base.outputs import is_own_output, set_rules
+from metric_cli.arguments import OutputFile, arguments_of, check_paths, input_path, new_folder, output_folder
 from metric_cli.estimate_scale import options as estimate_scale
 from metric_cli.insert_object import insert, study
 from metric_cli.verbs import VERBS, parser_of
+from tests.synthetic import minitree
+from tests.synthetic.raw_fixture import synthetic_items, written
+from tests.synthetic.small_scene import write_small_scene
 
 PARSERS = {
     "estimate-scale": estimate_scale.parser(),
@@ -28,65 +41,234 @@ PARSERS = {
 NAMES_PATH = re.compile(r"FILE|DIR|PATH|OUT|SCENE|WORK|RAW|LIST|JSON|IMAGES")
 #: Texts that name a file or something else; whatever of them exists is an input.
 TEXTS = {None, str}
-SUFFIXES = (".json", ".jsonl", ".png", ".jpg", ".svg", ".pdf", ".html", ".csv", ".md", ".mp4", ".mkv", ".glb", ".txt")
 
 
-def _actions(parser: argparse.ArgumentParser) -> list[argparse.Action]:
-    """The arguments of a parser and of the verbs below it."""
-    below = [action.choices for action in parser._actions if isinstance(action, argparse._SubParsersAction)]
-    inner = [one for choices in below for sub in choices.values() for one in _actions(sub)]
-    return [*parser._actions, *inner]
+WRITTEN = [
+    (name, action)
+    for name, parser in PARSERS.items()
+    for action in arguments_of(parser)
+    if isinstance(action.type, OutputFile) or action.type in {new_folder, output_folder}
+]
+#: The words of a small run of each command, and of some options in a run of their own: every path is in the folder.
+RUNS = {
+    "estimate-scale": "--objects objects.json",
+    "estimate-scale --overlay": "scene --images scene/images",
+    "estimate-scale --write-scaled": "scene",
+    "estimate-scale --work": "photos --frames 2",
+    "insert-object": "scene --model chair.gltf --scale 0.3 --out absent.mp4",
+    "insert-object study": "scene --model chair.gltf --scale 0.3 --out absent.html",
+    "insert-object study report": "answers.json",
+    "metric-tree query": "rat --tree mini",
+    "metric-tree crawl": "generic --out absent --start-url http://127.0.0.1:9/ --contact me@example.org --delay 0",
+    "metric-tree import": "things --sources declared --input things.csv",
+    "metric-tree build": "raw.jsonl --workers 1 --no-heldout --without-curated --out absent",
+    "metric-tree review --folder": "record *:~chair chair.n.01 --reviewer me",
+    "metric-tree report": "mini",
+    "metric-tree check-asset": "chair.gltf --category chair --tree mini",
+    "metric-tree true-size": "chair.gltf --category chair --tree mini",
+    "metric-tree select": "--tree mini",
+    "metric-tree render": "raw.jsonl --models models --out absent",
+    "metric-tree cutout": "mini --out absent",
+    "metric-tree export": "--tree mini --out absent",
+    "metric-tree priors": "--tree mini",
+    "metric-tree site": "--tree mini --workers 1",
+    "metric-tree publish": "--tree mini",
+}
+#: What an output is called where its command looks at the ending; elsewhere `.json`.
+ENDINGS = {
+    "FILE.png": ".png", "FILE.html": ".html", "FILE.csv": ".csv", "FILE.md": ".md", "FILE.jsonl": ".jsonl",
+    "--figure": ".svg", "--preview": ".png", "--parquet": ".parquet", "--fix": ".gltf", "metric-tree report": ".html",
+    "insert-object study": ".html", "insert-object": ".mp4", "metric-tree true-size": ".gltf",
+}  # fmt: skip
+#: What commands keep in folders, here of somebody else.
+KEPT = (
+    "frames/a.jpg", "frames.json", "sparse/0/images.bin", "instances.json", "result.json", "drawing.json",
+    "cautions.json",
+    "stamps/frames.json", "databases/features.db", "items-000000001-000000002.jsonl", "frontier.sqlite",
+    "pictures/a.png", "pictures-000001-000001.jsonl", "quarantine.jsonl", "report.json", "work/a.pickle",
+    "things.jsonl.gz", "recorded.jsonl", "index.html",
+)  # fmt: skip
+TRIED: Counter[str] = Counter()
 
 
-OUTPUTS = [(name, action) for name, parser in PARSERS.items() for action in parser._actions]
-OUTPUTS = [(name, action) for name, action in OUTPUTS if isinstance(action.type, OutputFile)]
+def _command(name: str) -> Callable[[list[str]], int]:
+    from metric_cli.estimate_scale.estimate import main as estimate_main
+    from metric_cli.verbs import main as tree_main
+
+    program, *verb = name.split()
+    if verb == ["crawl"]:  # a reactor runs once in a process
+        code = "import sys; from metric_cli.verbs import main; sys.exit(main(sys.argv[1:]))"
+        return lambda words: subprocess.run([sys.executable, "-c", code, *verb, *words], check=False).returncode
+    main = {"estimate-scale": estimate_main, "insert-object": insert.main, "metric-tree": tree_main}[program]
+    return lambda words: main([*verb, *words])
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a small input of every kind."""
+    place = tmp_path_factory.mktemp("inputs")
+    write_small_scene(place / "forms")
+    (place / "forms" / "colmap").rename(place / "scene")
+    shutil.rmtree(place / "forms")
+    for folder in ("scene/images", "photos", "models", "declared"):
+        (place / folder).mkdir()
+    for file in ("scene/images/a.jpg", "photos/a.jpg", "photos/b.jpg"):
+        Image.effect_noise((64, 48), 90).save(place / file)
+    minitree.release(place / "mini")
+    written(place / "raw.jsonl", synthetic_items(3))
+    triangle = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.5]], dtype="<f4")
+    (place / "chair.bin").write_bytes(triangle.tobytes())
+    accessor = {
+        "bufferView": 0,
+        "componentType": 5126,
+        "count": 3,
+        "type": "VEC3",
+        "min": [0, 0, 0],
+        "max": [1, 1, 0.5],
+    }
+    model = {
+        "asset": {"version": "2.0"}, "scenes": [{"nodes": [0]}], "scene": 0, "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}], "accessors": [accessor],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}], "buffers": [{"uri": "chair.bin", "byteLength": 36}],
+    }  # fmt: skip
+    (place / "chair.gltf").write_text(json.dumps(model))
+    size = {"length": 0.5, "width": 0.5, "height": 0.9}
+    thing = {"id": "1", "category": "chair", "dimensions": size}
+    (place / "objects.json").write_text(json.dumps({"schema": "metric-tree/objects/1", "objects": [thing]}))
+    (place / "answers.json").write_text("{}")
+    (place / "declared" / "things.toml").write_text(DECLARATION)
+    (place / "things.csv").write_text("no,w\n1,10\n")
+    return place
+
+
+DECLARATION = """
+id = "things"
+title = "Made things"
+url = "https://example.org/things"
+licence = "CC0-1.0"
+licence_basis = "made for a test"
+kind = "measured"
+ship = true
+[[tables]]
+files = ["*.csv"]
+unit = "cm"
+id = "{no}"
+category = ["box"]
+axes = { width = "w" }
+"""
+
+
+def _state(place: Path) -> dict[str, str]:
+    """What each file below a folder is, and what is in it."""
+    return {
+        str(path.relative_to(place)): str(path.readlink())
+        if path.is_symlink()
+        else sha256(path.read_bytes()).hexdigest()
+        if path.is_file()
+        else "folder"
+        for path in sorted(place.rglob("*"))
+    }
+
+
+def _words(name: str, action: argparse.Action) -> list[str]:
+    own = f"{name} {action.option_strings[0]}" if action.option_strings else name
+    return [word.replace("~", " ") for word in RUNS.get(own, RUNS.get(name, "absent")).split()]
+
+
+@dataclass
+class _Walk:
+    """The runs of one option of one command, in the folder `place`, which is the working folder."""
+
+    command: Callable[[list[str]], int]
+    words: list[str]
+    option: list[str]
+    place: Path
+
+    def status(self, target: str, kind: str, *more: str) -> int:
+        """The exit status with a target; nothing else may have changed, and nothing appear where it was refused."""
+        before = _state(self.place)
+        status = self.command([*self.words, *self.option, target, *more])
+        after = _state(self.place)
+        changed = {
+            file for file, state in before.items() if after.get(file) != state and file.partition("/")[0] != "absent"
+        }
+        assert changed <= ({target} if kind == "own" or more else set()), (target, kind)
+        assert status != 2 or kind == "kept" or set(after) <= set(before), (target, kind, set(after) - set(before))
+        TRIED[kind] += 1
+        return status
+
+    def files(self) -> list[str]:
+        """The files that the words name, those in folders too."""
+        named = [word for word in self.words if Path(word).exists()]
+        found = [str(file) for word in named for file in (Path(word), *sorted(Path(word).rglob("*"))) if file.is_file()]
+        return found + (["chair.bin"] if "chair.gltf" in named else [])
+
+    def try_file(self, ending: str) -> None:
+        """An option that names a file."""
+        refused = [(file, "input") for file in self.files()] + [("symbolic", "link")]
+        # a second name of a file in a folder that is read may go: the file stays
+        refused += [(f"hard{ending}", "link")] if any(Path(word).is_file() for word in self.words) else []
+        for target, kind in refused:
+            assert self.status(target, kind) == 2, target
+            assert self.status(target, kind, "--overwrite") == 2, target
+        assert self.status(f"other{ending}", "other") == 2
+        self.status(f"other{ending}", "other", "--overwrite")
+        self.status("others", "folder of others")
+        status = self.status(f"own{ending}", "absent")
+        if status in {0, 3} and Path(f"own{ending}").is_file():
+            assert self.status(f"own{ending}", "own") == status
+
+    def try_folder(self, ending: str, new: bool) -> None:
+        """An option that names a folder, which must be new or may be kept."""
+        targets = ["others", "linked", *(word for word in self.words if new and Path(word).is_dir())]
+        for target in targets:
+            status = self.status(target, "folder of others" if new else "kept")
+            assert status == 2 or not new, target
+        for target in (f"other{ending}", *self.files()[: 3 * new]):
+            assert self.status(target, "other") == 2, target
+
+
+@pytest.mark.parametrize(
+    ("name", "action"), WRITTEN, ids=["-".join([name.replace(" ", "-"), one.dest]) for name, one in WRITTEN]
+)
+def test_a_whole_command_replaces_no_input_and_no_file_of_others(
+    name: str, action: argparse.Action, inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Inputs, links to them, files and folders of others stay as they are; an own output may be written again."""
+    place = tmp_path / "run"
+    shutil.copytree(inputs, place)
+    monkeypatch.chdir(place)
+    monkeypatch.setenv("METRIC_TREE_CACHE", str(tmp_path / "cache"))
+    walk = _Walk(_command(name), _words(name, action), action.option_strings[:1], place)
+    keys = [*walk.option, str(action.metavar), name]
+    ending = next((ENDINGS[key] for key in keys if key in ENDINGS), ".json")
+    source = next(iter(walk.files()), "objects.json")
+    Path("symbolic").symlink_to(source)
+    os.link(source, f"hard{ending}")
+    Path("linked").symlink_to("others")
+    for file in (f"other{ending}", *(f"others/{file}" for file in KEPT)):
+        (place / file).parent.mkdir(parents=True, exist_ok=True)
+        (place / file).write_text("a user's")
+    if isinstance(action.type, OutputFile):
+        walk.try_file(ending)
+    else:
+        walk.try_folder(ending, action.type is new_folder)
+
+
+def test_the_walk_over_paths_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    """`pytest -s` prints the count; every command that writes has a line of its own."""
+    missing = {name for name, _ in WRITTEN} - {key.partition(" --")[0] for key in RUNS}
+    assert not missing
+    with capsys.disabled():
+        sys.stdout.write(f"\n{len(WRITTEN)} options that name outputs, {sum(TRIED.values())} runs: {dict(TRIED)}\n")
 
 
 @pytest.mark.parametrize("name", PARSERS)
 def test_every_argument_that_names_a_path_says_whether_it_is_read_or_written(name: str) -> None:
-    for action in _actions(PARSERS[name]):
-        says = isinstance(action.type, OutputFile) or action.type in {input_path, output_folder}
+    for action in arguments_of(PARSERS[name]):
+        says = isinstance(action.type, OutputFile) or action.type in {input_path, new_folder, output_folder}
         assert says or action.type in TEXTS or not NAMES_PATH.search(str(action.metavar)), action
         assert action.type is not Path, action
-
-
-def _check(name: str, action: argparse.Action, target: Path, source: Path, overwrite: bool = False) -> None:
-    values: dict[str, object] = {one.dest: None for one in PARSERS[name]._actions}
-    values |= {"overwrite": overwrite, action.dest: target}
-    check_paths(PARSERS[name], argparse.Namespace(**values, anything_read=[source]))
-
-
-@pytest.mark.parametrize(("name", "action"), OUTPUTS, ids=[f"{name} {action.dest}" for name, action in OUTPUTS])
-def test_an_output_replaces_no_input_and_no_file_of_others(name: str, action: argparse.Action, tmp_path: Path) -> None:
-    assert isinstance(action.type, OutputFile)
-    scene = tmp_path / "scene"
-    (scene / "images").mkdir(parents=True)
-    for number, suffix in enumerate(SUFFIXES):
-        source, other, own = scene / f"in{suffix}", tmp_path / f"other{suffix}", tmp_path / f"own{suffix}"
-        picture, symbolic, hard = scene / "images" / f"a{suffix}", tmp_path / f"s{number}", tmp_path / f"h{suffix}"
-        for file in (source, other, picture):
-            file.write_text("a user's")
-        symbolic.symlink_to(source)
-        os.link(source, hard)
-        for target in (source, other, picture, symbolic, hard):
-            with pytest.raises(InputError, match="choose another name"):
-                _check(name, action, target, source)
-        for target in (source, symbolic, hard):
-            with pytest.raises(InputError, match="is read in this run"):
-                _check(name, action, target, source, overwrite=True)
-        for target in (source, picture):  # part of a folder that is read
-            with pytest.raises(InputError, match="is read in this run"):
-                _check(name, action, target, scene, overwrite=True)
-        _check(name, action, other, source, overwrite=True)
-        _check(name, action, tmp_path / f"absent{suffix}", source)
-        if suffix.startswith(".json"):
-            schema = action.type.schema + ("x/1" if action.type.schema == ANY_SCHEMA else "1")
-            own.write_text(f'{{"schema": "{schema}"}}')
-            _check(name, action, own, source)
-            own.write_text('{"schema": "metric-tree/objects/1"}')  # written by hand, as input
-            if action.type.schema != ANY_SCHEMA:
-                with pytest.raises(InputError, match="already exists"):
-                    _check(name, action, own, source)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".webp"])

@@ -20,6 +20,7 @@ import metric_tree
 from estimator.capture.mask_page import MaskPage, frames_to_draw
 from estimator.capture.thing_names import ThingNames
 from estimator.records.scene import Camera, Scene, View
+from metric_base.errors import InputError
 from tests.synthetic.browser import Browser
 
 NAMES = [f"{k:06d}.jpg" for k in range(8)]
@@ -156,6 +157,17 @@ def test_an_interrupted_drawing_is_kept(served: _Served, tmp_path: Path) -> None
     again._server.server_close()
 
 
+@pytest.mark.parametrize(
+    "content", ["[" * 200_000, "[3]", '{"frames": {"000001.jpg": 3}}', '{"frames": 3}', "a user's"]
+)
+def test_a_draft_that_is_no_drawing_is_not_replaced(tmp_path: Path, content: str) -> None:
+    frames = frames_to_draw(_scene(tmp_path / "frames"), tmp_path / "frames")
+    (tmp_path / "d.json").write_text(content)
+    with pytest.raises(InputError, match=r"drawing|JSON"):
+        MaskPage(frames, [], tmp_path / "d.json")
+    assert (tmp_path / "d.json").read_text() == content
+
+
 def _body(things: object, name: str = "000001.jpg") -> str:
     return json.dumps({"images": [{"name": name, "things": things}]})
 
@@ -169,6 +181,7 @@ def _body(things: object, name: str = "000001.jpg") -> str:
         (_body([{"kind": "box", "name": " "}]), "needs a name"),
         (_body([{"kind": "box", "name": "a", "points": [[1, 1]]}]), "corners"),
         (_body([{"kind": "box", "name": "a", "points": "x"}]), "corners"),
+        (_body([{"kind": "box", "name": "a", "points": [[1, 1], [int("9" * 400), 2]]}]), "corners"),
         (_body([{"kind": "polygon", "name": "a", "points": [[1, 1], [9, 9]]}]), "3 or more corners"),
         (_body([{"kind": "box", "name": "a", "points": [[1, 1], [2, 2]]}]), "smaller"),
         (_body(3), "frames of this page"),

@@ -148,7 +148,7 @@ def test_a_release_without_pictures_and_a_taken_path_are_told(tmp_path, no_weigh
     assert run(old.directory, "--out", tmp_path / "new", "--backend", "plain") == 2
     assert "expected pictures with files; found none" in capsys.readouterr().err
     assert run(old.directory, "--out", old.directory) == 2
-    assert "expected a free path" in capsys.readouterr().err
+    assert "expected a folder that is not there yet" in capsys.readouterr().err
 
 
 @pytest.mark.slow

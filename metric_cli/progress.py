@@ -1,17 +1,20 @@
-"""Progress on standard error: bars with the time left on a terminal, nothing elsewhere."""
+"""Progress on standard error: bars with the time left on a terminal, a line every ten seconds elsewhere."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeVar
 
-from metric_base.progress import ProgressCallback, silent, with_progress
+from metric_base.progress import ProgressCallback, with_progress
 
-__all__ = ["progress_bars", "with_bar"]
+__all__ = ["LINE_S", "progress_bars", "progress_lines", "with_bar"]
 
 Item = TypeVar("Item")
+#: Seconds between two lines where nobody looks at a terminal.
+LINE_S = 10.0
 
 
 def with_bar(items: Iterable[Item], step: str, total: int | None = None) -> Iterator[Item]:
@@ -20,11 +23,24 @@ def with_bar(items: Iterable[Item], step: str, total: int | None = None) -> Iter
         yield from with_progress(items, step, shown, total)
 
 
+def progress_lines(write: Callable[[str], object], clock: Callable[[], float] = time.monotonic) -> ProgressCallback:
+    """Progress as lines, the first one LINE_S seconds after the start and then no more often than that."""
+    last = clock()
+
+    def shown(step: str, done: int, total: int | None) -> None:
+        nonlocal last
+        if clock() - last >= LINE_S:
+            last = clock()
+            write(f"{step}: {done}\n" if total is None else f"{step}: {done} of {total}\n")
+
+    return shown
+
+
 @contextmanager
 def progress_bars() -> Iterator[ProgressCallback]:
     """A bar for each step that is named, in the order in which they come; they go when all is done."""
     if not sys.stderr.isatty():
-        yield silent
+        yield progress_lines(sys.stderr.write)
         return
     from rich.console import Console
     from rich.progress import (

@@ -2,16 +2,20 @@
 
 `python -m benchmarks.insertion.frame_cost --out DIR [--size 640x480 --lengths 60 240] [--model FILE]`. A synthetic
 room is recorded along a path to and fro; the work folder comes from the truth, not from a reconstruction. The command
-runs once for each length; seconds a frame are the difference of the processor seconds over that of the frames.
+runs once for each length; seconds a frame are the difference of the processor seconds over that of the frames. The
+last line compares all that is drawn with the renderer alone, in one process, without decoding and encoding.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,7 +60,9 @@ def main() -> None:
         print(f"{options.size}, {length} frames: {cpu:.1f} CPU s, peak memory {memory:.0f} MiB, ", end="")
         print(f"object in {len(drawn)} frames, {rows:.0f} rows high", flush=True)
     frames = options.lengths[1] - options.lengths[0]
-    print(f"{options.size}: {(spent[1] - spent[0]) / frames:.3f} CPU s a frame")
+    print(f"{options.size}: {(spent[1] - spent[0]) / frames:.3f} CPU s a frame", flush=True)
+    alone, whole = drawing_cost(options.out / f"{options.size}-{options.lengths[0]}", options.model)
+    print(f"{options.size}: renderer alone {alone:.3f}, drawing {whole:.3f} CPU s a frame: {whole / alone:.2f} times")
 
 
 def synthetic_work(world: World, lens: Lens, length: int, folder: Path) -> None:
@@ -95,6 +101,37 @@ def run(work: Path, model: Path, *words: str) -> tuple[float, float, dict[str, l
     if child.status:
         raise SystemExit(child.errors)
     return child.cpu_s, child.peak_mib, json.loads(child.output)
+
+
+def drawing_cost(work: Path, model: Path) -> tuple[float, float]:
+    """CPU seconds a frame of the renderer alone, and of all that is drawn, without decoding and encoding."""
+    from insertion.insert import open_stage
+    from insertion.pipeline import frames
+    from insertion.pipeline.objects import place_objects
+    from insertion.pipeline.request import ObjectRequest
+    from insertion.render.renderer import ObjectRenderer
+    from insertion.scene.scale import read_scale
+
+    spent = {"alone": 0.0, "whole": 0.0}
+
+    def clocked(function: Any, name: str) -> Any:
+        def run_it(*arguments: Any) -> Any:
+            start = time.process_time()
+            result = function(*arguments)
+            spent[name] += time.process_time() - start
+            return result
+
+        return run_it
+
+    stage = open_stage(work, read_scale(work, None))
+    placed = place_objects(stage, [ObjectRequest(model)])
+    with (
+        mock.patch.object(ObjectRenderer, "image", clocked(ObjectRenderer.image, "alone")),
+        mock.patch.object(frames, "_draw_objects", clocked(frames._draw_objects, "whole")),
+    ):
+        frames.insert_objects(stage, placed, lambda *_: None, video=True)
+    count = len(stage.footage.shots)
+    return spent["alone"] / count, spent["whole"] / count
 
 
 def _poses(video: Path, camera: Camera, turns: Sequence[FloatArray], centres: FloatArray, kept: set[int]) -> FramePoses:

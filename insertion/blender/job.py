@@ -16,6 +16,7 @@ from insertion.pipeline.objects import Placed
 from insertion.render.boxes import window_behind
 from insertion.render.pinhole import Window, focal_lengths
 from insertion.scene.box import Box
+from metric_base.arrays import FloatArray
 from metric_base.pictures import write_picture
 
 __all__ = ["SAMPLES", "full_window", "ideal_window", "insertion_job", "support_albedo", "write_environment"]
@@ -24,6 +25,8 @@ __all__ = ["SAMPLES", "full_window", "ideal_window", "insertion_job", "support_a
 SAMPLES = 32
 #: Half the side of the square that catches shadows, in sizes of the object.
 CATCHER_SIZES = 8.0
+#: Objects whose feet differ by less stand on one surface.
+SAME_LEVEL_M = 0.01
 
 
 def full_window(camera: Camera) -> Window:
@@ -44,14 +47,16 @@ def insertion_job(
     folder: Path,
     window_of: Callable[[Camera], Window] = full_window,
 ) -> dict[str, Any]:
-    """Objects on a shadow catcher under the environment; nothing is written yet (`out`, `blend`).
+    """Objects on shadow catchers under the environment; nothing is written yet (`out`, `blend`).
 
     window_of : what is seen by a camera: a picture with a margin that a lens is then bent over, or `ideal_window`.
     """
-    largest = max(placed.body.unit for placed in objects) * frame.scale
     return {
         "objects": [_object(item, frame, folder / f"model{number}.glb") for number, item in enumerate(objects)],
-        "catcher": {"half": CATCHER_SIZES * largest, "albedo": support_albedo(environment)},
+        "catchers": [
+            {"corners": corners.tolist(), "albedo": support_albedo(environment)}
+            for corners in _catchers(objects, frame)
+        ],
         "environment": str(write_environment(environment, folder / "environment.hdr")),
         "window": _window(window_of(keys[0].camera)),
         "keys": [
@@ -66,6 +71,27 @@ def insertion_job(
         "start_s": 0.0,
         "samples": SAMPLES,
     }
+
+
+def _catchers(objects: Sequence[Placed], frame: MetricFrame) -> list[FloatArray]:
+    """(4, 3) corners in the metric frame of a rectangle under each object, one for all that stand equally high.
+
+    That of a table is no larger than what was seen of it: beyond, it would shade what stands below.
+    """
+    levels: dict[int, FloatArray] = {}  # by the height in steps of SAME_LEVEL_M: x and y of two corners, and the height
+    axes = objects[0].place.basis
+    for item in objects:
+        x, y, height = axes @ item.place.position
+        reach = CATCHER_SIZES * item.body.unit
+        low, high = np.array([x, y]) - reach, np.array([x, y]) + reach
+        if item.place.plane != 0 and item.surface is not None and item.surface.solid.any():
+            cells = np.argwhere(item.surface.solid)
+            low = np.maximum(low, item.surface.origin + cells.min(axis=0) * item.surface.cell)
+            high = np.minimum(high, item.surface.origin + (cells.max(axis=0) + 1) * item.surface.cell)
+        key = round(height * frame.scale / SAME_LEVEL_M)
+        old = levels.get(key, np.array([*low, *high, height]))
+        levels[key] = np.array([*np.minimum(old[:2], low), *np.maximum(old[2:4], high), old[4]])
+    return [frame(np.array([[a, b, h], [c, b, h], [c, d, h], [a, d, h]]) @ axes) for a, b, c, d, h in levels.values()]
 
 
 def _window(window: Window) -> dict[str, float]:

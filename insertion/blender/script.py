@@ -25,8 +25,8 @@ def main(job: dict[str, Any]) -> None:
         add_model(item)
     for light in job.get("lights", []):
         add_light(light)
-    if job.get("catcher"):
-        add_catcher(job["catcher"])
+    for catcher in job.get("catchers", []):
+        add_catcher(catcher)
     set_world(scene, job.get("environment"))
     camera = add_camera(scene, job)
     if job.get("blend"):
@@ -62,10 +62,10 @@ def add_light(light: dict[str, Any]) -> None:
 
 
 def add_catcher(catcher: dict[str, Any]) -> None:
-    """A square on y = 0 that shows nothing but shadows; albedo : what it reflects onto the object."""
-    half = catcher["half"]
+    """A rectangle that shows nothing but shadows; corners : (4, 3); albedo : what it reflects onto the object."""
     mesh = bpy.data.meshes.new("support")
-    mesh.from_pydata([(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)], [], [(0, 1, 2, 3)])
+    corners = np.array(catcher["corners"]) @ TURN[:3, :3].T
+    mesh.from_pydata([tuple(corner) for corner in corners.tolist()], [], [(0, 1, 2, 3)])
     material = bpy.data.materials.new("support")
     material.use_nodes = True
     surface = material.node_tree.nodes["Principled BSDF"]

@@ -30,9 +30,15 @@ def srgb_to_linear(picture: Picture) -> Linear:
 
 def linear_to_srgb(linear: NDArray[np.floating]) -> Linear:
     """SRGB values in 0 to 255, not rounded, of linear light, an array of any shape; what is out of range is clipped."""
-    light = np.clip(linear, 0.0, 1.0)
-    srgb = np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
-    return np.asarray(srgb * 255.0, dtype=np.float32)
+    import cv2
+
+    light = np.clip(np.asarray(linear, dtype=np.float32), 0.0, 1.0).reshape(-1, 1)
+    if not light.size:
+        return np.zeros(np.shape(linear), np.float32)
+    curved = cv2.pow(light, 1 / 2.4) * np.float32(1.055 * 255) - np.float32(
+        0.055 * 255
+    )  # NumPy takes ten times as long
+    return np.where(light <= 0.0031308, light * np.float32(12.92 * 255), curved).reshape(np.shape(linear))
 
 
 def luminance(linear: NDArray[np.floating]) -> Linear:

@@ -15,6 +15,10 @@ DIRECTIONS = 6
 BLUR_PX = (0.35, 4.0)
 #: Fewer pixels of a direction say nothing of it.
 MIN_PIXELS = 400
+#: One pixel in so many along each side says how strong the strongest edges are.
+SAMPLED = 3
+#: Pixels that the widest blur reaches.
+REACH_PX = 12
 _Grey = NDArray[np.float32]
 
 
@@ -27,16 +31,24 @@ def blur_of(grey: _Grey) -> NDArray[np.float64]:
     import cv2
 
     first, second = gradients(grey), gradients(cv2.GaussianBlur(grey, (0, 0), 1.0))
-    turn = np.arctan2(first[1], first[0]) % np.pi
-    size = np.hypot(*first)
+    size = cv2.magnitude(*first)
+    # which way an edge looks is asked of few pixels for the limit, and of the strong ones
+    some = np.s_[::SAMPLED, ::SAMPLED]
+    usual, direction = size[some], _direction(first[0][some], first[1][some])
+    limits = np.full(DIRECTIONS, np.inf, np.float32)
+    for number in range(DIRECTIONS):
+        own = usual[direction == number]
+        if len(own) * SAMPLED**2 >= MIN_PIXELS:
+            limits[number] = np.quantile(own, 1 - EDGE_SHARE)
+    strong = np.flatnonzero(size >= limits.min())
+    edges = [(across.ravel()[strong], down.ravel()[strong]) for across, down in (first, second)]
+    direction, size = _direction(*edges[0]), size.ravel()[strong]
     rows, values = [], []
-    for angle in np.pi * np.arange(DIRECTIONS) / DIRECTIONS:
-        own = np.abs((turn - angle + np.pi / 2) % np.pi - np.pi / 2) < np.pi / DIRECTIONS / 2
-        if np.count_nonzero(own) < MIN_PIXELS:
-            continue
-        strong = own & (size >= np.quantile(size[own], 1 - EDGE_SHARE))
+    for number in map(int, np.flatnonzero(np.isfinite(limits))):
+        angle = np.pi * number / DIRECTIONS
+        own = (direction == number) & (size >= limits[number])
         c, s = np.cos(angle), np.sin(angle)
-        before, after = (np.abs(c * across[strong] + s * down[strong]) for across, down in (first, second))
+        before, after = (np.abs(c * across[own] + s * down[own]) for across, down in edges)
         ratio = before / np.maximum(after, 1e-3)
         sigma = 1.0 / np.sqrt(np.maximum(ratio**2 - 1, 1e-3))
         # a pixel's own area blurs by 0.29, and the gradient's stencil by 0.7
@@ -46,6 +58,12 @@ def blur_of(grey: _Grey) -> NDArray[np.float64]:
         return np.eye(2) * BLUR_PX[0] ** 2
     xx, xy, yy = np.linalg.lstsq(np.array(rows), np.array(values), rcond=None)[0]
     return _with_widths(np.array([[xx, xy], [xy, yy]]), *BLUR_PX)
+
+
+def _direction(across: _Grey, down: _Grey) -> NDArray[np.int64]:
+    """Number of the direction, of DIRECTIONS over half a turn, that each gradient is nearest to; of any shape."""
+    turn = np.arctan2(down, across) * np.float32(DIRECTIONS / np.pi)
+    return np.asarray(np.rint(turn).astype(np.int64) % DIRECTIONS)
 
 
 def blur_layer(layer: _Grey, covariance: NDArray[np.float64]) -> _Grey:

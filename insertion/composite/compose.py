@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insertion.colour.encoding import linear_to_srgb, srgb_to_linear
-from insertion.composite.blur import blur_layer
+from insertion.composite.blur import REACH_PX, blur_layer
 from insertion.composite.match import Look, grain
 from insertion.render.layers import ObjectLayers
 from insertion.scene.box import Box
@@ -53,16 +53,27 @@ class Joined:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Composite:
-    """A picture (h, w, 3) with objects, and what it was joined from over a box of it.
+    """A picture (h, w, 3) with objects, and what it was joined from over a box of it; outside it is the plate.
 
-    covering : (h, w, 4) the objects as they are seen, linear and premultiplied; share : (h, w, 3) of the plate's light
-    that is left. Outside the box the picture is the plate.
+    over : (h, w, 4) the objects, linear and premultiplied; left : (h, w, 3) of the plate's light; both count in the
+    pixels that are `changed` (h, w).
     """
 
     picture: Picture
     box: Box
-    covering: NDArray[np.float32]
-    share: NDArray[np.float32]
+    over: NDArray[np.float32]
+    left: NDArray[np.float32]
+    changed: NDArray[np.bool_]
+
+    @property
+    def covering(self) -> NDArray[np.float32]:
+        """(h, w, 4) the objects as they are seen, linear and premultiplied."""
+        return self.over * self.changed[..., None]
+
+    @property
+    def share(self) -> NDArray[np.float32]:
+        """(h, w, 3) of the plate's light that is left."""
+        return np.where(self.changed[..., None], self.left, np.float32(1.0))
 
 
 def behind_each_other(joined: Sequence[Joined]) -> list[Joined]:
@@ -92,7 +103,8 @@ def compose(picture: Picture, joined: Sequence[Joined], look: Look, seed: int) -
     """
     if not joined:
         box = Box(0, 0, 1, 1)
-        return Composite(picture, box, np.zeros((1, 1, 4), np.float32), np.ones((1, 1, 3), np.float32))
+        nothing, whole = np.zeros((1, 1, 4), np.float32), np.ones((1, 1, 3), np.float32)
+        return Composite(picture, box, nothing, whole, np.zeros((1, 1), bool))
     box = joined[0].layers.box
     for item in joined[1:]:
         box = box.union(item.layers.box)
@@ -134,15 +146,34 @@ def _covered_picture(
 
     covering : (h, w, 4) of the box, linear and premultiplied; share : (h, w, 3) of the light that is left.
     """
+    import cv2
+
     before = picture[box.slices]
     gain = np.append(look.gain, 1.0).astype(np.float32)
-    covering = blur_layer(covering * gain, look.blur)
-    alpha = np.clip(covering[..., 3:], 0.0, 1.0)
-    changed = (alpha[..., 0] > LEAST_COVER) | ((1 - share).max(axis=-1) > LEAST_LOSS)
-    mixed = srgb_to_linear(before) * share * (1 - alpha) + covering[..., :3]
-    grey = linear_to_srgb(mixed)
-    grey += grain(look, box, grey, seed) * alpha
+    part = _covered_part(covering[..., 3])  # of the box; blur and grain are there alone
+    own = np.s_[part.y0 : part.y1, part.x0 : part.x1]
+    covering = covering.copy()
+    covering[own] = blur_layer(covering[own] * gain, look.blur)
+    np.clip(covering[..., 3], 0.0, 1.0, out=covering[..., 3])
+    least = np.minimum(np.minimum(share[..., 0], share[..., 1]), share[..., 2])  # much faster than along an axis
+    changed = (covering[..., 3] > LEAST_COVER) | (least < 1 - LEAST_LOSS)
+    light, alpha = srgb_to_linear(before) * share, covering[own][..., 3:]
+    light[own] = light[own] * (1 - alpha) + covering[own][..., :3]
+    grey = linear_to_srgb(light)
+    grey[own] += grain(look, part, grey[own], seed) * alpha
     out = picture.copy()
-    out[box.slices] = np.where(changed[..., None], np.clip(np.rint(grey), 0, 255).astype(np.uint8), before)
-    seen = np.dstack([covering[..., :3], alpha]) * changed[..., None]
-    return Composite(out, box, seen, np.where(changed[..., None], share, 1.0).astype(np.float32))
+    out[box.slices] = np.where(changed[..., None], cv2.add(grey, 0.0, dtype=cv2.CV_8U), before)  # rounded and clipped
+    return Composite(out, box, covering, share, changed)
+
+
+def _covered_part(alpha: NDArray[np.float32]) -> Box:
+    """The part of an array (h, w) that the objects cover, as far as a blur spreads them; one pixel without any."""
+    rows, columns = np.flatnonzero(alpha.any(axis=1)), np.flatnonzero(alpha.any(axis=0))
+    if not len(rows):
+        return Box(0, 0, 1, 1)
+    height, width = alpha.shape
+    low, high = (int(columns[0]), int(rows[0])), (int(columns[-1]) + 1, int(rows[-1]) + 1)
+    return Box(
+        max(low[0] - REACH_PX, 0), max(low[1] - REACH_PX, 0), min(high[0] + REACH_PX, width),
+        min(high[1] + REACH_PX, height),
+    )  # fmt: skip

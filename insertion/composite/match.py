@@ -28,7 +28,7 @@ FINEST_PX = 0.6
 #: Most of the grain that is believed to be common to the three channels.
 MOST_COMMON = 0.98
 #: In a video, so many frames share one measurement of the grain.
-GRAIN_FRAMES = 10
+GRAIN_FRAMES = 30
 _BINS = 8
 
 
@@ -134,20 +134,20 @@ def _grain_of(picture: Picture, grey: NDArray[np.float32]) -> tuple[NDArray[np.f
     if np.count_nonzero(flat) < 200:
         return np.zeros((_BINS, 3)), 0.0, 0.0
     finest = FINEST_TIMES * _finest(grey)
-    overall = np.array([_sigma(rests[flat][:, k]) for k in range(3)])
+    plain = rests[flat]  # (n, 3)
+    overall = np.array([_sigma(plain[:, k]) for k in range(3)])
     levels = np.tile(overall, (_BINS, 1))
     index = np.minimum(colour[flat] / 256 * _BINS, _BINS - 1).astype(np.int64)
     for k in range(3):
         for bin_number in range(_BINS):
-            own = rests[flat][:, k][index[:, k] == bin_number]
+            own = plain[:, k][index[:, k] == bin_number]
             if len(own) > 150:
                 levels[bin_number, k] = _sigma(own)
     both = flat[:, 1:] & flat[:, :-1]
     alike = float(np.mean(rest[:, 1:][both] * rest[:, :-1][both]) / max(float(np.mean(rest[flat] ** 2)), 1e-9))
     # white noise blurred by s has the correlation exp(-1 / (4 s^2)) between neighbours
     smooth = float(np.sqrt(-0.25 / np.log(alike))) if 0.02 < alike < 0.95 else 0.0
-    spread = np.maximum(rests[flat].std(axis=0), 1e-6)
-    scaled = rests[flat] / spread
+    scaled = plain / np.maximum(plain.std(axis=0), 1e-6)
     across = np.mean(scaled * np.roll(scaled, 1, axis=1))  # the mean correlation of two channels
     textured = bool(overall.mean() > finest)
     return (

@@ -139,6 +139,24 @@ def matte(hidden: NDArray[np.bool_], picture: NDArray[np.uint8], reach: int) -> 
     reach = max(reach, 2)
     size = (2 * reach + 1, 2 * reach + 1)
     rough = hidden.astype(np.float32)
+    level = cv2.blur(rough, size, borderType=cv2.BORDER_REPLICATE)
+    band = (level > 1e-3) & (level < 1 - 1e-3)
+    if not band.any():
+        return rough
+    rows, columns = np.flatnonzero(band.any(axis=1)), np.flatnonzero(band.any(axis=0))
+    near = tuple(
+        slice(max(int(ends[0]) - 2 * reach, 0), int(ends[-1]) + 2 * reach + 1) for ends in (rows, columns)
+    )  # what the windows of the band's pixels see
+    rough[near] = _matte_in_band(rough[near], band[near], picture[near], size)
+    return rough
+
+
+def _matte_in_band(
+    rough: NDArray[np.float32], band: NDArray[np.bool_], picture: NDArray[np.uint8], size: tuple[int, int]
+) -> NDArray[np.float32]:
+    """(h, w) the matte `rough` (h, w) with the pixels of the band (h, w) as the picture (h, w, 3) has the edge."""
+    import cv2
+
     guide = cv2.GaussianBlur(picture, (0, 0), 0.5).astype(np.float32) / 255
 
     def mean(values: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -160,7 +178,6 @@ def matte(hidden: NDArray[np.bool_], picture: NDArray[np.uint8], reach: int) -> 
     strength = mean((slope * along).sum(axis=-1)) / np.maximum(mean(level * (1 - level)), 1e-3)
     weight = np.clip((strength - 0.3) / 0.4, 0.0, 1.0)
     plain = cv2.GaussianBlur(rough, (0, 0), EDGE_PX)
-    band = (level > 1e-3) & (level < 1 - 1e-3)
     return np.asarray(np.where(band, weight * shown + (1 - weight) * plain, rough), dtype=np.float32)
 
 

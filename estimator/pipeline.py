@@ -12,6 +12,7 @@ import numpy as np
 
 import metric_tree
 from estimator.records import METHODS
+from estimator.records.digests import cloud_digest, masks_digest, model_digest, objects_digest, options_digest
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.records.scale_evidence import ScaleEvidence
@@ -95,8 +96,10 @@ def objects_result(
     if options.method == "paper":
         from estimator.baselines.paper import paper_result
 
-        return paper_result(objects, tree, options, paper_lists)
-    return scale_of_objects(objects, tree, options)
+        result = paper_result(objects, tree, options, paper_lists)
+    else:
+        result = scale_of_objects(objects, tree, options)
+    return _result_of(result, options, {"objects": objects_digest(objects)})
 
 
 def scene_estimate(
@@ -135,10 +138,41 @@ def scene_estimate(
     else:
         masks, warnings = read_instances_and_warnings(scene, instances, categories)
     seconds = {"reading": time.perf_counter() - started}
-    return _estimate(scene, masks, tree, options, sources, warnings, seconds, paper_lists)
+    beside = bool(masks) and instances is None and detector is None
+    return _estimate(scene, masks, tree, options, sources, warnings, seconds, paper_lists, beside)
 
 
 def _estimate(
+    scene: Scene,
+    instances: Sequence[Instance],
+    tree: Tree,
+    options: Options,
+    sources: Sequence[EvidenceSource] = (),
+    warnings: Sequence[str] = (),
+    seconds: Mapping[str, float] | None = None,
+    paper_lists: Path | None = None,
+    beside: bool = False,
+) -> SceneEstimate:
+    """The estimate and what it is of; beside : the masks are those that lie with the scene."""
+    of = {
+        "model": model_digest(scene),
+        "cloud": cloud_digest(scene),
+        "masks": masks_digest(scene, instances),
+        "masks_from": "scene" if beside else None,
+    }
+    estimate = _estimate_of(scene, instances, tree, options, sources, warnings, seconds, paper_lists)
+    return replace(estimate, result=_result_of(estimate.result, options, of))
+
+
+def _result_of(result: ScaleResult, options: Options, of: Mapping[str, str | None]) -> ScaleResult:
+    """The result with the digests of what it is of, and of what was asked for."""
+    rows = [(row.kind, row.id, row.scale, row.sd_log) for row in result.evidence]
+    up = None if options.up is None else [float(value) for value in options.up]
+    asked = (result.method, options.level, options.trust_known_length, str(options.where), up, rows, result.tree)
+    return replace(result, of={**of, "options": options_digest(asked)})
+
+
+def _estimate_of(
     scene: Scene,
     instances: Sequence[Instance],
     tree: Tree,

@@ -39,7 +39,7 @@ class Insertion:
 def insert_objects(
     scene: Path | str,
     objects: Sequence[ObjectRequest | Path | str],
-    scale: float | ScaleResult | None,
+    scale: float | Path | ScaleResult | None,
     out: Path | str,
     *,
     images: Path | None = None,
@@ -61,7 +61,7 @@ def insert_objects(
     ----------
     scene : a COLMAP model folder with its pictures, or a work folder of `capture_video`
     objects : glTF or GLB files in metres, at a free place each, or `ObjectRequest`s with a place and a size
-    scale : metres per scene unit, or a result of `estimate_scale`, or None for `result.json` in the scene's folder
+    scale : metres per scene unit, a result of `estimate_scale`, its file, or None for `result.json` in the folder
     out : a video (`out.mp4`), or a new folder for one PNG a frame
     images : the pictures, by default beside or above the model; instances : masks of what may hide the objects
     dense : dense cloud, or `none`; up : the vertical, if it is known; tree : for sizes by the prior
@@ -125,6 +125,7 @@ def open_stage(
     footage = video_footage(folder, scene) or PictureFootage(stills)
     default = any((folder / name).exists() for name in ("instances.json", "instances"))
     masks = read_instances(instances, scene) if instances or default else ()
+    scale.check(scene, masks if instances is None else None)
     return make_stage(scene, stills, footage, masks, scale, up)
 
 

@@ -15,11 +15,12 @@ import numpy as np
 
 from estimator.outputs.colmap_writer import write_colmap_model
 from estimator.outputs.rescaled_colmap import write_scaled_colmap
-from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction
+from estimator.reconstructions.colmap import read_colmap
+from estimator.reconstructions.opensfm import RECONSTRUCTION, TRACKS, largest_reconstruction, read_opensfm
 from estimator.reconstructions.ply import ply_layout, read_visibility, visibility_bytes
 from estimator.records.scene import Scene
 from metric_base.arrays import IntArray
-from metric_base.errors import InputError, in_file
+from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.files import whole_folder
 from metric_base.input_files import read_bytes
 
@@ -32,7 +33,8 @@ TRANSFORM = "metric_transform.txt"
 def write_scaled(scene: Scene, scale: float, folder: Path) -> None:
     """The files of `scene` in a new `folder`, laid out as in the original, at `scale` metres per scene unit.
 
-    InputError where the folder exists, the scene has no files, or the scale is not a positive number.
+    InputError where the folder exists, the scene has no files or others than those it was read from, or the scale is
+    not a positive number.
     """
     if not (np.isfinite(scale) and scale > 0):
         raise InputError.at(folder, "scale", "a positive number", scale)
@@ -40,6 +42,21 @@ def write_scaled(scene: Scene, scale: float, folder: Path) -> None:
         raise InputError.at(scene.path, "model", "a scene that was read from files", None)
     with whole_folder(folder, "--write-scaled") as temporary:
         _write_all(scene, scene.model_path, scale, temporary)
+        _expect_same(scene, scene.model_path)
+
+
+def _expect_same(scene: Scene, model_path: Path) -> None:
+    """See that the files are still those that the scene was read from; other forms are written from memory."""
+    if scene.format in {"colmap-binary", "colmap-text"}:
+        now = read_colmap(model_path, scene.path)
+    elif scene.format == "opensfm":
+        now = read_opensfm(model_path)
+    else:
+        return
+    same = np.array_equal(now.points, scene.points) and len(now.views) == len(scene.views)
+    if not same or any(np.any(a.translation != b.translation) for a, b in zip(now.views, scene.views, strict=True)):
+        expected = "the reconstruction that the scale is of"
+        raise InputError.at(scene.path, "model", expected, Unquoted("another, exchanged since it was read"))
 
 
 def _write_all(scene: Scene, model_path: Path, scale: float, folder: Path) -> None:

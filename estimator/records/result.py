@@ -93,7 +93,10 @@ class ObjectReport:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScaleResult:
-    """The scale of a scene. `curve` and `object_curves` (id to density over `curve.log_scale`) serve figures only."""
+    """The scale of a scene; `of` : sha256 of the model, masks and options that it is of.
+
+    `curve` and `object_curves` (id to density over `curve.log_scale`) serve figures only.
+    """
 
     status: Status
     method: str
@@ -109,6 +112,7 @@ class ScaleResult:
     evidence: tuple[EvidenceReport, ...] = ()
     would_help: tuple[Help, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
+    of: Mapping[str, str | None] = field(default_factory=dict)
     curve: Curve | None = None
     object_curves: Mapping[str, FloatArray] = field(default_factory=dict)
 
@@ -139,6 +143,8 @@ class ScaleResult:
             "warnings": list(self.warnings),
             "seconds": {name: round(value, 4) for name, value in self.seconds.items()},
         }
+        if self.of:
+            record["of"] = dict(self.of)
         if self.without_support is not None:
             record["without_support"] = _alternative(self.without_support)
         if self.leave_one_class_out is not None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 
+from estimator.records.digests import masks_digest, model_digest
 from estimator.records.result import ScaleResult
-from metric_base.errors import InputError, in_file
+from estimator.records.scene import Instance, Scene
+from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect, json_record
 
@@ -24,12 +27,31 @@ MAX_RESULT_BYTES = 1 << 27
 
 @dataclass(frozen=True, slots=True)
 class ScaleUsed:
-    """metres_per_unit; low, high : its interval, None where none is known; source : `result` or `option`."""
+    """metres_per_unit; low, high : its interval, None where none is known; source : `result` or `option`.
+
+    of : sha256 of the model and the masks that a result is of, and `file` where it was read.
+    """
 
     metres_per_unit: float
     low: float | None
     high: float | None
     source: str
+    of: Mapping[str, str | None] = field(default_factory=dict)
+
+    def check(self, scene: Scene, masks: Sequence[Instance] | None) -> None:
+        """See that the scale is of this scene; masks : those that lie with it, None where others were named.
+
+        Raises
+        ------
+        InputError
+            It is of another reconstruction, or of other masks.
+        """
+        file = self.of.get("file") or "result"
+        if self.of.get("model") not in {None, model_digest(scene)}:
+            raise InputError.at(file, "of.model", f"the result of {scene.path}", Unquoted("one of another model"))
+        beside = self.of.get("masks_from") == "scene" and masks is not None
+        if beside and self.of.get("masks") != masks_digest(scene, masks or ()):
+            raise InputError.at(file, "of.masks", f"the result of the masks of {scene.path}", Unquoted("one of others"))
 
 
 class _Interval(msgspec.Struct):
@@ -44,6 +66,7 @@ class _Result(msgspec.Struct):
     status: str = ""
     scale: float | None = None
     interval: _Interval | None = None
+    of: dict[str, str | None] = {}
 
     def __post_init__(self) -> None:
         expect(self.schema.startswith(SCALE_SCHEMA), "schema", SCALE_SCHEMA, self.schema)
@@ -53,19 +76,19 @@ def scale_of_result(result: ScaleResult) -> ScaleUsed:
     """The scale of a result of `estimate_scale`. Raises InputError where it has none."""
     if result.scale is None or result.interval is None:
         raise InputError.at("insert_objects", "scale", "a result that has a scale", result.status)
-    return ScaleUsed(result.scale, result.interval.low, result.interval.high, "result")
+    return ScaleUsed(result.scale, result.interval.low, result.interval.high, "result", result.of)
 
 
-def read_scale(folder: Path, stated: float | None) -> ScaleUsed:
-    """The scale that `--scale` states, else that of `result.json` in the folder.
+def read_scale(folder: Path, stated: float | Path | None) -> ScaleUsed:
+    """The scale that is stated, or that of a result's file, else that of `result.json` in the folder.
 
     Raises InputError where there is neither, or the result is unresolved.
     """
-    if stated is not None:
+    if isinstance(stated, float | int):
         if not SMALLEST_SCALE < stated < 1 / SMALLEST_SCALE:
             raise InputError(f"--scale: expected metres per scene unit, above {SMALLEST_SCALE:g}; found {stated}")
         return ScaleUsed(stated, None, None, "option")
-    file = folder / "result.json"
+    file = stated or folder / "result.json"
     if not file.is_file():
         how = f"--scale METRES_PER_UNIT, or {file} (estimate-scale {folder} --output {file})"
         raise InputError(f"{folder}: scale: expected {how}; found neither")
@@ -78,4 +101,4 @@ def read_scale(folder: Path, stated: float | None) -> ScaleUsed:
             sound = value is None or SMALLEST_SCALE < value < 1 / SMALLEST_SCALE
             expect(sound, field, f"metres per unit above {SMALLEST_SCALE:g}", value)
     assert result.scale is not None
-    return ScaleUsed(result.scale, interval.low, interval.high, "result")
+    return ScaleUsed(result.scale, interval.low, interval.high, "result", result.of | {"file": str(file)})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
@@ -50,7 +51,7 @@ def add_scene_arguments(root: argparse.ArgumentParser) -> None:
         help="masks that hide the object (default: SCENE/instances.json)",
     )
     add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
-    add("--scale", metavar="METRES", type=float, help="metres per scene unit (default: SCENE/result.json)")
+    add("--scale", metavar="METRES|FILE", help="metres per scene unit, or a result's file (default: SCENE/result.json)")
     add("--up", metavar="X,Y,Z", help="up in the scene's axes, if it is known (default: by the cameras and planes)")
     add("--tree", metavar="REF", help="release for --size prior and --on (default: the newest available)")
     each = root.add_argument_group("each object")
@@ -85,7 +86,7 @@ def stage_of(options: argparse.Namespace) -> Stage:
 
     return open_stage(
         options.scene,
-        read_scale(options.scene, options.scale),
+        read_scale(options.scene, _scale(options.scale)),
         images=options.images,
         instances=options.instances,
         dense=options.dense,
@@ -132,6 +133,16 @@ def _number(stated: dict[str, Any], name: str, low: float, high: float) -> float
         option = name.replace("_", "-")
         raise InputError(f"--{option}: expected a number from {low:g} to {high:g}; found {value:g}")
     return None if value is None else float(value)
+
+
+def _scale(words: str | None) -> float | Path | None:
+    """The number or the file that `--scale` names."""
+    try:
+        return None if words is None else float(words)
+    except ValueError:
+        if not Path(words or "").is_file():
+            raise InputError(f"--scale: expected metres per unit, or a result's file; found {words!r}") from None
+        return Path(words or "")
 
 
 def _up(words: str | None) -> Up | None:

@@ -1,0 +1,63 @@
+"""Digests of what a result is of: the reconstruction and the masks as they were read, not as the files are now."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from estimator.records.measured_object import MeasuredObject
+from estimator.records.scene import Instance, Scene
+
+__all__ = ["cloud_digest", "masks_digest", "model_digest", "objects_digest", "options_digest"]
+
+
+def model_digest(scene: Scene) -> str:
+    """Sha256 of the cameras, poses, observations and sparse points of a scene."""
+    return _digest(_model_parts(scene))
+
+
+def cloud_digest(scene: Scene) -> str | None:
+    """Sha256 of the dense points; None without any."""
+    return None if scene.dense is None else _digest([scene.dense.points])
+
+
+def masks_digest(scene: Scene, instances: Sequence[Instance]) -> str | None:
+    """Sha256 of the masks with their categories and pictures; None of no mask."""
+    return _digest(_mask_parts(scene, instances)) if instances else None
+
+
+def objects_digest(objects: Sequence[MeasuredObject]) -> str:
+    """Sha256 of sizes that were measured elsewhere."""
+    parts = [part for one in objects for part in (f"{one.id}\0{one.category}", one.extents, one.sigma, one.truncated)]
+    return _digest(parts)
+
+
+def options_digest(options: object) -> str:
+    """Sha256 of what was asked for: a row of numbers and words."""
+    return _digest([repr(options)])
+
+
+def _model_parts(scene: Scene) -> Iterable[Any]:
+    for view in scene.views:
+        camera = view.camera
+        yield f"{view.name}\0{camera.model} {camera.width} {camera.height}"
+        yield from (camera.params, view.rotation, view.translation, view.keypoints, view.point_index)
+    yield scene.points
+
+
+def _mask_parts(scene: Scene, instances: Sequence[Instance]) -> Iterable[Any]:
+    for one in instances:
+        words = (scene.views[one.view].name, one.category, one.track, one.origin, one.mask.shape, one.from_box)
+        yield f"{words} {one.score:.6g}"
+        yield np.packbits(one.mask)
+
+
+def _digest(parts: Iterable[Any]) -> str:
+    state = hashlib.sha256()
+    for part in parts:
+        data = part.encode("utf-8", "surrogatepass") if isinstance(part, str) else np.ascontiguousarray(part).tobytes()
+        state.update(len(data).to_bytes(8, "little") + data)
+    return state.hexdigest()

@@ -89,7 +89,9 @@ def _simulations() -> Iterator[Row]:
 
 
 def _of(rows: Sequence[Row], wanted: str) -> list[Row]:
-    return [row for row in rows if status.status_of(row[2].modes, row[2].interval, row[2].curve) == wanted]
+    return [
+        row for row in rows if status.status_of(row[2].modes, row[2].interval, row[2].curve, row[2].weight) == wanted
+    ]
 
 
 def _errors(rows: Sequence[Row]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

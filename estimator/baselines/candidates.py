@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.posterior.grid import interval, modes
 from estimator.posterior.posterior import Estimate
-from estimator.posterior.status import status_of
+from estimator.posterior.status import doubt_of
 from estimator.records.curve import Curve
 from metric_base.arrays import FloatArray
 
@@ -38,11 +38,13 @@ def estimate_on(scales: FloatArray, log_likelihood: FloatArray, level: float) ->
     density /= density.sum() * (log_scale[1] - log_scale[0])
     curve = Curve(log_scale, density, 0.0, 0.0)
     peaks, bounds = modes(curve), interval(curve, level)
+    doubt = doubt_of(peaks, bounds, curve)
     return Estimate(
         curve=curve,
         modes=peaks,
         interval=bounds,
-        status=status_of(peaks, bounds, curve),
+        status="resolved" if doubt is None else doubt[0],
+        doubt=None if doubt is None else doubt[1],
         weight=np.ones(len(log_likelihood)),
         own_scale=scales[log_likelihood.argmax(axis=1)],
     )

@@ -137,7 +137,7 @@ def _measure(
         surface = clouds[-1].points
         if options.planes_for_up:
             up = refine_up(up, surface)
-        contradiction = None if given is None else up_contradiction(given, up)
+        tilted, fallen = ((), ()) if given is None else up_contradiction(given, up)
         up = given or up
         planes = support_planes(up.vector, surface) if options.supports else ()
         basis = level_basis(up.vector)
@@ -168,8 +168,7 @@ def _measure(
             objects = tuple(outlined_object(item, data) for item in objects)
         if not options.fragments:
             objects = without_fragments(objects)
-    warnings = doubts if contradiction is None else (*doubts, contradiction)
-    return Measurements(objects, up, planes, tracks, warnings=warnings, errors=errors)
+    return Measurements(objects, up, planes, tracks, warnings=(*doubts, *tilted), errors=(*errors, *fallen))
 
 
 def _in_world(

@@ -36,6 +36,9 @@ GIVEN_DEG = 1.0
 # Two verticals within this tilt, in their standard deviations, are believed to be one.
 BELIEVED_SIGMAS = 3.0
 
+#: Heights along an up that is so far off are a seventh short, or take in the sides: no scale follows from them.
+WRONG_UP_DEG = 30.0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Up:
@@ -94,17 +97,18 @@ def given_up(vector: Sequence[float] | FloatArray) -> Up:
     return Up(direction / np.linalg.norm(direction), "given", GIVEN_DEG)
 
 
-def up_contradiction(given: Up, seen: Up) -> str | None:
-    """How a given up contradicts what the cameras and level surfaces show; None where it does not."""
+def up_contradiction(given: Up, seen: Up) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """How a given up contradicts what the cameras and level surfaces show: sentences of doubt, and of rejection."""
     if seen.method == "none":
-        return None
+        return (), ()
     angle = float(np.degrees(np.arccos(np.clip(given.vector @ seen.vector, -1, 1))))
     limit = BELIEVED_SIGMAS * float(np.hypot(given.sigma_deg, seen.sigma_deg))
     if angle <= limit:
-        return None
+        return (), ()
     if 180 - angle <= limit:
-        return f"the given up points down ({seen.method}): gravity points down, up is its opposite"
-    return f"the given up is {angle:.0f}° from what the scene shows ({seen.method}, ±{seen.sigma_deg:.1f}°)"
+        return (f"the given up points down ({seen.method}): gravity points down, up is its opposite",), ()
+    sentence = f"the given up is {angle:.0f}° from what the scene shows ({seen.method}, ±{seen.sigma_deg:.1f}°)"
+    return ((), (sentence,)) if min(angle, 180 - angle) > WRONG_UP_DEG + limit else ((sentence,), ())
 
 
 def tilts(up: FloatArray, axis: FloatArray, degrees: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from estimator.posterior.likelihood import (
     rows,
 )
 from estimator.posterior.sameness import hypotheses
-from estimator.posterior.status import status_of
+from estimator.posterior.status import doubt_of
 from estimator.records.curve import Curve, Mode
 from estimator.records.result import Status
 from metric_base.arrays import FloatArray, IntArray
@@ -42,18 +42,23 @@ LEAST_LINE_SD = 1e-3
 MOST_OBJECTS = 100
 
 
+#: Other evidence that is right with more probability than this carries the scale, whatever the objects say.
+MIN_BELIEVED = 0.5
+
+
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Estimate:
     """What any method finds over log scale, for n objects.
 
     modes : highest first; interval : (low, high) metres per unit; weight : (n,) probability that each object is not
-    an outlier; own_scale : (n,) metres per unit, each object's own highest peak.
+    an outlier; own_scale : (n,) metres per unit, each object's own highest peak; doubt : why it is not resolved.
     """
 
     curve: Curve
     modes: tuple[Mode, ...]
     interval: tuple[float, float]
     status: Status
+    doubt: str | None
     weight: FloatArray
     own_scale: FloatArray
 
@@ -102,19 +107,23 @@ def posterior(evidence: Sequence[ObjectEvidence], lines: FloatArray | None = Non
     total = classes.log_likelihood.sum(axis=0)
     answer = grid.curve(classes.grid, total, lines)
     modes, bounds = grid.modes(answer), grid.interval(answer, level)
+    # beyond the grid every object is an outlier
+    weight = _weights(classes, _mass(classes.grid, total, lines), len(evidence)) * (1 - answer.below - answer.above)
+    line_weight = grid.line_weights(answer, lines)
+    doubt = doubt_of(modes, bounds, answer, None if (line_weight > MIN_BELIEVED).any() else weight)
     return Posterior(
         curve=answer,
         modes=modes,
         interval=bounds,
-        status=status_of(modes, bounds, answer),
-        # beyond the grid every object is an outlier
-        weight=_weights(classes, _mass(classes.grid, total, lines), len(evidence)) * (1 - answer.below - answer.above),
+        status="resolved" if doubt is None else doubt[0],
+        doubt=None if doubt is None else doubt[1],
+        weight=weight,
         own_scale=np.exp(_own_centres(classes.base)),
         classes=classes.names,
         coarse=classes.grid,
         class_log_likelihood=classes.log_likelihood,
         lines=lines,
-        line_weight=grid.line_weights(answer, lines),
+        line_weight=line_weight,
         level=level,
     )
 

@@ -2,24 +2,26 @@
 
 `resolved`: the interval is narrow and no other mode competes. `uncertain`: it is wide, or modes compete, yet the
 highest mode is more likely near the truth than not. `unresolved`: the posterior itself gives the neighbourhood of its
-highest mode little of its mass, or most of it lies where no object says anything.
+highest mode little of its mass, most of it lies where no object says anything, or most objects are outliers.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from estimator.records.curve import Curve, Mode
 from estimator.records.result import Status
+from metric_base.arrays import FloatArray
 
 __all__ = [
     "CONTRADICTING_MASS",
     "EDGE_MASS",
     "FAR_MASS",
     "FAR_MODE",
+    "LEAST_MEAN_WEIGHT",
     "LEAST_NEAR_MASS",
     "NEAR",
     "RATIO_LIMIT",
@@ -42,6 +44,12 @@ CONTRADICTING_MASS = 0.35
 #: (docs/evidence/results.md).
 NEAR, LEAST_NEAR_MASS = 1.15, 0.4
 
+#: Unresolved when three objects or more are what their labels say with less probability than this, on average: a
+#: posterior that calls most objects outliers explains none of them. It refuses one in fifty of ScanNet's rooms, half of
+#: them off by more than that ratio, and one in seven of those whose labels are off by three, five in six of them off
+#: (docs/evidence/results.md).
+LEAST_MEAN_WEIGHT, LEAST_JUDGED_OBJECTS = 0.4, 3
+
 #: Unresolved when more of the posterior than this is beyond one end of where the objects speak: all may be outliers.
 EDGE_MASS = 0.25
 
@@ -53,31 +61,44 @@ def near_mass(curve: Curve, scale: float) -> float:
     return float(inside * curve.density[near].sum() / curve.density.sum())
 
 
-def status_of(modes: Sequence[Mode], bounds: tuple[float, float], curve: Curve) -> Status:
-    """The status of a posterior by its modes, highest first, its interval and its curve."""
-    doubt = doubt_of(modes, bounds, curve)
+def status_of(
+    modes: Sequence[Mode], bounds: tuple[float, float], curve: Curve, weight: FloatArray | None = None
+) -> Status:
+    """The status of a posterior by its modes, highest first, its interval, its curve and `weight`, as `doubt_of`."""
+    doubt = doubt_of(modes, bounds, curve, weight)
     return "resolved" if doubt is None else doubt[0]
 
 
-def doubt_of(modes: Sequence[Mode], bounds: tuple[float, float], curve: Curve) -> tuple[Status, str] | None:
-    """The status and its reason in words where the scale is not resolved."""
+def doubt_of(
+    modes: Sequence[Mode], bounds: tuple[float, float], curve: Curve, weight: FloatArray | None = None
+) -> tuple[Status, str] | None:
+    """The status and its reason in words where the scale is not resolved.
+
+    weight : (n,) probability of each object that it is what its label says, where the objects alone carry the scale
+    """
+    return next(_doubts(modes, bounds, curve, weight), None)
+
+
+def _doubts(
+    modes: Sequence[Mode], bounds: tuple[float, float], curve: Curve, weight: FloatArray | None
+) -> Iterator[tuple[Status, str]]:
+    """What stands against a resolved scale, the worst first; weight : (n,) as `doubt_of` takes it."""
     best, (low, high) = modes[0].scale, bounds
     edge, near = max(curve.below, curve.above), near_mass(curve, best)
     if edge > EDGE_MASS:
-        return "unresolved", f"{edge:.0%} of the posterior is at scales of which no object says anything"
+        yield "unresolved", f"{edge:.0%} of the posterior is at scales of which no object says anything"
     if near < LEAST_NEAR_MASS:
-        return "unresolved", f"only {near:.0%} of the posterior is within {NEAR - 1:.0%} of its highest mode"
+        yield "unresolved", f"only {near:.0%} of the posterior is within {NEAR - 1:.0%} of its highest mode"
+    if weight is not None and len(weight) >= LEAST_JUDGED_OBJECTS and weight.mean() < LEAST_MEAN_WEIGHT:
+        outliers = int((weight < 0.5).sum())
+        yield "unresolved", f"{outliers} of {len(weight)} objects are outliers: their labels or masks are wrong"
     far = max(
         (mode.mass for mode in modes[1:] if max(mode.scale / best, best / mode.scale) > FAR_MODE),
         default=0.0,
     )
     if far >= CONTRADICTING_MASS:
-        return (
-            "unresolved",
-            f"modes over {FAR_MODE - 1:.0%} apart contradict each other, one with mass {far:.2g}",
-        )
+        yield "unresolved", f"modes over {FAR_MODE - 1:.0%} apart contradict each other, one with mass {far:.2g}"
     if high / low > RATIO_LIMIT:
-        return "uncertain", f"the interval's high/low is {high / low:.3g}, over {RATIO_LIMIT}"
+        yield "uncertain", f"the interval's high/low is {high / low:.3g}, over {RATIO_LIMIT}"
     if far >= FAR_MASS:
-        return "uncertain", f"modes over {FAR_MODE - 1:.0%} apart, the lesser with mass over {FAR_MASS}"
-    return None
+        yield "uncertain", f"modes over {FAR_MODE - 1:.0%} apart, the lesser with mass over {FAR_MASS}"

@@ -65,7 +65,7 @@ def scale_of_objects(
     estimate = posterior(evidence, _table(lines), options.level) if evidence or lines else None
     clash = contradiction_of(estimate, evidence, lines) if estimate is not None else None
     if estimate is not None and clash is not None and clash.most and not options.trust_known_length:
-        estimate = replace(estimate, status="unresolved")
+        estimate = replace(estimate, status="unresolved", doubt=None)
     elapsed = {**(seconds or {}), "posterior": time.perf_counter() - started}
     rows = _evidence_rows(options, estimate, lines, clash)
     answer = ScaleAnswer(estimate, places, _used_dimensions(evidence), reasons, rows)

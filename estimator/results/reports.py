@@ -10,7 +10,6 @@ import numpy as np
 
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import Estimate
-from estimator.posterior.status import doubt_of
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Interval, ObjectReport, ScaleResult, UpReport
 from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
@@ -164,8 +163,8 @@ def _warnings(
     lines = [_reason_with_name(name, by_name[name].reason) for name in unknown]
     if estimate is None:
         lines.append("unresolved: no usable object" if objects else "unresolved: no object")
-    elif (doubt := doubt_of(estimate.modes, estimate.interval, estimate.curve)) and doubt[0] == estimate.status:
-        lines.append(f"{doubt[0]}: {doubt[1]}")
+    elif estimate.doubt is not None:
+        lines.append(f"{estimate.status}: {estimate.doubt}")
     return lines
 
 

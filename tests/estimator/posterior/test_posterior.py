@@ -207,6 +207,20 @@ def test_status_rule_of_the_contract() -> None:
     assert status_of([best], (0.7, 0.7 * 1.81), sharp) == "uncertain"
 
 
+@pytest.mark.parametrize(
+    ("weight", "status"),
+    [((0.9, 0.9, 0.9, 0.1), "resolved"), ((0.9, 0.1, 0.1), "unresolved"), ((0.1, 0.1), "resolved"), ((), "resolved")],
+)
+def test_what_calls_most_objects_outliers_is_unresolved(weight: tuple[float, ...], status: str) -> None:
+    assert status_of([Mode(1.0, 1.0)], (0.9, 1.1), bell(0.05), np.array(weight)) == status
+
+
+def test_other_evidence_carries_a_scale_that_no_object_supports() -> None:
+    items = [evidence(CHAIR, np.array([1, 1, 1]) * size, name=str(size)) for size in (0.01, 1.0, 100.0, 1e4)]
+    assert posterior(items).status == "unresolved"
+    assert posterior(items, np.array([[0.0, 0.02, 0.05]])).status == "resolved"
+
+
 @pytest.mark.parametrize(("sd", "status"), [(0.25, "resolved"), (0.28, "unresolved"), (1.0, "unresolved")])
 def test_unresolved_is_what_has_little_mass_near_its_mode(sd: float, status: str) -> None:
     """A Gaussian of 0.266 in log scale has 40 % within 15 %."""

@@ -64,7 +64,7 @@ def near_mass(curve: Curve, scale: float) -> float:
 def status_of(
     modes: Sequence[Mode], bounds: tuple[float, float], curve: Curve, weight: FloatArray | None = None
 ) -> Status:
-    """The status of a posterior by its modes, highest first, its interval, its curve and `weight` (n,), as `doubt_of`."""
+    """The status of a posterior by its modes, highest first, interval, curve and `weight` (n,), as `doubt_of`."""
     doubt = doubt_of(modes, bounds, curve, weight)
     return "resolved" if doubt is None else doubt[0]
 

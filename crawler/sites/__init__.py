@@ -1,4 +1,4 @@
-"""Sites whose pages the common reader needs help with; a new site is one small file."""
+"""Sites whose pages the common reader needs help with; a new site is one TOML file."""
 
 from __future__ import annotations
 
@@ -9,33 +9,16 @@ from urllib.parse import urlsplit
 from crawler.items import RawItem
 from crawler.page.page import Page
 from crawler.page.raw_item import raw_item
-from crawler.sites import (
-    amazon,
-    automobile_dimension,
-    crate_and_barrel,
-    dimensions_com,
-    ikea,
-    wayfair,
-    wikipedia,
-)
 from crawler.sites.site import Site
 from metric_base.schema import toml_record
 
 __all__ = ["GENERIC", "SITES", "Site", "canonical_url", "item_of", "site_of", "use_site"]
 
-#: Any site: schema.org data, Open Graph, breadcrumbs, tables. We do not know its terms: whoever asks for pictures does.
+#: Any site: schema.org data, Open Graph, breadcrumbs, tables. The user who asks for pictures knows its terms.
 GENERIC = Site(name="generic", hosts=(), pictures="")
 
-#: Sites with rules of their own, first match wins.
-SITES: tuple[Site, ...] = (
-    amazon.SITE,
-    automobile_dimension.SITE,
-    crate_and_barrel.SITE,
-    dimensions_com.SITE,
-    ikea.SITE,
-    wayfair.SITE,
-    wikipedia.SITE,
-)
+#: Sites with rules of their own, first match wins: the declarations in this folder.
+SITES: tuple[Site, ...] = tuple(toml_record(path, Site) for path in sorted(Path(__file__).parent.glob("*.toml")))
 
 
 #: The site of a declaration outside the package, where a command was given one: it goes before all others.

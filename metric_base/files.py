@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import errno
+import glob
 import os
+import platform
 import re
 import shutil
 import tempfile
 import unicodedata
+import zlib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from metric_base.errors import InputError
-from metric_base.leftovers import part_of, remove_dead_files, remove_dead_folders
 from metric_base.locks import hold
 from metric_base.outputs import ANY_SCHEMA, check_output, is_special, stamp_file
 
@@ -39,6 +41,10 @@ _RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9¹²³]|lpt[0-9¹²³]|conin\$|
 _UNFIT = re.compile(r'[<>:"|?*\x00-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]')
 #: Longest name of a file in bytes, less room for a temporary ending.
 MAX_NAME_BYTES = 200
+
+
+#: Tells machines that share a disk apart in the names of temporary files.
+_MACHINE = f"{zlib.crc32(platform.node().encode()):08x}"
 
 
 @contextmanager
@@ -199,3 +205,41 @@ def _write_errors(path: Path, option: str | None) -> Iterator[None]:
             raise
         words = error.strerror or "an error"
         raise InputError(f"{path}: {option}: expected a place that can be written, found {words}") from None
+
+
+def part_of(path: Path) -> Path:
+    """The temporary file beside `path` that this process writes to."""
+    return path.with_name(f".{path.name}.{_MACHINE}.{os.getpid()}.part")
+
+
+def remove_dead_files(path: Path) -> None:
+    """Remove the temporary files of a path whose process, on this machine, is gone."""
+    name = re.compile(rf"\.{re.escape(path.name)}\.{_MACHINE}\.(\d+)\.part")
+    with suppress(OSError):
+        for entry in _parts(path):
+            match = name.fullmatch(entry.name)
+            if match is not None and not _is_alive(int(match[1])):
+                entry.unlink(missing_ok=True)
+
+
+def remove_dead_folders(path: Path) -> None:
+    """Remove the temporary folders of a path that no process holds."""
+    for entry in _parts(path):
+        held = hold(entry) if entry.is_dir() and not entry.is_symlink() else None
+        if held is not None:
+            shutil.rmtree(entry, ignore_errors=True)
+            os.close(held)
+
+
+def _parts(path: Path) -> list[Path]:
+    return sorted(path.parent.glob(f".{glob.escape(path.name)}.*.part"))
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        return True  # another user's
+    return True

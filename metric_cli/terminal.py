@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import codecs
 import io
 import json
 import os
@@ -14,7 +15,7 @@ from collections.abc import Callable, Collection, Iterable, Sequence
 from contextlib import suppress
 from contextvars import copy_context
 from importlib import metadata
-from typing import Any, NamedTuple, NoReturn, TypeVar
+from typing import Any, NamedTuple, NoReturn, TextIO, TypeVar
 
 from metric_base.errors import InputError
 from metric_base.escaping import visible, visible_json
@@ -23,7 +24,6 @@ from metric_base.files import WRITE_ERRORS
 from metric_base.spelling import advice, near_spellings
 from metric_cli.arguments import check_paths
 from metric_cli.signals import INTERRUPTED, Terminated, orderly_termination
-from metric_cli.streams import flush_or_silence, make_streams_forgiving
 
 __all__ = [
     "DEBUG_VARIABLE",
@@ -60,6 +60,11 @@ _PATH_ERRORS: dict[type[OSError], str] = {
 _STYLES = {"bold": 1, "dim": 2, "red": 31, "green": 32}
 
 DONE, INTERNAL_ERROR, INPUT_ERROR, TERMINATED = 0, 1, 2, 143
+
+
+#: A replacement for each of our signs in an encoding that lacks it; anything else is written as an escape.
+PLAIN = {"×": "x", "±": "+-", "–": "-", "−": "-", "…": "...", "→": "->", "≤": "<=", "≥": ">=", "°": " deg", "─": "-"}
+_HANDLER = "metric-base-plain"
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -226,3 +231,34 @@ def _report(program: str, message: str, status: int) -> int:
 def _is_number(cell: str) -> bool:
     digits = cell.translate(str.maketrans("", "", ",%+- ")).replace(".", "", 1)
     return cell in {"–", ""} or digits.isdigit()
+
+
+def make_streams_forgiving() -> None:
+    """Make standard output and error take every character; a stream that is closed becomes silent."""
+    codecs.register_error(_HANDLER, _plain)
+    # a stream is None where the program was started with it closed
+    sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
+    sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115, PTH123
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_HANDLER)
+
+
+def flush_or_silence(stream: TextIO) -> None:
+    """Write what the stream holds; where that fails, drop it, so that the interpreter's last flush is no error."""
+    try:
+        stream.flush()
+    except (OSError, ValueError):
+        with suppress(OSError, ValueError):
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, stream.fileno())
+            os.close(nowhere)
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    """Python's error handler: plain characters for signs of ours, escapes for the rest."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    plain = (PLAIN.get(sign) or sign.encode("ascii", "backslashreplace").decode("ascii") for sign in text)
+    return "".join(plain), error.end

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from crawler.fetch import DELAY_SECONDS
 from crawler.fetch.fail_fast import FailFastFrontier, storage_errors
@@ -17,16 +17,24 @@ from crawler.fetch.frontier import OFF_SITE, PRIVATE, Frontier, has_no_result
 from crawler.fetch.frontier_sqlite import SqliteFrontier, stored_counts
 from crawler.fetch.segments import write_segments
 from crawler.page.page import web_address
-from crawler.sites import use_site
+from crawler.sites import GENERIC, SITES, Site, use_site
 from metric_base.errors import InputError
 
-__all__ = ["Crawl", "Summary", "run_crawl"]
+__all__ = ["SPIDERS", "Crawl", "Summary", "UnknownSpider", "run_crawl", "spider_class"]
 
 #: Seconds between two writes of segments: the longest wait for the items of a running crawl.
 SEGMENT_SECONDS = 60.0
 
 #: Seconds after which another worker takes up a page, for crawls of sites that answer fast.
 LEASE_VARIABLE = "METRIC_TREE_LEASE_SECONDS"
+
+
+if TYPE_CHECKING:
+    from scrapy import Spider
+
+
+#: Names that `metric-tree crawl` takes; each site has one, Wikidata has its own interface.
+SPIDERS = (*(site.name for site in SITES), "wikidata", GENERIC.name)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,7 +116,6 @@ def run_crawl(crawl: Crawl, progress: Callable[[Mapping[str, Any]], None] | None
 
     from crawler.fetch.manners import settings
     from crawler.fetch.scheduler import LIMIT_SETTING, close_crawl
-    from crawler.fetch.spiders import spider_class
 
     spider = spider_class(crawl.spider, use_site(crawl.site) if crawl.site else None)
     for url in crawl.start:
@@ -263,3 +270,22 @@ def _sites(stats: Mapping[str, Any], seconds: float) -> dict[str, dict[str, floa
     for counts in sites.values():
         counts["pages_per_second"] = round(counts.get("pages", 0) / seconds, 2) if seconds else 0.0
     return sites
+
+
+class UnknownSpider(InputError):
+    """A name that no spider has."""
+
+
+def spider_class(name: str, given: Site | None = None) -> type[Spider]:
+    """The spider of a name, or of the site of a declaration; Scrapy is loaded only here."""
+    if name == "wikidata":
+        from crawler.fetch.wikidata_spider import WikidataSpider
+
+        return WikidataSpider
+    from crawler.fetch.site_spider import SiteSpider
+
+    for site in (*([given] if given else []), *SITES, GENERIC):
+        if site.name == name:
+            return type(f"{name.title()}Spider", (SiteSpider,), {"name": name, "site": site})
+    known = ", ".join([*([given.name] if given else []), *SPIDERS])
+    raise UnknownSpider(f"spider: expected one of {known}; found {name!r}")

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from crawler.items import RawItem
-from crawler.page.facts import Fact, facts
+from crawler.page.facts import HAS_DIGIT, Fact, facts, names_a_size
 from crawler.page.page import Page, squeeze
 from crawler.page.page import source_id as hashed_url
 from crawler.page.product import Product, product
-from crawler.page.script_facts import embedded_facts
 from crawler.text.sizes import Length, Size, consensus, flags_of, orders_axes, sizes, unit_in_brackets
 from crawler.text.vocabulary import (
     Language,
@@ -39,6 +38,16 @@ WHOLE, SIZE, AXES, LOOSE, SCRIPT, PROSE = 5, 4, 3, 2, 1, 0
 
 #: Statements from here up are the page's own word; below it the item is flagged.
 TRUSTED = LOOSE
+
+
+#: Pairs in scripts: `"name":"Width","value":"30 cm"`, with plain or escaped quotes, names as sites use them.
+_JSON_PAIR = re.compile(
+    r'"(?:name|label|displayName|title|key|attributeName|specName|header)\\*"\s*:\s*\\*"(?P<label>[^"\\]{2,60})\\*"'
+    r'(?:\s*,\s*\\*"\w+\\*"\s*:\s*(?:null|true|false|\d+|\\*"[^"\\]{0,40}\\*")){0,3}'
+    r'\s*,\s*\\*"(?:value|displayValue|text|values|attributeValue|specValue|description|content)\\*"\s*:\s*\[?\s*'
+    r'(?:\\*"(?P<value>(?:[^"\\]|\\\\?\\?"(?!\s*[,\]}])|\\u[0-9a-f]{4}|\\\\u[0-9a-f]{4}){1,160}?)\\*"(?=\s*[,\]}])|(?P<number>\d+(?:\.\d+)?))',
+    re.IGNORECASE,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -285,3 +294,19 @@ def _flags(best: Statement | None) -> tuple[str, ...]:
 
 def _shown(fact: Fact) -> str:
     return squeeze(f"{fact.label}: {fact.value}" if fact.label else fact.value)
+
+
+def embedded_facts(page: Page) -> Iterator[Fact]:
+    """Pairs of the JSON that scripts of the page carry, where their label speaks of a size."""
+    for match in _JSON_PAIR.finditer(page.text):
+        label = _unescape(match["label"])
+        letters = plain(label)
+        if names_a_size(letters) or is_component(letters):
+            value = match["number"] or _unescape(match["value"])
+            if HAS_DIGIT.search(value):
+                yield Fact(label, value, "", "json", match.start() // 4000)
+
+
+def _unescape(text: str) -> str:
+    text = re.sub(r"\\+u([0-9a-fA-F]{4})", lambda match: chr(int(match[1], 16)), text)
+    return squeeze(re.sub(r"\\+", "", text))

@@ -7,16 +7,19 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.geometry.eta import eta
 from estimator.geometry.extents import edges, end_quantiles, extent_sigma
 from estimator.geometry.footprint import footprint_axes, smallest_rectangle_axes
 from estimator.geometry.outliers import forest_inliers, neighbour_inliers
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Dimensions", "Inliers", "dimensions", "inliers"]
+__all__ = ["Dimensions", "Inliers", "dimensions", "eta", "inliers"]
 
 # Extents of more points differ in the third digit and only take time.
 MAX_OBJECT_POINTS = 6000
+
+
+# The paper's grid.
+GRID = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,3 +83,29 @@ def dimensions(kept: Inliers, basis: FloatArray, blur: FloatArray, robust: bool 
     lowest = local.min(axis=0)
     sigma = extent_sigma(local, high - low, noise, ends)
     return Dimensions(axes, low, high, sigma, eta(local, lowest, local.max(axis=0)), kept.rows, lowest[2])
+
+
+def eta(points: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """(3,) confidence along each axis of points (n, 3) in the frame of their box from `low` to `high` (3,).
+
+    Equations (paper section 4.2), N(G) the points in cell G of the 8 x 8 x 8 grid and M the cells that hold any: rho_g
+    = sum N(G) / |M|; rho_head, rho_tail the same over the first and last layer across the axis; eta = sqrt(rho_head
+    rho_tail) / rho_g. A layer without points has density 0. Points outside the box, which the extent rule cut off, are
+    left out.
+    """
+    # (3, n) cells; the upper face belongs to the last one
+    index = ((points - low) * (GRID / np.maximum(high - low, np.finfo(float).tiny))).T
+    inside = ((index >= 0) & (index <= GRID)).all(axis=0)
+    x, y, z = np.minimum((index if inside.all() else index[:, inside]).astype(np.int64), GRID - 1)
+    counts: IntArray = np.bincount((x * GRID + y) * GRID + z, minlength=GRID**3).reshape(GRID, GRID, GRID)
+    overall = _density(counts)
+    if overall == 0:
+        return np.zeros(3)
+    ends = ((counts[0], counts[-1]), (counts[:, 0], counts[:, -1]), (counts[:, :, 0], counts[:, :, -1]))
+    return np.array([(_density(head) * _density(tail)) ** 0.5 / overall for head, tail in ends])
+
+
+def _density(counts: IntArray) -> float:
+    """Mean of the counts (c,) of the cells that hold a point; 0 where none does."""
+    held = np.count_nonzero(counts)
+    return float(counts.sum()) / held if held else 0.0

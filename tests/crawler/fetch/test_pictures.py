@@ -9,8 +9,8 @@ from PIL import Image
 from scrapy import Request
 from scrapy.http import HtmlResponse
 
+from crawler.fetch.crawl import spider_class
 from crawler.fetch.pictures import Picture, picture
-from crawler.fetch.spiders import spider_class
 from crawler.items import RawItem
 
 

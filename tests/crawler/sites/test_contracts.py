@@ -9,7 +9,7 @@ import pytest
 from scrapy import Request
 from scrapy.http import HtmlResponse, TextResponse
 
-from crawler.fetch.spiders import SPIDERS, UnknownSpider, spider_class
+from crawler.fetch.crawl import SPIDERS, UnknownSpider, spider_class
 from crawler.fetch.wikidata_spider import PAGE_ROWS, query
 from crawler.items import RawItem
 from crawler.sites import GENERIC, SITES

@@ -9,7 +9,7 @@ import pytest
 from scrapy import Request
 from scrapy.http import HtmlResponse
 
-from crawler.fetch.spiders import SPIDERS, spider_class
+from crawler.fetch.crawl import SPIDERS, spider_class
 from crawler.items import RawItem
 from crawler.page.page import source_id
 from crawler.sites import GENERIC, SITES, site_of

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from estimator.capture.dense import cuda, dense_points
-from estimator.outputs.colmap_writer import write_colmap_model
+from estimator.outputs.rescaled import write_colmap_model
 from estimator.reconstructions.colmap import read_colmap
 from estimator.reconstructions.ply import read_dense_cloud
 from estimator.records.scene import Camera, Scene, View

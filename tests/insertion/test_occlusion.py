@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from estimator.records.scene import Camera, Instance, View
+from estimator.records.scene import Camera, Instance, Scene, View
 from estimator.visibility.sights import Visibility
 from insertion.composite.compose import Joined, behind_each_other
 from insertion.composite.occlusion import _without_gaps, hidden_share
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.box import Box
-from insertion.scene.carried_masks import _carry
+from insertion.scene.carried_masks import MaskCarrier, _carry
 from insertion.scene.cloud import Cloud, FrontPoints, front_points
 
 BOX = Box(0, 0, 160, 120)
@@ -135,3 +136,13 @@ def test_objects_hide_what_is_behind_them_and_not_each_other() -> None:
     assert (near.visible, far.visible) == (1.0, 0.0)
     assert [item.visible for item in behind_each_other([_joined(NEAR), _joined(NEAR)])] == [1.0, 1.0]
     assert _joined(NEAR, alpha=0.0).visible == 0.0
+
+
+def test_masks_come_from_the_nearest_view_of_the_scene() -> None:
+    """Steps count by the depth of the scene: a metre is little before a wall ten metres away."""
+    views = tuple(replace(VIEW, name=f"{x}.png", translation=np.array([-x, 0.0, 0.0])) for x in (0.0, 2.0, 9.0))
+    wall = np.column_stack([np.random.default_rng(0).uniform(-3, 3, (400, 2)), np.full(400, 10.0)])
+    cloud = Cloud(wall, np.zeros((400, 3), np.float32), True)
+    carrier = MaskCarrier(Scene(Path(), "colmap", views, wall, None), {0: (), 1: (), 2: ()}, cloud)
+    for x, nearest in ((0.5, 0), (1.5, 1), (20.0, None)):
+        assert carrier._nearest(replace(VIEW, translation=np.array([-x, 0.0, 0.0]))) == nearest

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from estimator.capture.capture import _source_camera
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, read_frame_poses, write_frame_poses
+from estimator.reconstructions.cameras import project
 from estimator.records.scene import Camera
 from metric_base.errors import InputError
 
@@ -84,3 +87,17 @@ def test_a_pose_agrees_with_its_origin(tmp_path: Path) -> None:
     file.write_text(json.dumps(document))
     with pytest.raises(InputError, match="origin 'none'"):
         read_frame_poses(file)
+
+
+@pytest.mark.parametrize(
+    ("model", "params"),
+    [
+        ("SIMPLE_RADIAL", [300.0, 170.0, 110.0, 0.05]),
+        ("OPENCV", [300.0, 290.0, 150.0, 130.0, 0.05, -0.01, 0.002, 0.001]),
+    ],
+)
+def test_the_camera_of_the_source_shows_the_same_at_its_own_size(model: str, params: list[float]) -> None:
+    camera = Camera(model, 320, 240, np.array(params))
+    source = _source_camera(camera, SimpleNamespace(source_size=(1280, 960)))  # type: ignore[arg-type]  # its size alone
+    points = np.random.default_rng(0).uniform([-1, -0.7, 2], [1, 0.7, 5], (50, 3))
+    assert np.allclose(project(source, points), 4 * project(camera, points))

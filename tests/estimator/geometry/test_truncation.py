@@ -1,10 +1,12 @@
 """Which sides are cut: image border, something nearer, a side no view sees, a mask that outreaches the points."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from estimator.association.point_labels import dense_labels
-from estimator.geometry.truncation import outline, side_evidence
+from estimator.geometry.truncation import _occluded_pixels, outline, side_evidence
 from estimator.records.scene import Instance
 from estimator.visibility.depth_buffer import Surroundings
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene, view_at
@@ -132,3 +134,15 @@ def test_outline_knows_the_border():
     left = outline(Instance("1", 0, "cup", np.ones((4, 4), dtype=bool), (0, 8)), 20, 20)
     assert left.at_border.any()
     assert not left.at_border.all()
+
+
+def test_what_is_nearer_hides_only_above_the_foot():
+    """Beside an object on the floor the floor in front of it is nearer than the object, and hides nothing."""
+    pixels, towards = np.array([[50.0, 60], [50, 90], [50, 95]]), np.tile([0.0, 1.0], (3, 1))
+    depth, height = np.array([1.0, 1.0, 2.95, 3.0, 3.0, 3.0]), np.array([0.4, 0.0, 0.4, 0.5, 0.5, 0.5])
+    camera = SimpleNamespace(width=200)
+    around = SimpleNamespace(
+        scene=SimpleNamespace(views=[SimpleNamespace(camera=camera)]), depths_and_heights=lambda *_: (depth, height)
+    )
+    occluded = _occluded_pixels(SimpleNamespace(view=0), pixels, towards, around, (0.0, np.array([0.6, 0.4, 0.8])))
+    assert occluded.tolist() == [True, False, False]

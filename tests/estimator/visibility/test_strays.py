@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from estimator.records.scene import Camera, View
+from estimator.records.scene import Camera, Scene, View
+from estimator.visibility.sights import Visibility
 from estimator.visibility.strays import stray_points
+from insertion.scene.cloud import Cloud, _without_strays
 from metric_base.arrays import FloatArray
 
 CAMERA = Camera("PINHOLE", 640, 480, np.array([500.0, 500.0, 320.0, 240.0]))
@@ -42,3 +46,11 @@ def test_a_cluster_in_the_air_goes_and_a_post_stays(width: float) -> None:
     assert stray[-len(cluster) :].mean() > 0.95
     assert stray[len(wall) : -len(cluster)].mean() < 0.1  # cells at its edges show both
     assert not stray[: len(wall)].any()
+    # what is left of the lists of the views means the same points
+    known = Visibility(tuple(seen_by), np.array([view.centre for view in views]), np.tile([0.0, 0, 1], (5, 1)), True)
+    cloud = Cloud(points, np.zeros((len(points), 3), np.float32), True, visibility=known)
+    scene = Scene(Path(), "colmap", tuple(views), points, None)
+    left = _without_strays(cloud, scene)
+    assert len(left.points) == np.count_nonzero(~stray)
+    for before, after in zip(seen_by, left.visibility.rows, strict=True):
+        assert np.array_equal(points[before[~stray[before]]], left.points[after])

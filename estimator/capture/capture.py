@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,9 +17,11 @@ from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, writ
 from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from estimator.capture.localisation import localised_frames
 from estimator.capture.mapping.evidence import Evidence, Pair
-from estimator.capture.mapping.failures import CaptureFailure, Failure, after_all
-from estimator.capture.mapping.reconstruction import Lens, make_features, make_matches, make_model
-from estimator.capture.mapping.rungs import RUNGS, WHOLE_SHARE, Rung, next_rungs
+from estimator.capture.mapping.failures import CaptureFailure, Failure, after_all, failure
+from estimator.capture.mapping.lens import Lens
+from estimator.capture.mapping.reconstruction import make_features, make_matches, make_model
+from estimator.capture.mapping.rungs import RUNGS, WHOLE_SHARE, Rung, next_rungs, predicted_s
+from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit, limit_of
 from estimator.capture.video import Video
 from estimator.capture.work_folder import WorkFolder, content_digest
 from estimator.reconstructions.cameras import CAMERA_MODELS
@@ -54,13 +57,15 @@ class CaptureOptions:
     """What the user asks for.
 
     frames : how many to choose, None for as many as the motion asks for; focal_px : in pixels of the source;
-    camera_model : COLMAP's name, None for the one that fits; dense : whether to make `dense.ply`.
+    camera_model : COLMAP's name, None for the one that fits; dense : whether to make `dense.ply`; max_time_s : wall
+    time for the reconstruction of the frames, None for as long as `TimeLimit` has it.
     """
 
     frames: int | None = None
     focal_px: float | None = None
     camera_model: str | None = None
     dense: bool = False
+    max_time_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.frames is not None and self.frames < 2:
@@ -69,6 +74,8 @@ class CaptureOptions:
             raise InputError.at("--focal", "focal length", "pixels of the source, more than 1", self.focal_px)
         if self.camera_model is not None and self.camera_model not in CAMERA_MODELS:
             raise InputError.at("--camera-model", "model", "one of COLMAP's, such as SIMPLE_RADIAL", self.camera_model)
+        if self.max_time_s is not None and not 1 <= self.max_time_s < 1e6:
+            raise InputError.at("--max-time", "seconds", "1 or more", self.max_time_s)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,6 +100,7 @@ def capture_video(
     focal_px: float | None = None,
     camera_model: str | None = None,
     dense: bool = False,
+    max_time_s: float | None = None,
     progress: ProgressCallback = silent,
     notice: NoticeCallback = no_notice,
 ) -> Capture:
@@ -107,6 +115,7 @@ def capture_video(
     focal_px : focal length in pixels of the source, which is then not refined
     camera_model : COLMAP's name, by default the one that fits
     dense : whether to make dense points, too
+    max_time_s : wall time for the reconstruction, by default a quarter of an hour, or 6 s a frame if that is more
     progress : is called with the name of a step, how much of it is done, and of how much or None
     notice : is called with a sentence on how the dense points are made
 
@@ -126,7 +135,7 @@ def capture_video(
     8
     """
     folder = WorkFolder(Path(work))
-    options = CaptureOptions(frames, focal_px, camera_model, dense)
+    options = CaptureOptions(frames, focal_px, camera_model, dense, max_time_s)
     with folder.lock():
         reconstruct(Path(source), folder, options, progress, notice)
         scene = read_colmap(folder.path / "sparse" / "0", folder.path)
@@ -159,7 +168,8 @@ def reconstruct(
     )
     frames = read_frames(work.path)
     lens = _lens(frames, options)
-    model_digest = _make_sparse(work, frames_digest, frames, lens, isinstance(source, Video), progress)
+    climb = _Climb(work, frames_digest, frames, lens, isinstance(source, Video), options.max_time_s, progress)
+    model_digest = climb.make_sparse()
     work.stage(
         "poses",
         {"model": model_digest, "frames": frames_digest},
@@ -175,75 +185,106 @@ def reconstruct(
     write_cautions(capture_cautions(path, frames, report, options.focal_px is not None), work.path)
 
 
-def _make_sparse(
-    work: WorkFolder, frames_digest: str, frames: Frames, lens: Lens, in_order: bool, progress: ProgressCallback
-) -> str:
-    """`sparse/0` by the first rung of the ladder that places nearly all frames, or the one that places most.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Climb:
+    """The ladder from frames to a model: what every rung starts from."""
 
-    Returns the digest of the stage.
+    work: WorkFolder
+    frames_digest: str
+    frames: Frames
+    lens: Lens
+    in_order: bool
+    max_time_s: float | None
+    progress: ProgressCallback
 
-    Raises
-    ------
-    CaptureFailure
-        None of the rungs that may help gives a model that can be used; the failure is that of the rung that placed
-        most frames.
-    """
-    tried: list[tuple[Rung, str, dict[str, Any]]] = []
-    above: tuple[Rung, ...] = RUNGS
-    while above:
-        rung, *_ = above
-        digest = _climb(work, rung, frames_digest, frames, lens, in_order, progress)
-        report = read_json(work.path / DATABASES / f"model{rung.suffix}.json")
-        tried.append((rung, digest, report))
-        failure = None if report["failure"] is None else Failure(**report["failure"])
-        if failure is None and _placed_count(report) >= WHOLE_SHARE * len(frames.names):
-            break
-        above = next_rungs(rung, failure, _placed_count(report), _evidence(work.path / DATABASES, frames, rung))
-    rung, digest, report = max(tried, key=lambda row: (row[2]["failure"] is None, _placed_count(row[2])))
-    ended = [{"rung": row.name, "code": _code(result), "placed": _placed_count(result)} for row, _, result in tried]
-    report |= {"rung": rung.name if report["failure"] is None else None, "tried": ended}
-    digest = work.stage(
-        "model",
-        {"rung": digest, "tried": ended},
-        STAGES["model"],
-        lambda part: _make_chosen(part, work.path / DATABASES / f"model{rung.suffix}", report),
-    )
-    if report["failure"] is not None:
-        raise CaptureFailure(after_all(Failure(**report["failure"]), [row.name for row, _, _ in tried]))
-    return digest
+    def make_sparse(self) -> str:
+        """`sparse/0` by the first rung of the ladder that places nearly all frames, or the one that places most.
 
+        Returns the digest of the stage.
 
-def _climb(
-    work: WorkFolder,
-    rung: Rung,
-    frames_digest: str,
-    frames: Frames,
-    lens: Lens,
-    in_order: bool,
-    progress: ProgressCallback,
-) -> str:
-    """The stages of one rung: features, matches and, if they can be used, a model; the digest of the last."""
-    pictures, databases, end = work.path / "frames", work.path / DATABASES, rung.suffix
-    features_digest = work.stage(
-        f"features{end}",
-        {"frames": frames_digest, "lens": [lens.model, lens.focal_px]},
-        STAGES[f"features{end}"],
-        lambda part: make_features(_make_folder(part / DATABASES), pictures, _cameras(frames, lens), rung, progress),
-    )
-    matches_digest = work.stage(
-        f"matches{end}",
-        {"features": features_digest},
-        STAGES[f"matches{end}"],
-        lambda part: make_matches(_make_folder(part / DATABASES), databases, frames.names, in_order, rung, progress),
-    )
-    evidence, model = _evidence(databases, frames, rung), f"{DATABASES}/model{end}"
+        Raises
+        ------
+        CaptureFailure
+            None of the rungs that may help, and for which there is time, gives a model that can be used; the failure is
+            that of the rung that placed most frames.
+        """
+        limit = limit_of(len(self.frames.names), self.max_time_s)
+        tried: list[tuple[Rung, str, dict[str, Any]]] = []
+        above: tuple[Rung, ...] = RUNGS
+        left = list[str]()
+        while above:
+            rung, *others = above
+            if tried and self._predicted_s(rung, tried[-1][0]) > limit.left_s:
+                left, above = [*left, rung.name], tuple(others)
+                continue
+            try:
+                digest = self._rung_digest(rung, limit)
+            except OutOfTime:
+                left += [row.name for row in above]
+                break
+            report = read_json(self.work.path / DATABASES / f"model{rung.suffix}.json")
+            tried.append((rung, digest, report))
+            seen = None if report["failure"] is None else Failure(**report["failure"])
+            if seen is None and _placed_count(report) >= WHOLE_SHARE * len(self.frames.names):
+                break
+            above = next_rungs(rung, seen, _placed_count(report), self._evidence(rung))
+        return self._chosen(tried, left)
 
-    def make(part: Path) -> None:
-        _make_folder(part / DATABASES)
-        make_model(part / model, databases / f"matches{end}.db", pictures, evidence, lens, progress)
+    def _predicted_s(self, rung: Rung, done: Rung) -> float:
+        return predicted_s(rung, done, self.work.seconds, len(self.frames.names), self.in_order)
 
-    inputs = {"matches": matches_digest, "fixed": lens.fixed, "free": lens.free}
-    return work.stage(f"mapping{end}", inputs, STAGES[f"mapping{end}"], make)
+    def _chosen(self, tried: list[tuple[Rung, str, dict[str, Any]]], left: list[str]) -> str:
+        """The stage `model` of the best of the rungs, rows of rung, digest and report; left : for lack of time."""
+        if not tried:
+            raise CaptureFailure(after_all(failure("out_of_time", "the frames could not be placed in time"), [], left))
+        rung, digest, report = max(tried, key=lambda row: (row[2]["failure"] is None, _placed_count(row[2])))
+        ended = [{"rung": row.name, "code": _code(result), "placed": _placed_count(result)} for row, _, result in tried]
+        report |= {"rung": rung.name if report["failure"] is None else None, "tried": ended, "left": left}
+        digest = self.work.stage(
+            "model",
+            {"rung": digest, "tried": ended},
+            STAGES["model"],
+            lambda part: _make_chosen(part, self.work.path / DATABASES / f"model{rung.suffix}", report),
+        )
+        if report["failure"] is not None:
+            raise CaptureFailure(after_all(Failure(**report["failure"]), [row.name for row, _, _ in tried], left))
+        return digest
+
+    def _rung_digest(self, rung: Rung, limit: TimeLimit) -> str:
+        """The stages of one rung: features, matches and, if they can be used, a model; the digest of the last."""
+        work, frames, lens = self.work, self.frames, self.lens
+        pictures, databases, end = work.path / "frames", work.path / DATABASES, rung.suffix
+        said: Any = {"limit": limit, "progress": self.progress}
+        features_digest = work.stage(
+            f"features{end}",
+            {"frames": self.frames_digest, "lens": [lens.model, lens.focal_px]},
+            STAGES[f"features{end}"],
+            lambda part: make_features(_make_folder(part / DATABASES), pictures, _cameras(frames, lens), rung, **said),
+        )
+        matches_digest = work.stage(
+            f"matches{end}",
+            {"features": features_digest},
+            STAGES[f"matches{end}"],
+            lambda part: make_matches(
+                _make_folder(part / DATABASES), databases, frames.names, self.in_order, rung, **said
+            ),
+        )
+        evidence, model = self._evidence(rung), f"{DATABASES}/model{end}"
+
+        def make(part: Path) -> None:
+            _make_folder(part / DATABASES)
+            make_model(part / model, databases / f"matches{end}.db", pictures, evidence, lens, **said)
+
+        inputs = {"matches": matches_digest, "fixed": lens.fixed, "free": lens.free, "wide": lens.wide_px}
+        inputs["time"] = self.max_time_s  # with more of it other lenses may come to an end
+        return work.stage(f"mapping{end}", inputs, STAGES[f"mapping{end}"], make)
+
+    def _evidence(self, rung: Rung) -> Evidence:
+        databases, frames = self.work.path / DATABASES, self.frames
+        keypoints = read_json(databases / f"features{rung.suffix}.json")["keypoints"]
+        pairs = tuple(_pair(row) for row in read_json(databases / f"matches{rung.suffix}.json")["pairs"])
+        counts = np.array([keypoints.get(name, 0) for name in frames.names], dtype=np.int64)
+        return Evidence(frames.names, counts, pairs, frames.size, frames.edges)
 
 
 def _placed_count(report: dict[str, Any]) -> int:
@@ -279,8 +320,15 @@ def _lens(frames: Frames, options: CaptureOptions) -> Lens:
         return Lens(model, None, False, width, height)
     if options.focal_px is None:
         rough = frames.times_s is not None
-        return Lens(model, frames.focals_px[0], False, width, height, rough, free)
+        return Lens(model, frames.focals_px[0], False, width, height, rough, free, wide_px=_fisheye_focal_px(frames))
     return Lens(model, options.focal_px * width / frames.source_size[0], True, width, height)
+
+
+def _fisheye_focal_px(frames: Frames) -> float | None:
+    """Focal length of an ideal fisheye lens with the stated field of view, in pixels for a radian from the axis."""
+    if frames.fisheye_deg is None:
+        return None
+    return math.hypot(*frames.size) / math.radians(frames.fisheye_deg)
 
 
 def _cameras(frames: Frames, lens: Lens) -> list[tuple[Lens, list[str]]]:
@@ -291,13 +339,6 @@ def _cameras(frames: Frames, lens: Lens) -> list[tuple[Lens, list[str]]]:
         (Lens(lens.model, focal, False, width, height), names)
         for (width, height, focal), names in frames.cameras().items()
     ]
-
-
-def _evidence(databases: Path, frames: Frames, rung: Rung) -> Evidence:
-    keypoints = read_json(databases / f"features{rung.suffix}.json")["keypoints"]
-    pairs = tuple(_pair(row) for row in read_json(databases / f"matches{rung.suffix}.json")["pairs"])
-    counts = np.array([keypoints.get(name, 0) for name in frames.names], dtype=np.int64)
-    return Evidence(frames.names, counts, pairs, frames.size, frames.edges)
 
 
 def _pair(row: list[Any]) -> Pair:

@@ -50,7 +50,8 @@ class Frames:
     names, indices : file in `frames/` and number in the source of each chosen frame; times_s : of all frames of the
     source, None for pictures; edges : (n, 2) `edge_sharpness` of the chosen frames; sizes : (width, height) of each in
     `frames/`; focals_px : what EXIF, or the video, states of each, in pixels of `frames/`; source_size : of the
-    source, upright; remarks : what of the source is not used.
+    source, upright; remarks : what of the source is not used; fisheye_deg : the field of view from corner to corner
+    that the video states of an uncorrected wide lens.
     """
 
     names: list[str]
@@ -63,6 +64,7 @@ class Frames:
     turned_deg: int
     hdr: str | None
     remarks: list[str]
+    fisheye_deg: float | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -127,6 +129,7 @@ def make_frames(part: Path, source: Source, wanted: int | None, progress: Progre
         "turned_deg": source.turned_deg,
         "hdr": source.hdr,
         "remarks": _remarks(source, n),
+        "fisheye_deg": source.fisheye_deg if isinstance(source, Video) else None,
         "times_s": None if motion is None else motion.times_s.tolist(),
         "chosen": rows,
     }
@@ -148,6 +151,7 @@ def read_frames(folder: Path) -> Frames:
         document["turned_deg"],
         document["hdr"],
         document["remarks"],
+        document.get("fisheye_deg"),
     )
 
 

@@ -1,7 +1,8 @@
-"""The focal length that a telephone writes into its videos, in QuickTime's metadata.
+"""What a camera writes of its lens into its videos: a telephone's focal length, an action camera's field of view.
 
 The layout is that of Apple's "QuickTime File Format", chapter "Metadata": atoms `meta` with `keys` and `ilst`. FFmpeg
-shows the entries of the video alone; the lens is one of the video track.
+shows the entries of the video alone; the lens is one of the video track. GoPro's settings are keys of its metadata
+format in the atom `GPMF` of `udta`.
 """
 
 from __future__ import annotations
@@ -11,13 +12,20 @@ import struct
 from collections.abc import Iterator
 from pathlib import Path
 
-__all__ = ["stated_focal_35mm"]
+from estimator.telemetry.gpmf import keys
+
+__all__ = ["stated_fisheye_deg", "stated_focal_35mm"]
 
 KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
 #: Largest table of contents that is read.
 MAX_BYTES = 1 << 26
 #: Focal lengths in millimetres of 35 mm film that a lens can have.
 SHORTEST, LONGEST = 5.0, 1000.0
+#: GoPro: the field of view from corner to corner in degrees, after cropping and stabilisation; the projection, and its
+#: name of an uncorrected lens; the setting of the lens, and its name of a corrected one.
+FIELD, PROJECTION, UNCORRECTED, SETTING, CORRECTED = b"ZFOV", b"PRJT", b"GPRO", b"VFOV", b"L"
+#: Fields of view in degrees that an uncorrected lens can have.
+NARROWEST, WIDEST = 60.0, 200.0
 #: QuickTime's numbers for types of values.
 _UTF8, _SIGNED, _UNSIGNED = 1, {21, 65, 66, 67, 74}, {22, 75, 76, 77, 78}
 _FLOATS = {23: ">f", 24: ">d"}
@@ -33,6 +41,27 @@ def stated_focal_35mm(path: Path) -> float | None:
         value = _value_in(atom)
         if value is not None and SHORTEST < value < LONGEST:
             return value
+    return None
+
+
+def stated_fisheye_deg(path: Path) -> float | None:
+    """The field of view in degrees, from corner to corner, of a GoPro's uncorrected lens; None where none is stated."""
+    try:
+        contents = _table_of_contents(path)
+    except OSError:
+        return None
+    users = [content for kind, content in _atoms(contents) if kind == b"udta"]
+    for data in (content for user in users for kind, content in _atoms(user) if kind == b"GPMF"):
+        stated = {row.name: row.value for device in keys(data) for row in keys(device.value)}
+        if (
+            stated.get(PROJECTION) != UNCORRECTED
+            or stated.get(SETTING) == CORRECTED
+            or len(stated.get(FIELD, b"")) != 4
+        ):
+            continue
+        (degrees,) = struct.unpack(">f", stated[FIELD])
+        if NARROWEST < degrees < WIDEST:
+            return float(degrees)
     return None
 
 

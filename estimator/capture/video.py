@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.capture.quicktime import stated_focal_35mm
+from estimator.capture.quicktime import stated_fisheye_deg, stated_focal_35mm
 from estimator.telemetry.recordings import READ_ALONE
 from metric_base.errors import InputError, Unquoted
 
@@ -52,7 +52,8 @@ class Video:
 
     width, height : of the upright frames; turned_deg : the clockwise rotation that the container asks for, applied to
     every frame; n_frames : how many the container states, 0 where it does not; hdr : the name of its HDR curve or None;
-    focal_px : what the container states of the camera, None without; stabilisation crops a video by a tenth or so.
+    focal_px : what the container states of the camera, None without; stabilisation crops a video by a tenth or so;
+    fisheye_deg : the field of view from corner to corner that it states of an uncorrected wide lens, None without.
 
     Raises
     ------
@@ -77,6 +78,7 @@ class Video:
                 raise InputError.at(path, "video", f"pixels of a shape below {MAX_ASPECT}:1", self._aspect)
             self.height, self.width = self._upright(first).shape[:2]
         stated = stated_focal_35mm(path)
+        self.fisheye_deg = stated_fisheye_deg(path)
         self.focal_px = None if stated is None else stated / WIDTH_35MM * max(self.width, self.height)
 
     def frames(self) -> Iterator[VideoFrame]:

@@ -106,7 +106,13 @@ def parser() -> OneLineParser:
     add("--work", metavar="DIR", type=output_folder, help="for a video or pictures: folder that keeps every stage")
     add("--frames", metavar="N", type=int, help="for a video or pictures: frames to use (default: by the motion)")
     add("--focal", metavar="PX", type=float, help="for a video or pictures: focal length in pixels, not refined")
-    add("--camera-model", metavar="M", help="for a video or pictures: COLMAP's camera model (default: SIMPLE_RADIAL)")
+    add(
+        "--camera-model",
+        metavar="M",
+        help="for a video or pictures: COLMAP's camera model (default: the one that fits)",
+    )
+    slowest = "for a video or pictures: seconds for the reconstruction (default: 900, or 6 a frame if that is more)"
+    add("--max-time", metavar="S", type=float, help=slowest)
     draw = "for a video or pictures: draw the instances on a page that is served on loopback"
     add("--draw", metavar="PORT", nargs="?", const=0, type=int, help=draw)
     add("--tree", metavar="REF", help="release: a version or a folder (default: the newest available)")

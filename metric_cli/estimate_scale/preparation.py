@@ -24,7 +24,7 @@ PROGRAM = "estimate-scale"
 #: What was drawn so far, kept over an interruption.
 DRAFT, DRAWING_SCHEMA = "drawing.json", "metric-tree/drawing/1"
 #: Options that mean something only for a video or pictures.
-_CAPTURE_OPTIONS = ("--work", "--frames", "--focal", "--camera-model", "--draw")
+_CAPTURE_OPTIONS = ("--work", "--frames", "--focal", "--camera-model", "--max-time", "--draw")
 
 
 def work_lock(options: Namespace) -> AbstractContextManager[None]:
@@ -55,7 +55,8 @@ def prepare_capture(options: Namespace) -> Failure | None:
     from estimator.capture.work_folder import WorkFolder
     from metric_cli.progress import progress_bars
 
-    capture = CaptureOptions(options.frames, options.focal, options.camera_model, options.dense == "auto")
+    dense = options.dense == "auto"
+    capture = CaptureOptions(options.frames, options.focal, options.camera_model, dense, options.max_time)
     work = WorkFolder(options.work)
     with progress_bars() as shown:
         try:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.capture.mapping.lens_choice import chosen_lens, lens_scores
+from estimator.capture.mapping.lens_choice import lens_scores
 from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
 
@@ -111,14 +111,38 @@ def matches(request: Request) -> dict[str, Any]:
     return {"pairs": [[a, b, *row] for (a, b), row in zip(pairs, rows, strict=True)]}
 
 
+def verified(request: Request) -> dict[str, Any]:
+    """Give the one camera of the database another lens and verify all matches through it; how many are left.
+
+    A pair whose camera has a focal length that COLMAP believes is verified by an essential matrix, on rays instead of
+    pixels; it takes no pair of fisheye pictures otherwise.
+    """
+    lens = request["lens"]
+    with pycolmap.Database.open(request["database"]) as database:
+        (camera,) = database.read_all_cameras()
+        camera.model = getattr(pycolmap.CameraModelId, lens["model"])
+        camera.params = lens["params"]
+        camera.has_prior_focal_length = lens["held"]
+        database.update_camera(camera)
+        names = {image.image_id: image.name for image in database.read_all_images()}
+        pairs = [pycolmap.pair_id_to_image_pair(pair) for pair in database.read_num_matches()[0]]
+        database.clear_two_view_geometries()
+    listed = Path(request["database"]).with_suffix(".pairs.txt")
+    listed.write_text("".join(f"{names[a]} {names[b]}\n" for a, b in pairs), encoding="utf-8")
+    options = pycolmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = 0
+    pycolmap.verify_matches(request["database"], listed, options)
+    with pycolmap.Database.open(request["database"]) as database:
+        return {"inliers": int(database.num_inlier_matches())}
+
+
 def incremental(request: Request) -> dict[str, Any]:
     """COLMAP's incremental mapper; the models are written to folders 0, 1, ... of the output, largest first.
 
     The result also states how well the largest determines its focal length. With `focal_last` the focal length, and
     of a lens that is `held` every parameter, is held until all frames have a place, and adjusted then.
     """
-    _set_lens(request)
-    held = _is_held(request)
+    held = request["held"]
     refine = request["refine_focal"] and not request["focal_last"] and not held
     options = pycolmap.IncrementalPipelineOptions(
         num_threads=request["threads"],
@@ -149,16 +173,16 @@ def incremental(request: Request) -> dict[str, Any]:
             pycolmap.bundle_adjustment(model)
     largest = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
     deviation = None if largest is None else focal_deviation(largest)
-    return _write_models(models, request) | {"focal_deviation": deviation}
+    params = [] if largest is None else [float(value) for value in min(largest.cameras.items())[1].params]
+    return _write_models(models, request) | {"focal_deviation": deviation, "camera": params}
 
 
 def global_(request: Request) -> dict[str, Any]:
     """COLMAP's global mapper, on the named pictures."""
-    _set_lens(request)
+    held = request["held"]
     options = pycolmap.GlobalPipelineOptions(
         num_threads=request["threads"], random_seed=request["seed"], image_names=request["names"]
     )
-    held = _is_held(request)
     options.mapper.bundle_adjustment.refine_focal_length = request["refine_focal"] and not held
     options.mapper.bundle_adjustment.refine_extra_params = not held
     models = pycolmap.global_mapping(request["database"], request["pictures"], request["scratch"], options=options)
@@ -166,38 +190,18 @@ def global_(request: Request) -> dict[str, Any]:
 
 
 def lenses(request: Request) -> dict[str, Any]:
-    """How well each camera model does on observations that it was not fitted to, and the best of them."""
-    scores = lens_scores(request["model"])
-    return {"scores": scores, "chosen": chosen_lens(scores)}
+    """How well each camera model does on observations that it was not fitted to."""
+    return lens_scores(request["model"])
 
 
 STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
     "features": features,
     "matches": matches,
+    "verified": verified,
     "incremental": incremental,
     "global": global_,
     "lenses": lenses,
 }
-
-
-def _is_held(request: Request) -> bool:
-    """Whether every parameter of the lens stays until all frames have a place."""
-    return request["lens"] is not None and bool(request["lens"]["held"])
-
-
-def _set_lens(request: Request) -> None:
-    """Give the one camera of the database the model and parameters that the mapper begins with, if any are named.
-
-    COLMAP takes no pair of fisheye pictures whose focal length it does not believe.
-    """
-    if request["lens"] is None:
-        return
-    with pycolmap.Database.open(request["database"]) as database:
-        (camera,) = database.read_all_cameras()
-        camera.model = getattr(pycolmap.CameraModelId, request["lens"]["model"])
-        camera.params = request["lens"]["params"]
-        camera.has_prior_focal_length = request["lens"]["held"]
-        database.update_camera(camera)
 
 
 def _write_models(models: dict[int, Any], request: Request) -> dict[str, Any]:

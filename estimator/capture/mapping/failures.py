@@ -23,6 +23,7 @@ ADVICE = {
     "focal_length_changes": "do not zoom or let the telephone change lenses, and keep what moves out of the picture",
     "focal_length_undetermined": "walk around the objects or turn the camera as you walk, or give the focal length in "
     f"pixels with --focal (a telephone's main camera: about {TYPICAL_FOCAL} times the longer side of the picture)",
+    "out_of_time": "give more time with --max-time, or use fewer frames with --frames",
 }
 CODES = tuple(ADVICE)
 
@@ -52,8 +53,14 @@ def failure(code: str, seen: str) -> Failure:
     return Failure(code, f"{seen}; {ADVICE[code]}")
 
 
-def after_all(seen: Failure, tried: list[str]) -> Failure:
-    """The failure, which says what was tried where that was more than one way."""
-    if len(tried) < 2:
+def after_all(seen: Failure, tried: list[str], left: list[str]) -> Failure:
+    """The failure, which says what was tried where that was more than one way, and what the time did not suffice for.
+
+    >>> after_all(Failure("drift", "walk on"), ["SIFT", "fine SIFT"], ["pooled SIFT"]).message
+    'walk on (tried: SIFT; fine SIFT; left for lack of time, see --max-time: pooled SIFT)'
+    """
+    if len(tried) < 2 and not left:
         return seen
-    return Failure(seen.code, f"{seen.message} (tried: {'; '.join(tried)}; other camera models)")
+    words = [f"tried: {'; '.join(tried)}"] if tried else []
+    words += [f"left for lack of time, see --max-time: {'; '.join(left)}"] if left else []
+    return Failure(seen.code, f"{seen.message} ({'; '.join(words)})")

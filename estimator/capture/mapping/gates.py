@@ -20,6 +20,7 @@ __all__ = [
     "focal_undetermined",
     "lens_is_doubtful",
     "model_failure",
+    "most_are_linked",
 ]
 
 #: Five frames of a room gave two placed images, or a focal length that was wrong by a tenth.
@@ -107,6 +108,11 @@ def lens_is_doubtful(shape: ModelShape | None, failure: Failure | None) -> bool:
     if failure is not None and failure.code in OF_THE_LENS:
         return True
     return shape is not None and shape.pattern > PATTERN
+
+
+def most_are_linked(evidence: Evidence) -> bool:
+    """Whether the matches link so many frames that a model of them could be used."""
+    return len(evidence.groups()[0]) > PLACED_SHARE * len(evidence.names)
 
 
 def focal_is_determined(shape: ModelShape) -> bool:

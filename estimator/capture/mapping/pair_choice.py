@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import IntArray
 
-__all__ = ["all_pairs", "chosen_pairs", "coarse_scores"]
+__all__ = ["all_pairs", "chosen_pairs", "coarse_scores", "pair_count"]
 
 #: Of many frames, each is matched with so many of those that are 1, 2, 4, 8, ... after it: COLMAP's sequential matching
 #: with quadratic overlap.
@@ -44,6 +44,16 @@ def coarse_scores(descriptors: Sequence[NDArray[np.float32]]) -> IntArray:
 def all_pairs(n: int) -> list[tuple[int, int]]:
     """Pairs (a, b), a < b, of n frames."""
     return [(a, b) for a in range(n) for b in range(a + 1, n)]
+
+
+def pair_count(n: int, exhaustive: int, in_order: bool) -> int:
+    """How many pairs of n frames are matched at most, where up to `exhaustive` frames are matched each with each.
+
+    >>> pair_count(10, 20, in_order=True)
+    45
+    """
+    every = n * (n - 1) // 2
+    return every if n <= exhaustive else min(every, n * (OVERLAP + (LOOPS if in_order else UNORDERED_LOOPS)))
 
 
 def _neighbour_pairs(n: int) -> set[tuple[int, int]]:

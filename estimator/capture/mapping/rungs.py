@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,8 +11,9 @@ import numpy as np
 from estimator.capture.mapping.evidence import Evidence
 from estimator.capture.mapping.failures import Failure
 from estimator.capture.mapping.gates import LEAST_FRAMES
+from estimator.capture.mapping.pair_choice import pair_count
 
-__all__ = ["RUNGS", "WHOLE_SHARE", "Rung", "next_rungs"]
+__all__ = ["RUNGS", "WHOLE_SHARE", "Rung", "next_rungs", "predicted_s"]
 
 #: Share of the frames from which a model that can be used ends the climb; of smaller ones the largest is taken.
 WHOLE_SHARE = 0.8
@@ -20,8 +22,6 @@ WHOLE_SHARE = 0.8
 OF_THE_MOTION = frozenset({"static_camera", "pure_rotation"})
 #: Smeared or plain pictures, with no more distinct points than this, have nothing that a finer search finds.
 OF_THE_PICTURES, FEW_KEYPOINTS = frozenset({"motion_blur", "no_texture"}), 50
-#: With so many frames the search with pooled features takes over a quarter of an hour of processor.
-MOST_POOLED = 150
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,8 @@ class Rung:
     suffix : of its databases and stages; max_side : longer side of the pictures that are searched; first_octave : -1
     doubles the picture first; peak : least contrast; pooled : descriptors are pooled over domain sizes (Dong and Soatto
     2015), which costs five times as much; guided : matches are searched again along the epipolar lines; ratio : Lowe's;
-    exhaustive : up to so many frames are matched each with each.
+    exhaustive : up to so many frames are matched each with each; search_cost, pair_cost : time for a frame and for a
+    pair of frames, over that of the first rung.
     """
 
     name: str
@@ -44,6 +45,8 @@ class Rung:
     guided: bool
     ratio: float
     exhaustive: int
+    search_cost: float
+    pair_cost: float
 
     @property
     def sift(self) -> dict[str, Any]:
@@ -67,9 +70,22 @@ class Rung:
 #: and 53 of all frames of two rooms with glossy floors, of which the first linked 13 and 35; neither its features nor
 #: its guided matching was enough alone.
 RUNGS = (
-    Rung("SIFT", "", 2500, 1000, 0, 0.02 / 3, pooled=False, guided=False, ratio=0.8, exhaustive=100),
-    Rung("fine SIFT", "_fine", 4000, 1200, -1, 0.004, pooled=False, guided=False, ratio=0.8, exhaustive=60),
-    Rung("pooled SIFT, guided", "_pooled", 4000, 1000, -1, 0.003, pooled=True, guided=True, ratio=0.85, exhaustive=55),
+    Rung("SIFT", "", 2500, 1000, 0, 0.02 / 3, False, False, 0.8, exhaustive=100, search_cost=1, pair_cost=1),
+    Rung("fine SIFT", "_fine", 4000, 1200, -1, 0.004, False, False, 0.8, exhaustive=60, search_cost=6, pair_cost=2.5),
+    Rung(
+        "pooled SIFT, guided",
+        "_pooled",
+        4000,
+        1000,
+        -1,
+        0.003,
+        True,
+        True,
+        0.85,
+        exhaustive=55,
+        search_cost=25,
+        pair_cost=5,
+    ),
 )
 
 
@@ -82,5 +98,15 @@ def next_rungs(rung: Rung, failure: Failure | None, placed: int, evidence: Evide
         return ()
     if failure is not None and failure.code in OF_THE_PICTURES and np.median(evidence.keypoints) < FEW_KEYPOINTS:
         return ()
-    above = RUNGS[RUNGS.index(rung) + 1 :]
-    return tuple(row for row in above if not row.pooled or n <= MOST_POOLED)
+    return RUNGS[RUNGS.index(rung) + 1 :]
+
+
+def predicted_s(rung: Rung, done: Rung, spent: Mapping[str, float], n_frames: int, in_order: bool) -> float:
+    """Seconds that a rung will take by those that another took; 0 where these are not known.
+
+    spent : by stage (`features`, `matches`, `mapping` with the rung's suffix), of this run; in_order : of a video.
+    """
+    search, matching, mapping = (spent.get(stage + done.suffix, 0.0) for stage in ("features", "matches", "mapping"))
+    pairs = [pair_count(n_frames, row.exhaustive, in_order) for row in (rung, done)]
+    searching = search * rung.search_cost / done.search_cost
+    return searching + matching * (pairs[0] * rung.pair_cost) / (max(pairs[1], 1) * done.pair_cost) + mapping

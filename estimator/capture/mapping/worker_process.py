@@ -7,9 +7,11 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
+from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit
 from metric_base.progress import ProgressCallback, silent
 
 __all__ = ["WorkerError", "start_worker", "wait_for_worker"]
@@ -44,15 +46,22 @@ def wait_for_worker(
     log: Path,
     progress: ProgressCallback = silent,
     total: int | None = None,
+    limit: TimeLimit | None = None,
 ) -> Any:
     """The result of a step, with its progress passed on; total : of what it counts, unless it says so itself.
 
     Raises
     ------
+    OutOfTime
+        It was ended at the limit.
     WorkerError
         It ended without a result.
     """
     result: Any = None
+    timer = None if limit is None else threading.Timer(limit.left_s, process.kill)
+    if timer is not None:
+        timer.daemon = True
+        timer.start()
     assert process.stdout is not None  # asked for
     try:
         for line in process.stdout:
@@ -63,9 +72,13 @@ def wait_for_worker(
                 progress(step, row["done"], row.get("of", total))
         status = process.wait()
     finally:
+        if timer is not None:
+            timer.cancel()
         if process.poll() is None:
             process.kill()
             process.wait()
+    if result is None and limit is not None and not limit.left_s:
+        raise OutOfTime(step)
     if status != 0 or result is None:
         raise WorkerError(f"the reconstruction step {step!r} {_ending(status)}: {_last_line(log)}")
     return result

@@ -1,0 +1,109 @@
+"""Other lenses for frames that one lens explains badly: by held out observations, by the file, by usual wide ones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from estimator.capture.mapping.gates import LEAST_FRAMES, PATTERN
+from estimator.capture.mapping.lens import Lens, is_fisheye
+from estimator.capture.mapping.lens_choice import chosen_lens
+from estimator.capture.mapping.mappers import Mapped, Task, mapped_frames
+from estimator.capture.mapping.time_limit import OutOfTime
+from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
+
+__all__ = ["better_mapping", "other_mapping_s", "with_other_lens"]
+
+FISHEYE = "OPENCV_FISHEYE"
+#: Wide lenses by camera model and usual focal length over the longer side: a telephone's second camera, which corrects
+#: its distortion, and an action camera's. From a fisheye focal length within a fifth of the true one the mapping
+#: settles.
+WIDE_STARTS = (("SIMPLE_RADIAL", 0.4), (FISHEYE, 0.48), (FISHEYE, 0.34))
+#: A mapping through another lens may take so many times as long as the first, and so many seconds more: it also
+#: verifies the matches; the adjustment of a wrong lens may take for ever.
+TIMES_THE_FIRST, SECONDS_MORE = 3.0, 30.0
+#: A fisheye lens is mapped with again until its focal length changes by less than this share, so many times at most.
+SETTLED, MOST_ROUNDS = 0.01, 2
+
+
+def with_other_lens(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
+    """The best mapping through other lenses, or the first where none is better.
+
+    lens : of the first mapping, `mapped`. Where that can be used, other camera models are tried only if they explain
+    held out observations better. Where it cannot be used, they are tried all the same: few frames say too little about
+    their lens, and a mapping that began far from a wide lens may end in a bent one.
+    """
+    scores = _scores(task, mapped)
+    if mapped.failure is None and (scores is None or chosen_lens(scores) == lens.model):
+        return replace(mapped, lens_scores=scores)
+    best, seconds = mapped, other_mapping_s(mapped)
+    for number, other in enumerate(_other_lenses(lens, scores)):
+        try:
+            best = better_mapping(mapped_frames(task.below(f"lens_{number}", seconds), other), best)
+        except OutOfTime:
+            continue
+        if best is not mapped and is_fisheye(other.model):
+            best = _settled(task, other, best, number, seconds)
+        if best.failure is None and best.shape is not None and best.shape.pattern < PATTERN:
+            break
+    return replace(best, lens_scores=scores)
+
+
+def other_mapping_s(mapped: Mapped) -> float:
+    """Seconds that another mapping of the same matches may take."""
+    return TIMES_THE_FIRST * mapped.seconds + SECONDS_MORE
+
+
+def better_mapping(one: Mapped, two: Mapped) -> Mapped:
+    """The one that can be used, or that places more frames, or as many with smaller residuals; else the second."""
+    if one.shape is None or (one.failure is not None and two.failure is None):
+        return two
+    if two.shape is None or (one.failure is None and two.failure is not None):
+        return one
+    placed = len(one.shape.names) - len(two.shape.names)
+    return one if placed > 0 or (placed == 0 and one.shape.error_px < two.shape.error_px) else two
+
+
+def _settled(task: Task, lens: Lens, mapped: Mapped, number: int, seconds: float) -> Mapped:
+    """The mapping again from the lens that it ended with, until that stays."""
+    for turn in range(MOST_ROUNDS):
+        before = mapped.params[0]
+        again = task.below(f"lens_{number}_again_{turn}", seconds)
+        try:
+            mapped = better_mapping(mapped_frames(again, replace(lens, start=mapped.params)), mapped)
+        except OutOfTime:
+            break
+        if abs(mapped.params[0] / before - 1) < SETTLED:
+            break
+    return mapped
+
+
+def _scores(task: Task, mapped: Mapped) -> dict[str, Any] | None:
+    """What each camera model leaves of held out observations, None of a mapping with too few frames."""
+    if mapped.shape is None or len(mapped.shape.names) < LEAST_FRAMES or mapped.model is None:
+        return None
+    below = task.below("lenses", other_mapping_s(mapped))
+    process = start_worker("lenses", {"model": str(mapped.model)}, below.part)
+    try:
+        scores: dict[str, Any] = wait_for_worker(process, "lenses", below.part / "lenses.log", limit=below.limit)
+    except OutOfTime:
+        return None
+    return scores
+
+
+def _other_lenses(lens: Lens, scores: dict[str, Any] | None) -> Iterator[Lens]:
+    """Lenses to begin with, most likely first."""
+    side = max(lens.width, lens.height)
+    if lens.wide_px is not None:
+        yield _beginning(lens, FISHEYE, lens.wide_px)
+    if scores is not None:
+        name = chosen_lens(scores)
+        yield replace(lens, model=name, start=tuple(scores[name]["params"]))
+    for name, focal in WIDE_STARTS:
+        yield _beginning(lens, name, focal * side)
+
+
+def _beginning(lens: Lens, model: str, focal_px: float) -> Lens:
+    other = replace(lens, model=model)
+    return replace(other, start=replace(other, focal_px=focal_px).values)

@@ -24,7 +24,7 @@ from benchmarks.child import run_child
 from estimator.records.scale_evidence import ScaleEvidence
 from metric_base.arrays import FloatArray
 
-__all__ = ["SETS", "FootageSet", "main", "path_error", "sensor_rows"]
+__all__ = ["SETS", "FootageSet", "main", "path_error", "sensor_rows", "write_between"]
 
 #: Seconds between the frames of `walk_carpark/video.mp4`.
 FRAME_S = 1001 / 30000
@@ -91,13 +91,13 @@ def main() -> None:
         print(json.dumps(_reconstruct(options.data, chosen[0], options.out)))
         return
     if options.sensors:
-        _write_between(PAGE, "sensors", _sensors(options.data / "scenes" / "walk_carpark"))
+        write_between(PAGE, "sensors", _sensors(options.data / "scenes" / "walk_carpark"))
         return
     for row in chosen:
         if not options.write or not (options.out / f"{row.name}.json").is_file():
             _run(options.data, row, options.out, options.limit_s)
     if options.write:
-        _write_between(PAGE, "sets", _table(options.out, options.before))
+        write_between(PAGE, "sets", _table(options.out, options.before))
 
 
 def path_error(centres: FloatArray, reference: FloatArray) -> float:
@@ -267,7 +267,7 @@ def _sensors(place: Path) -> str:
     return "\n".join(lines)
 
 
-def _write_between(page: Path, name: str, table: str) -> None:
+def write_between(page: Path, name: str, table: str) -> None:
     """Put a table between the comments `<!-- NAME -->` and `<!-- /NAME -->` of a page."""
     text = page.read_text(encoding="utf-8")
     head, rest = text.split(f"<!-- {name} -->\n", 1)

@@ -48,12 +48,24 @@ TIME_BASE = Fraction(1, 90_000)
 
 @dataclass(frozen=True, slots=True)
 class Lens:
-    """A camera with COLMAP's SIMPLE_RADIAL distortion: focal length in pixels and k."""
+    """A camera with COLMAP's SIMPLE_RADIAL distortion: focal length in pixels and k.
+
+    fisheye : k1 to k4 of a lens of COLMAP's OPENCV_FISHEYE in its place.
+    """
 
     width: int = 640
     height: int = 480
     focal: float = 500.0
     k: float = 0.0
+    fisheye: tuple[float, float, float, float] | None = None
+
+    @property
+    def params(self) -> tuple[str, list[float]]:
+        """COLMAP's camera model and parameters."""
+        middle = [self.width / 2, self.height / 2]
+        if self.fisheye is not None:
+            return "OPENCV_FISHEYE", [self.focal, self.focal, *middle, *self.fisheye]
+        return "SIMPLE_RADIAL", [self.focal, *middle, self.k]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,9 +133,7 @@ def recorded(
     """
     lens = lens or Lens()
     generator = np.random.default_rng([seed, world.seed, 31])
-    margin = 1.0 if lens.k == 0 else 1.35
-    wide = Pinhole(round(lens.width * margin), round(lens.height * margin), lens.focal)
-    across = _ideal_pixels(lens, wide)
+    wide, across = _ideal_pixels(lens)
     with Renderer(replace(world, camera=wide), texture) as renderer:
         for index, pose in enumerate(world.poses):
             frame = renderer.frame(index)
@@ -199,10 +209,10 @@ def synthetic_video(
     (folder / "instances.json").write_text(json.dumps(dataset) + "\n")
     truth = {
         "camera": {
-            "model": "SIMPLE_RADIAL",
+            "model": lens.params[0],
             "width": lens.width,
             "height": lens.height,
-            "params": [lens.focal, lens.width / 2, lens.height / 2, lens.k],
+            "params": lens.params[1],
         },
         "frames": [
             {
@@ -218,20 +228,25 @@ def synthetic_video(
     (folder / "truth.json").write_text(json.dumps(truth, indent=1) + "\n")
 
 
-def _ideal_pixels(lens: Lens, wide: Pinhole) -> NDArray[np.float32] | None:
-    """(h, w, 2) where each pixel of the lens is in the wide picture, or None without distortion."""
-    if lens.k == 0:
-        return None
+def _ideal_pixels(lens: Lens) -> tuple[Pinhole, NDArray[np.float32] | None]:
+    """A camera without distortion that sees all that the lens does, and (h, w, 2) where the lens's pixels are in it.
+
+    The pixels are None where the lens does not distort.
+    """
+    if lens.k == 0 and lens.fisheye is None:
+        return Pinhole(lens.width, lens.height, lens.focal), None
     import zlib  # noqa: F401 - pycolmap breaks a zlib that is loaded after it
 
     import pycolmap
 
-    params = [lens.focal, lens.width / 2, lens.height / 2, lens.k]
-    camera = pycolmap.Camera(model="SIMPLE_RADIAL", width=lens.width, height=lens.height, params=params)
+    model, params = lens.params
+    camera = pycolmap.Camera(model=model, width=lens.width, height=lens.height, params=params)
     x, y = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
-    rays = np.asarray(camera.cam_from_img(np.column_stack([x.ravel(), y.ravel()])))[:, :2]
-    ideal = wide.focal * rays + [wide.width / 2, wide.height / 2] - 0.5  # OpenCV's pixel centres are whole numbers
-    return ideal.reshape(lens.height, lens.width, 2).astype(np.float32)
+    ideal = lens.focal * np.asarray(camera.cam_from_img(np.column_stack([x.ravel(), y.ravel()])))[:, :2]
+    half = np.ceil(np.abs(ideal).max(axis=0)).astype(int) + 4
+    wide = Pinhole(int(2 * half[0]), int(2 * half[1]), lens.focal)
+    pixels = ideal + half - 0.5  # OpenCV's pixel centres are whole numbers
+    return wide, pixels.reshape(lens.height, lens.width, 2).astype(np.float32)
 
 
 def _remapped(

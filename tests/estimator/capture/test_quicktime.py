@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.capture.quicktime import KEY, stated_focal_35mm
+from estimator.capture.quicktime import KEY, stated_fisheye_deg, stated_focal_35mm
 from estimator.capture.video import Video
+from tests.synthetic.telemetry import gpmf_key
 from tests.synthetic.videos import times_of, write_video
 
 
@@ -93,3 +94,19 @@ def test_damage_is_no_error(tmp_path_factory: pytest.TempPathFactory, place: int
     (folder / "damaged.mov").write_bytes(bytes(data[: len(data) - kept % 900]))
     value = stated_focal_35mm(folder / "damaged.mov")
     assert value is None or 5 < value < 1000
+
+
+@pytest.mark.parametrize(
+    ("setting", "projection", "degrees", "stated"),
+    [("W", "GPRO", 137.4, 137.4), ("L", "GPRO", 92.0, None), ("W", "EACO", 137.4, None), ("W", "GPRO", 400.0, None)],
+)
+def test_a_wide_lens_that_is_not_corrected_is_read(
+    tmp_path: Path, setting: str, projection: str, degrees: float, stated: float | None
+) -> None:
+    lens = gpmf_key("VFOV", "c", setting.encode()) + gpmf_key("ZFOV", "f", [[degrees]])
+    device = gpmf_key("DEVC", "\0", lens + gpmf_key("PRJT", "F", projection.encode()))
+    file = tmp_path / "a.mp4"
+    file.write_bytes(_atom(b"ftyp", b"mp41") + _atom(b"moov", _atom(b"udta", _atom(b"GPMF", device))))
+    assert stated_fisheye_deg(file) == (None if stated is None else pytest.approx(stated))
+    file.write_bytes(file.read_bytes()[:-30])  # cut off
+    assert stated_fisheye_deg(file) is None

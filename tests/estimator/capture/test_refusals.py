@@ -180,4 +180,4 @@ def test_when_other_lenses_and_features_are_tried() -> None:
 
 
 def test_every_code_of_the_contract_is_there() -> None:
-    assert set(CODES) == {*REFUSED_VIDEOS, *RARE_VIDEOS}
+    assert set(CODES) == {*REFUSED_VIDEOS, *RARE_VIDEOS, "out_of_time"}

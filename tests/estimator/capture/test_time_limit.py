@@ -1,0 +1,57 @@
+"""The time that a capture may take, and what it is spent on."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from estimator.capture.capture import capture_video
+from estimator.capture.mapping.failures import CaptureFailure
+from estimator.capture.mapping.pair_choice import all_pairs, pair_count
+from estimator.capture.mapping.rungs import RUNGS, predicted_s
+from estimator.capture.mapping.time_limit import MAX_TIME_S, OutOfTime, TimeLimit, limit_of
+from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
+from metric_base.errors import InputError
+
+VIDEO = Path("data/scenes/demo_video/video.mp4")
+
+
+def test_a_worker_is_ended_at_its_limit(tmp_path: Path) -> None:
+    process = start_worker("features", {"cameras": []}, tmp_path)
+    with pytest.raises(OutOfTime):
+        wait_for_worker(process, "features", tmp_path / "features.log", limit=TimeLimit(time.monotonic()))
+    assert process.poll() is not None
+
+
+def test_a_capture_ends_in_time_and_says_what_was_left(tmp_path: Path) -> None:
+    started = time.monotonic()
+    with pytest.raises(CaptureFailure) as refusal:
+        capture_video(VIDEO, tmp_path / "w", frames=40, max_time_s=1)
+    assert refusal.value.failure.code == "out_of_time"
+    assert (
+        "left for lack of time, see --max-time: SIFT; fine SIFT; pooled SIFT, guided" in refusal.value.failure.message
+    )
+    assert not (tmp_path / "w" / "sparse").exists()
+    assert time.monotonic() - started < 60
+    with pytest.raises(InputError, match="--max-time"):
+        capture_video(VIDEO, tmp_path / "w", max_time_s=0)
+
+
+def test_the_limit_grows_with_the_frames() -> None:
+    assert limit_of(10).left_s == pytest.approx(MAX_TIME_S, abs=1)
+    assert limit_of(1000).left_s == pytest.approx(6000, abs=1)
+    assert limit_of(1000, 30).left_s == pytest.approx(30, abs=1)
+    assert limit_of(10).within(5).left_s == pytest.approx(5, abs=1)
+
+
+def test_a_rung_costs_by_its_frames_and_pairs() -> None:
+    first, fine, pooled = RUNGS
+    spent = {"features": 10.0, "matches": 4.0, "mapping": 3.0}
+    few = predicted_s(fine, first, spent, 20, in_order=True)
+    assert few == pytest.approx(10 * fine.search_cost + 4 * fine.pair_cost + 3)
+    assert predicted_s(pooled, first, spent, 20, in_order=True) > few
+    assert predicted_s(fine, first, spent, 90, in_order=True) < few  # of which each is not matched with each
+    assert predicted_s(fine, first, {}, 20, in_order=True) == 0  # a run that was taken up again knows no times
+    assert pair_count(50, 60, in_order=True) == len(all_pairs(50))

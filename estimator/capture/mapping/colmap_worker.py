@@ -111,7 +111,7 @@ def matches(request: Request) -> dict[str, Any]:
     return {"pairs": [[a, b, *row] for (a, b), row in zip(pairs, rows, strict=True)]}
 
 
-def verified(request: Request) -> dict[str, Any]:
+def verification(request: Request) -> dict[str, Any]:
     """Give the one camera of the database another lens and verify all matches through it; how many are left.
 
     A pair whose camera has a focal length that COLMAP believes is verified by an essential matrix, on rays instead of
@@ -197,7 +197,7 @@ def lenses(request: Request) -> dict[str, Any]:
 STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {
     "features": features,
     "matches": matches,
-    "verified": verified,
+    "verification": verification,
     "incremental": incremental,
     "global": global_,
     "lenses": lenses,

@@ -44,7 +44,7 @@ def with_other_lens(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
         except OutOfTime:
             continue
         if best is not mapped and is_fisheye(other.model):
-            best = _settled(task, other, best, number, seconds)
+            best = _settled_mapping(task, other, best, number, seconds)
         if best.failure is None and best.shape is not None and best.shape.pattern < PATTERN:
             break
     return replace(best, lens_scores=scores)
@@ -65,7 +65,7 @@ def better_mapping(one: Mapped, two: Mapped) -> Mapped:
     return one if placed > 0 or (placed == 0 and one.shape.error_px < two.shape.error_px) else two
 
 
-def _settled(task: Task, lens: Lens, mapped: Mapped, number: int, seconds: float) -> Mapped:
+def _settled_mapping(task: Task, lens: Lens, mapped: Mapped, number: int, seconds: float) -> Mapped:
     """The mapping again from the lens that it ended with, until that stays."""
     for turn in range(MOST_ROUNDS):
         before = mapped.params[0]

@@ -82,8 +82,8 @@ def mapped_frames(task: Task, lens: Lens, focal_last: bool = False) -> Mapped:
     if lens.start is not None:
         matches = part / "verified.db"
         shutil.copyfile(task.matches, matches)
-        process = start_worker("verified", {"database": str(matches), "lens": _lens_request(lens)}, part)
-        wait_for_worker(process, "verified", part / "verified.log", limit=task.limit)
+        process = start_worker("verification", {"database": str(matches), "lens": _lens_request(lens)}, part)
+        wait_for_worker(process, "verification", part / "verification.log", limit=task.limit)
     requests = {
         step: _request(task, step, lens, matches) | {"focal_last": focal_last} for step in ("incremental", "global")
     }

@@ -114,13 +114,13 @@ def make_model(
     else:
         mapped = mapped_frames(task, lens)
         if not lens.fixed:
-            mapped = _mended(task, lens, mapped)
+            mapped = _mended_mapping(task, lens, mapped)
     if mapped.failure is None and mapped.model is not None:
         mapped.model.rename(output)
     _write_report(output.with_name(f"{output.name}.json"), mapped, evidence)
 
 
-def _mended(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
+def _mended_mapping(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
     """What other lenses and focal lengths make of frames that one lens explains badly; what there is at the limit."""
     if mapped.failure is not None and mapped.failure.code == "too_few_frames" and not most_are_linked(task.evidence):
         return mapped  # no lens links them

@@ -271,10 +271,6 @@ def _end_with_parent(parent: int) -> None:
         sys.exit(1)
 
 
-if __name__ == "__main__":
-    run_step(sys.argv[1:], STEPS)
-
-
 def focal_deviation(model: Any) -> float | None:
     """Standard deviation of the focal length, as a share of it, if every observation were off by one pixel.
 
@@ -301,3 +297,7 @@ def focal_deviation(model: Any) -> float | None:
         if of_lens is not None and of_lens[0, 0] >= 0:
             deviations.append(float(np.sqrt(of_lens[0, 0]) / camera.params[0]))
     return float(np.median(deviations)) if deviations and np.isfinite(deviations).all() else None
+
+
+if __name__ == "__main__":
+    run_step(sys.argv[1:], STEPS)

@@ -16,7 +16,7 @@ from metric_base.errors import in_file
 from metric_base.folders import taxonomy_directory
 from metric_base.schema import expect, record_of
 from taxonomy.categories import Category, Pose
-from taxonomy.insertions import PREFIX, Insertion, insertions
+from taxonomy.insertions import PREFIX, InsertedCategory, insertions
 from taxonomy.label_lists import vocabularies, vocabulary
 from taxonomy.levels import (
     KIND,
@@ -123,7 +123,7 @@ class Catalogue:
         leaves: Iterable[Leaf],
         words: SynsetTable,
         successors: Mapping[str, str] | None = None,
-        inserted: Mapping[str, Insertion] | None = None,
+        inserted: Mapping[str, InsertedCategory] | None = None,
         labels: Mapping[str, tuple[str, ...]] | None = None,
         reviewed: ReviewedAliases | None = None,
     ) -> None:

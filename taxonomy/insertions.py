@@ -12,7 +12,7 @@ from metric_base.folders import taxonomy_directory
 from metric_base.schema import expect, json_lines
 from taxonomy.categories import Pose
 
-__all__ = ["PREFIX", "BadInsertion", "Insertion", "insertions"]
+__all__ = ["PREFIX", "BadInsertion", "InsertedCategory", "insertions"]
 
 #: What sets a reviewed insertion apart from a WordNet synset.
 PREFIX = "mt:"
@@ -24,7 +24,7 @@ class BadInsertion(InputError):
     """A line of the insertions file that is not one: the message names line, field, expected and found."""
 
 
-class Insertion(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class InsertedCategory(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A category under `parent`, a WordNet synset or an insertion further up in the file."""
 
     id: str
@@ -38,7 +38,7 @@ class Insertion(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         expect(self.id.startswith(PREFIX), "id", f"{PREFIX}<name>", self.id)
 
 
-def insertions(path: Path | None = None) -> Mapping[str, Insertion]:
+def insertions(path: Path | None = None) -> Mapping[str, InsertedCategory]:
     """All insertions by id, parents before children.
 
     Raises
@@ -46,8 +46,8 @@ def insertions(path: Path | None = None) -> Mapping[str, Insertion]:
     BadInsertion
         A line is not an insertion, repeats an id, or comes before the insertion that it names as parent.
     """
-    by_id: dict[str, Insertion] = {}
-    for place, insertion in json_lines(path or taxonomy_directory() / _FILE, Insertion, BadInsertion):
+    by_id: dict[str, InsertedCategory] = {}
+    for place, insertion in json_lines(path or taxonomy_directory() / _FILE, InsertedCategory, BadInsertion):
         above = insertion.parent
         with in_file(place, BadInsertion):
             expect(insertion.id not in by_id, "id", "a new id", insertion.id)

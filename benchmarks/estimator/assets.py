@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.assets.asset import Asset, Body, Word
+from estimator.assets.asset import Asset, AssetBody, Word
 from estimator.assets.category_words import named_category
 from estimator.assets.check import AssetCheck, check_body
 from metric_base.arrays import FloatArray
@@ -103,7 +103,7 @@ def _trials(rows: Iterable[dict[str, str]], tree: Tree) -> Iterator[Trial]:
         size = np.array([float(row[f"{axis}_mm"]) for axis in ("length", "height", "width")]) / 1000  # y up
         for error, extents, centred in _errors(size, generator):
             low = -extents / 2 if centred else np.zeros(3)
-            body = Body(row["file"], low, low + extents, (Word("title", row["category"]),))
+            body = AssetBody(row["file"], low, low + extents, (Word("title", row["category"]),))
             check = check_body(row["file"], body, Asset(Path(row["file"]), "glb", 1.0, "y", (body,)), tree, category)
             if check.hypotheses:
                 wrong = sum(one.probability for one in check.hypotheses if one.what not in ("right", "unlike"))

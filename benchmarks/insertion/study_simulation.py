@@ -12,8 +12,8 @@ import argparse
 
 import numpy as np
 
-from insertion.study.answers import ANSWERS, Answer
-from insertion.study.curve import Curve, Observer, curve_of
+from insertion.study.answers import ANSWERS, StudyAnswer
+from insertion.study.curve import Observer, StudyCurve, curve_of
 from insertion.study.page import STEPS
 from insertion.study.plan import BIAS_SPREAD, FLAT, expected_intervals
 
@@ -56,7 +56,7 @@ def main() -> None:
 
 def simulated_answers(
     observer: Observer | None, people: int, repeats: int, seed: int, random: float = 0.0, right: float = 0.0
-) -> list[Answer]:
+) -> list[StudyAnswer]:
     """The answers of people with this observer, each with a bias of their own; shares of others as `CASES` has them."""
     generator = np.random.default_rng(seed)
     steps = np.array(STEPS, dtype=float)
@@ -71,13 +71,13 @@ def simulated_answers(
             shares = Observer(own, observer.sigma, observer.criterion).shares(steps)
         for _ in range(repeats):
             answers += [
-                Answer(str(person), float(step), ANSWERS[generator.choice(3, p=share / share.sum())])
+                StudyAnswer(str(person), float(step), ANSWERS[generator.choice(3, p=share / share.sum())])
                 for step, share in zip(steps, shares, strict=True)
             ]
     return answers
 
 
-def _row(name: str, observer: Observer | None, curves: list[Curve]) -> str:
+def _row(name: str, observer: Observer | None, curves: list[StudyCurve]) -> str:
     flat = sum(curve.flat for curve in curves)
     told = [curve for curve in curves if not curve.flat]
     if observer is None or not told:

@@ -19,7 +19,7 @@ from pathlib import Path
 from metric_base.folders import taxonomy_directory
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import NONE, Decision, default_rulings
-from taxonomy.matching.finding import Finding, measured_reliability
+from taxonomy.matching.finding import ConceptMatch, measured_reliability
 from taxonomy.matching.lexicon import default_lexicon
 from taxonomy.matching.matcher import Matcher, default_matcher
 from taxonomy.matching.source_reading import default_readings
@@ -39,7 +39,7 @@ class Labelled:
     label: frozenset[str]
     half: str
 
-    def finding(self, matcher: Matcher) -> Finding:
+    def finding(self, matcher: Matcher) -> ConceptMatch:
         """What a matcher finds for the string."""
         found = matcher.finding(self.source, self.path, self.title, self.synset)
         return replace(found, concept=replaced_ids().get(found.concept or "", found.concept))

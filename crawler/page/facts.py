@@ -67,7 +67,7 @@ class Fact:
 
 def facts(page: Page) -> Iterator[Fact]:
     """The pairs whose value holds a number, in the order of the page; those of other products are left out."""
-    reader = _Reader(page.root)
+    reader = _FactReader(page.root)
     seen: set[tuple[str, str, str]] = set()
     for text in _TEXTS(page.root):
         if not HAS_DIGIT.search(text) or len(text) >= LONGEST_TEXT:
@@ -90,7 +90,7 @@ class _Pair:
     container: Element
 
 
-class _Reader:
+class _FactReader:
     """The pairs of one page; what was found for an element is kept, since its texts lead to it one by one."""
 
     def __init__(self, root: Element) -> None:

@@ -10,7 +10,7 @@ from estimator.assets.asset import Word
 from metric_base.errors import InputError
 from metric_tree.tree import DETECTORS, Node, Tree
 
-__all__ = ["Category", "category_of_words", "is_miniature", "named_category"]
+__all__ = ["NamedCategory", "category_of_words", "is_miniature", "named_category"]
 
 #: How much a text counts, by where it is from: a semantic label is made to be read, a material rarely names the object.
 SOURCE_WEIGHT = {
@@ -49,7 +49,7 @@ _MINIATURE = re.compile(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Category:
+class NamedCategory:
     """A node, or None where the words do not say; how sure, where it is from, and the other readings."""
 
     node: Node | None
@@ -59,7 +59,7 @@ class Category:
     others: tuple[str, ...] = ()
 
 
-def named_category(tree: Tree, name: str) -> Category:
+def named_category(tree: Tree, name: str) -> NamedCategory:
     """The category that a person names.
 
     Raises
@@ -68,10 +68,10 @@ def named_category(tree: Tree, name: str) -> Category:
         No node has the name, or several have.
     """
     node = tree.find(name, DETECTORS)
-    return Category(node, "stated", 1.0, tree.resolve(name, DETECTORS).how == "broader kind")
+    return NamedCategory(node, "stated", 1.0, tree.resolve(name, DETECTORS).how == "broader kind")
 
 
-def category_of_words(words: Iterable[Word], tree: Tree) -> Category:
+def category_of_words(words: Iterable[Word], tree: Tree) -> NamedCategory:
     """The category that most of the words name, if they agree."""
     votes: dict[str, float] = {}
     best: dict[str, tuple[float, str, bool]] = {}
@@ -93,9 +93,9 @@ def is_miniature(words: Iterable[Word]) -> bool:
     return any(_MINIATURE.search(word.text.replace("_", " ")) for word in words)
 
 
-def _winner(votes: dict[str, float], best: dict[str, tuple[float, str, bool]], tree: Tree) -> Category:
+def _winner(votes: dict[str, float], best: dict[str, tuple[float, str, bool]], tree: Tree) -> NamedCategory:
     if not votes:
-        return Category(None, "no word of the file names a category", 0.0)
+        return NamedCategory(None, "no word of the file names a category", 0.0)
     votes = _with_kin(votes, tree)
     total = sum(votes.values())
     ranked = sorted(votes, key=lambda node_id: -votes[node_id])
@@ -104,8 +104,8 @@ def _winner(votes: dict[str, float], best: dict[str, tuple[float, str, bool]], t
     others = tuple(tree.node(node_id).name for node_id in ranked[1 : LISTED + 1])
     weight, source, broader = best[first]
     if share < MIN_SHARE or weight < MIN_WEIGHT:
-        return Category(None, "its words do not agree", share, others=(tree.node(first).name, *others)[:LISTED])
-    return Category(tree.node(first), source, share, broader, others)
+        return NamedCategory(None, "its words do not agree", share, others=(tree.node(first).name, *others)[:LISTED])
+    return NamedCategory(tree.node(first), source, share, broader, others)
 
 
 def _answer(text: str, tree: Tree) -> tuple[Node, float, bool] | None:

@@ -9,10 +9,10 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any, Literal
 
-from estimator.assets.asset import Asset, Body, Up, Word, joined_body
-from estimator.assets.category_words import Category, category_of_words, is_miniature, named_category
+from estimator.assets.asset import Asset, AssetBody, Up, Word, joined_body
+from estimator.assets.category_words import NamedCategory, category_of_words, is_miniature, named_category
 from estimator.assets.formats import read_asset
-from estimator.assets.hypotheses import CHANCE, NAMED_MINIATURE, TOY_CHANCE, Hypothesis, What, hypotheses
+from estimator.assets.hypotheses import CHANCE, NAMED_MINIATURE, TOY_CHANCE, ScaleHypothesis, What, hypotheses
 from estimator.assets.size_model import SizeModel, size_model
 from estimator.assets.true_size import TrueSize, true_size
 from metric_tree.tree import Node, Tree, open_tree
@@ -63,13 +63,13 @@ class AssetCheck:
 
     file: str
     body: str
-    category: Category
+    category: NamedCategory
     tier: str | None
     extents_m: tuple[float, float, float]
     verdict: Verdict
     factor: float | None
     probability: float
-    hypotheses: tuple[Hypothesis, ...]
+    hypotheses: tuple[ScaleHypothesis, ...]
     true_size: TrueSize | None
     up: Up | None = None
     reason: str | None = None
@@ -134,7 +134,7 @@ def check_bodies(asset: Asset, tree: Tree, category: str | None = None) -> tuple
     )
 
 
-def _objects(asset: Asset, tree: Tree) -> tuple[Body, ...]:
+def _objects(asset: Asset, tree: Tree) -> tuple[AssetBody, ...]:
     """The objects of a file: its bodies, if each names a category of its own and none is inside another; else one."""
     bodies = asset.bodies
     if len(bodies) > 1:
@@ -145,7 +145,7 @@ def _objects(asset: Asset, tree: Tree) -> tuple[Body, ...]:
     return (joined_body(bodies, asset.file.stem),)
 
 
-def check_body(file: str, body: Body, asset: Asset, tree: Tree, category: Category) -> AssetCheck:
+def check_body(file: str, body: AssetBody, asset: Asset, tree: Tree, category: NamedCategory) -> AssetCheck:
     """The verdict on one body as an object of a category."""
     x, y, z = (float(extent) for extent in body.extents_m)
     extents = (x, y, z)
@@ -196,7 +196,7 @@ def _models(tree: Tree, node_id: str, is_broader: bool) -> SizeModel | None:
     return size_model(node.prior(dims), node_tier(node), is_broader=is_broader)
 
 
-def _verdict(explanations: Sequence[Hypothesis]) -> tuple[Verdict, float | None, float]:
+def _verdict(explanations: Sequence[ScaleHypothesis]) -> tuple[Verdict, float | None, float]:
     """The verdict, its factor and its probability, from the posterior of all hypotheses."""
     chance: dict[tuple[What, float | None], float] = {}
     for one in explanations:
@@ -218,7 +218,7 @@ def _verdict(explanations: Sequence[Hypothesis]) -> tuple[Verdict, float | None,
     return "not known", None, max(kinds["unlike"], wrong)
 
 
-def _hypothesis_json(one: Hypothesis) -> dict[str, Any]:
+def _hypothesis_json(one: ScaleHypothesis) -> dict[str, Any]:
     row: dict[str, Any] = {
         "what": one.what,
         "factor": one.factor,

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.assets.asset import Asset, Body, Up, Word
+from estimator.assets.asset import Asset, AssetBody, Up, Word
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import read_text
 
@@ -134,7 +134,7 @@ def read_boxes(path: Path, up: Up | None = None) -> Iterator[Asset]:
             raise InputError.at(place, "x, y, z", "sizes in metres, at least one above 0", Unquoted(texts))
         stated: Up | None = row["up"] if row.get("up") in ("x", "y", "z") else up  # type: ignore[assignment]
         text = str(row.get("category") or row["name"])
-        body = Body(str(row["name"]), np.zeros(3), sizes, (Word("title", text),))
+        body = AssetBody(str(row["name"]), np.zeros(3), sizes, (Word("title", text),))
         yield Asset(place, "box", 1.0, stated, (body,))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.assets.asset import Asset, Body, Box, Word, body_of
+from estimator.assets.asset import Asset, AssetBody, Box, Word, body_of
 from estimator.gltf.accessors import Accessors
 from estimator.gltf.gltf_files import MAX_BYTES, FolderResolver, buffers_of, check_header, gltf_header
 from estimator.gltf.nodes import joint_transforms, root_nodes, skin_transforms, world_transforms
@@ -24,7 +24,7 @@ __all__ = ["read_gltf"]
 _TITLES = ("title", "name", "label", "category", "description")
 
 
-class _Document:
+class _GltfDocument:
     """The scene of a file, walked from its roots."""
 
     def __init__(self, header: dict[str, Any], buffers: list[bytes]) -> None:
@@ -109,12 +109,12 @@ def read_gltf(path: Path) -> Asset:
         header, binary = gltf_header(read_bytes(path, limit=MAX_BYTES), compressed=True)
         check_header(header)
         buffers = buffers_of(header, binary[8:], FolderResolver(path))
-        document = _Document(header, buffers)
+        document = _GltfDocument(header, buffers)
         bodies = tuple(_bodies(document))
     return Asset(path, "gltf", 1.0, "y", bodies, _asset_words(header))
 
 
-def _bodies(document: _Document) -> Iterator[Body]:
+def _bodies(document: _GltfDocument) -> Iterator[AssetBody]:
     """One body for each root; a chain of single children counts as its last."""
     roots = root_nodes(document.header)
     while len(roots) == 1 and "mesh" not in document.nodes[roots[0]] and document.nodes[roots[0]].get("children"):

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.assets.asset import AXES, Body, Up
+from estimator.assets.asset import AXES, AssetBody, Up
 from estimator.assets.size_model import SizeModel
 from metric_base.arrays import FloatArray, IntArray
 
@@ -22,7 +22,7 @@ __all__ = [
     "NAMED_MINIATURE",
     "TOY_CHANCE",
     "UNIT_FACTORS",
-    "Hypothesis",
+    "ScaleHypothesis",
     "What",
     "axis_order",
     "hypotheses",
@@ -73,7 +73,7 @@ LEAST_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Hypothesis:
+class ScaleHypothesis:
     """One explanation of the stated extents, with its posterior probability.
 
     factor : what the stated size is to be multiplied by, None where the kind says nothing; up : the axis that points
@@ -89,8 +89,8 @@ class Hypothesis:
 
 
 def hypotheses(
-    body: Body, up: Up | None, model: SizeModel, miniature: float = CHANCE["miniature"]
-) -> tuple[Hypothesis, ...]:
+    body: AssetBody, up: Up | None, model: SizeModel, miniature: float = CHANCE["miniature"]
+) -> tuple[ScaleHypothesis, ...]:
     """All explanations of one body's extents, the likeliest first; their probabilities sum to 1.
 
     miniature : chance that it is one, before its extents are seen.
@@ -114,7 +114,7 @@ def hypotheses(
     weights = np.exp(table - table.max())
     weights /= weights.sum()
     explanations = [
-        Hypothesis(what, factor, axis_up, up is not None and axis_up != up, float(weights[h, o]), axis)
+        ScaleHypothesis(what, factor, axis_up, up is not None and axis_up != up, float(weights[h, o]), axis)
         for h, (what, factor, axis, _) in enumerate(rows)
         for o, axis_up in enumerate(ups)
     ]
@@ -140,7 +140,7 @@ def ordered_sizes(extents_m: FloatArray, up: Up, is_sorted: bool) -> FloatArray:
     return np.array([sides[0], sides[1], sizes[vertical]])
 
 
-def _log_arbitrary(body: Body, model: SizeModel, x: FloatArray) -> FloatArray:
+def _log_arbitrary(body: AssetBody, model: SizeModel, x: FloatArray) -> FloatArray:
     """(o,) log density of x (o, 3) at an arbitrary scale: its proportions, and the chance of its size."""
     any_size = (1 - NORMALISED_SHARE) * _centre_chance(body, CENTRED_OTHER) / (2 * np.log(ARBITRARY_RANGE))
     longest = np.log(max(float(body.extents_m.max()), LEAST_M))
@@ -150,11 +150,11 @@ def _log_arbitrary(body: Body, model: SizeModel, x: FloatArray) -> FloatArray:
     return np.asarray(model.log_evidence(x) + np.log(size / _centre_chance(body, CENTRED_OTHER)))
 
 
-def _centre_chance(body: Body, chance: float) -> float:
+def _centre_chance(body: AssetBody, chance: float) -> float:
     return chance if body.centred else 1 - chance
 
 
-def _log_round(body: Body) -> float:
+def _log_round(body: AssetBody) -> float:
     """What a round longest side adds: round numbers are common where the scale is right."""
     longest = max(float(body.extents_m.max()), LEAST_M)
     step = ROUND_STEP * 10 ** np.floor(np.log10(longest))

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.assets.asset import Asset, Body, Up, Word, body_of
+from estimator.assets.asset import Asset, AssetBody, Up, Word, body_of
 from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.input_files import read_bytes
 from metric_base.schema import expect
@@ -64,7 +64,7 @@ def read_collada(path: Path) -> Asset:
     return Asset(path, "dae", unit, up, bodies, (Word("title", title),) if title else ())
 
 
-def _collada_bodies(document: object, unit_m: float) -> list[Body]:
+def _collada_bodies(document: object, unit_m: float) -> list[AssetBody]:
     bodies = []
     for bound in document.scene.objects("geometry"):  # type: ignore[attr-defined]
         clouds = [part.vertex for part in bound.primitives() if part.vertex is not None and len(part.vertex)]
@@ -75,7 +75,7 @@ def _collada_bodies(document: object, unit_m: float) -> list[Body]:
     return bodies
 
 
-def _body(name: str, bounds: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> Body:
+def _body(name: str, bounds: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> AssetBody:
     """The body of corners (2, 3)."""
     words = (Word("mesh", name),) if not name.startswith("geometry_") else ()
     return body_of(name, (bounds[0], bounds[1]), 1.0, words)

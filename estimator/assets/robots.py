@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.assets.asset import Asset, Body, Word, body_of
+from estimator.assets.asset import Asset, AssetBody, Word, body_of
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.input_files import read_bytes
@@ -79,7 +79,7 @@ class _Meshes:
         raise FieldError("mesh", "a file in the folder of the model", name)
 
 
-def _urdf(root: Any, meshes: _Meshes) -> Iterator[Body]:
+def _urdf(root: Any, meshes: _Meshes) -> Iterator[AssetBody]:
     """One body: all links, each joint at zero (wiki.ros.org/urdf/XML)."""
     frames: dict[str, FloatArray] = {}
     joints = {
@@ -122,7 +122,7 @@ def _urdf_corners(geometry: Any, meshes: _Meshes) -> FloatArray | None:
     return _half_corners(np.array([radius, radius, half]))
 
 
-def _sdf(root: Any, meshes: _Meshes) -> Iterator[Body]:
+def _sdf(root: Any, meshes: _Meshes) -> Iterator[AssetBody]:
     """Each model of the file or of its world (sdformat.org)."""
     for model in [*root.findall("model"), *root.findall("world/model")]:
         clouds = []
@@ -153,7 +153,7 @@ def _sdf_corners(geometry: Any, meshes: _Meshes) -> FloatArray | None:
     return None  # planes and heightmaps are ground, no object
 
 
-def _mjcf(root: Any, meshes: _Meshes) -> Iterator[Body]:
+def _mjcf(root: Any, meshes: _Meshes) -> Iterator[AssetBody]:
     """Each body of the world with those below it (mujoco.readthedocs.io, XML reference)."""
     compiler = root.find("compiler")
     settings = compiler.attrib if compiler is not None else {}

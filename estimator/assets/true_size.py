@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.assets.asset import AXES, Body, Up
+from estimator.assets.asset import AXES, AssetBody, Up
 from estimator.assets.hypotheses import ordered_sizes
 from estimator.assets.size_model import SizeModel
 from metric_base.arrays import FloatArray
@@ -33,7 +33,7 @@ class TrueSize:
     level: float = LEVEL
 
 
-def true_size(body: Body, up: Up | None, model: SizeModel, level: float = LEVEL) -> TrueSize:
+def true_size(body: AssetBody, up: Up | None, model: SizeModel, level: float = LEVEL) -> TrueSize:
     """The posterior of the factor for one body; the vertical extent is that of the stated up axis, y where none is."""
     low, median, high = _quantiles([_components(body, up, model)], level)
     vertical = float(body.extents_m[AXES.index(up or "y")])
@@ -42,13 +42,13 @@ def true_size(body: Body, up: Up | None, model: SizeModel, level: float = LEVEL)
 
 
 def factor_of_bodies(
-    bodies: list[tuple[Body, Up | None, SizeModel]], level: float = LEVEL
+    bodies: list[tuple[AssetBody, Up | None, SizeModel]], level: float = LEVEL
 ) -> tuple[float, float, float]:
     """The factor that several bodies of one scene have in common: low, median, high."""
     return _quantiles([_components(body, up, model) for body, up, model in bodies], level)
 
 
-def _components(body: Body, up: Up | None, model: SizeModel) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _components(body: AssetBody, up: Up | None, model: SizeModel) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Weights, means and sds, (k,) each, of the posterior of ln factor."""
     return model.shift_components(ordered_sizes(body.extents_m, up or "y", model.is_sorted))
 

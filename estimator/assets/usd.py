@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.assets.asset import Asset, Body, Up, Word, body_of
+from estimator.assets.asset import Asset, AssetBody, Up, Word, body_of
 from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.schema import expect
 
@@ -66,7 +66,7 @@ def _check_layers(path: Path) -> None:
         expect(len(known) <= MAX_LAYERS, "references", f"at most {MAX_LAYERS} files", len(known))
 
 
-def _bodies(stage: Any, unit_m: float) -> Iterator[Body]:
+def _bodies(stage: Any, unit_m: float) -> Iterator[AssetBody]:
     from pxr import Usd, UsdGeom
 
     purposes = [UsdGeom.Tokens.default_, UsdGeom.Tokens.render]

@@ -9,7 +9,7 @@ import numpy as np
 
 from metric_base.arrays import FloatArray
 
-__all__ = ["Places", "relative_distance"]
+__all__ = ["GroupPlaces", "relative_distance"]
 
 # The paper's threshold is a length in an unknown unit. Two views of one object leave gaps of a few point spacings
 # between their clouds; two touching objects of one kind lie a whole width apart. The threshold is this share of the
@@ -22,7 +22,7 @@ MAX_DISTANCE_POINTS = 400
 
 
 @dataclass(slots=True, eq=False)
-class Place:
+class GroupPlace:
     """Where a group lies: its thinned points (n, 3), and their box (2, 3)."""
 
     points: FloatArray
@@ -45,23 +45,23 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Places:
+class GroupPlaces:
     """The places of groups of masks, each made once from the masks' clouds."""
 
     clouds: Sequence[FloatArray]
-    _known: dict[tuple[int, ...], Place] = field(default_factory=dict)
+    _known: dict[tuple[int, ...], GroupPlace] = field(default_factory=dict)
 
-    def of(self, group: tuple[int, ...]) -> Place:
+    def of(self, group: tuple[int, ...]) -> GroupPlace:
         """The place of the masks in `group`."""
         if group not in self._known:
             points = np.concatenate([self.clouds[member] for member in group])
             points = points[:: max(-(-len(points) // MAX_DISTANCE_POINTS), 1)]
             box = np.array([points.min(axis=0), points.max(axis=0)]) if len(points) else np.zeros((2, 3))
-            self._known[group] = Place(points, box)
+            self._known[group] = GroupPlace(points, box)
         return self._known[group]
 
 
-def relative_distance(one: Place, two: Place) -> float:
+def relative_distance(one: GroupPlace, two: GroupPlace) -> float:
     """D of two places as a multiple of the threshold; infinite where either is empty or their boxes are too far."""
     if not (len(one.points) and len(two.points)):
         return np.inf

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from estimator.association.point_labels import PointLabels
-from estimator.association.proximity import Places, relative_distance
+from estimator.association.proximity import GroupPlaces, relative_distance
 from estimator.records.scene import Instance
 from estimator.visibility.sights import row_members
 from metric_base.arrays import BoolArray, FloatArray, IntArray
@@ -96,7 +96,7 @@ def incremental_tracks(instances: Sequence[Instance], labels: PointLabels) -> tu
     groups: list[list[int]] = []
     for category in sorted({instance.category for instance in instances}):
         known: list[list[int]] = []
-        places, by_view = Places(clouds), defaultdict(list)
+        places, by_view = GroupPlaces(clouds), defaultdict(list)
         for row, instance in enumerate(instances):
             if instance.category == category:
                 by_view[instance.view].append(row)
@@ -240,7 +240,7 @@ def _merge_by_place(
     """
     views = np.array([instance.view for instance in instances])
     merged: list[tuple[int, ...]] = [tuple(group) for group in groups]
-    places = Places(clouds)
+    places = GroupPlaces(clouds)
     over, under = _sums(merged, shared), _sums(merged, total)
     barred = _share_a_view(merged, views)
     boxed = np.array([any(instances[row].from_box for row in group) for group in merged])
@@ -303,7 +303,7 @@ def _affinity(shared: FloatArray, total: FloatArray, barred: BoolArray) -> Float
     return np.where(barred | (shared < MIN_SHARED_POINTS), 0.0, shared / np.maximum(total, 1))
 
 
-def _merge_frame(known: list[list[int]], fresh: list[int], places: Places) -> list[list[int]]:
+def _merge_frame(known: list[list[int]], fresh: list[int], places: GroupPlaces) -> list[list[int]]:
     """Objects after one frame: MergePointCloud of Algorithm 1 with both repairs."""
     new_places = [places.of((row,)) for row in fresh]
     distances = np.array(

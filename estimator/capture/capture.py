@@ -16,7 +16,7 @@ from estimator.capture.cautions import capture_cautions, read_cautions, write_ca
 from estimator.capture.frame_poses import FILE_NAME, FramePose, FramePoses, write_frame_poses
 from estimator.capture.frames import FRAMES_FILE, Frames, Source, make_frames, read_frames, source_of
 from estimator.capture.localisation import localised_frames
-from estimator.capture.mapping.evidence import Evidence, Pair
+from estimator.capture.mapping.evidence import CaptureEvidence, Pair
 from estimator.capture.mapping.failures import CaptureFailure, Failure, after_all, failure
 from estimator.capture.mapping.lens import Lens
 from estimator.capture.mapping.reconstruction import make_features, make_matches, make_model
@@ -279,12 +279,12 @@ class _Climb:
         inputs["time"] = self.max_time_s  # with more of it other lenses may come to an end
         return work.stage(f"mapping{end}", inputs, STAGES[f"mapping{end}"], make)
 
-    def _evidence(self, rung: Rung) -> Evidence:
+    def _evidence(self, rung: Rung) -> CaptureEvidence:
         databases, frames = self.work.path / DATABASES, self.frames
         keypoints = read_json(databases / f"features{rung.suffix}.json")["keypoints"]
         pairs = tuple(_pair(row) for row in read_json(databases / f"matches{rung.suffix}.json")["pairs"])
         counts = np.array([keypoints.get(name, 0) for name in frames.names], dtype=np.int64)
-        return Evidence(frames.names, counts, pairs, frames.size, frames.edges)
+        return CaptureEvidence(frames.names, counts, pairs, frames.size, frames.edges)
 
 
 def _placed_count(report: dict[str, Any]) -> int:

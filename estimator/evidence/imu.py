@@ -137,7 +137,7 @@ def _starts(path: CameraPath) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Window:
+class _TimeWindow:
     """A stretch of both paths.
 
     times_s, centres : (n,), (n, 3) of the camera; fine_s, moved : (m,), (m, 3) of the unit, in metres; gravity : m/s^2;
@@ -160,7 +160,7 @@ class _Window:
         return _without_drift(times, self.centres[known]), _without_drift(times, moved)
 
 
-def _window(force: Samples, rate: Samples, path: CameraPath, start: float) -> _Window | None:
+def _window(force: Samples, rate: Samples, path: CameraPath, start: float) -> _TimeWindow | None:
     """The window that begins at a time, None where a path has a gap in it."""
     inside = (path.times_s >= start - 1e-6) & (path.times_s <= start + WINDOW_S + 1e-6)
     times = path.times_s[inside]
@@ -178,7 +178,7 @@ def _window(force: Samples, rate: Samples, path: CameraPath, start: float) -> _W
     still = max(turned, key=lambda row: float(np.linalg.norm(row.mean(axis=0))))
     gravity = float(np.linalg.norm(still.mean(axis=0)))
     moved = _twice_integrated(fine, still)
-    return _Window(times, path.centres[inside], fine, moved, gravity, still.mean(axis=0) / max(gravity, 1e-9))
+    return _TimeWindow(times, path.centres[inside], fine, moved, gravity, still.mean(axis=0) / max(gravity, 1e-9))
 
 
 def _in_fixed_frame(times_s: FloatArray, force: FloatArray, rates: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from explorer.content.units import length_text
 from explorer.drawings.axis import svg
 
-__all__ = ["Box", "to_scale"]
+__all__ = ["DrawnBox", "to_scale"]
 
 WIDTH, HEIGHT, FLOOR, MARGIN, GAP = 340, 236, 196, 10, 14
 
@@ -36,7 +36,7 @@ LEAST_SHARE, MOST_SHARE = 0.035, 9.0
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class DrawnBox:
     """An object's extents in mm: what is across, deep and up at the 5 %, 50 % and 95 % quantile, and their names."""
 
     across: tuple[float, float, float]
@@ -45,7 +45,7 @@ class Box:
     names: tuple[str, str, str]
 
 
-def to_scale(name: str, box: Box) -> str:
+def to_scale(name: str, box: DrawnBox) -> str:
     """The SVG of an object beside what everyone knows the size of."""
     longest = max(box.across[2], box.up[2], box.deep[2] if box.deep else 0)
     beside = [one for one in _REFERENCES if LEAST_SHARE <= one[2] / longest <= MOST_SHARE]

@@ -25,7 +25,7 @@ from explorer.content.catalogue import AXES, QUANTILES, Catalogue
 from explorer.content.units import length_text
 from explorer.drawings.distributions import KINDS, distribution
 from explorer.drawings.scatter import scatter
-from explorer.drawings.to_scale import Box, to_scale
+from explorer.drawings.to_scale import DrawnBox, to_scale
 from explorer.pages.small_multiples import multiples
 from explorer.pages.templating import page_bytes, web_address
 from metric_base.arrays import FloatArray, IntArray
@@ -129,7 +129,7 @@ def _scatter(prior: Prior, sizes: FloatArray, kinds: Any) -> tuple[str, str]:
     return scatter(prior.marginal(pair), columns[known], kinds[known]), f"{pair[0]} against {pair[1]}"
 
 
-def _box(prior: Prior, table: FloatArray) -> Box:
+def _box(prior: Prior, table: FloatArray) -> DrawnBox:
     """What is drawn to scale: length across, height up and width deep; a dimension that is not known is another's."""
     spans = {dim: tuple(float(v) for v in table[[0, 2, 4], k]) for k, dim in enumerate(prior.dims)}
     names = list(spans)
@@ -139,7 +139,7 @@ def _box(prior: Prior, table: FloatArray) -> Box:
     )
     deep = next((dim for dim in ("width", "extent3", *names) if dim in spans and dim not in {across, up}), None)
     triple = {dim: (v[0], v[1], v[2]) for dim, v in spans.items()}
-    return Box(triple[across], triple[up], triple[deep] if deep else None, (across, up, deep or ""))
+    return DrawnBox(triple[across], triple[up], triple[deep] if deep else None, (across, up, deep or ""))
 
 
 def _context(node: Node, prior: Prior) -> dict[str, Any] | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from insertion.models.model import Model, Motion
+from insertion.models.model import Animation, Model
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 
@@ -25,7 +25,7 @@ class Acting:
     """
 
     model: Model
-    motion: Motion | None
+    motion: Animation | None
     bounds: FloatArray
     reach: FloatArray
 
@@ -55,7 +55,7 @@ def acting(model: Model, clip: str | None, at_time_s: float | None) -> Acting:
     return Acting(replace(model, parts=first.parts), motion, bounds, reach)
 
 
-def _chosen(model: Model, clip: str | None) -> Motion | None:
+def _chosen(model: Model, clip: str | None) -> Animation | None:
     if clip == "none" or (clip is None and not model.motions):
         return None
     if clip is None:

@@ -27,7 +27,7 @@ from estimator.gltf.gltf_files import (
 from estimator.gltf.nodes import joint_transforms, root_nodes, world_transforms
 from insertion.models.gltf_materials import Materials
 from insertion.models.gltf_primitives import FACES, Primitive, read_primitive
-from insertion.models.model import Model, Motion, Part
+from insertion.models.model import Animation, Model, Part
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, InputError, Unquoted, at_field, in_file
 from metric_base.input_files import read_bytes
@@ -67,7 +67,7 @@ def read_model(path: Path) -> Model:
 
 def _read(
     header: dict[str, Any], binary: bytes, resolver: FolderResolver
-) -> tuple[tuple[Part, ...], tuple[Motion, ...], list[str]]:
+) -> tuple[tuple[Part, ...], tuple[Animation, ...], list[str]]:
     """The parts, the motions and what was left out; binary : the buffer that a GLB holds itself."""
     buffers = buffers_of(header, binary, resolver)
     check_images(header, buffers, resolver)
@@ -126,7 +126,7 @@ class _Document:
         world = world_transforms(nodes)
         return tuple(part for number in self._drawn for part in self._parts(nodes[number], number, world))
 
-    def motions(self) -> tuple[Motion, ...]:
+    def motions(self) -> tuple[Animation, ...]:
         """The animations that move something."""
         nodes = self._header.get("nodes", [])
         read = [
@@ -134,7 +134,7 @@ class _Document:
             for number in range(len(self._header.get("animations", [])))
         ]
         return tuple(
-            Motion(one.name, one.duration_s, lambda time_s, one=one: self.parts(moved_nodes(nodes, one, time_s)))  # type: ignore[misc]
+            Animation(one.name, one.duration_s, lambda time_s, one=one: self.parts(moved_nodes(nodes, one, time_s)))  # type: ignore[misc]
             for one in read
             if one.channels and one.duration_s > 0
         )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Material", "Model", "Motion", "Part"]
+__all__ = ["Animation", "Material", "Model", "Part"]
 
 Pixels = NDArray[np.uint8]
 
@@ -63,7 +63,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class Animation:
     """An animation of a file by its name; parts : those of the model at a time from 0 to duration_s, which repeats."""
 
     name: str
@@ -78,9 +78,9 @@ class Model:
     name: str
     parts: tuple[Part, ...]
     warnings: tuple[str, ...] = ()
-    motions: tuple[Motion, ...] = ()
+    motions: tuple[Animation, ...] = ()
 
-    def at(self, motion: Motion, time_s: float) -> Model:
+    def at(self, motion: Animation, time_s: float) -> Model:
         """The model in the pose of a motion at a time; the motion repeats."""
         return replace(self, parts=motion.parts(time_s % motion.duration_s))
 

@@ -15,7 +15,7 @@ from metric_base.errors import InputError, in_file
 from metric_base.input_files import folder_entries, read_bytes
 from metric_base.schema import expect, json_record
 
-__all__ = ["ANSWERS", "Answer", "read_answers"]
+__all__ = ["ANSWERS", "StudyAnswer", "read_answers"]
 
 Judgement = Literal["too small", "right", "too large"]
 ANSWERS: tuple[str, ...] = get_args(Judgement)
@@ -25,7 +25,7 @@ MAX_CELLS = 1_000_000
 MAX_BYTES = 1 << 24
 
 
-class _Row(msgspec.Struct):
+class _AnswerRow(msgspec.Struct):
     """One answer of the page; a size changes by less than a factor of ten either way."""
 
     step: Annotated[float, msgspec.Meta(ge=-90, le=900)]
@@ -36,7 +36,7 @@ class _Answers(msgspec.Struct):
     """The file that the page saves."""
 
     schema: str
-    answers: list[_Row] = []
+    answers: list[_AnswerRow] = []
     participant: str | None = None
     study: str | None = None
     thing: str | None = None
@@ -46,7 +46,7 @@ class _Answers(msgspec.Struct):
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
+class StudyAnswer:
     """One judgement: who, the change of size in per cent, and the words."""
 
     participant: str
@@ -54,7 +54,7 @@ class Answer:
     answer: str
 
 
-def read_answers(path: Path, warnings: list[str] | None = None) -> list[Answer]:
+def read_answers(path: Path, warnings: list[str] | None = None) -> list[StudyAnswer]:
     """All answers of a file, or of the JSON files in a folder; a file that is there twice counts once.
 
     warnings : takes a line for each such file.
@@ -97,16 +97,16 @@ def _expect_one_study(path: Path, documents: Mapping[Path, _Answers]) -> None:
         raise InputError(f"{path}: study: expected the answers of one page; found {named}")
 
 
-def _without_copies(documents: Mapping[Path, _Answers]) -> tuple[list[Answer], list[str]]:
+def _without_copies(documents: Mapping[Path, _Answers]) -> tuple[list[StudyAnswer], list[str]]:
     """The answers of each participant once, and a line for each file that is a copy of another."""
     owner: dict[str, Path] = {}
-    answers: list[Answer] = []
+    answers: list[StudyAnswer] = []
     copies = []
     for file, document in documents.items():
         participant = document.participant or file.stem
         first = owner.setdefault(participant, file)
         if first == file:
-            answers += [Answer(participant, row.step, row.answer) for row in document.answers]
+            answers += [StudyAnswer(participant, row.step, row.answer) for row in document.answers]
         elif documents[first].answers == document.answers:
             copies.append(f"{file.name} has the same answers as {first.name} and counts once")
         else:

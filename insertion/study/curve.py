@@ -17,10 +17,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from insertion.study.answers import ANSWERS, Answer
+from insertion.study.answers import ANSWERS, StudyAnswer
 from metric_base.arrays import BoolArray, FloatArray
 
-__all__ = ["Curve", "Observer", "Point", "curve_of", "fit_observer", "wilson"]
+__all__ = ["Observer", "Point", "StudyCurve", "curve_of", "fit_observer", "wilson"]
 
 #: 95 % intervals.
 _Z = 1.959964
@@ -82,7 +82,7 @@ class Observer:
 
 
 @dataclass(frozen=True, slots=True)
-class Curve:
+class StudyCurve:
     """The result of a study.
 
     careless : how many participants answer without regard to the size, and are not part of the observer. The intervals
@@ -99,7 +99,7 @@ class Curve:
     flat: bool
 
 
-def curve_of(answers: Sequence[Answer]) -> Curve:
+def curve_of(answers: Sequence[StudyAnswer]) -> StudyCurve:
     """Everything that the report shows."""
     steps, tables = _tables(answers)
     gain = fit_observer(answers)[1]
@@ -109,7 +109,7 @@ def curve_of(answers: Sequence[Answer]) -> Curve:
     if not flat and np.count_nonzero(looking) >= 3:
         peaks, noticeable = _bootstrap(steps, tables[looking], observer)
     careless = int(np.count_nonzero(~looking))
-    return Curve(_points(answers), observer, len(tables), careless, peaks, noticeable, flat)
+    return StudyCurve(_points(answers), observer, len(tables), careless, peaks, noticeable, flat)
 
 
 def wilson(right: int, count: int) -> tuple[float, float]:
@@ -120,7 +120,7 @@ def wilson(right: int, count: int) -> tuple[float, float]:
     return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
 
 
-def fit_observer(answers: Sequence[Answer]) -> tuple[Observer, float]:
+def fit_observer(answers: Sequence[StudyAnswer]) -> tuple[Observer, float]:
     """The most likely observer, and how much better its log likelihood is than that of one who does not look."""
     steps, counts = _table(answers)
     observer, cost = _best_fit(steps, counts)
@@ -134,7 +134,7 @@ def _best_fit(steps: FloatArray, counts: FloatArray) -> tuple[Observer, float]:
     return min((_fit(steps, counts, sigma) for sigma in (0.08, 0.25, 1.0)), key=lambda fit: fit[1])
 
 
-def _table(answers: Sequence[Answer]) -> tuple[FloatArray, FloatArray]:
+def _table(answers: Sequence[StudyAnswer]) -> tuple[FloatArray, FloatArray]:
     """(n,) steps and (n, 3) counts of the three answers."""
     steps = sorted({answer.step for answer in answers})
     rows = {step: row for row, step in enumerate(steps)}
@@ -162,7 +162,7 @@ def _fit(steps: FloatArray, counts: FloatArray, sigma: float) -> tuple[Observer,
     return Observer(float(best.x[0]), float(np.exp(best.x[1])), float(np.exp(best.x[2]))), float(best.fun)
 
 
-def _points(answers: Sequence[Answer]) -> tuple[Point, ...]:
+def _points(answers: Sequence[StudyAnswer]) -> tuple[Point, ...]:
     points = []
     steps, counts = _table(answers)
     for step, (small, right, large) in zip(steps.tolist(), counts, strict=True):
@@ -172,7 +172,7 @@ def _points(answers: Sequence[Answer]) -> tuple[Point, ...]:
     return tuple(points)
 
 
-def _tables(answers: Sequence[Answer]) -> tuple[FloatArray, FloatArray]:
+def _tables(answers: Sequence[StudyAnswer]) -> tuple[FloatArray, FloatArray]:
     """(n,) steps and (p, n, 3) counts of the three answers of each participant."""
     steps = sorted({answer.step for answer in answers})
     people = sorted({answer.participant for answer in answers})

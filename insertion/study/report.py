@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from insertion.study.curve import Curve
+from insertion.study.curve import StudyCurve
 from metric_base.files import whole_file
 
 __all__ = ["report_text", "write_curve"]
@@ -17,7 +17,7 @@ PAPER_PEAK = (-5.0, 0.65)
 FINE_PERCENT = 3.0
 
 
-def report_text(curve: Curve) -> str:
+def report_text(curve: StudyCurve) -> str:
     """The report in plain text, one line a step."""
     lines = ["  step   answers   too small   right   too large   95 % of right"]
     lines += [
@@ -39,7 +39,7 @@ def report_text(curve: Curve) -> str:
     return "\n".join([*lines, *_observer_lines(curve)])
 
 
-def _observer_lines(curve: Curve) -> list[str]:
+def _observer_lines(curve: StudyCurve) -> list[str]:
     """The peak and the just-noticeable step, no further than the sizes that were shown."""
     low, high = curve.points[0].step, curve.points[-1].step
     peak, step = curve.observer.peak, curve.observer.noticeable
@@ -75,7 +75,7 @@ def _with_interval(
     return f"{value:{sign}.{digits}f} % (95 %: {low} to {high} %)"
 
 
-def write_curve(curve: Curve, file: Path) -> None:
+def write_curve(curve: StudyCurve, file: Path) -> None:
     """Draw the shares with their intervals and the observer's curve."""
     import matplotlib as mpl
 

@@ -148,7 +148,7 @@ class KindModel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Table:
+class _KindTable:
     """One line for each class and axis: means (n, s) NaN-free, noise (n, s), present (n, s), w (n,), kind, family."""
 
     means: FloatArray
@@ -183,7 +183,7 @@ def shipped_model() -> KindModel:
     return KindModel.of_record(json.loads(path.read_text(encoding="utf-8")))
 
 
-def _table(pairs: Sequence[tuple[str, Disagreement]], families: Sequence[str], kinds: Sequence[str]) -> _Table:
+def _table(pairs: Sequence[tuple[str, Disagreement]], families: Sequence[str], kinds: Sequence[str]) -> _KindTable:
     lines = []
     for family, one in pairs:
         for axis in range(one.means.shape[1]):
@@ -202,10 +202,10 @@ def _table(pairs: Sequence[tuple[str, Disagreement]], families: Sequence[str], k
         noise[line, part] = one.within[axis, axis] / one.rows[chosen, axis]
         present[line, part] = 1.0
         kind[line, part] = [kinds.index(one.kinds[source]) for source in chosen]
-    return _Table(means, noise, present, within, kind, np.array([families.index(line[0]) for line in lines]))
+    return _KindTable(means, noise, present, within, kind, np.array([families.index(line[0]) for line in lines]))
 
 
-def _variances(model: KindModel, table: _Table, kinds: Sequence[str], families: Sequence[str]) -> FloatArray:
+def _variances(model: KindModel, table: _KindTable, kinds: Sequence[str], families: Sequence[str]) -> FloatArray:
     """Var(e_s) of every source, (n, s)."""
     excess = np.array([model.excess.get(kind, 0.0) for kind in kinds])[table.kind]
     factor = np.array([model.family.get(family, 1.0) for family in families])[table.family]
@@ -213,7 +213,7 @@ def _variances(model: KindModel, table: _Table, kinds: Sequence[str], families: 
     return np.asarray(base[:, None] + excess**2 + table.noise)
 
 
-def _offsets(model: KindModel, table: _Table, kinds: Sequence[str], families: Sequence[str]) -> FloatArray:
+def _offsets(model: KindModel, table: _KindTable, kinds: Sequence[str], families: Sequence[str]) -> FloatArray:
     """Bias of every source, (n, s)."""
     biases = np.array([[model.bias_of(kind, family) for family in families] for kind in kinds])
     return np.asarray(biases[table.kind, table.family[:, None]])
@@ -239,7 +239,7 @@ def _plain_and_mixed(means: FloatArray, variances: FloatArray, present: FloatArr
     return plain, mixed
 
 
-def _with_biases(model: KindModel, table: _Table, kinds: Sequence[str], families: Sequence[str]) -> KindModel:
+def _with_biases(model: KindModel, table: _KindTable, kinds: Sequence[str], families: Sequence[str]) -> KindModel:
     """Biases given the variances: ridge regression with the class means projected out.
 
     With P = V^-1 - V^-1 1 1' V^-1 / (1' V^-1 1) of each line: b = (sum X' P X + prior^-1)^-1 sum X' P m.
@@ -274,7 +274,7 @@ def _with_biases(model: KindModel, table: _Table, kinds: Sequence[str], families
     )
 
 
-def _with_variances(model: KindModel, table: _Table, kinds: Sequence[str], families: Sequence[str]) -> KindModel:
+def _with_variances(model: KindModel, table: _KindTable, kinds: Sequence[str], families: Sequence[str]) -> KindModel:
     """Share, spread and excesses one after the other on grids, given the biases."""
     means = table.means - _offsets(model, table, kinds, families)
 
@@ -292,7 +292,7 @@ def _with_variances(model: KindModel, table: _Table, kinds: Sequence[str], famil
     return model
 
 
-def _with_families(model: KindModel, table: _Table, kinds: Sequence[str], families: Sequence[str]) -> KindModel:
+def _with_families(model: KindModel, table: _KindTable, kinds: Sequence[str], families: Sequence[str]) -> KindModel:
     """The factor g of each family on a grid, given the rest."""
     means = table.means - _offsets(model, table, kinds, families)
     grid = np.geomspace(0.15, 5.0, 15)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from metric_base.folders import taxonomy_directory
 
-__all__ = ["THRESHOLD", "Finding", "believed_reliability", "measured_reliability", "no_concept", "reliabilities"]
+__all__ = ["THRESHOLD", "ConceptMatch", "believed_reliability", "measured_reliability", "no_concept", "reliabilities"]
 
 #: Matches that are right less often than this wait for a reviewer. The target is 0.95 over all matches; a rule at
 #: 0.8 is still worth its coverage because most matches come from rules above 0.95 (docs/explanation/matching.md).
@@ -28,7 +28,7 @@ _FILE = "reliability.json"
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ConceptMatch:
     """The answer of the matcher: `subject` is the phrase that a decision would be about, `rule` how it was reached.
 
     The rules are `decision`, `source synset`, `class`, and `exact`, `compound` or `head` with the certainty of the
@@ -48,9 +48,9 @@ class Finding:
         return self.score >= THRESHOLD
 
 
-def no_concept(rule: str, reason: str, subject: str) -> Finding:
+def no_concept(rule: str, reason: str, subject: str) -> ConceptMatch:
     """The finding of no concept."""
-    return Finding(None, 0.0, reason, rule, subject)
+    return ConceptMatch(None, 0.0, reason, rule, subject)
 
 
 def believed_reliability(rule: str) -> float:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from functools import cache, cached_property
 
 from taxonomy.catalogue import default_catalogue
-from taxonomy.insertions import PREFIX, Insertion, insertions
+from taxonomy.insertions import PREFIX, InsertedCategory, insertions
 from taxonomy.wordnet import WordNet, default_wordnet
 from taxonomy.words.senses import Sense
 from taxonomy.words.spelling import by_letters, fold_text, written_forms
@@ -30,8 +30,8 @@ class Lexicon:
     def __init__(
         self,
         wordnet: WordNet,
-        inserted: Mapping[str, Insertion],
-        placed: Mapping[str, Insertion] | None = None,
+        inserted: Mapping[str, InsertedCategory],
+        placed: Mapping[str, InsertedCategory] | None = None,
         aliases: Mapping[str, str] | None = None,
     ) -> None:
         self.wordnet = wordnet
@@ -114,7 +114,7 @@ def default_lexicon() -> Lexicon:
     """WordNet, the insertions, the leaves and the reviewed aliases of this checkout, read once."""
     catalogue = default_catalogue()
     placed = {
-        leaf.node_id: Insertion(id=leaf.node_id, name=leaf.name, parent=leaf.hypernym, aliases=leaf.aliases)
+        leaf.node_id: InsertedCategory(id=leaf.node_id, name=leaf.name, parent=leaf.hypernym, aliases=leaf.aliases)
         for leaf in catalogue.leaves.values()
         if leaf.node_id.startswith(PREFIX) and leaf.hypernym
     }

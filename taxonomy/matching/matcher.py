@@ -9,7 +9,7 @@ from functools import cache
 
 from taxonomy.matching.decisions import EVERY_SOURCE, Decision, default_rulings
 from taxonomy.matching.domains import DOMAINS, Domain, fits
-from taxonomy.matching.finding import THRESHOLD, Finding, measured_reliability, no_concept
+from taxonomy.matching.finding import THRESHOLD, ConceptMatch, measured_reliability, no_concept
 from taxonomy.matching.lexicon import Lexicon, default_lexicon
 from taxonomy.matching.namer import Namer
 from taxonomy.matching.source_reading import BadReading, Reading, default_readings, reading_of
@@ -17,7 +17,7 @@ from taxonomy.wordnet import UnknownSynset
 from taxonomy.words.phrases import noun_phrase
 from taxonomy.words.spelling import fold_text
 
-__all__ = ["THRESHOLD", "Finding", "Matcher", "default_matcher"]
+__all__ = ["THRESHOLD", "ConceptMatch", "Matcher", "default_matcher"]
 
 #: What parts a shop's title: `FREKVENS: Bar stool, in/outdoor`, `Acme - Folding Chair | Black`.
 _TITLE_BREAKS = re.compile(r"\s*[:;,|()]\s*|\s+[-–—]\s+")
@@ -61,7 +61,7 @@ class Matcher:
 
     def finding(
         self, source: str, category_path: tuple[str, ...], title: str = "", synset: str | None = None
-    ) -> Finding:
+    ) -> ConceptMatch:
         """The concept of an item, or the reason why it has no concept.
 
         A reviewer's decision counts first, then the synset that the source itself names, then a whole class of the
@@ -79,7 +79,7 @@ class Matcher:
         )
         return self._narrow(finding, reading, title)
 
-    def _finding_by_decision(self, source: str, path: tuple[str, ...], texts: tuple[str, ...]) -> Finding | None:
+    def _finding_by_decision(self, source: str, path: tuple[str, ...], texts: tuple[str, ...]) -> ConceptMatch | None:
         whole_path = " > ".join(fold_text(part) for part in path)
         nouns = (fold_text(noun_phrase(text)) for text in texts)
         for subject in dict.fromkeys((*map(fold_text, texts[:1]), whole_path, *map(fold_text, texts), *nouns)):
@@ -87,7 +87,7 @@ class Matcher:
                 return self._namer.finding_of_decision(ruling, subject)
         return None
 
-    def _finding_by_source_synset(self, synset: str | None, subject: str) -> Finding | None:
+    def _finding_by_source_synset(self, synset: str | None, subject: str) -> ConceptMatch | None:
         if not synset:
             return None
         try:
@@ -96,15 +96,19 @@ class Matcher:
             return None
         if not (self.lexicon.knows(concept) and fits(self.lexicon.sense(concept), DOMAINS["things"])):
             return None
-        return Finding(concept, self._namer.score("source synset"), "the source names it", "source synset", subject)
+        return ConceptMatch(
+            concept, self._namer.score("source synset"), "the source names it", "source synset", subject
+        )
 
-    def _of_class(self, reading: Reading, path: tuple[str, ...], subject: str) -> Finding | None:
+    def _of_class(self, reading: Reading, path: tuple[str, ...], subject: str) -> ConceptMatch | None:
         concept = reading.classes.get(path[0]) if path else None
         if concept is None:
             return None
-        return Finding(concept, self._namer.score("class"), f"all of the source's {path[0]}", "class", subject)
+        return ConceptMatch(concept, self._namer.score("class"), f"all of the source's {path[0]}", "class", subject)
 
-    def _of_title(self, reading: Reading, path: tuple[str, ...], texts: tuple[str, ...], title: str) -> Finding | None:
+    def _of_title(
+        self, reading: Reading, path: tuple[str, ...], texts: tuple[str, ...], title: str
+    ) -> ConceptMatch | None:
         """What the title alone names, by rules and scores of its own, where a source gives neither path nor synset."""
         if path or texts or not title:
             return None
@@ -120,7 +124,7 @@ class Matcher:
                 )
         return no_concept("unknown", "no name in the title", fold_text(title))
 
-    def _of_words(self, reading: Reading, texts: tuple[str, ...], subject: str, path: tuple[str, ...]) -> Finding:
+    def _of_words(self, reading: Reading, texts: tuple[str, ...], subject: str, path: tuple[str, ...]) -> ConceptMatch:
         domain = DOMAINS[reading.domain]
         near = tuple(self._named_by_path(path[:-1], domain)) if reading.words == "last" else ()
         findings = [self._namer.finding(text, domain, reading.whole, near) for text in texts]
@@ -136,7 +140,7 @@ class Matcher:
             if finding.concept:
                 yield finding.concept
 
-    def _narrow(self, finding: Finding, reading: Reading, title: str) -> Finding:
+    def _narrow(self, finding: ConceptMatch, reading: Reading, title: str) -> ConceptMatch:
         """A narrower concept that the title's noun phrase names, where the source is read so."""
         if not (reading.refined and finding.concept and title):
             return finding

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from taxonomy.insertions import PREFIX
 from taxonomy.matching.decisions import Decision
 from taxonomy.matching.domains import Certainty, Domain, chosen_sense, fits
-from taxonomy.matching.finding import Finding, believed_reliability, no_concept
+from taxonomy.matching.finding import ConceptMatch, believed_reliability, no_concept
 from taxonomy.matching.lexicon import Lexicon
 from taxonomy.words.phrases import endings, noun_phrase, pairs, word_list
 from taxonomy.words.senses import Sense
@@ -68,9 +68,9 @@ class Namer:
         self.lexicon = lexicon
         self._meanings = meanings
         self._reliability = reliability or {}
-        self._memory: dict[tuple[int, str, bool, Near], Finding] = {}
+        self._memory: dict[tuple[int, str, bool, Near], ConceptMatch] = {}
 
-    def finding(self, text: str, domain: Domain, whole: bool = False, near: Near = ()) -> Finding:
+    def finding(self, text: str, domain: Domain, whole: bool = False, near: Near = ()) -> ConceptMatch:
         """The concept that a text names in a domain.
 
         With `whole`, only where the whole name is known; `near` is what else the item's category path names.
@@ -85,12 +85,12 @@ class Namer:
         """Measured share of right matches of a rule; before it is measured, what is believed of it."""
         return self._reliability.get(rule) or believed_reliability(rule)
 
-    def finding_of_decision(self, ruling: Decision, subject: str) -> Finding:
+    def finding_of_decision(self, ruling: Decision, subject: str) -> ConceptMatch:
         """The finding of a reviewers' decision."""
         why = f"reviewers' decision: {ruling.why}" if ruling.why else "reviewers' decision"
-        return Finding(ruling.decision, self.score("decision"), why, "decision", subject)
+        return ConceptMatch(ruling.decision, self.score("decision"), why, "decision", subject)
 
-    def _new_finding(self, text: str, usage: Usage, whole: bool) -> Finding:
+    def _new_finding(self, text: str, usage: Usage, whole: bool) -> ConceptMatch:
         said = fold_text(text)
         noun = noun_phrase(text)
         phrase = fold_text(noun)
@@ -104,7 +104,7 @@ class Namer:
             return known or no_concept("unknown", f"unknown name {phrase!r}", phrase)
         return self._finding_with_number(phrase, usage) or self._of_phrase(bare, usage)
 
-    def _several(self, text: str, noun: str, usage: Usage, whole: bool) -> Finding | None:
+    def _several(self, text: str, noun: str, usage: Usage, whole: bool) -> ConceptMatch | None:
         """Why a text names no single item; or the first of items joined by `and`, where the others are its parts."""
         if _OF_AN_ITEM.search(text):
             return no_concept("part", "a part, a cover or a model", fold_text(text))
@@ -118,7 +118,7 @@ class Namer:
             return self._new_finding(first, usage, whole)
         return no_concept("set", "several items", fold_text(text))
 
-    def _finding_with_number(self, phrase: str, usage: Usage) -> Finding | None:
+    def _finding_with_number(self, phrase: str, usage: Usage) -> ConceptMatch | None:
         """A name with a number in it that the phrase ends with (`karlstad 3 seters sofa`)."""
         for form in endings(phrase.split()):
             numbered = " " in form and any(word.isdigit() for word in form.split())
@@ -126,7 +126,7 @@ class Namer:
                 return replace(known, subject=phrase)
         return None
 
-    def _of_phrase(self, phrase: str, usage: Usage) -> Finding:
+    def _of_phrase(self, phrase: str, usage: Usage) -> ConceptMatch:
         before_of, of, _ = phrase.partition(" of ")
         words = (before_of if of else phrase).split()
         if not words:
@@ -140,7 +140,7 @@ class Namer:
                 return replace(known, subject=phrase)
         return no_concept("unknown", f"unknown name {phrase!r}", phrase)
 
-    def _finding_of_name(self, phrase: str, usage: Usage, rule: str) -> Finding | None:
+    def _finding_of_name(self, phrase: str, usage: Usage, rule: str) -> ConceptMatch | None:
         """The finding of a phrase that is a name in itself: by a reviewer's word on it, else by its senses."""
         forms = self.lexicon.forms(phrase)
         if ruled := next((self._meanings[form] for form in forms if form in self._meanings), None):
@@ -153,16 +153,16 @@ class Namer:
             return None
         chosen, certainty = choice
         rule = f"{rule}/{certainty}"
-        return Finding(chosen.concept, self.score(rule), self._reason(phrase, chosen, certainty), rule, phrase)
+        return ConceptMatch(chosen.concept, self.score(rule), self._reason(phrase, chosen, certainty), rule, phrase)
 
-    def _apply_decision(self, ruled: Decision, phrase: str, usage: Usage, rule: str) -> Finding | None:
+    def _apply_decision(self, ruled: Decision, phrase: str, usage: Usage, rule: str) -> ConceptMatch | None:
         if ruled.decision is None:
             return self.finding_of_decision(ruled, phrase)
         # a reviewer may call a handle an item, which WordNet lists as a part; a narrow domain still has to fit
         if usage.domain.narrow and not fits(self.lexicon.sense(ruled.decision), usage.domain):
             return None
         rule = f"{rule}/ruled"
-        return Finding(ruled.decision, self.score(rule), f"reviewers' decision on {phrase!r}", rule, phrase)
+        return ConceptMatch(ruled.decision, self.score(rule), f"reviewers' decision on {phrase!r}", rule, phrase)
 
     def _reason(self, phrase: str, chosen: Sense, certainty: Certainty) -> str:
         kind = "insertion" if chosen.concept.startswith(PREFIX) else "WordNet"

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from insertion.study.answers import ANSWERS, Answer, read_answers
+from insertion.study.answers import ANSWERS, StudyAnswer, read_answers
 from insertion.study.curve import Observer, curve_of, wilson
 from insertion.study.page import ANSWERS_SCHEMA, STEPS, study_page
 from insertion.study.plan import FLAT, expected_intervals, plan_text
@@ -22,11 +22,11 @@ from metric_cli.insert_object.insert import main
 from metric_cli.insert_object.study import run_study
 
 
-def _answers(observer: Observer, participants: int, repeats: int, seed: int) -> list[Answer]:
+def _answers(observer: Observer, participants: int, repeats: int, seed: int) -> list[StudyAnswer]:
     generator = np.random.default_rng(seed)
     shares = observer.shares(np.array(STEPS, dtype=float))
     return [
-        Answer(str(person), float(step), ANSWERS[generator.choice(3, p=share)])
+        StudyAnswer(str(person), float(step), ANSWERS[generator.choice(3, p=share)])
         for person in range(participants)
         for _ in range(repeats)
         for step, share in zip(STEPS, shares, strict=True)
@@ -46,7 +46,7 @@ def test_the_observer_is_found_again() -> None:
 
 def test_answers_by_chance_are_a_flat_curve() -> None:
     generator = np.random.default_rng(2)
-    answers = [Answer(str(k % 2), float(step), str(generator.choice(ANSWERS))) for k in range(6) for step in STEPS]
+    answers = [StudyAnswer(str(k % 2), float(step), str(generator.choice(ANSWERS))) for k in range(6) for step in STEPS]
     assert curve_of(answers).flat
 
 
@@ -54,10 +54,10 @@ def test_people_who_do_not_look_do_not_widen_the_step() -> None:
     sharp = Observer(bias=0.05, sigma=0.06, criterion=0.08)
     generator = np.random.default_rng(4)
     careless = [
-        Answer(f"random {k}", float(step), str(generator.choice(ANSWERS)))
+        StudyAnswer(f"random {k}", float(step), str(generator.choice(ANSWERS)))
         for k in range(6) for _ in range(2) for step in STEPS
     ]  # fmt: skip
-    careless += [Answer("always", float(step), "right") for _ in range(2) for step in STEPS]
+    careless += [StudyAnswer("always", float(step), "right") for _ in range(2) for step in STEPS]
     curve = curve_of([*_answers(sharp, 12, 2, 1), *careless])
     assert (curve.participants, curve.careless, curve.flat) == (19, 7, False)
     assert curve.observer.noticeable == pytest.approx(sharp.noticeable, rel=0.2)

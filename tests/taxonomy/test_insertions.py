@@ -197,7 +197,7 @@ def partly_named(lexicon: Lexicon) -> set[str]:
 @pytest.mark.slow
 def test_the_check_finds_what_a_reader_found(lexicon) -> None:
     """Ids that were taken out for it: in one word, in another order, with a word more."""
-    from taxonomy.insertions import Insertion
+    from taxonomy.insertions import InsertedCategory
 
     gone = {
         "mt:jam_pot": ("jam pot", "pot.n.01"),
@@ -206,7 +206,7 @@ def test_the_check_finds_what_a_reader_found(lexicon) -> None:
         "mt:belgian_malinois": ("Belgian malinois", "belgian_sheepdog.n.01"),
         "mt:soap_bar": ("bar of soap", "soap.n.01"),
     }
-    inserted = {key: Insertion(id=key, name=name, parent=parent) for key, (name, parent) in gone.items()}
+    inserted = {key: InsertedCategory(id=key, name=name, parent=parent) for key, (name, parent) in gone.items()}
     small = Lexicon(lexicon.wordnet, inserted)
     assert namesakes(small) | partly_named(small) == set(gone)
 

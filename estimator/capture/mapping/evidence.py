@@ -14,7 +14,15 @@ from estimator.reconstructions.colmap import read_colmap
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["Evidence", "ModelShape", "Pair", "aligned_centres", "model_disagreement", "model_shape", "residual_pattern"]
+__all__ = [
+    "CaptureEvidence",
+    "ModelShape",
+    "Pair",
+    "aligned_centres",
+    "model_disagreement",
+    "model_shape",
+    "residual_pattern",
+]
 
 #: Verified matches that make two frames belong together.
 LINKED = 30
@@ -42,7 +50,7 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class CaptureEvidence:
     """Frames and their pairs.
 
     names : files of the chosen frames in order; keypoints : (n,) features of each; size : (width, height) of the

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from estimator.capture.mapping.evidence import Evidence, ModelShape
+from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape
 from estimator.capture.mapping.failures import Failure, failure
 
 __all__ = [
@@ -68,7 +68,7 @@ OF_THE_LENS = frozenset(
 MOST_DISAGREEMENT = 0.05
 
 
-def early_failure(evidence: Evidence) -> Failure | None:
+def early_failure(evidence: CaptureEvidence) -> Failure | None:
     """What frames and matches show before anything is mapped."""
     n = len(evidence.names)
     if n < LEAST_FRAMES:
@@ -77,7 +77,7 @@ def early_failure(evidence: Evidence) -> Failure | None:
 
 
 def model_failure(
-    evidence: Evidence,
+    evidence: CaptureEvidence,
     shape: ModelShape | None,
     disagreement: float | None,
     focal_held: bool,
@@ -110,7 +110,7 @@ def lens_is_doubtful(shape: ModelShape | None, failure: Failure | None) -> bool:
     return shape is not None and shape.pattern > PATTERN
 
 
-def most_are_linked(evidence: Evidence) -> bool:
+def most_are_linked(evidence: CaptureEvidence) -> bool:
     """Whether the matches link so many frames that a model of them could be used."""
     return len(evidence.groups()[0]) > PLACED_SHARE * len(evidence.names)
 
@@ -146,7 +146,7 @@ def _lens_failure(shape: ModelShape, focal_held: bool, stated: float | None) -> 
     return None
 
 
-def _static(evidence: Evidence) -> Failure | None:
+def _static(evidence: CaptureEvidence) -> Failure | None:
     """The picture moves nowhere: neither over the video nor between any two frames that match."""
     linked = [pair.moved_px for pair in evidence.linked_pairs]
     moved = max(linked, default=np.inf) / max(evidence.size)
@@ -155,7 +155,7 @@ def _static(evidence: Evidence) -> Failure | None:
     return None
 
 
-def _matching_failure(evidence: Evidence) -> Failure | None:
+def _matching_failure(evidence: CaptureEvidence) -> Failure | None:
     """Hardly a frame matches another: nothing to see, or smeared."""
     largest = len(evidence.groups()[0])
     if largest >= max(LEAST_FRAMES, len(evidence.names) // 4):
@@ -163,7 +163,7 @@ def _matching_failure(evidence: Evidence) -> Failure | None:
     return _placement_failure(evidence, 0)
 
 
-def _places(evidence: Evidence) -> Failure | None:
+def _places(evidence: CaptureEvidence) -> Failure | None:
     groups = [len(group) for group in evidence.groups()]
     if groups[0] <= PLACED_SHARE * len(evidence.names) and len(groups) > 1 and groups[1] >= LEAST_FRAMES:
         seen = f"the frames fall into groups of {groups[0]} and {groups[1]} that show nothing in common"
@@ -171,7 +171,7 @@ def _places(evidence: Evidence) -> Failure | None:
     return None
 
 
-def _rotating(evidence: Evidence) -> Failure | None:
+def _rotating(evidence: CaptureEvidence) -> Failure | None:
     share = evidence.rotation_share()
     if share > ROTATION_SHARE:
         seen = f"{100 * share:.0f} % of the frames differ by a turn of the camera alone"
@@ -179,7 +179,7 @@ def _rotating(evidence: Evidence) -> Failure | None:
     return None
 
 
-def _placement_failure(evidence: Evidence, placed: int) -> Failure:
+def _placement_failure(evidence: CaptureEvidence, placed: int) -> Failure:
     """Why too few frames could be placed."""
     keypoints = float(np.median(evidence.keypoints)) if len(evidence.keypoints) else 0.0
     n = len(evidence.names)
@@ -191,6 +191,6 @@ def _placement_failure(evidence: Evidence, placed: int) -> Failure:
     return _places(evidence) or failure("too_few_frames", f"{seen}: most frames overlap too little with others")
 
 
-def _is_blurred(evidence: Evidence) -> bool:
+def _is_blurred(evidence: CaptureEvidence) -> bool:
     low, high = evidence.edge_sharpness()
     return low is not None and high is not None and low < SMEARED[0] and high < SMEARED[1]

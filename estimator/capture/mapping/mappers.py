@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from estimator.capture.mapping.evidence import Evidence, ModelShape, model_disagreement, model_shape
+from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape, model_disagreement, model_shape
 from estimator.capture.mapping.failures import Failure
 from estimator.capture.mapping.gates import model_failure
 from estimator.capture.mapping.lens import Lens
@@ -54,7 +54,7 @@ class Task:
     part: Path
     matches: Path
     pictures: Path
-    evidence: Evidence
+    evidence: CaptureEvidence
     progress: ProgressCallback
     limit: TimeLimit
 

@@ -7,7 +7,7 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-from estimator.capture.mapping.evidence import Evidence
+from estimator.capture.mapping.evidence import CaptureEvidence
 from estimator.capture.mapping.failures import TYPICAL_FOCAL
 from estimator.capture.mapping.gates import (
     early_failure,
@@ -87,7 +87,7 @@ def make_model(
     output: Path,
     matches: Path,
     pictures: Path,
-    evidence: Evidence,
+    evidence: CaptureEvidence,
     lens: Lens,
     *,
     limit: TimeLimit,
@@ -158,7 +158,7 @@ def _map_with_held_focal(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
     return held if stated else replace(mapped, failure=focal_undetermined())
 
 
-def _write_report(file: Path, mapped: Mapped, evidence: Evidence) -> None:
+def _write_report(file: Path, mapped: Mapped, evidence: CaptureEvidence) -> None:
     shape = mapped.shape
     left_out = [] if shape is None else [name for name in evidence.names if name not in set(shape.names)]
     report = {

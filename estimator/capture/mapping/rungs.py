@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.capture.mapping.evidence import Evidence
+from estimator.capture.mapping.evidence import CaptureEvidence
 from estimator.capture.mapping.failures import Failure
 from estimator.capture.mapping.gates import LEAST_FRAMES
 from estimator.capture.mapping.pair_choice import pair_count
@@ -89,7 +89,7 @@ RUNGS = (
 )
 
 
-def next_rungs(rung: Rung, failure: Failure | None, placed: int, evidence: Evidence) -> tuple[Rung, ...]:
+def next_rungs(rung: Rung, failure: Failure | None, placed: int, evidence: CaptureEvidence) -> tuple[Rung, ...]:
     """The rungs above this one that may mend the failure it ended with, or place more than so many of the frames."""
     n = len(evidence.names)
     if failure is not None and failure.code == "focal_length_undetermined" and placed >= WHOLE_SHARE * n:

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import metric_tree
-from estimator.assets.asset import Asset, Body, Word
+from estimator.assets.asset import Asset, AssetBody, Word
 from estimator.assets.category_words import category_of_words
 from estimator.assets.check import check_bodies
 from estimator.assets.formats import read_asset, read_assets
@@ -152,7 +152,7 @@ def test_a_scene_is_judged_body_by_body(tmp_path: Path) -> None:
 @settings(max_examples=40, deadline=None)
 def test_probabilities_are_a_distribution_and_follow_the_scale(shift: float, sides: list[float]) -> None:
     model = size_model(TREE.find("chair").prior(), None)
-    body = Body("b", np.zeros(3), np.exp(np.array(sides) + shift))
+    body = AssetBody("b", np.zeros(3), np.exp(np.array(sides) + shift))
     all_of_them = hypotheses(body, "y", model)
     assert sum(one.probability for one in all_of_them) == pytest.approx(1)
     assert all(np.isfinite(one.probability) for one in all_of_them)
@@ -227,4 +227,4 @@ def test_a_table_of_boxes_goes_on_where_it_stopped(tmp_path: Path, capsys: pytes
 
 def _asset(extents: np.ndarray, *, centred: bool = False) -> Asset:
     low = -extents / 2 if centred else np.zeros(3)
-    return Asset(Path("model.glb"), "gltf", 1.0, "y", (Body("model", low, low + extents),))
+    return Asset(Path("model.glb"), "gltf", 1.0, "y", (AssetBody("model", low, low + extents),))

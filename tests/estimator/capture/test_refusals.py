@@ -12,7 +12,7 @@ import pytest
 
 from estimator.capture.cautions import capture_cautions, read_cautions
 from estimator.capture.frames import Frames
-from estimator.capture.mapping.evidence import Evidence, ModelShape, Pair
+from estimator.capture.mapping.evidence import CaptureEvidence, ModelShape, Pair
 from estimator.capture.mapping.failures import CODES, failure
 from estimator.capture.mapping.gates import UNDETERMINED, early_failure, lens_is_doubtful, model_failure
 from estimator.capture.mapping.rungs import RUNGS, next_rungs
@@ -64,7 +64,7 @@ def _film(frames: Iterable[SyntheticFrame], file: Path) -> None:
     write_video(file, pictures, times_of(len(pictures), rate=10.0))
 
 
-def _evidence(n: int = 20) -> Evidence:
+def _evidence(n: int = 20) -> CaptureEvidence:
     """Frames of a walk: every frame matches the next three, with parallax."""
     generator = np.random.default_rng(0)
     pairs = [
@@ -74,10 +74,10 @@ def _evidence(n: int = 20) -> Evidence:
     ]
     names = [f"{k:06d}.jpg" for k in range(n)]
     edges = np.tile([0.19, 0.22], (n, 1))
-    return Evidence(names, np.full(n, 1500), tuple(pairs), (640, 480), edges)
+    return CaptureEvidence(names, np.full(n, 1500), tuple(pairs), (640, 480), edges)
 
 
-def _shape(evidence: Evidence) -> ModelShape:
+def _shape(evidence: CaptureEvidence) -> ModelShape:
     n = len(evidence.names)
     return ModelShape(tuple(evidence.names), np.eye(n, 3), 4000, 9.0, 0.4, 0.8, 0.01, 0.01)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from metric_base.folders import taxonomy_directory
-from taxonomy.insertions import BadInsertion, Insertion, insertions
+from taxonomy.insertions import BadInsertion, InsertedCategory, insertions
 from taxonomy.levels import replaced_ids
 from taxonomy.matching.decisions import Decision, decisions
 from taxonomy.matching.finding import THRESHOLD, reliabilities
@@ -20,11 +20,11 @@ from taxonomy.wordnet import WordNet
 from taxonomy.words.spelling import fold_text
 
 INSERTED = {
-    "mt:office_chair": Insertion(
+    "mt:office_chair": InsertedCategory(
         id="mt:office_chair", name="office chair", parent="swivel_chair.n.01", aliases=("desk chair",)
     ),
-    "mt:bar_stool": Insertion(id="mt:bar_stool", name="bar stool", parent="stool.n.01"),
-    "mt:three_seat_sofa": Insertion(
+    "mt:bar_stool": InsertedCategory(id="mt:bar_stool", name="bar stool", parent="stool.n.01"),
+    "mt:three_seat_sofa": InsertedCategory(
         id="mt:three_seat_sofa", name="three-seat sofa", parent="sofa.n.01", aliases=("3-seters sofa",)
     ),
 }
@@ -168,8 +168,8 @@ def test_a_title_alone_enters_only_where_its_rule_is_right(mini_wordnet: WordNet
 
 def test_leaves_of_label_lists_are_names_unless_another_thing_bears_them(mini_wordnet: WordNet) -> None:
     placed = {
-        "mt:folding_stool": Insertion(id="mt:folding_stool", name="folding stool", parent="stool.n.01"),
-        "mt:couch": Insertion(id="mt:couch", name="couch", parent="sofa.n.01", aliases=("bar stool",)),
+        "mt:folding_stool": InsertedCategory(id="mt:folding_stool", name="folding stool", parent="stool.n.01"),
+        "mt:couch": InsertedCategory(id="mt:couch", name="couch", parent="sofa.n.01", aliases=("bar stool",)),
     }
     lexicon = Lexicon(mini_wordnet, INSERTED, placed)
     matcher = Matcher(lexicon, READINGS, {})

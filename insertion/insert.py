@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -44,6 +44,7 @@ def insert_objects(
     *,
     images: Path | None = None,
     instances: Path | None = None,
+    moving: Path | None = None,
     dense: str | None = None,
     up: Up | None = None,
     tree: Tree | None = None,
@@ -64,6 +65,7 @@ def insert_objects(
     scale : metres per scene unit, a result of `estimate_scale`, its file, or None for `result.json` in the folder
     out : a video (`out.mp4`), or a new folder for one PNG a frame
     images : the pictures, by default beside or above the model; instances : masks of what may hide the objects
+    moving : masks of people and things that move, of every frame
     dense : dense cloud, or `none`; up : the vertical, if it is known; tree : for sizes by the prior
     show_interval : whether to draw the outline at both ends of the scale's interval
     renderer : the embedded one, or Blender's Cycles; export : a new folder for the scene in metres
@@ -87,7 +89,7 @@ def insert_objects(
     ['height', 'length', 'width']
     """
     used = scale_of_result(scale) if isinstance(scale, ScaleResult) else read_scale(Path(scene), scale)
-    stage = open_stage(Path(scene), used, images=images, instances=instances, dense=dense, up=up)
+    stage = open_stage(Path(scene), used, images=images, instances=instances, moving=moving, dense=dense, up=up)
     requests = [item if isinstance(item, ObjectRequest) else ObjectRequest(Path(item)) for item in objects]
     return insert_into(
         stage,
@@ -110,6 +112,7 @@ def open_stage(
     *,
     images: Path | None = None,
     instances: Path | None = None,
+    moving: Path | None = None,
     dense: str | None = None,
     up: Up | None = None,
 ) -> Stage:
@@ -118,6 +121,7 @@ def open_stage(
     from insertion.footage.footage import PictureFootage, Stills
     from insertion.footage.video_footage import video_footage
     from insertion.pipeline.stage import make_stage
+    from insertion.scene.moving_masks import moving_masks
 
     scene = read_scene(folder, dense)
     frames = folder / "frames"
@@ -126,7 +130,8 @@ def open_stage(
     default = any((folder / name).exists() for name in ("instances.json", "instances"))
     masks = read_instances(instances, scene) if instances or default else ()
     scale.check(scene, masks if instances is None else None)
-    return make_stage(scene, stills, footage, masks, scale, up)
+    stage = make_stage(scene, stills, footage, masks, scale, up)
+    return stage if moving is None else replace(stage, moving=moving_masks(moving, scene, footage.shots))
 
 
 def insert_into(

@@ -18,6 +18,7 @@ from insertion.render.body import Body
 from insertion.render.renderer import ObjectImage
 from insertion.scene.box import Box, mask_in_box
 from insertion.scene.cloud import Cloud, FrontPoints
+from insertion.scene.moving_masks import Upright
 from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["Occlusion", "hidden_share", "on_support"]
@@ -70,11 +71,13 @@ def hidden_share(
     front: FrontPoints,
     on_support: BoolArray,
     picture: NDArray[np.uint8] | None = None,
+    moving: Sequence[Upright] = (),
 ) -> Occlusion:
     """What hides the object in the pixels of a box.
 
     on_support : (m,) the points of `front` that are on what the object stands on; they hide nothing. picture :
-    (h, w, 3) of the box, whose edges the hidden part follows; None leaves it as masks and points have it.
+    (h, w, 3) of the box, whose edges the hidden part follows; None leaves it as masks and points have it. moving :
+    things that the reconstruction knows nothing of.
     """
     import cv2
 
@@ -102,14 +105,15 @@ def hidden_share(
             unknown.append(mask)
         else:
             hidden |= part
-    for mask in unknown:
-        if _stands_on(hidden, mask):
-            hidden |= mask
+    for mask in (mask for mask in unknown if _stands_on(hidden, mask)):
+        hidden |= mask
     if front.dense:
         size = 2 * round(BORDER_PX * width_factor) + 1
         at = pixels.astype(np.int64)
         free = ~(cv2.dilate(masked.astype(np.uint8), np.ones((size, size), np.uint8)) > 0)[at[:, 1], at[:, 0]]
         hidden |= _nearer_pixels(~masked & around, behind, pixels[free], depths[free], DENSE_PX * width_factor)
+    for part in (upright.hides(box, view, behind) for upright in moving):
+        hidden |= part
     hidden = _without_gaps(hidden, round(GAP_PX * width_factor), behind, pixels[sure], depths[sure])
     if picture is None or not (hidden & around).any():
         share = cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), EDGE_PX)

@@ -27,6 +27,7 @@ from insertion.render.context import gl_context
 from insertion.render.layers import draw_interval, object_layers
 from insertion.render.renderer import ObjectRenderer
 from insertion.scene.cloud import FrontPoints, front_points
+from insertion.scene.moving_masks import points_beside, uprights
 from metric_base.progress import ProgressCallback, silent, with_progress
 
 __all__ = ["LayerSink", "insert_objects", "single_pictures"]
@@ -61,6 +62,17 @@ class _Running:
     placed: Placed
     renderer: ObjectRenderer
     frames: list[FrameReport] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """What one picture (h, w, 3) shows: its points, the masks of what stands still and of what moves."""
+
+    view: View
+    picture: Picture
+    front: FrontPoints
+    masks: Sequence[Instance]
+    moving: Sequence[Instance]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,11 +196,13 @@ def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:
             item.frames.append(FrameReport(shot.name, shot.time_s, None, 0.0))
         return picture
     _move_objects(run.objects, shot.clock_s - run.start_s)
-    front = front_points(view, run.stage.cloud, shot.row)
+    moving = run.stage.moving.get(shot.index, ())
+    front = points_beside(front_points(view, run.stage.cloud, shot.row), moving)
     look = run.looks.next(picture, front, run.stage.cloud)
     masks = run.stage.masks(shot)
     traced = None if run.traced is None else run.traced(shot)
-    drawn = [_layers_in_frame(run.stage, item, view, picture, front, masks, traced is not None) for item in run.objects]
+    seen = _Seen(view, picture, front, masks, moving)
+    drawn = [_layers_in_frame(run.stage, item, seen, traced is not None) for item in run.objects]
     present = [number for number, one in enumerate(drawn) if one is not None]
     behind = behind_each_other([one for one in drawn if one is not None])
     joined = dict(zip(present, behind, strict=True))
@@ -211,24 +225,21 @@ def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:
     return out
 
 
-def _layers_in_frame(
-    stage: Stage,
-    item: _Running,
-    view: View,
-    picture: Picture,
-    front: FrontPoints,
-    masks: Sequence[Instance],
-    whole: bool,
-) -> Joined | None:
+def _layers_in_frame(stage: Stage, item: _Running, seen: _Seen, whole: bool) -> Joined | None:
     """The layers of an object with what hides it and what it shades; None where it is out of the picture."""
+    view, front = seen.view, seen.front
     layers = object_layers(item.renderer, view, whole)
     if layers is None:
         return None
     body, surface = item.renderer.body, item.placed.surface
     sigma = 0.0 if surface is None else surface.plane.sigma
     support = on_support(body, stage.cloud, front, sigma)
-    hidden = hidden_share(layers.image, layers.box, view, masks, front, support, picture[layers.box.slices])
-    receivers = receivers_of(layers, body, view, front, masks, surface, hidden.front)
+    ground = stage.supports.surfaces[0].plane if stage.supports.surfaces else None
+    ground = surface.plane if ground is None and surface is not None else ground
+    people = uprights(seen.moving, view, ground) if seen.moving and ground is not None else []
+    part = seen.picture[layers.box.slices]
+    hidden = hidden_share(layers.image, layers.box, view, seen.masks, front, support, part, people)
+    receivers = receivers_of(layers, body, view, front, [*seen.masks, *seen.moving], surface, hidden.front)
     received = None
     if (receivers.places[..., 3] > 0).any():
         received = item.renderer.received_light(receivers.places, receivers.normals)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 
 import numpy as np
@@ -27,7 +27,10 @@ __all__ = ["Stage", "frame_range", "make_stage"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """Everything about the scene that does not depend on an object; shading is found when it is first asked for."""
+    """Everything about the scene that does not depend on an object; shading is found when it is first asked for.
+
+    moving : by the number of a shot, the masks of what moves in it.
+    """
 
     scene: Scene
     stills: Stills
@@ -38,6 +41,7 @@ class Stage:
     scale: ScaleUsed
     carrier: MaskCarrier
     shading: Callable[[], Shading | None]
+    moving: Mapping[int, tuple[Instance, ...]] = field(default_factory=dict)
 
     @property
     def start_s(self) -> float:

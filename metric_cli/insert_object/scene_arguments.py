@@ -50,6 +50,7 @@ def add_scene_arguments(root: argparse.ArgumentParser) -> None:
         type=input_path,
         help="masks that hide the object (default: SCENE/instances.json)",
     )
+    add("--moving", metavar="FILE", type=input_path, help="masks of people and things that move, of every frame")
     add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
     add("--scale", metavar="METRES|FILE", help="metres per scene unit, or a result's file (default: SCENE/result.json)")
     add("--up", metavar="X,Y,Z", help="up in the scene's axes, if it is known (default: by the cameras and planes)")
@@ -89,6 +90,7 @@ def stage_of(options: argparse.Namespace) -> Stage:
         read_scale(options.scene, _scale(options.scale)),
         images=options.images,
         instances=options.instances,
+        moving=options.moving,
         dense=options.dense,
         up=_up(options.up),
     )

@@ -2,21 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
+from estimator.geometry.planes import SupportPlane
 from estimator.records.scene import Camera, Instance, Scene, View
 from estimator.visibility.sights import Visibility
 from insertion.composite.compose import Joined, behind_each_other
 from insertion.composite.occlusion import _without_gaps, hidden_share
+from insertion.footage.footage import Shot
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
 from insertion.scene.box import Box
 from insertion.scene.carried_masks import MaskCarrier, _carry
 from insertion.scene.cloud import Cloud, FrontPoints, front_points
+from insertion.scene.moving_masks import moving_masks, points_beside, uprights
 
 BOX = Box(0, 0, 160, 120)
 VIEW = View(
@@ -146,3 +151,70 @@ def test_masks_come_from_the_nearest_view_of_the_scene() -> None:
     carrier = MaskCarrier(Scene(Path(), "colmap", views, wall, None), {0: (), 1: (), 2: ()}, cloud)
     for x, nearest in ((0.5, 0), (1.5, 1), (20.0, None)):
         assert carrier._nearest(replace(VIEW, translation=np.array([-x, 0.0, 0.0]))) == nearest
+
+
+def _ground() -> SupportPlane:
+    """The floor 0.8 below the camera of VIEW, whose y points down."""
+    basis = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
+    return SupportPlane(basis, -0.8, 0.0, 100, np.zeros(2), 1.0, np.ones((2, 2), bool))
+
+
+def _walker(depth: float, columns: tuple[int, int]) -> Instance:
+    """Somebody 1.7 tall whose feet are at a depth."""
+    top, bottom = (max(round(240 + 500 * y / depth), 0) for y in (-0.9, 0.8))
+    mask = np.ones((min(bottom, 480) - top, columns[1] - columns[0]), bool)
+    return Instance("walker", 0, "person", mask, (columns[0], top), 1.0)
+
+
+def test_what_moves_hides_the_object_by_its_feet_on_the_ground() -> None:
+    box = Box(100, 100, 540, 470)
+    behind = np.full(box.shape, 3.0, np.float32)
+    for depth, hides in ((2.0, True), (2.9, True), (3.1, False), (6.0, False)):
+        (one,) = uprights([_walker(depth, (300, 340))], VIEW, _ground())
+        assert one.offset == pytest.approx(depth, rel=0.01)
+        hidden = one.hides(box, VIEW, behind)
+        assert hidden.any() == hides
+        if hides:
+            assert hidden[:, 200:240].sum() == hidden.sum() > 1000
+    (cut,) = uprights([_walker(1.5, (300, 340))], VIEW, _ground())  # its feet are below the picture
+    assert cut.hides(box, VIEW, behind).any()
+    flying = Instance("bird", 0, "bird", np.ones((20, 20), bool), (300, 50), 1.0)
+    assert uprights([flying], VIEW, _ground()) == []
+
+
+def test_an_upright_thing_is_seen_from_above_at_its_own_depth() -> None:
+    """A camera that looks down by 30 degrees: the head is nearer along the axis than the feet."""
+    turn = np.radians(30)
+    rotation = np.array([[1, 0, 0], [0, np.cos(turn), -np.sin(turn)], [0, np.sin(turn), np.cos(turn)]])
+    view = replace(VIEW, rotation=rotation)
+    ends = np.array([[0.0, 0.8, 1.5], [0.0, 0.3, 1.5]]) @ rotation.T  # feet and head
+    pixels = 500 * ends[:, :2] / ends[:, 2:] + [320, 240]
+    top, bottom = round(pixels[1, 1]), round(pixels[0, 1])
+    item = Instance("walker", 0, "person", np.ones((bottom - top, 40), bool), (300, top), 1.0)
+    (one,) = uprights([item], view, _ground())
+    for row, depth in ((top + 2, ends[1, 2]), (bottom - 2, ends[0, 2])):
+        box = Box(315, row, 325, row + 1)
+        for share, hides in ((0.97, False), (1.03, True)):
+            behind = np.full(box.shape, depth * share, np.float32)
+            assert one.hides(box, view, behind).all() == hides
+
+
+def test_points_behind_what_moves_are_not_seen() -> None:
+    points = _points(((0, 0, 60, 120), FAR), ((100, 0, 160, 120), FAR))
+    left = points_beside(points, [_thing("walker", (0, 0, 80, 120))])
+    assert len(left.rows) == 25
+    assert left.pixels[:, 0].min() >= 100
+    assert points_beside(left, [_thing("walker", (0, 0, 80, 120))]) is left
+
+
+def test_masks_of_frames_are_read_by_the_names_of_the_frames(tmp_path: Path) -> None:
+    polygon = [300, 200, 340, 200, 340, 400, 300, 400]
+    images = [{"id": k, "file_name": f"{k:06d}.png", "width": 640, "height": 480} for k in (0, 2)]
+    annotation = {"id": 1, "image_id": 2, "category_id": 1, "segmentation": [polygon], "iscrowd": 0, "area": 8000}
+    document = {"images": images, "categories": [{"id": 1, "name": "person"}], "annotations": [annotation]}
+    file = tmp_path / "moving.json"
+    file.write_text(json.dumps(document))
+    shots = [Shot(k, f"{k:06d}.png", k / 30, None if k == 1 else VIEW, None) for k in range(3)]
+    found = moving_masks(file, Scene(tmp_path, "memory", (VIEW,), np.zeros((0, 3))), shots)
+    assert list(found) == [2]
+    assert found[2][0].mask.sum() == pytest.approx(8000, rel=0.05)

@@ -60,16 +60,16 @@ def moving_masks(file: Path, scene: Scene, shots: Sequence[Shot]) -> Mapping[int
 
     posed = [shot for shot in shots if shot.view is not None]
     views = tuple(replace(shot.view, name=shot.name) for shot in posed if shot.view is not None)
-    found: dict[int, list[Instance]] = defaultdict(list)
+    masks: dict[int, list[Instance]] = defaultdict(list)
     for item in read_instances(file, replace(scene, views=views)):
-        found[posed[item.view].index].append(item)
-    return {index: tuple(items) for index, items in found.items()}
+        masks[posed[item.view].index].append(item)
+    return {index: tuple(items) for index, items in masks.items()}
 
 
 def uprights(items: Sequence[Instance], view: View, ground: SupportPlane) -> list[Upright]:
     """What each mask is in the view; one whose feet are above the horizon is left out."""
-    found = [_upright(item, view, ground) for item in items]
-    return [one for one in found if one is not None]
+    things = [_upright(item, view, ground) for item in items]
+    return [one for one in things if one is not None]
 
 
 def _upright(item: Instance, view: View, ground: SupportPlane) -> Upright | None:

@@ -215,6 +215,6 @@ def test_masks_of_frames_are_read_by_the_names_of_the_frames(tmp_path: Path) -> 
     file = tmp_path / "moving.json"
     file.write_text(json.dumps(document))
     shots = [Shot(k, f"{k:06d}.png", k / 30, None if k == 1 else VIEW, None) for k in range(3)]
-    found = moving_masks(file, Scene(tmp_path, "memory", (VIEW,), np.zeros((0, 3))), shots)
-    assert list(found) == [2]
-    assert found[2][0].mask.sum() == pytest.approx(8000, rel=0.05)
+    read = moving_masks(file, Scene(tmp_path, "memory", (VIEW,), np.zeros((0, 3))), shots)
+    assert list(read) == [2]
+    assert read[2][0].mask.sum() == pytest.approx(8000, rel=0.05)

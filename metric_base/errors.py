@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Self, TypeVar
 
-__all__ = ["FieldError", "InputError", "StorageError", "Unquoted", "at_field", "in_file"]
+__all__ = ["FieldError", "InputError", "StorageError", "Unquoted", "at_field", "expect", "in_file"]
 
 Name = TypeVar("Name", bound=Path | str)
 
@@ -50,6 +50,12 @@ class FieldError(ValueError):
     def __str__(self) -> str:
         """What an `InputError` says after the file."""
         return f"{self.field}: expected {self.expected}, found {self.found!r}"
+
+
+def expect(holds: bool, field: str, expected: str, found: object) -> None:
+    """Raise a `FieldError` unless `holds`; whoever knows the file adds it (`in_file`)."""
+    if not holds:
+        raise FieldError(field, expected, found)
 
 
 class at_field:  # noqa: N801 - a context manager, as those of contextlib

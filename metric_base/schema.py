@@ -16,7 +16,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from metric_base.errors import FieldError, InputError, Unquoted, in_file
+from metric_base.errors import FieldError, InputError, Unquoted, expect, in_file
 from metric_base.input_files import read_text
 
 __all__ = ["BadDeclaration", "expect", "json_lines", "json_record", "record_of", "toml_record", "toml_table"]
@@ -35,12 +35,6 @@ MAX_TOML_BYTES = 1 << 22
 
 class BadDeclaration(InputError):
     """A TOML file that is invalid: the message names the file, the field, what was expected and what was found."""
-
-
-def expect(holds: bool, field: str, expected: str, found: object) -> None:
-    """Raise a `FieldError` unless `holds`; whoever knows the file adds it (`in_file`)."""
-    if not holds:
-        raise FieldError(field, expected, found)
 
 
 def record_of(values: object, kind: type[Record], *, cells: bool = False) -> Record:

@@ -190,6 +190,10 @@ class Meaning:
     note: str | None = None
 
 
+#: Every id has one of these, and hardly a name: earlier ids are looked up for such texts alone.
+_ID_MARKS = frozenset(".:/")
+
+
 class Tree:
     """A release in memory: a node, priors and items are read when they are asked for."""
 
@@ -321,7 +325,7 @@ class Tree:
             raise UnknownName(f"no node is called {text[:40]!r}, with {len(text):,} characters in all")
         if vocabulary is not None and (listed := self._label_node(text, vocabulary)) is not None:
             return Meaning(listed, "label list", math.inf, (), False)
-        if text in self._successors and text not in self._places:
+        if text not in self._places and _ID_MARKS.intersection(text) and text in self._successors:
             return Meaning(self.node(text), "id", math.inf, (), False)
         answer = self._resolver.answer(text)
         if answer is None:
@@ -409,7 +413,7 @@ class Tree:
 
     def prior_dims(self, node_id: str) -> tuple[tuple[str, ...], ...]:
         """The sets of dimensions for which a node has a fitted row."""
-        return tuple(dims for dims, _ in self._prior_rows.get(node_id, ()))
+        return tuple(dims for dims, _ in self._prior_rows(node_id))
 
     def prior(self, node_id: str, dims: tuple[str, ...]) -> Prior:
         """The prior of a node over `dims`; see `Node.prior`."""
@@ -422,11 +426,11 @@ class Tree:
         """The tier of a node's main prior; None of a node without one."""
         if (tier := self._tiers.get(node_id)) is not None:
             return tier
-        rows = self._prior_rows.get(node_id)  # a release before 3.0.0
+        rows = self._prior_rows(node_id)  # a release before 3.0.0
         return self.prior(node_id, rows[0][0]).tier if rows else None
 
     def _read_prior(self, node_id: str, dims: tuple[str, ...]) -> Prior:
-        rows = self._prior_rows.get(node_id, [])
+        rows = self._prior_rows(node_id)
         containing = [(len(had), row) for had, row in rows if set(dims) <= set(had)]
         if not containing or not dims:
             exists = "; ".join(", ".join(had) for had, _ in rows) or "none"
@@ -459,13 +463,18 @@ class Tree:
     def _prior_table(self) -> pa.Table:
         return self.release.table("priors")
 
+    def _prior_rows(self, node_id: str) -> list[tuple[tuple[str, ...], int]]:
+        """Dimensions and rows of the priors of a node."""
+        dims, places = self._prior_table["dims"], self._prior_places.get(node_id, ())
+        return [(tuple(dims[place].as_py()), place) for place in places]
+
     @cached_property
-    def _prior_rows(self) -> dict[str, list[tuple[tuple[str, ...], int]]]:
-        table = self._prior_table.select(["node_id", "dims"]).to_pydict()
-        rows: dict[str, list[tuple[tuple[str, ...], int]]] = {}
-        for number, (node_id, dims) in enumerate(zip(table["node_id"], table["dims"], strict=True)):
-            rows.setdefault(node_id, []).append((tuple(dims), number))
-        return rows
+    def _prior_places(self) -> dict[str, list[int]]:
+        """Rows of the table of priors by node."""
+        places: dict[str, list[int]] = {}
+        for place, node_id in enumerate(self._prior_table["node_id"].to_pylist()):
+            places.setdefault(node_id, []).append(place)
+        return places
 
     @cached_property
     def _below(self) -> dict[str | None, list[str]]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
-from crawler.items import RawItem
+if TYPE_CHECKING:  # its schema costs a query a tenth of its time
+    from crawler.items import RawItem
 
 __all__ = ["Category", "Match", "Pose", "Taxonomy"]
 

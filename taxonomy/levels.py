@@ -13,9 +13,8 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from pathlib import Path
 
-from metric_base.errors import InputError, Unquoted, in_file
+from metric_base.errors import InputError, Unquoted, expect, in_file
 from metric_base.folders import taxonomy_directory
-from metric_base.schema import expect, record_of
 from taxonomy.categories import Pose
 
 __all__ = [
@@ -166,6 +165,8 @@ def table_rows(file: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[s
 
 
 def _inner_nodes(file: Path) -> Iterator[InnerNode]:
+    from metric_base.schema import record_of  # msgspec is a tenth of what a query costs, and most ask for no node here
+
     for place, row in table_rows(file, _COLUMNS):
         cells = {"parent_id": row["parent_id"] or None, "claims": row["claims"].split()}
         with in_file(place, BadLevels):

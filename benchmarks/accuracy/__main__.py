@@ -35,7 +35,8 @@ from benchmarks.accuracy.simulations import (
     sameness_outcomes,
     structured_outcomes,
 )
-from benchmarks.accuracy.unseen import FAMILY, unseen_outcomes, unseen_tree
+from benchmarks.accuracy.streets import MEASURED, streets_outcomes
+from benchmarks.accuracy.unseen import FAMILY, tree_without, unseen_outcomes, unseen_tree
 from benchmarks.estimator.simulation import World, world
 from estimator.geometry.measurement import measure_objects
 from metric_base.files import whole_file
@@ -44,7 +45,7 @@ from tests.synthetic.rooms.sizes import Sizes, typical_sizes
 
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATE = Path(__file__).with_name("page.md")
-PARTS = ("sameness", "structured", "errors", "unseen", "scenes", "methods", "budget", "dimensions", "tilted")
+PARTS = ("sameness", "structured", "errors", "unseen", "streets", "scenes", "methods", "budget", "dimensions", "tilted")
 #: Dimensions that are left of those of a room.
 FEWER = (3, 6, 12, 24)
 #: How much of everything --quick does.
@@ -131,6 +132,7 @@ def _outcomes(
         "tilted": lambda: _tilted(arguments, rooms_tree, sizes),
         "dimensions": lambda: _by_dimensions(arguments, rooms_tree, sizes),
         "unseen": lambda: _unseen(arguments, rooms_tree),
+        "streets": lambda: _streets(arguments),
     }
     return makers[part]()
 
@@ -177,6 +179,13 @@ def _unseen(arguments: argparse.Namespace, tree: Tree) -> Iterator[Outcome]:
         return iter(())
     file = arguments.tables / FAMILY[0] / f"{FAMILY[0]}.csv"
     return unseen_outcomes(file, tree, arguments.unseen_rooms, arguments.seed)
+
+
+def _streets(arguments: argparse.Namespace) -> Iterator[Outcome]:
+    if arguments.raw is None:
+        return iter(())
+    tree = tree_without((*FAMILY, *MEASURED), arguments.raw, arguments.cache / "streets")
+    return streets_outcomes(arguments.tables, tree, arguments.seed)
 
 
 def _by_dimensions(arguments: argparse.Namespace, tree: Tree, sizes: Sizes) -> Iterator[Outcome]:

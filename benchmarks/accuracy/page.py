@@ -53,6 +53,8 @@ def page(outcomes: Sequence[Outcome], facts: Facts, template: str) -> str:
         dimensions=_groups_table(select(outcomes, part="dimensions")),
         pulls=_pulls_table(select(outcomes, part="pulls")),
         unseen=_groups_table(select(outcomes, part="unseen")),
+        streets=_groups_table(select(outcomes, part="streets")),
+        street_differences=_differences_table(select(outcomes, part="streets")),
         refusals=_refusals_table(outcomes),
     )
 

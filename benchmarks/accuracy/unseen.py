@@ -18,12 +18,12 @@ from estimator.records.measured_object import MeasuredObject
 from estimator.results.categories import meanings
 from estimator.results.estimate import scale_of_objects
 from metric_base.arrays import FloatArray
-from metric_tree.build.steps import Options, build_release, shipped_taxonomy
+from metric_tree.build.steps import Options, build_release, shipped_curated, shipped_taxonomy
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic.rooms.held_out import held_out_pool, pool_at
 from tests.synthetic.rooms.sizes import Sizes, drawn_sizes
 
-__all__ = ["FAMILY", "SIGMA", "rooms_of", "sorted_extents", "unseen_outcomes", "unseen_tree"]
+__all__ = ["FAMILY", "SIGMA", "rooms_of", "sorted_extents", "tree_without", "unseen_outcomes", "unseen_tree"]
 
 #: Sources that show the same rooms: none of them is in the tree that judges these rooms.
 FAMILY = ("scannet18_boxes", "scannet_fine_boxes", "vsibench_scannet")
@@ -39,19 +39,28 @@ SIGMA = (0.1, 0.15, 0.05)
 
 def unseen_tree(raw: Path, cache: Path) -> tuple[Tree, Sizes]:
     """A tree built without `FAMILY` and without one fold, and sizes drawn from that fold; both are kept in `cache`."""
-    files = [
-        path
-        for path in sorted(raw.glob("*.jsonl"))
-        if "quarantine" not in path.name and path.name.partition(".")[0] not in FAMILY and "pictures" not in path.name
-    ]
-    out = cache / "tree"
+    tree = tree_without(FAMILY, raw, cache / "tree")
+    files = _files(raw, FAMILY)
+    pool = pool_at(cache / "sizes.json", partial(held_out_pool, files, tree, shipped_taxonomy, FOLD))
+    return tree, drawn_sizes(pool)
+
+
+def tree_without(sources: Sequence[str], raw: Path, out: Path) -> Tree:
+    """A tree built as the release is, norms and judged ranges with it, without some sources and without one fold."""
     if not out.exists():
         out.parent.mkdir(parents=True, exist_ok=True)
         options = Options(version="0.0.0", created="2026-11-22", name="accuracy", fold_out=FOLD, heldout=False)
-        build_release(files, out, options)
-    tree = open_tree(out)
-    pool = pool_at(cache / "sizes.json", partial(held_out_pool, files, tree, shipped_taxonomy, FOLD))
-    return tree, drawn_sizes(pool)
+        build_release(_files(raw, sources), out, options, curated=shipped_curated())
+    return open_tree(out)
+
+
+def _files(raw: Path, left_out: Sequence[str]) -> list[Path]:
+    """The files of raw items without those of some sources."""
+    return [
+        path
+        for path in sorted(raw.glob("*.jsonl"))
+        if "quarantine" not in path.name and path.name.partition(".")[0] not in left_out and "pictures" not in path.name
+    ]
 
 
 def unseen_outcomes(file: Path, tree: Tree, rooms: int, seed: int) -> Iterator[Outcome]:

@@ -1,0 +1,82 @@
+"""Streets whose sources the priors never saw: boxes of nuScenes, Waymo, nuPlan and ApolloScape, named as detected."""
+
+from __future__ import annotations
+
+import csv
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.accuracy.methods import object_outcomes
+from benchmarks.accuracy.outcomes import Outcome
+from estimator.records.measured_object import MeasuredObject
+from metric_base.arrays import FloatArray
+from metric_tree.tree import Tree
+
+__all__ = ["MEASURED", "streets_outcomes"]
+
+#: Sources of streets measured in place: none of them is in the tree that judges these streets.
+MEASURED = (
+    "nuscenes_mini", "waymo_motion_samples", "apolloscape_car_models", "published_class_means", "nuplan_samples",
+    "interaction_ep0", "sind_tianjin", "ind_aachen_08", "ngsim_i80", "view_of_delft_example",
+)  # fmt: skip
+#: What a detector would call a set's categories; others are left out.
+LABELS = {"pedestrian": "person", "bus": "bus", "truck": "truck", "bicycle": "bicycle", "motorcycle": "motorcycle",
+          "traffic cone": "traffic cone"}  # fmt: skip
+CARS = frozenset({"vehicle", "car", "SUV", "2x", "3x", "sedan", "hatchback", "coupe", "MPV"})
+#: A vehicle that is longer or higher is no car, in mm.
+LONGEST_CAR, HIGHEST_CAR = 5600.0, 2100.0
+#: Scenes drawn of a set that does not say which objects stood together, and how many objects each has.
+DRAWN, OBJECTS = 60, (3, 11)
+#: Standard deviation of the log extents, stated and drawn.
+NOISE = 0.05
+
+Thing = tuple[str, FloatArray]
+
+
+def streets_outcomes(tables: Path, tree: Tree, seed: int) -> Iterator[Outcome]:
+    """Every scene by the methods `default` and `height`, under a random scale."""
+    generator = np.random.default_rng([seed, 47])
+    for number, (group, things) in enumerate(_scenes(tables, generator)):
+        scale = float(np.exp(generator.uniform(-3, 3)))
+        objects = [
+            MeasuredObject(
+                str(row), label, sizes / 1000 / scale * np.exp(generator.normal(0, NOISE, 3)), np.full(3, NOISE)
+            )
+            for row, (label, sizes) in enumerate(things)
+        ]
+        yield from object_outcomes("streets", group, str(number), objects, scale, tree, ("default", "height"))
+
+
+def _scenes(tables: Path, generator: np.random.Generator) -> Iterator[tuple[str, list[Thing]]]:
+    """A set's name and the things of a scene: those of a drive where the set says so, else drawn from one city."""
+    for name in ("waymo_motion_samples", "nuplan_samples"):
+        drives: dict[str, list[Thing]] = defaultdict(list)
+        for row, thing in _things(tables, name):
+            drives[row["instance_or_n"].partition("/")[0]].append(thing)
+        yield from ((name, things) for _, things in sorted(drives.items()) if len(things) >= OBJECTS[0])
+    nuscenes = list(_things(tables, "nuscenes_mini"))
+    pools = {
+        f"nuscenes_mini, {city}": [thing for row, thing in nuscenes if row["region"] in (city, f"{city} USA")]
+        for city in ("Boston", "Singapore")
+    }
+    pools |= {f"{name}, cars": [one for one in pool if one[0] == "car"] for name, pool in pools.items()}
+    pools["apolloscape_car_models"] = [one for _, one in _things(tables, "apolloscape_car_models") if one[0] == "car"]
+    for name, pool in pools.items():
+        for _ in range(DRAWN):
+            rows = generator.choice(len(pool), int(generator.integers(*OBJECTS)), replace=False)
+            yield name, [pool[row] for row in rows]
+
+
+def _things(tables: Path, name: str) -> Iterator[tuple[dict[str, str], Thing]]:
+    """The rows of a table with a label and all three sizes, length first, in mm."""
+    with (tables / name / f"{name}.csv").open(encoding="utf-8", newline="") as lines:
+        for row in csv.DictReader(lines):
+            a, b, height = (float(row[f"{axis}_mm"] or "nan") for axis in ("length", "width", "height"))
+            sizes = np.array([max(a, b), min(a, b), height])
+            is_car = row["category"] in CARS and sizes[0] < LONGEST_CAR and height < HIGHEST_CAR
+            label = "car" if is_car else LABELS.get(row["category"])
+            if label is not None and np.all(sizes > 0):
+                yield row, (label, sizes)

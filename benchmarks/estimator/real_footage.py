@@ -37,7 +37,8 @@ class FootageSet:
 
     place : below DATA; source : the video or folder of pictures in it; chosen_on : whether options and gates of the
     capture were chosen with it (the others are only reported); refused : whether it must be refused;
-    first : the number that the reference model's pictures give to frame 0 of a video, None for pictures.
+    first : the number that the reference model's pictures give to frame 0 of a video, None for pictures; focal : of the
+    video's own lens over the longer side, where the reference's pictures were freed of its distortion.
     """
 
     place: str
@@ -45,6 +46,7 @@ class FootageSet:
     chosen_on: bool = False
     refused: bool = False
     first: int | None = None
+    focal: float | None = None
 
     @property
     def name(self) -> str:
@@ -63,7 +65,7 @@ SETS = (
     FootageSet("captures/hexgp_building", chosen_on=True),
     FootageSet("scenes/lund_street", chosen_on=True),
     FootageSet("scenes/carnd_highway", "video.mp4"),
-    FootageSet("scenes/walk_carpark", "video.mp4", chosen_on=True, first=1),
+    FootageSet("scenes/walk_carpark", "video.mp4", chosen_on=True, first=1, focal=374.94 / 848),
     FootageSet("scenes/gopro_karma_coast", "video.mp4"),
     FootageSet("scenes/red_kitchen"),
     FootageSet("captures/skull_flash", refused=True),
@@ -175,7 +177,7 @@ def _against_reference(place: Path, row: FootageSet, folder: Path) -> dict[str, 
     pairs = [(view.centre, known[name]) for view in scene.views if (name := _reference_name(view.name, row)) in known]
     theirs = next(iter(reference.cameras.values()))
     result |= {
-        "reference_focal": float(theirs.params[0]) / max(theirs.width, theirs.height),
+        "reference_focal": row.focal or float(theirs.params[0]) / max(theirs.width, theirs.height),
         "reference_views": len(known),
         "shared": len(pairs),
     }

@@ -38,7 +38,7 @@ def capture_cautions(path: Path, frames: Frames, report: dict[str, Any], focal_g
         )
     if report["model"]["left_out"]:
         cautions.append(f"{path}: {_left_out(report['model']['left_out'], report['pairs']['frames'])}")
-    if report["model"]["pattern"] > DOUBTFUL_PATTERN:
+    if frames.one_camera and report["model"]["pattern"] > DOUBTFUL_PATTERN:  # that of several lenses mixes
         cautions.append(
             f"{path}: the camera model ({report['model']['camera']}) leaves a pattern in the residuals, so its focal "
             "length may be wrong by a tenth or two; name the lens with --camera-model and --focal if you know it"

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from estimator.capture.mapping.gates import LEAST_FRAMES, PATTERN
+from estimator.capture.mapping.gates import LEAST_FRAMES
 from estimator.capture.mapping.lens import Lens, is_fisheye
 from estimator.capture.mapping.lens_choice import chosen_lens
 from estimator.capture.mapping.mappers import Mapped, Task, mapped_frames
 from estimator.capture.mapping.time_limit import OutOfTime
-from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
+from estimator.capture.mapping.worker_process import WorkerError, start_worker, wait_for_worker
 
 __all__ = ["better_mapping", "other_mapping_s", "with_other_lens"]
 
@@ -40,12 +40,12 @@ def with_other_lens(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
     best, seconds = mapped, other_mapping_s(mapped)
     for number, other in enumerate(_other_lenses(lens, scores)):
         try:
-            best = better_mapping(mapped_frames(task.below(f"lens_{number}", seconds), other), best)
-        except OutOfTime:
+            found = mapped_frames(task.below(f"lens_{number}", seconds), other)
+        except (OutOfTime, WorkerError):  # a lens that fits nothing may also break the mapper
             continue
-        if best is not mapped and is_fisheye(other.model):
-            best = _settled_mapping(task, other, best, number, seconds)
-        if best.failure is None and best.shape is not None and best.shape.pattern < PATTERN:
+        if better_mapping(found, best) is found:
+            best = _settled_mapping(task, other, found, number, seconds) if is_fisheye(other.model) else found
+        if best.failure is None and best is not mapped:
             break
     return replace(best, lens_scores=scores)
 
@@ -72,7 +72,7 @@ def _settled_mapping(task: Task, lens: Lens, mapped: Mapped, number: int, second
         again = task.below(f"lens_{number}_again_{turn}", seconds)
         try:
             mapped = better_mapping(mapped_frames(again, replace(lens, start=mapped.params)), mapped)
-        except OutOfTime:
+        except (OutOfTime, WorkerError):
             break
         if abs(mapped.params[0] / before - 1) < SETTLED:
             break
@@ -95,11 +95,11 @@ def _scores(task: Task, mapped: Mapped) -> dict[str, Any] | None:
 def _other_lenses(lens: Lens, scores: dict[str, Any] | None) -> Iterator[Lens]:
     """Lenses to begin with, most likely first."""
     side = max(lens.width, lens.height)
-    if lens.wide_px is not None:
-        yield _beginning(lens, FISHEYE, lens.wide_px)
     if scores is not None:
         name = chosen_lens(scores)
         yield replace(lens, model=name, start=tuple(scores[name]["params"]))
+    if lens.wide_px is not None:
+        yield _beginning(lens, FISHEYE, lens.wide_px)
     for name, focal in WIDE_STARTS:
         yield _beginning(lens, name, focal * side)
 

@@ -40,11 +40,15 @@ def with_other_lens(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
     best, seconds = mapped, other_mapping_s(mapped)
     for number, other in enumerate(_other_lenses(lens, scores)):
         try:
-            found = mapped_frames(task.below(f"lens_{number}", seconds), other)
+            other_mapped = mapped_frames(task.below(f"lens_{number}", seconds), other)
         except (OutOfTime, WorkerError):  # a lens that fits nothing may also break the mapper
             continue
-        if better_mapping(found, best) is found:
-            best = _settled_mapping(task, other, found, number, seconds) if is_fisheye(other.model) else found
+        if better_mapping(other_mapped, best) is other_mapped:
+            best = (
+                _settled_mapping(task, other, other_mapped, number, seconds)
+                if is_fisheye(other.model)
+                else other_mapped
+            )
         if best.failure is None and best is not mapped:
             break
     return replace(best, lens_scores=scores)

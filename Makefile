@@ -51,7 +51,7 @@ reference: .venv/.dev ## write the generated pages of the reference
 	$(BIN)/python docs/house.py
 
 lock: ## pin all dependencies again
-	$(UV) pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --all-extras --group dev --no-emit-package metric-tree pyproject.toml -o requirements.lock
+	$(UV) pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --extra all --group dev --no-emit-package metric-tree pyproject.toml -o requirements.lock
 
 .venv/.core: pyproject.toml requirements.lock | $(BIN)/python
 	$(INSTALL) --constraint requirements.lock --editable '.[scene]'

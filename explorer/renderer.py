@@ -68,7 +68,7 @@ _PAGES: dict[str, Callable[[Catalogue], bytes]] = {
     "v1/releases.json": lambda catalogue: msgspec.json.encode(releases_answer(catalogue)),
 }
 
-_ASSETS = ("style.css", "page.js", "search.js", "compare.js", "scale.js", "icon.svg")
+_ASSETS = ("style.css", "page.js", "search.js", "compare.js", "scale.js", "view3d.js", "icon.svg")
 
 
 def _prior(catalogue: Catalogue, node: Node) -> bytes | None:

@@ -19,6 +19,7 @@ MODULES_BY_EXTRA: dict[str, tuple[str, ...]] = {
     "serve": ("jinja2", "markupsafe", "starlette", "uvicorn"),
     "mcp": ("mcp",),
     "pandas": ("pandas",),
+    "view": ("open3d",),
 }
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from metric_tree.tree import Node, NoPrior, Tree
+from metric_tree.tree import Node, NoPrior, Tree, UnknownName
 
 __all__ = ["MEDIAN_MOVED", "SPREAD_MOVED", "MovedPrior", "ReleaseDiff", "release_diff"]
 
@@ -39,7 +40,8 @@ class MovedPrior:
 class ReleaseDiff:
     """What changed from the release `before` to `after`; nodes are ids.
 
-    merged : old id to the node that its items went to; moved, renamed, tiers : id to what it was and is.
+    merged : old id to its successor, else to the node that its items went to; moved, renamed, tiers : id to what it was
+    and is.
     """
 
     before: str
@@ -84,7 +86,7 @@ def release_diff(before: Tree, after: Tree) -> ReleaseDiff:
         nodes_after=len(new),
         added=[node_id for node_id in new if node_id not in old],
         removed=removed,
-        merged=_homes_of_removed(removed, *homes),
+        merged=_homes_of_removed(removed, *homes) | _named_successors(removed, after),
         moved={a.node_id: (a.parent_id, b.parent_id) for a, b in pairs if a.parent_id != b.parent_id},
         renamed={a.node_id: (a.name, b.name) for a, b in pairs if a.name != b.name},
         tiers=dict(_tiers(pairs)),
@@ -110,6 +112,15 @@ def _homes_of_removed(
         if node_id in gone and item in now:
             went.setdefault(node_id, Counter())[now[item][0]] += 1
     return {node_id: counts.most_common(1)[0][0] for node_id, counts in went.items()}
+
+
+def _named_successors(removed: list[str], after: Tree) -> dict[str, str]:
+    """What the later release itself says that removed nodes lead to (its table `successors`)."""
+    found = {}
+    for node_id in removed:
+        with suppress(UnknownName):
+            found[node_id] = after.node(node_id).node_id
+    return found
 
 
 def _gains(then: dict[str, tuple[str, str]], now: dict[str, tuple[str, str]]) -> dict[str, Counter[str]]:

@@ -53,6 +53,7 @@ ROOMS = [
     "estimator.results",
     "estimator.baselines",
     "estimator.outputs",
+    "estimator.views",
     "estimator.assets",
     "estimator.capture.mapping",
     "estimator.capture.dense",

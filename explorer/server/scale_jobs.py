@@ -56,7 +56,7 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
     objects = parse_objects(Path("request"), {"schema": request.schema, "objects": request.objects})
     where = where_of(request.where) if request.where is not None else None
     options = Options(level=request.level, evidence=_lengths(request.known_lengths), where=where)
-    record = objects_result(objects, tree, options).record()
+    record = objects_result(objects, tree, options).to_json()
     record.pop("seconds", None)  # the same request has the same bytes
     return record
 

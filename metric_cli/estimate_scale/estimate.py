@@ -134,6 +134,10 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
 
         detector = load_detector(options.detector, options.detector_labels)
     scene = read_scene(options.scene, options.dense)
+    if options.view:
+        from estimator.views.window import check_display
+
+        check_display()
     if options.overlay is not None:
         from estimator.outputs.overlay import view_pictures
 
@@ -169,20 +173,42 @@ def _write_pictures(options: argparse.Namespace, estimate: SceneEstimate) -> Non
         from estimator.outputs.overlay import write_overlays
 
         write_overlays(estimate, options.overlay, options.images)
+    if options.view or options.view_png is not None or options.view_glb is not None:
+        _write_views(options, estimate)
     if options.write_scaled is not None and scale is not None:
         from estimator.outputs.rescaled import write_scaled
 
         write_scaled(estimate.scene, scale, options.write_scaled)
 
 
+def _write_views(options: argparse.Namespace, estimate: SceneEstimate) -> None:
+    """The estimate in three dimensions, as files and in a window, which is open until the user closes it."""
+    from estimator.views.scene_view import scene_view
+
+    view = scene_view(estimate)
+    if options.view_png is not None:
+        from estimator.views.picture import write_view
+
+        write_view(view, options.view_png)
+    if options.view_glb is not None:
+        from estimator.views.glb import write_glb
+
+        write_glb(view, options.view_glb)
+    if options.view:
+        from estimator.views.window import show
+
+        show(view)
+
+
 def _is_drawable(result: ScaleResult, options: argparse.Namespace) -> bool:
     """Whether there is a posterior to draw; says so where there is none."""
     drawable = result.curve is not None or result.status != "unresolved"
-    asked = [name for name in ("figure", "overlay") if getattr(options, name) is not None]
+    names = ("figure", "overlay", "view", "view_png", "view_glb")
+    asked = [f"--{name.replace('_', '-')}" for name in names if getattr(options, name)]
     if asked and not drawable and not options.quiet:
         from metric_cli.terminal import warn
 
-        warn(f"{', '.join(f'--{name}' for name in asked)}: there is nothing to draw", PROGRAM)
+        warn(f"{', '.join(asked)}: there is nothing to draw", PROGRAM)
     return drawable
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from estimator.records import METHODS
@@ -146,6 +147,9 @@ def parser() -> OneLineParser:
         help="draw the posterior and the objects; for a SCENE, its plan too",
     )
     add("--overlay", metavar="DIR", type=new_folder, help="draw the boxes with their sizes into every frame")
+    add("--view", action="store_true", help="show points, cameras, boxes and planes in a window (extra view)")
+    add("--view-png", metavar="FILE", type=OutputFile(), help="the same as a picture, drawn without a display")
+    add("--view-glb", metavar="FILE", type=OutputFile(), help="the same as glTF, for Blender and the explorer's page")
     add("--write-scaled", metavar="DIR", type=new_folder, help="write the model again at metric scale")
     add("--csv", action="store_true", help="print the objects as CSV")
     add("--wide", action="store_true", help="print the node, the units and the weight of each object too")
@@ -170,7 +174,13 @@ def _check(options: argparse.Namespace) -> None:
     _check_detector(options)
     up_direction(options)
     evidence_sources(options)  # a value that cannot be read is said before the work is done
-    geometric = {"--overlay": options.overlay, "--write-scaled": options.write_scaled}
+    geometric = {
+        "--overlay": options.overlay,
+        "--write-scaled": options.write_scaled,
+        "--view": options.view or None,
+        "--view-png": options.view_png,
+        "--view-glb": options.view_glb,
+    }
     for name, value in geometric.items():
         if value is not None and options.objects is not None:
             raise InputError(f"{name}: expected a SCENE; found --objects")
@@ -179,16 +189,18 @@ def _check(options: argparse.Namespace) -> None:
 
 def _check_outputs(options: argparse.Namespace) -> None:
     """InputError for an output that cannot be written, or that would take the place of an input."""
-    for name in ("output", "figure"):
-        path = getattr(options, name)
-        if path is not None and (path.is_dir() or not path.absolute().parent.is_dir()):
-            raise InputError(f"--{name}: expected a file in a folder that exists; found {path}")
-    if (
-        options.figure is not None
-        and options.output is not None
-        and options.output.resolve() == options.figure.resolve()
-    ):
-        raise InputError(f"--figure: expected another file than that of --output; found {options.figure}")
+    files: dict[Path, str] = {}
+    for name in ("output", "figure", "view_png", "view_glb"):
+        path, option = getattr(options, name), f"--{name.replace('_', '-')}"
+        if path is None:
+            continue
+        if path.is_dir() or not path.absolute().parent.is_dir():
+            raise InputError(f"{option}: expected a file in a folder that exists; found {path}")
+        if (other := files.setdefault(path.resolve(), option)) != option:
+            raise InputError(f"{option}: expected another file than that of {other}; found {path}")
+    for name, path, ending in (("png", options.view_png, ".png"), ("glb", options.view_glb, ".glb")):
+        if path is not None and path.suffix.lower() != ending:
+            raise InputError(f"--view-{name}: expected a name that ends with {ending}; found {path}")
 
 
 def _check_known_lengths(options: argparse.Namespace) -> None:

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import base64
 import json
+import threading
 from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
+import metric_tree
+from estimator.views.glb import glb_bytes
+from explorer.content.catalogue import Catalogue
+from explorer.renderer import answer
 from tests.synthetic.browser import Browser
+from tests.synthetic.views import hand_view
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
@@ -143,3 +152,104 @@ def test_the_outline_opens_by_keys_and_tables_sort(base: str, browser: Browser) 
     heights = browser.run(rows + ".map(row => +row.cells[3].querySelector('data').value)")
     assert heights == sorted(heights)
     assert len(heights) == 14
+
+
+def drop_file(browser: Browser, name: str, data: bytes) -> None:
+    """Let a file fall on the scale page."""
+    text = base64.b64encode(data).decode()
+    browser.run(f"""(() => {{ const data = new DataTransfer();
+        const bytes = Uint8Array.from(atob("{text}"), (letter) => letter.charCodeAt(0));
+        data.items.add(new File([bytes], "{name}"));
+        document.getElementById("drop").dispatchEvent(new DragEvent("drop", {{ dataTransfer: data }})); }})()""")
+
+
+def test_a_scene_in_three_dimensions(site: Path, browser: Browser) -> None:
+    """From the disk: drawn, a click on a box says its reason, and so does its button; a broken file is an error."""
+    see(browser, (site / "scale.html").as_uri())
+    drop_file(browser, "scene.glb", glb_bytes(hand_view()))
+    browser.wait("metricTree.view3d?.boxes().length == 3")
+    browser.wait("document.getElementById('view3d').width > 300")
+    pen = "document.getElementById('view3d').getContext('2d')"
+    size = "document.getElementById('view3d').width, document.getElementById('view3d').height"
+    counted = f"{pen}.getImageData(0, 0, {size}).data.reduce((sum, value, k) => sum + (k % 4 == 3 && value > 0), 0)"
+    browser.wait(f"{counted} > 3000")
+    browser.run("document.getElementById('view3d').scrollIntoView()")
+    frame = browser.run("(({left, top}) => [left, top])(document.getElementById('view3d').getBoundingClientRect())")
+    pixel = browser.run("metricTree.view3d.pixel('c')")
+    browser.click((frame[0] + pixel[0], frame[1] + pixel[1]))
+    browser.wait("document.getElementById('view3d-said').textContent.includes('too small by half')")
+    browser.run("document.querySelectorAll('#view3d-boxes button')[0].click()")
+    browser.wait("document.getElementById('view3d-said').textContent.startsWith('chair a')")
+    browser.run("document.getElementById('view3d-above').click()")
+    drop_file(browser, "broken.glb", glb_bytes(hand_view())[:900])
+    browser.wait("document.getElementById('message').textContent.includes('broken.glb: a chunk is longer')")
+    assert browser.run("problems") == []
+
+
+def test_the_sliders_of_a_region_and_a_year(browser: Browser, tmp_path: Path) -> None:
+    """On the shipped car: every step has sizes, the region moves them, and the screen reader hears the year."""
+    (tmp_path / "nodes").mkdir()
+    (tmp_path / "assets").mkdir()
+    catalogue = Catalogue([metric_tree.open()])
+    for address in ("nodes/car.n.01.html", "assets/page.js", "assets/style.css"):
+        made = answer(catalogue, address)
+        assert made is not None
+        (tmp_path / address).write_bytes(made.body)
+    see(browser, (tmp_path / "nodes" / "car.n.01.html").as_uri())
+    median = "Number(document.querySelector('#context-rows data').value)"
+    years = int(browser.run("document.getElementById('year').max"))
+    assert years >= 3
+    seen = set()
+    for step in range(years + 1):
+        browser.run(f"document.getElementById('year').value = {step}")
+        browser.run("document.getElementById('year').dispatchEvent(new Event('input'))")
+        shown = browser.run("document.getElementById('year-shown').textContent")
+        assert browser.run("document.getElementById('year').getAttribute('aria-valuetext')") == shown
+        seen.add((shown, browser.run(median)))
+    assert len({year for year, _ in seen}) == years + 1
+    assert len({size for _, size in seen}) > 1
+    before = browser.run(median)
+    moved = []
+    for region in browser.run("[...document.getElementById('region').options].map((one) => one.value)"):
+        browser.run(f"document.getElementById('region').value = {json.dumps(region)}")
+        browser.run("document.getElementById('region').dispatchEvent(new Event('change'))")
+        moved.append(browser.run(median) != before)
+    assert moved[0] is False  # the world, as before
+    assert any(moved)
+
+
+def test_a_plain_file_server_is_enough(site: Path, browser: Browser) -> None:
+    """Search, open, compare by a link, scale; nothing is asked of another host, and the first paint is soon."""
+    asked: list[str] = []
+
+    class Files(SimpleHTTPRequestHandler):
+        def log_message(self, _form: str, *args: object) -> None:
+            asked.append(str(args[0]))
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), partial(Files, directory=str(site))) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        base = f"http://127.0.0.1:{server.server_address[1]}"
+        paints = []
+        for page in (
+            "index.html",
+            "nodes/swivel_chair.n.01.html",
+            "compare.html?nodes=rat.n.01,mt-bar_stool&dim=width",
+        ):
+            see(browser, f"{base}/{page}")
+            browser.wait("performance.getEntriesByName('first-contentful-paint').length")
+            paints.append(browser.run("performance.getEntriesByName('first-contentful-paint')[0].startTime"))
+        assert min(paints) < 1000, paints
+        assert browser.run("[...document.querySelectorAll('#compared tbody th')].map(cell => cell.textContent)") == [
+            "rat",
+            "bar stool",
+        ]
+        assert browser.run("document.getElementById('dimension').value") == "width"
+        see(browser, f"{base}/scale.html")
+        browser.run("document.getElementById('example').click()")
+        browser.wait("!document.getElementById('result').hidden")
+        hosts = "[...new Set(performance.getEntriesByType('resource').map((one) => new URL(one.name).host))]"
+        assert browser.run(hosts) == [base.removeprefix("http://")]
+        server.shutdown()
+    assert any("names.js" in line for line in asked) is False  # the index waits for a keystroke
+    assert not any(" 404 " in line for line in asked)
+    assert browser.run("problems") == []

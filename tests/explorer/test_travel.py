@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import threading
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -42,6 +44,15 @@ def test_a_diff_names_what_changed_and_is_a_gate(trees: list[Tree], capsys: pyte
 def test_items_that_moved_to_another_node_name_its_successor(trees: list[Tree]) -> None:
     assert release_diff(trees[0], trees[1]).removed == ["rat.n.01"]
     assert release_diff(trees[0], trees[1]).merged == {}
+
+
+def test_a_release_names_the_successors_of_removed_ids(trees: list[Tree], tmp_path: Path) -> None:
+    folder = tmp_path / "later"
+    shutil.copytree(trees[1].release.directory, folder)
+    rows = {"old_id": ["rat.n.01"], "release": ["0.0.2"], "node_id": ["trackball.n.01"]}
+    pq.write_table(pa.table(rows), folder / "successors.parquet")
+    assert release_diff(trees[0], metric_tree.tree.Tree(trees[1].release)).merged == {}
+    assert release_diff(trees[0], metric_tree.tree.open_tree(folder)).merged == {"rat.n.01": "trackball.n.01"}
 
 
 def test_flat_tables(trees: list[Tree], capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

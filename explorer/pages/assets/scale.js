@@ -123,8 +123,10 @@
     compute.disabled = false;
   });
   async function read(file) {
-    try { show(JSON.parse(await file.text()), file.name); }
-    catch (error) { message.textContent = `${file.name}: expected JSON; ${error.message}`; }
+    const scene = /\.glb$/i.test(file.name);
+    message.textContent = "";
+    try { if (scene) window.metricTree.view3d.show(await file.arrayBuffer()); else show(JSON.parse(await file.text()), file.name); }
+    catch (error) { message.textContent = `${file.name}: ${scene ? "" : "expected JSON; "}${error.message}`; }
   }
   document.getElementById("file").addEventListener("change", (event) => event.target.files[0] && read(event.target.files[0]));
   document.getElementById("example").addEventListener("click", () => show(JSON.parse(document.getElementById("example-data").textContent), "the example"));

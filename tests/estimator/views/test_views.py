@@ -1,0 +1,89 @@
+"""A result in three dimensions: what a click meets, the glTF file, the picture, the command."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import trimesh
+
+from estimator.views.glb import FACES, glb_bytes
+from estimator.views.picture import view_picture
+from estimator.views.scene_view import COLOURS, box_on_ray
+from estimator.views.window import words_of
+from metric_cli.estimate_scale.estimate import main
+from tests.synthetic.views import hand_view
+
+ROOM = Path(__file__).resolve().parents[3] / "data" / "scenes" / "demo_room"
+
+
+@pytest.mark.parametrize(
+    ("origin", "direction", "name"),
+    [
+        ((0, 0, 9), (0, 0, -1), "a"),
+        ((0, 0, -9), (0, 0, 1), "b"),
+        ((5.4, 0.4, 9), (0, 0, -2), "c"),
+        ((2, 0, 9), (0, 0, -1), None),
+        ((0, 0, 9), (0, 0, 1), None),
+        ((0, 5, -3), (0, -1, 0), "b"),
+    ],
+)
+def test_a_click_meets_the_nearest_box(origin, direction, name):
+    met = box_on_ray(hand_view(), np.array(origin, dtype=float), np.array(direction, dtype=float))
+    assert (met and met.id) == name
+    assert ("weight 0.9" in words_of(met)) == (name is not None)
+
+
+def test_what_is_said_of_an_outlier():
+    assert words_of(hand_view().boxes[2]).endswith("outlier, weight 0.9: too small by half")
+
+
+def test_the_file_is_gltf_with_a_node_for_each_box():
+    data = glb_bytes(hand_view())
+    assert data == glb_bytes(hand_view())
+    scene = trimesh.load(io.BytesIO(data), file_type="glb")
+    boxes = [mesh for mesh in scene.geometry.values() if isinstance(mesh, trimesh.Trimesh) and len(mesh.faces) == 12]
+    assert len(boxes) == 3
+    for mesh in boxes:
+        mesh.merge_vertices()
+    assert all(mesh.is_watertight and mesh.volume == pytest.approx(1) for mesh in boxes)
+    clouds = [mesh for mesh in scene.geometry.values() if isinstance(mesh, trimesh.PointCloud)]
+    assert [len(cloud.vertices) for cloud in clouds] == [200]
+    record = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
+    said = {node["name"]: node["extras"] for node in record["nodes"] if "extras" in node}
+    assert said["box c"]["reason"] == "too small by half"
+    assert record["buffers"][0]["byteLength"] == sum(part["byteLength"] for part in record["bufferViews"])
+
+
+def test_faces_look_outward():
+    ends = hand_view().boxes[0].corners[FACES]
+    normals = np.cross(ends[:, 1] - ends[:, 0], ends[:, 2] - ends[:, 0])
+    assert (np.einsum("ij,ij->i", normals, ends.mean(axis=1)) > 0).all()
+
+
+def test_the_picture_has_all_of_the_view():
+    picture = view_picture(hand_view(), 600, 400)
+    assert picture.shape == (400, 600, 3)
+    for name in ("used", "outlier", "camera", "up"):
+        assert (np.abs(picture.astype(int) - COLOURS[name]).max(axis=2) < 12).sum() > 15, name
+
+
+def test_the_command_writes_both_without_a_display(tmp_path, monkeypatch, capsys):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    picture, model = tmp_path / "view.png", tmp_path / "view.glb"
+    assert main([str(ROOM), "--quiet", "--view-png", str(picture), "--view-glb", str(model)]) == 0
+    assert cv2.imread(str(picture)).shape == (1000, 1600, 3)
+    assert len(trimesh.load(model).geometry) > 20
+    record = json.loads(model.read_bytes()[20 : 20 + int.from_bytes(model.read_bytes()[12:16], "little")])
+    couch = next(node["extras"] for node in record["nodes"] if node.get("extras", {}).get("category") == "couch")
+    assert couch["sizes"][2].startswith("h 1.")
+    assert main([str(ROOM), "--view-glb", str(tmp_path / "view.gltf")]) == 2
+    if sys.platform.startswith("linux"):
+        assert main([str(ROOM), "--quiet", "--view"]) == 2
+        assert "expected a display" in capsys.readouterr().err

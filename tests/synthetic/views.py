@@ -18,8 +18,9 @@ def hand_view() -> SceneView:
     boxes = []
     for name, place, verdict in (("a", (0, 0, 0), "used"), ("b", (0, 0, -3), "used"), ("c", (5, 0, 0), "outlier")):
         box = Box(np.array(place, dtype=float), np.eye(3), np.ones(3))
-        said: dict[str, Any] = {"id": name, "category": "chair", "node": "chair.n.01", "tier": "measured", "verdict": verdict}
-        said |= {"reason": "too small by half" if verdict == "outlier" else None, "weight": 0.9, "sizes": ["h 1.00"]}
+        said: dict[str, Any] = {"id": name, "category": "chair", "node": "chair.n.01", "tier": "measured"}
+        said |= {"verdict": verdict, "reason": "too small by half" if verdict == "outlier" else None, "weight": 0.9}
+        said["sizes"] = ["h 1.00"]
         boxes.append(BoxView(name, verdict, corners(box), f"chair {name}", "1.00 x 1.00 x 1.00 m", said))
     points = np.random.default_rng(1).uniform(-3, 3, (200, 3))
     return SceneView(

@@ -51,6 +51,7 @@ class _Writer:
         return len(self.record["materials"]) - 1
 
     def positions(self, places: FloatArray) -> int:
+        """The accessor of places, of any shape (..., 3)."""
         flat = np.ascontiguousarray(places.reshape(-1, 3), dtype="<f4")
         extremes = {"min": flat.min(axis=0).tolist(), "max": flat.max(axis=0).tolist()}
         return self._accessor(flat.tobytes(), {"componentType": _FLOAT, "count": len(flat), "type": "VEC3", **extremes})
@@ -107,6 +108,7 @@ def write_glb(view: SceneView, path: Path, option: str = "--view-glb") -> None:
 
 
 def _part(out: _Writer, places: FloatArray, mode: int, material: int) -> dict[str, Any]:
+    """A primitive of places (..., 3): points, ends of lines or corners of triangles, one after the other."""
     return {"attributes": {"POSITION": out.positions(places)}, "mode": mode, "material": material}
 
 

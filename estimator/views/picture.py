@@ -78,6 +78,7 @@ class _Lens:
         self._middle = np.array([width, height]) / 2 - self._zoom * (flat.min(axis=0) + flat.max(axis=0)) / 2
 
     def _flat(self, places: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(n, 2) places in the plane of the picture through the middle of the scene, and (n,) depths, of (n, 3)."""
         turned = (places - self._centre) @ self._rotation.T
         depth = np.maximum(self._eye - turned[:, 2], 1e-3 * self._eye)
         return np.column_stack([turned[:, 0], -turned[:, 1]]) / depth[:, None] * self._eye, depth
@@ -89,6 +90,7 @@ class _Lens:
 
 
 def _draw_points(canvas: Any, pixels: FloatArray, colours: Any) -> None:
+    """Draw points of (n, 2) pixels with (n, 3) colours, the later over the earlier."""
     inside = ((pixels >= 1) & (pixels < np.array(canvas.shape[1::-1]) - 1)).all(axis=1)
     columns, rows = pixels[inside].astype(int).T
     for right, down in ((0, 0), (1, 0), (0, 1), (1, 1)):
@@ -96,7 +98,7 @@ def _draw_points(canvas: Any, pixels: FloatArray, colours: Any) -> None:
 
 
 def _fill(canvas: Any, ends: FloatArray, colour: tuple[int, int, int], alpha: float) -> None:
-    """A polygon, laid over what is there."""
+    """A polygon of (n, 2) pixels, laid over what is there."""
     import cv2
 
     low = np.clip(np.floor(ends.min(axis=0)).astype(int), 0, np.array(canvas.shape[1::-1]) - 1)
@@ -109,12 +111,16 @@ def _fill(canvas: Any, ends: FloatArray, colour: tuple[int, int, int], alpha: fl
 
 
 def _ends(line: FloatArray) -> tuple[tuple[int, int], tuple[int, int]]:
+    """The whole pixels of a line's two ends, (2, 2)."""
     (a, b), (c, d) = np.clip(np.round(line), -32_000, 32_000).astype(int).tolist()
     return (a, b), (c, d)
 
 
 def _with_texts(canvas: Any, view: SceneView, boxes: list[tuple[BoxView, FloatArray]], head: FloatArray) -> Any:
-    """The picture with the boxes' names and sizes where there is room for them, and the headline."""
+    """The picture with the boxes' names and sizes where there is room for them, and the headline.
+
+    boxes : each with the (8, 2) pixels of its corners, the nearest last; head : (2,) the pixel of the end of up
+    """
     from PIL import Image, ImageDraw, ImageFont
 
     image = Image.fromarray(canvas)

@@ -142,7 +142,7 @@ def _upright(result: ScaleResult) -> FloatArray:
 
 
 def _size(points: FloatArray, centres: list[FloatArray]) -> float:
-    """The diagonal of the scene without its stray points."""
+    """The diagonal of the scene without its stray points, of points (n, 3) and of the cameras' centres, each (3,)."""
     parts = [np.quantile(points, [STRAY, 1 - STRAY], axis=0)] if len(points) else []
     places = np.concatenate([*parts, np.array(centres).reshape(-1, 3)])
     return float(np.linalg.norm(np.ptp(places, axis=0))) or 1.0 if len(places) else 1.0
@@ -151,7 +151,7 @@ def _size(points: FloatArray, centres: list[FloatArray]) -> float:
 def _shown_points(
     scene: Scene, objects: list[MeasuredObject], reports: Mapping[str, ObjectReport], count: int
 ) -> tuple[IntArray, list[str]]:
-    """Rows of the cloud that are shown, spread evenly, and what each is of: a verdict, or `point`."""
+    """Rows (m,) of the cloud that are shown, spread evenly, and what each is of: a verdict, or `point`."""
     names = np.full(count, "point", dtype=object)
     shown = "dense" if scene.dense is not None else "sparse"
     for item in objects:
@@ -182,6 +182,7 @@ def _quadrilateral(plane: SupportPlane) -> FloatArray:
 
 
 def _box(item: MeasuredObject, box: Box, report: ObjectReport, result: ScaleResult, turn: FloatArray) -> BoxView:
+    """The box of an object; turn : (3, 3) from the scene's frame to the view's."""
     labels = dimension_labels(item, report, result, {})
     marks = [">" if short else "" for short in item.truncated]
     extents = [f"{mark}{size:.2f}" for mark, size in zip(marks, item.extents * (result.best_scale or 1), strict=True)]

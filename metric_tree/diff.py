@@ -116,11 +116,11 @@ def _homes_of_removed(
 
 def _named_successors(removed: list[str], after: Tree) -> dict[str, str]:
     """What the later release itself says that removed nodes lead to (its table `successors`)."""
-    found = {}
+    named = {}
     for node_id in removed:
         with suppress(UnknownName):
-            found[node_id] = after.node(node_id).node_id
-    return found
+            named[node_id] = after.node(node_id).node_id
+    return named
 
 
 def _gains(then: dict[str, tuple[str, str]], now: dict[str, tuple[str, str]]) -> dict[str, Counter[str]]:

@@ -98,7 +98,7 @@ def glb_bytes(view: SceneView) -> bytes:
         line, face = materials[box.verdict]
         parts = _part(out, box.corners[EDGES], _LINES, line), _part(out, box.corners[FACES], _TRIANGLES, face)
         out.node(f"box {box.id}", out.mesh(*parts), dict(box.said))
-    return _joined(out, view)
+    return _whole_bytes(out, view)
 
 
 def write_glb(view: SceneView, path: Path, option: str = "--view-glb") -> None:
@@ -112,7 +112,7 @@ def _part(out: _Writer, places: FloatArray, mode: int, material: int) -> dict[st
     return {"attributes": {"POSITION": out.positions(places)}, "mode": mode, "material": material}
 
 
-def _joined(out: _Writer, view: SceneView) -> bytes:
+def _whole_bytes(out: _Writer, view: SceneView) -> bytes:
     record = {
         "asset": {
             "version": "2.0",

@@ -103,7 +103,7 @@ class ScaleJobs:
             raise Busy("too many scale requests at once; try again in a few seconds")
         self._jobs += 1
         try:
-            job = asyncio.get_running_loop().run_in_executor(self._started(), _scale, body)
+            job = asyncio.get_running_loop().run_in_executor(self._processes(), _scale, body)
             return await asyncio.wait_for(asyncio.shield(job), LIMIT_S)
         except TimeoutError:
             raise Busy(f"the answer took longer than {LIMIT_S:g} s; ask with fewer objects") from None
@@ -116,9 +116,9 @@ class ScaleJobs:
     def warm(self) -> None:
         """Start the processes; the first request then finds the estimator and the release in memory."""
         for _ in range(RUNNING):
-            self._started().submit(_rehearse)
+            self._processes().submit(_rehearse)
 
-    def _started(self) -> ProcessPoolExecutor:
+    def _processes(self) -> ProcessPoolExecutor:
         if self._pool is None:
             self._pool = ProcessPoolExecutor(RUNNING, get_context("spawn"), _start, (self._directory,))
         return self._pool

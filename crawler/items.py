@@ -1,4 +1,4 @@
-"""A raw item: one thing with a size, as its page or table states it (`metric-tree/raw/1`)."""
+"""A raw item: one object with a size, as its page or table states it (`metric-tree/raw/1`)."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ MAX_LINE = 1 << 20
 Kind = Literal["product", "measured", "standard", "norm", "asset", "museum", "judged", "curated", "default"]
 KINDS: frozenset[str] = frozenset(get_args(Kind))
 
-#: Kinds of rows that state the sizes of a whole class: they name its node, and are no things.
+#: Kinds of rows that state the sizes of a whole class: they name its node, and are no objects.
 STATED_KINDS = ("norm", "judged", "curated")
 
-#: What a row about many things states of them; a row without it is a thing.
+#: What a row about many objects states of them; a row without it is an object.
 Statistic = Literal["mean", "median", "min", "max"]
 STATISTICS: frozenset[str] = frozenset(get_args(Statistic))
 
@@ -82,14 +82,14 @@ class RawItem:
     synset: str | None = None
     #: How many physical rows of the source this item is (identical rows collapsed at import).
     count: int = 1
-    #: Of a norm or a judged range, by axis word: the (low, high) that holds nine of ten such things; the typical value
+    #: Of a norm or a judged range, by axis word: the (low, high) that holds nine of ten such objects; the typical value
     #: is in `dimensions_mm`.
     ranges_mm: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    #: The room or drive in which the thing was measured: things of one scene are not independent.
+    #: The room or drive in which the object was measured: objects of one scene are not independent.
     scene: str | None = None
-    #: What a row about many things states of them; None for a row about one thing.
+    #: What a row about many objects states of them; None for a row about one object.
     statistic: Statistic | None = None
-    #: Of a statistic: standard deviation over mean of the things that it is about.
+    #: Of a statistic: standard deviation over mean of the objects that it is about.
     relative_sd: float | None = None
     #: Whom to name for this item, where the source has many authors.
     attribution: str | None = None

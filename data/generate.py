@@ -57,7 +57,7 @@ LEAST_COMPOUNDS = 3
 #: Letters of a word that may be misspelt.
 LEAST_NEAR = 5
 
-#: How WordNet marks the senses that insult people. They are no names of things, and are not shipped.
+#: How WordNet marks the senses that insult people. They are no names of objects, and are not shipped.
 INSULTS = re.compile(
     r"ethnic slur|offensive (?:term|name|word)|\(offensive\)|derogatory|disparaging|obscene|thoroughly disliked"
 )

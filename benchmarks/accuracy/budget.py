@@ -20,35 +20,35 @@ __all__ = ["STAGES", "budget_outcomes"]
 TRUE_SIGMA = 0.02
 _WHOLE = np.zeros(3, dtype=bool)
 
-#: What is done to a measured thing, given its true extents (3,) in scene units, in the order of the table.
+#: What is done to a measured object, given its true extents (3,) in scene units, in the order of the table.
 STAGES: dict[str, Callable[[MeasuredObject, FloatArray], MeasuredObject]] = {
-    "true sizes of the things measured": lambda thing, true: replace(
-        thing, extents=true, sigma=np.full(3, TRUE_SIGMA), truncated=_WHOLE
+    "true sizes of the things measured": lambda item, true: replace(
+        item, extents=true, sigma=np.full(3, TRUE_SIGMA), truncated=_WHOLE
     ),
-    "with the spread that their measurement states": lambda thing, true: replace(thing, extents=true, truncated=_WHOLE),
-    "with their flags as well": lambda thing, true: replace(thing, extents=true),
-    "measured heights, true sides": lambda thing, true: replace(
-        thing, extents=np.append(true[:2], thing.extents[2]), truncated=_WHOLE
+    "with the spread that their measurement states": lambda item, true: replace(item, extents=true, truncated=_WHOLE),
+    "with their flags as well": lambda item, true: replace(item, extents=true),
+    "measured heights, true sides": lambda item, true: replace(
+        item, extents=np.append(true[:2], item.extents[2]), truncated=_WHOLE
     ),
-    "measured sides, true heights": lambda thing, true: replace(
-        thing, extents=np.append(thing.extents[:2], true[2]), truncated=_WHOLE
+    "measured sides, true heights": lambda item, true: replace(
+        item, extents=np.append(item.extents[:2], true[2]), truncated=_WHOLE
     ),
-    "measured, no side flagged": lambda thing, _: replace(thing, truncated=_WHOLE),
-    "measured, flags as they are": lambda thing, _: thing,
+    "measured, no side flagged": lambda item, _: replace(item, truncated=_WHOLE),
+    "measured, flags as they are": lambda item, _: item,
 }
 
 
 def budget_outcomes(case: Case, tree: Tree) -> Iterator[Outcome]:
     """The outcome of each stage on a synthetic room whose true sizes are known.
 
-    The first has every thing of the room at its true size; the last is the method `default`, wrong names included.
+    The first has every object of the room at its true size; the last is the method `default`, wrong names included.
     """
-    things = measure_objects(case.scene, case.instances, UNTRACKED).objects
-    tracks = [str(track_of(thing, case.instances)) for thing in things]
+    entries = measure_objects(case.scene, case.instances, UNTRACKED).objects
+    tracks = [str(track_of(item, case.instances)) for item in entries]
     known = [
-        (replace(thing, category=case.categories[track]), case.sizes[track] / case.scale)
-        for thing, track in zip(things, tracks, strict=True)
-        if thing.skipped is None and track in case.sizes
+        (replace(item, category=case.categories[track]), case.sizes[track] / case.scale)
+        for item, track in zip(entries, tracks, strict=True)
+        if item.skipped is None and track in case.sizes
     ]
     sigma = np.full(3, TRUE_SIGMA)
     everything = [
@@ -56,7 +56,7 @@ def budget_outcomes(case: Case, tree: Tree) -> Iterator[Outcome]:
     ]
     stages = {"true sizes of all things in the room": everything}
     stages |= {name: [change(*pair) for pair in known] for name, change in STAGES.items()}
-    stages["and names as they are"] = list(things)
+    stages["and names as they are"] = list(entries)
     for name, objects in stages.items():
         for one in object_outcomes("budget", case.group, case.name, objects, case.scale, tree, ("default",)):
             yield replace(one, method=name)

@@ -76,9 +76,9 @@ def scenes_on_disk(folder: Path) -> Iterator[Case]:
 
 
 def _case(group: str, name: str, made: SyntheticScene) -> Case:
-    """A synthetic scene; tilted and moving things have no height of their own."""
-    things = made.truth.objects.items()
-    upright = {track: float(thing.size[2]) for track, thing in things if not (thing.tilt_deg or np.any(thing.velocity))}
-    sizes = {track: np.append(np.sort(thing.size[:2])[::-1], thing.size[2]) for track, thing in things}
-    categories = {track: thing.category for track, thing in things}
+    """A synthetic scene; tilted and moving objects have no height of their own."""
+    entries = made.truth.objects.items()
+    upright = {track: float(item.size[2]) for track, item in entries if not (item.tilt_deg or np.any(item.velocity))}
+    sizes = {track: np.append(np.sort(item.size[:2])[::-1], item.size[2]) for track, item in entries}
+    categories = {track: item.category for track, item in entries}
     return Case(group, name, made.scene, made.instances, made.truth.metres_per_unit, upright, sizes, categories)

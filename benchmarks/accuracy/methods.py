@@ -60,8 +60,8 @@ def scene_outcomes(part: str, case: Case, tree: Tree, methods: Sequence[str] = M
         else:
             objects = theirs if method.startswith("paper") else ours
             result = _result(method, objects, tree)
-            tall = np.array([thing.extents[2] for thing in objects])
-            tracks = [track_of(thing, case.instances) for thing in objects]
+            tall = np.array([entry.extents[2] for entry in objects])
+            tracks = [track_of(entry, case.instances) for entry in objects]
         error = _height_error(result, tall.tolist(), tracks, case.heights)
         yield outcome_of(part, case.group, case.name, method, result, case.scale, error)
 
@@ -88,14 +88,14 @@ def _result(method: str, objects: Sequence[MeasuredObject], tree: Tree) -> Scale
     name = method.partition(",")[0]
     if method.endswith("all dimensions"):
         nothing = np.full(3, np.nan), np.zeros(3, dtype=bool)
-        objects = [replace(thing, confidence=nothing[0], truncated=nothing[1]) for thing in objects]
+        objects = [replace(entry, confidence=nothing[0], truncated=nothing[1]) for entry in objects]
     options = Options(method=name, level=LEVEL)
     return paper_result(objects, tree, options) if name == "paper" else scale_of_objects(objects, tree, options)
 
 
-def track_of(thing: MeasuredObject, instances: Sequence[Instance]) -> str | None:
+def track_of(entry: MeasuredObject, instances: Sequence[Instance]) -> str | None:
     """The true object that most masks of a measured one show."""
-    return Counter(instances[row].track for row in thing.members).most_common(1)[0][0]
+    return Counter(instances[row].track for row in entry.members).most_common(1)[0][0]
 
 
 def _height_error(

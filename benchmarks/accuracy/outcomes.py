@@ -96,7 +96,7 @@ def outcome_of(
     ends = (float("nan"),) * 2
     if result.interval is not None and not refused:
         ends = (float(np.log(result.interval.low / true)), float(np.log(result.interval.high / true)))
-    used = sum(len(thing.used) for thing in result.objects)
+    used = sum(len(item.used) for item in result.objects)
     crps = float("nan") if result.curve is None else crps_of(result.curve, float(np.log(true)))
     return Outcome(part, group, scene, method, error, refused, *ends, heights=heights, dimensions=used, crps=crps)
 

@@ -81,9 +81,9 @@ def fewer_dimensions(
     """The objects with `most` dimensions that no flag calls truncated, chosen at random; None where they have fewer."""
     usable = [
         (row, axis)
-        for row, thing in enumerate(objects)
-        if thing.skipped is None
-        for axis in np.flatnonzero(np.isfinite(thing.extents) & ~np.asarray(thing.truncated, dtype=bool)).tolist()
+        for row, item in enumerate(objects)
+        if item.skipped is None
+        for axis in np.flatnonzero(np.isfinite(item.extents) & ~np.asarray(item.truncated, dtype=bool)).tolist()
     ]
     if len(usable) < most:
         return None
@@ -91,8 +91,8 @@ def fewer_dimensions(
     for pick in generator.choice(len(usable), most, replace=False):
         kept[usable[int(pick)]] = True
     return [
-        replace(thing, extents=np.where(kept[row], thing.extents, np.nan), truncated=np.zeros(3, dtype=bool))
-        for row, thing in enumerate(objects)
+        replace(item, extents=np.where(kept[row], item.extents, np.nan), truncated=np.zeros(3, dtype=bool))
+        for row, item in enumerate(objects)
         if kept[row].any()
     ]
 

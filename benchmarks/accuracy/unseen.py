@@ -33,7 +33,7 @@ FOLD = (0, 5)
 FIRST_SCAN = "_00"
 #: A room with fewer objects is no room.
 LEAST_OBJECTS = 3
-#: Boxes are aligned with the room, so a thing that is turned in it is too long and too wide; heights are good.
+#: Boxes are aligned with the room, so an object that is turned in it is too long and too wide; heights are good.
 SIGMA = (0.1, 0.15, 0.05)
 
 
@@ -68,7 +68,7 @@ def unseen_outcomes(file: Path, tree: Tree, rooms: int, seed: int) -> Iterator[O
     generator = np.random.default_rng([seed, 41])
     by_room = rooms_of(file)
     names = sorted(by_room)
-    offsets = _offsets([thing for name in names[::2] for thing in by_room[name]], tree)
+    offsets = _offsets([item for name in names[::2] for item in by_room[name]], tree)
     reported = names[1::2]
     for name in sorted(generator.choice(reported, min(rooms, len(reported)), replace=False).tolist()):
         scale = float(np.exp(generator.uniform(-3, 3)))
@@ -78,8 +78,7 @@ def unseen_outcomes(file: Path, tree: Tree, rooms: int, seed: int) -> Iterator[O
         ]
         yield from object_outcomes("unseen", file.stem, name, objects, scale, tree, ("default", "height"))
         moved = [
-            replace(thing, extents=thing.extents * np.exp(-offsets.get(thing.category, np.zeros(3))))
-            for thing in objects
+            replace(item, extents=item.extents * np.exp(-offsets.get(item.category, np.zeros(3)))) for item in objects
         ]
         for one in object_outcomes("unseen", file.stem, name, moved, scale, tree, ("default",)):
             yield replace(one, method="default, centred priors")
@@ -88,16 +87,16 @@ def unseen_outcomes(file: Path, tree: Tree, rooms: int, seed: int) -> Iterator[O
 
 def _pulls(name: str, objects: Sequence[MeasuredObject], scale: float, tree: Tree) -> Iterator[Outcome]:
     """What each object of a room says of the scale by itself, as the groups of the part `pulls`."""
-    for thing in scale_of_objects(objects, tree).objects:
-        if thing.scale is not None:
-            error = float(np.log(thing.scale / scale))
-            yield Outcome("pulls", thing.category, f"{name}/{thing.id}", "alone", error, refused=False)
+    for item in scale_of_objects(objects, tree).objects:
+        if item.scale is not None:
+            error = float(np.log(item.scale / scale))
+            yield Outcome("pulls", item.category, f"{name}/{item.id}", "alone", error, refused=False)
 
 
-def _offsets(things: Sequence[tuple[str, list[float]]], tree: Tree) -> dict[str, FloatArray]:
+def _offsets(entries: Sequence[tuple[str, list[float]]], tree: Tree) -> dict[str, FloatArray]:
     """(3,) median of the log size less the prior's mean, by label, 0 on axes that the prior does not know."""
     by_label: dict[str, list[FloatArray]] = defaultdict(list)
-    for label, sizes in things:
+    for label, sizes in entries:
         by_label[label].append(np.log(sorted_extents(sizes)))
     offsets = {}
     for label, meaning in meanings(tree, set(by_label)).items():
@@ -117,7 +116,7 @@ def rooms_of(file: Path) -> dict[str, list[tuple[str, list[float]]]]:
             sizes = [float(row[f"{axis}_mm"] or "nan") for axis in ("length", "width", "height")]
             if room.endswith(FIRST_SCAN) and all(size > 0 for size in sizes):
                 rooms[room].append((row["category"], sizes))
-    return {name: things for name, things in rooms.items() if len(things) >= LEAST_OBJECTS}
+    return {name: entries for name, entries in rooms.items() if len(entries) >= LEAST_OBJECTS}
 
 
 def sorted_extents(sizes: list[float]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

@@ -124,9 +124,9 @@ def coverage_rows(tree: Tree, scenes: int) -> Iterator[Row]:
         values = []
         for number in range(scenes):
             generator = np.random.default_rng([7, number])
-            scale, things = simulated(classes, knobs, generator)
+            scale, entries = simulated(classes, knobs, generator)
             said = [
-                ObjectEvidence(item, classes.priors[row], classes.nodes[row].pose) for row, item in things[:objects]
+                ObjectEvidence(item, classes.priors[row], classes.nodes[row].pose) for row, item in entries[:objects]
             ]
             lines = _lines(names, math.log(scale), may_fail, generator)
             estimate = posterior(said, lines, LEVEL)

@@ -1,4 +1,4 @@
-"""Thirty mistakes of a user, each as the files of one scene with one thing wrong (`benchmarks.estimator.mistakes`)."""
+"""Thirty mistakes of a user, each as the files of one scene with one mistake (`benchmarks.estimator.mistakes`)."""
 
 from __future__ import annotations
 

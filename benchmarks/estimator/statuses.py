@@ -57,12 +57,12 @@ def main() -> None:
 
 def _rooms(file: Path, tree: Tree) -> Iterator[Row]:
     by_room, generator = rooms_of(file), np.random.default_rng(1)
-    by_name = meanings(tree, {category for things in by_room.values() for category, _ in things})
-    for number, (_, things) in enumerate(sorted(by_room.items())):
+    by_name = meanings(tree, {category for entries in by_room.values() for category, _ in entries})
+    for number, (_, entries) in enumerate(sorted(by_room.items())):
         scale = float(np.exp(generator.uniform(-3, 3)))
         objects = [
             MeasuredObject(str(row), category, sorted_extents(sizes) / 1000 / scale, np.array(SIGMA))
-            for row, (category, sizes) in enumerate(things)
+            for row, (category, sizes) in enumerate(entries)
         ]
         for count in SUBSETS:
             take = min(count or len(objects), len(objects))

@@ -133,9 +133,9 @@ def _objects(count: int) -> list[MeasuredObject]:
             if len(gathered) >= count:
                 return gathered[:count]
             made = quick_scene(furnished_room(kind, seed), seed=seed)
-            for thing in measure_objects(made.scene, made.instances).objects:
-                if thing.skipped is None:
-                    unit = replace(thing, id=str(len(gathered)), extents=thing.extents * made.truth.metres_per_unit)
+            for entry in measure_objects(made.scene, made.instances).objects:
+                if entry.skipped is None:
+                    unit = replace(entry, id=str(len(gathered)), extents=entry.extents * made.truth.metres_per_unit)
                     gathered.append(unit)
     return gathered[:count]
 

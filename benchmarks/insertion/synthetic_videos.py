@@ -108,8 +108,8 @@ def standing(world: World, mesh: Mesh, position: FloatArray, front: FloatArray) 
     """The room with the mesh at a place (3,) of the room, its front along (3,); it is the last object."""
     yaw = float(np.arctan2(front[1], front[0]) + np.pi / 2)
     placed = rotate(mesh, turn_about_z(yaw), position)
-    thing = Placed("inserted", "stool", "stool", np.ptp(mesh.vertices, axis=0), placed)
-    return replace(world, objects=(*world.objects, thing))
+    item = Placed("inserted", "stool", "stool", np.ptp(mesh.vertices, axis=0), placed)
+    return replace(world, objects=(*world.objects, item))
 
 
 def true_video(video: SyntheticVideo, world: World, file: Path) -> Standing:
@@ -123,13 +123,11 @@ def true_video(video: SyntheticVideo, world: World, file: Path) -> Standing:
     return Standing(pictures_of(file), whole, tuple(frame.ids == number for frame in made), faces)
 
 
-def _faces(thing: Placed) -> tuple[Placed, ...]:
-    """Every two triangles of a thing as a thing of their own: a side of a box."""
-    mesh = thing.mesh
+def _faces(item: Placed) -> tuple[Placed, ...]:
+    """Every two triangles of an object as an object of their own: a side of a box."""
+    mesh = item.mesh
     rows = range(0, len(mesh.faces), 2)
-    return tuple(
-        replace(thing, mesh=Mesh(mesh.vertices, mesh.faces[k : k + 2], mesh.material[k : k + 2])) for k in rows
-    )
+    return tuple(replace(item, mesh=Mesh(mesh.vertices, mesh.faces[k : k + 2], mesh.material[k : k + 2])) for k in rows)
 
 
 def pictures_of(file: Path) -> tuple[Picture, ...]:

@@ -60,7 +60,7 @@ WHITE, WARM, COOL = (1.0, 1.0, 1.0), (1.0, 0.8, 0.55), (0.8, 0.9, 1.0)
 class TracedRoom:
     """A synthetic room.
 
-    lamps : kind and linear colour of each, their places by the seed; thing, size, colour : the object, its metres and
+    lamps : kind and linear colour of each, their places by the seed; object, size, colour : the object, its metres and
     its linear colour; pattern : of the textures.
     """
 
@@ -154,7 +154,7 @@ def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
 
 
 def _room_files(world: World, room: TracedRoom, folder: Path) -> list[dict[str, Any]]:
-    """One GLB for each material of each thing, with a texture of two of its colours."""
+    """One GLB for each material of each object, with a texture of two of its colours."""
     rows = []
     for number, mesh in enumerate([world.surfaces, *(thing.mesh for thing in world.objects)]):
         for name in sorted(set(mesh.material)):

@@ -1,9 +1,9 @@
-"""How the priors of a hundred everyday things compare with sizes that were written down before looking.
+"""How the priors of a hundred everyday objects compare with sizes that were written down before looking.
 
-`everyday_things.csv` holds, for each thing, sizes that 5, 50 and 95 % of such things do not exceed, in mm by length,
+`everyday_things.csv` holds, for each object, sizes that 5, 50 and 95 % of such objects do not exceed, in mm by length,
 width and height in the ordinary pose. It was written from general knowledge before any prior of release 2.0.0 was
 computed, and is not changed afterwards. Who wrote the table of excluded rows had seen it. `everyday_things_second.csv`
-is a fresh one: a language model wrote it on 2026-11-22 at 06:38, before it had seen a prior of its things, the first
+is a fresh one: a language model wrote it on 2026-11-22 at 06:38, before it had seen a prior of its objects, the first
 list or the tables of ranges; it too is not changed.
 
     python -m benchmarks.metric_tree.everyday [RELEASE] [--list second] [--all]
@@ -28,7 +28,7 @@ from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree, UnknownName, open_tree
 
-__all__ = ["OFF", "WIDE", "Axis", "axes_of", "things"]
+__all__ = ["OFF", "WIDE", "Axis", "axes_of", "objects"]
 
 LISTS = {
     "first": Path(__file__).with_name("everyday_things.csv"),
@@ -39,7 +39,7 @@ OFF, WIDE = 1.4, 6.0
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One axis of one thing: written and prior sizes in mm at 5, 50 and 95 %."""
+    """One axis of one object: written and prior sizes in mm at 5, 50 and 95 %."""
 
     name: str
     node_id: str
@@ -58,15 +58,15 @@ class Axis:
         return self.prior[2] / self.prior[0] > max(WIDE, 2 * self.written[2] / self.written[0])
 
 
-def things(path: Path = LISTS["first"]) -> dict[str, FloatArray]:
-    """Written sizes (3, 3) of each thing: a row for length, width, height; columns 5, 50, 95 %."""
+def objects(path: Path = LISTS["first"]) -> dict[str, FloatArray]:
+    """Written sizes (3, 3) of each object: a row for length, width, height; columns 5, 50, 95 %."""
     with path.open(encoding="utf-8", newline="") as lines:
         rows = list(csv.DictReader(lines))
     return {row["name"]: np.array([[float(row[f"{a}_{q}"]) for q in ("05", "50", "95")] for a in AXES]) for row in rows}
 
 
 def axes_of(name: str, written: FloatArray, node_id: str, priors: list[Prior]) -> Iterator[Axis]:
-    """The axes of a thing that its priors have; extents are compared with the written sizes, longest first."""
+    """The axes of an object that its priors have; extents are compared with the written sizes, longest first."""
     done: set[str] = set()
     for prior in sorted(priors, key=lambda one: -len(one.dims)):
         quantiles = np.stack([prior.quantile(q) for q in (0.05, 0.5, 0.95)], axis=1)  # (d, 3)
@@ -97,7 +97,7 @@ def main() -> None:
     parser.add_argument("--list", choices=LISTS, default="first", help="which list (default: %(default)s)")
     parser.add_argument("--all", action="store_true", help="print every axis")
     arguments = parser.parse_args()
-    written = things(LISTS[arguments.list])
+    written = objects(LISTS[arguments.list])
     axes, unknown = _measured(open_tree(arguments.release), written)
     shown = [one for one in axes if arguments.all or one.is_off or one.is_wide]
     print_table(

@@ -9,7 +9,7 @@ published priors. Of a source that it was built from it has seen the rows, which
 
 Columns: mean log density over ln mm of a row; share of sizes within the prior's 90 % interval; median over the rows of
 |ln(size / the prior's median)|. Each is taken class by class, so that a class counts once; of the densities the median
-class is shown, since one class that is another thing than its name has a density without a floor, of the others the
+class is shown, since one class that is another object than its name has a density without a floor, of the others the
 mean.
 """
 
@@ -156,7 +156,7 @@ def scores(build: Rows, tree: Tree, source: str, seed: int) -> Iterator[tuple[st
 
 
 def left_out(build: Rows) -> list[str]:
-    """Sources with enough rows of real things in enough classes."""
+    """Sources with enough rows of real objects in enough classes."""
     counts: dict[str, int] = {}
     for rows in build.rows.values():
         kinds = np.asarray(rows.kinds)

@@ -80,7 +80,7 @@ def _arguments() -> argparse.Namespace:
 
 
 def _classes(arguments: argparse.Namespace) -> Iterator[ClassRows]:
-    """Classes with enough complete rows of real things, as the build cleans them."""
+    """Classes with enough complete rows of real objects, as the build cleans them."""
     work = arguments.work or Path(tempfile.mkdtemp())
     clean_rows(arguments.raw, work)
     for path in sorted(work.glob("clean-*.classes")):

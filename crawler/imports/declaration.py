@@ -129,11 +129,11 @@ class Table(_Declared, frozen=True, kw_only=True):
     url: str = ""
     year: str = ""
     region: str = ""
-    #: The room or drive in which the row's thing was measured, `{scan}`.
+    #: The room or drive in which the row's object was measured, `{scan}`.
     scene: str = ""
-    #: What a row about many things states of them; `instance` or nothing for a row about one thing.
+    #: What a row about many objects states of them; `instance` or nothing for a row about one object.
     statistic: str = ""
-    #: Standard deviation over mean of the things that a statistic is about.
+    #: Standard deviation over mean of the objects that a statistic is about.
     relative_sd: str = ""
     attribution: str = ""
     synset: str = ""
@@ -155,7 +155,7 @@ class Table(_Declared, frozen=True, kw_only=True):
     names: dict[str, dict[str, str]] = {}
     #: Columns read out of others by patterns, before any rule or template looks at the row.
     read: dict[str, Cases] = {}
-    #: Shortest and longest extent, mm, that a thing of this table can have.
+    #: Shortest and longest extent, mm, that an object of this table can have.
     bounds_mm: tuple[float, float] = (0.1, 500_000.0)
     #: A reason code where every row of the table is refused, with `note` to say why.
     refused: str = ""

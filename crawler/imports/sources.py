@@ -114,7 +114,7 @@ class Source(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     per_category: int | None = None
     #: Whether identical items (category, title, brand, sizes) become one with a count.
     collapse: bool = True
-    #: Whether a title is one thing: of several sizes under one title the middle one by volume is taken for all.
+    #: Whether a title is one object: of several sizes under one title the middle one by volume is taken for all.
     one_per_title: bool = False
 
     def __post_init__(self) -> None:

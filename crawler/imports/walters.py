@@ -24,7 +24,7 @@ _FLAT_NAMES = re.compile(
 _BOOK = re.compile(r"^(rare )?books?\b", re.IGNORECASE)
 _PART_NAMES = re.compile(r"fragment|inlay", re.IGNORECASE)
 _SET_NAMES = re.compile(r"\bsets?\b|service", re.IGNORECASE)
-#: Words before a length that say that it is a part's; a thing without its mount or stand is the thing.
+#: Words before a length that say that it is a part's; an object without its mount or stand is the object.
 _PART = re.compile(
     r"\b(at|without (?!mount|stand)|excluding|bezel|hoop|frame|framed|(?<!without )mount|inner|interior|image|painted"
     r"|base|average|circumference|blade|sheath|dagger|chain|medallion|panel|center|of)\b",
@@ -95,7 +95,7 @@ def _size(text: str) -> tuple[dict[str, float], tuple[float, ...] | None]:
 
 
 def _whole(statement: str) -> tuple[Measure, ...]:
-    """The lengths of a statement that are the whole thing's; a part named at its head makes all of it a part's."""
+    """The lengths of a statement that are the whole object's; a part named at its head makes all of it a part's."""
     plain = _QUALIFIED.sub(r"\1", statement)
     lengths = measures(plain)
     starts = (0, *(measure.end for measure in lengths))

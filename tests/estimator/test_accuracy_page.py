@@ -41,12 +41,12 @@ def test_differences_are_of_the_scenes_of_both() -> None:
 
 
 def test_no_dimension_is_counted_twice() -> None:
-    things = [MeasuredObject(str(k), "cup", np.array([0.1, 0.1, 0.1]), np.full(3, 0.05)) for k in range(3)]
+    objects = [MeasuredObject(str(k), "cup", np.array([0.1, 0.1, 0.1]), np.full(3, 0.05)) for k in range(3)]
     generator = np.random.default_rng(0)
-    fewer = fewer_dimensions(things, 4, generator)
+    fewer = fewer_dimensions(objects, 4, generator)
     assert fewer is not None
-    assert sum(int(np.isfinite(thing.extents).sum()) for thing in fewer) == 4
-    assert fewer_dimensions(things, 10, generator) is None
+    assert sum(int(np.isfinite(item.extents).sum()) for item in fewer) == 4
+    assert fewer_dimensions(objects, 10, generator) is None
 
 
 def test_the_page_has_every_table(tmp_path: Path) -> None:

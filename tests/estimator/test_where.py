@@ -14,7 +14,7 @@ from metric_cli.verbs import main as metric_tree_main
 from tests.synthetic import minitree
 
 MODEL = {"region": 0.4, "year": 0.2, "own": 0.1, "kin": 0.5, "years": 12.0}
-#: Things are a tenth larger in the United States; B is a third of a tenth of that.
+#: Objects are a tenth larger in the United States; B is a third of a tenth of that.
 AMERICAN = {"source": "made", "region": "US", "year": 2011.0, "offset": [0.1] * 3, "variance": [1e-4] * 3}
 
 
@@ -41,7 +41,7 @@ def _scale(capsys: pytest.CaptureFixture[str], tmp_path: Path, tree: Path, *word
     return answer
 
 
-def test_the_scale_goes_where_the_things_are_larger(tree: Path, tmp_path: Path, capsys: Any) -> None:
+def test_the_scale_goes_where_the_objects_are_larger(tree: Path, tmp_path: Path, capsys: Any) -> None:
     plain, there, elsewhere = (
         _scale(capsys, tmp_path, tree, *words)
         for words in ([], ["--where", "region=US,year=2011"], ["--where", "region=IN"])

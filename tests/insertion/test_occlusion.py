@@ -52,8 +52,8 @@ def _points(*parts: tuple[tuple[int, int, int, int], float], count: int = 25) ->
     return FrontPoints(np.arange(len(pixels)), pixels, depths * generator.normal(1, 0.002, len(depths)), False)
 
 
-def _hidden(things: Sequence[Instance], points: FrontPoints) -> np.ndarray:
-    return hidden_share(_object(), BOX, VIEW, things, points, np.zeros(len(points.rows), bool)).share > 0.5
+def _hidden(objects: Sequence[Instance], points: FrontPoints) -> np.ndarray:
+    return hidden_share(_object(), BOX, VIEW, objects, points, np.zeros(len(points.rows), bool)).share > 0.5
 
 
 def test_the_near_leg_of_a_table_hides_and_the_far_one_does_not() -> None:
@@ -74,11 +74,11 @@ def test_a_cup_without_points_hides_what_its_table_hides() -> None:
 
 def test_a_gap_between_two_masks_is_closed_unless_one_sees_through_it() -> None:
     left, right, gap = (10, 10, 70, 110), (76, 10, 150, 110), (71, 15, 75, 105)
-    things = [_thing("left", left), _thing("right", right)]
+    objects = [_thing("left", left), _thing("right", right)]
     points = _points((left, NEAR), (right, NEAR))
-    assert _hidden(things, points)[20:100, 70:76].all()
+    assert _hidden(objects, points)[20:100, 70:76].all()
     seen_through = _points((left, NEAR), (right, NEAR), (gap, FAR))
-    assert not _hidden(things, seen_through)[20:100, 72:74].any()
+    assert not _hidden(objects, seen_through)[20:100, 72:74].any()
 
 
 def test_points_that_touch_the_object_decide_nothing() -> None:
@@ -87,7 +87,7 @@ def test_points_that_touch_the_object_decide_nothing() -> None:
     assert _hidden([_thing("couch", couch)], touching)[35:105, 15:145].all()
 
 
-def test_what_another_view_sees_past_a_thing_does_not_shine_through_it() -> None:
+def test_what_another_view_sees_past_an_object_does_not_shine_through_it() -> None:
     couch, edge = (10, 30, 150, 110), (10, 30, 60, 50)
     leak = _points((couch, NEAR), (edge, FAR))
     seen = np.repeat([True, False], 25)
@@ -182,7 +182,7 @@ def test_what_moves_hides_the_object_by_its_feet_on_the_ground() -> None:
     assert uprights([flying], VIEW, _ground()) == []
 
 
-def test_an_upright_thing_is_seen_from_above_at_its_own_depth() -> None:
+def test_an_upright_object_is_seen_from_above_at_its_own_depth() -> None:
     """A camera that looks down by 30 degrees: the head is nearer along the axis than the feet."""
     turn = np.radians(30)
     rotation = np.array([[1, 0, 0], [0, np.cos(turn), -np.sin(turn)], [0, np.sin(turn), np.cos(turn)]])

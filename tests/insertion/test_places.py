@@ -1,4 +1,4 @@
-"""Where an object is put, by each of the ways to say it, in a synthetic room with known things."""
+"""Where an object is put, by each of the ways to say it, in a synthetic room with known objects."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _foot(room: RecordedRoom, placed: Placed) -> np.ndarray:
 
 def test_on_a_category_is_on_its_top(room: RecordedRoom, stage: Stage, cup: Path) -> None:
     (placed,) = place_objects(stage, [ObjectRequest(cup, on="coffee table")])
-    table = next(thing for thing in room.world.objects if thing.category == "coffee table")
+    table = next(entry for entry in room.world.objects if entry.category == "coffee table")
     foot = _foot(room, placed)
     low, high = table.mesh.vertices.min(axis=0), table.mesh.vertices.max(axis=0)
     assert foot[2] == pytest.approx(high[2], abs=0.02)
@@ -87,7 +87,7 @@ def test_a_word_is_read_as_detectors_mean_it(stage: Stage, cup: Path) -> None:
 
 
 def test_a_top_that_is_no_plane_of_the_scene(room: RecordedRoom, stage: Stage, cup: Path) -> None:
-    """Without the plane of the table's top, the thing's own points say where its top is."""
+    """Without the plane of the table's top, the object's own points say where its top is."""
     placed = place_objects(stage, [ObjectRequest(cup, on="coffee table")])[0].place
     others = tuple(one for one in stage.supports.surfaces if one.number != placed.plane)
     fewer = replace(stage, supports=replace(stage.supports, surfaces=others))

@@ -1,4 +1,4 @@
-"""The object's shadow on another thing, and not on what stands in front of both."""
+"""The object's shadow on another object, and not on what stands in front of both."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ def test_devices_are_not_read(path: str) -> None:
         read_bytes(Path(path))
 
 
-def test_other_things_are_one_line(tmp_path: Path) -> None:
+def test_other_objects_are_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a folder"):
         read_bytes(tmp_path)
     with pytest.raises(InputError, match="a name of a file"):

@@ -133,8 +133,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     }  # fmt: skip
     (place / "chair.gltf").write_text(json.dumps(model))
     size = {"length": 0.5, "width": 0.5, "height": 0.9}
-    thing = {"id": "1", "category": "chair", "dimensions": size}
-    (place / "objects.json").write_text(json.dumps({"schema": "metric-tree/objects/1", "objects": [thing]}))
+    item = {"id": "1", "category": "chair", "dimensions": size}
+    (place / "objects.json").write_text(json.dumps({"schema": "metric-tree/objects/1", "objects": [item]}))
     (place / "answers.json").write_text("{}")
     (place / "declared" / "things.toml").write_text(DECLARATION)
     (place / "things.csv").write_text("no,w\n1,10\n")

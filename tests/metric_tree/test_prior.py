@@ -146,4 +146,4 @@ def test_the_error_that_a_scene_shares_has_a_floor_in_every_direction():
     np.testing.assert_allclose(prior.disagreement(), np.diag([0.04, FLOOR_SD**2, FLOOR_SD**2]))
     unknown = replace(prior, shared_covariance=np.zeros((3, 3))).disagreement()
     assert np.all(np.linalg.eigvalsh(unknown) > FLOOR_SD**2)
-    assert unknown[0, 1] > 0  # the axes of a thing are wrong together
+    assert unknown[0, 1] > 0  # the axes of an object are wrong together

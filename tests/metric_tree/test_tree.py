@@ -23,7 +23,7 @@ def test_an_unknown_name_names_the_nearest(mini: Tree) -> None:
 
 
 def two_zorbs(tmp_path: Path, of_trackballs: int = 4) -> Tree:
-    """The small tree with a made-up word for two things that are no kin."""
+    """The small tree with a made-up word for two objects that are no kin."""
     content = minitree.rows()
     for row in content["nodes.parquet"]:
         if row["node_id"] in ("trackball.n.01", "rat.n.01"):

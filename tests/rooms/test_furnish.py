@@ -33,10 +33,10 @@ def hull_apart(a: Placed, b: Placed) -> bool:
 def test_nothing_interpenetrates_and_all_stand_on_something(kind: str, seed: int) -> None:
     world = furnished_room(kind, seed)
     assert len(world.objects) >= 5
-    tops = {thing.track: thing.mesh.vertices[:, 2].max() for thing in world.objects}
-    for thing in world.objects:
-        assert thing.mesh.vertices[:, 2].min() == pytest.approx(tops[thing.support] if thing.support else 0.0, abs=1e-9)
-        assert np.all(np.abs(thing.mesh.vertices[:, :2]) <= np.array(KINDS[kind].floor) / 2 + 1e-9)
+    tops = {item.track: item.mesh.vertices[:, 2].max() for item in world.objects}
+    for item in world.objects:
+        assert item.mesh.vertices[:, 2].min() == pytest.approx(tops[item.support] if item.support else 0.0, abs=1e-9)
+        assert np.all(np.abs(item.mesh.vertices[:, :2]) <= np.array(KINDS[kind].floor) / 2 + 1e-9)
     for a, b in combinations(world.objects, 2):
         assert hull_apart(a, b), (a.track, b.track)
 
@@ -46,13 +46,13 @@ def test_the_camera_walks_clear_of_the_furniture(kind: str) -> None:
     world = furnished_room(kind, 1000)
     eyes = np.array([pose.centre for pose in world.poses])
     assert np.all(np.abs(eyes[:, :2]) < np.array(KINDS[kind].floor) / 2)
-    for thing in world.objects:
-        low, high = thing.mesh.vertices.min(axis=0), thing.mesh.vertices.max(axis=0)
+    for item in world.objects:
+        low, high = item.mesh.vertices.min(axis=0), item.mesh.vertices.max(axis=0)
         assert not np.any(np.all((eyes > low) & (eyes < high), axis=1))
 
 
 def described(world: World) -> list[tuple[str, str, tuple[float, ...]]]:
-    return [(thing.track, thing.label, tuple(thing.mesh.vertices.ravel())) for thing in world.objects]
+    return [(item.track, item.label, tuple(item.mesh.vertices.ravel())) for item in world.objects]
 
 
 def test_the_same_seed_makes_the_same_room_and_another_another() -> None:
@@ -64,15 +64,15 @@ def test_the_same_seed_makes_the_same_room_and_another_another() -> None:
 def test_number_of_objects(wanted: int) -> None:
     world = furnished_room("kitchen", 1000, Knobs(objects=wanted))
     assert len(world.objects) == wanted
-    tracks = {thing.track for thing in world.objects}
-    assert all(thing.support is None or thing.support in tracks for thing in world.objects)
+    tracks = {item.track for item in world.objects}
+    assert all(item.support is None or item.support in tracks for item in world.objects)
 
 
 def test_wrong_labels_and_tilt() -> None:
     wrong = furnished_room("study", 1000, Knobs(mislabelled=1.0))
-    assert all(thing.label != thing.category for thing in wrong.objects)
+    assert all(item.label != item.category for item in wrong.objects)
     tilted = furnished_room("study", 1000, Knobs(tilted=1.0, tilt_deg=30))
-    assert all(thing.tilt_deg == pytest.approx(30) for thing in tilted.objects)
+    assert all(item.tilt_deg == pytest.approx(30) for item in tilted.objects)
 
 
 def test_a_narrow_turn_keeps_the_heading() -> None:
@@ -84,10 +84,10 @@ def test_a_narrow_turn_keeps_the_heading() -> None:
 @pytest.mark.parametrize("seed", [1000, 1001, 1002])
 def test_a_street_has_parked_and_moving_traffic(seed: int) -> None:
     world = street(seed)
-    moving = [thing for thing in world.objects if np.any(thing.velocity)]
+    moving = [item for item in world.objects if np.any(item.velocity)]
     assert moving
     assert len(world.objects) > len(moving) + 4
-    still = [thing for thing in world.objects if not np.any(thing.velocity)]
+    still = [item for item in world.objects if not np.any(item.velocity)]
     assert all(hull_apart(a, b) for a, b in combinations(still, 2))
 
 

@@ -52,11 +52,11 @@ def test_points_of_a_mask_lie_in_their_objects_box(made: SyntheticScene, room: W
     labels = sparse_labels(made.scene, made.instances)
     true = np.array([pose.centre for pose in room.poses])
     back = similarity_between(np.array([view.centre for view in made.scene.views]), true)
-    things = {thing.track: thing for thing in room.objects}
+    items = {entry.track: entry for entry in room.objects}
     inside = []
     for row, instance in enumerate(made.instances):
         rows = labels.membership[[row]].indices
-        mesh = things[str(instance.track)].mesh.vertices
+        mesh = items[str(instance.track)].mesh.vertices
         low, high = mesh.min(axis=0) - 0.05, mesh.max(axis=0) + 0.05
         points = back(made.scene.points[rows])
         inside += list(np.all((points > low) & (points < high), axis=1))
@@ -77,7 +77,7 @@ def test_dense_points_are_seen_by_the_views_that_their_visibility_names(made: Sy
 def test_feet_that_leave_no_points(room: World) -> None:
     from dataclasses import replace
 
-    bare = replace(room, objects=tuple(replace(thing, no_foot=True) for thing in room.objects))
+    bare = replace(room, objects=tuple(replace(entry, no_foot=True) for entry in room.objects))
     whole, cut = (quick_scene(world, Knobs(stray=0.0, depth_noise=0.0), seed=1) for world in (room, bare))
     assert whole.scene.dense is not None
     assert cut.scene.dense is not None
@@ -87,7 +87,7 @@ def test_feet_that_leave_no_points(room: World) -> None:
 def test_oncoming_cars_leave_fewer_points_than_parked_ones() -> None:
     world = street(1002)
     made = quick_scene(world, seed=2, dense_a_frame=0)
-    moving = {thing.track for thing in world.objects if np.any(thing.velocity)}
+    moving = {entry.track for entry in world.objects if np.any(entry.velocity)}
     labels = sparse_labels(made.scene, made.instances)
     points, pixels = {True: 0, False: 0}, {True: 0, False: 0}
     for row, instance in enumerate(made.instances):

@@ -19,7 +19,7 @@ def frames(world: World, *indices: int, colour: bool = False) -> list[Frame]:
         pytest.skip(str(missing))
 
 
-def thing(name: str, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Placed:
+def entry(name: str, x: tuple[float, float], y: tuple[float, float], z: tuple[float, float]) -> Placed:
     size = np.array([x[1] - x[0], y[1] - y[0], z[1] - z[0]])
     return Placed(name, "book", "book", size, box(x, y, z, "print"))
 
@@ -28,8 +28,8 @@ def thing(name: str, x: tuple[float, float], y: tuple[float, float], z: tuple[fl
 def two_boxes() -> World:
     """A wall four metres ahead, a box before it, and a nearer one that hides the first one's left half."""
     behind, before = (
-        thing("far", (-0.5, 0.5), (2.5, 3.0), (0.5, 1.5)),
-        thing("near", (-0.5, 0.0), (1.5, 2.0), (0.5, 1.5)),
+        entry("far", (-0.5, 0.5), (2.5, 3.0), (0.5, 1.5)),
+        entry("near", (-0.5, 0.0), (1.5, 2.0), (0.5, 1.5)),
     )
     wall = join([box((-9, 9), (4, 4.1), (-9, 9), "wall")])
     pose = pose_towards(np.array([0.0, 0.0, 1.0]), np.array([0.0, 4.0, 1.0]))
@@ -48,13 +48,13 @@ def test_depth_and_ids_are_exact(two_boxes: World) -> None:
     assert (rows.min(), rows.max()) == (pytest.approx(240 - 500 / 3, abs=1), pytest.approx(239 + 500 / 3, abs=1))
 
 
-def test_a_nearer_thing_hides_a_farther_one(two_boxes: World) -> None:
+def test_a_nearer_object_hides_a_farther_one(two_boxes: World) -> None:
     alone = replace(two_boxes, objects=two_boxes.objects[:1])
     whole, hidden = frames(alone, 0)[0], frames(two_boxes, 0)[0]
     assert (hidden.ids == 1).sum() == pytest.approx((whole.ids == 1).sum() / 2, rel=0.02)
 
 
-def test_a_moving_thing_moves_and_the_rest_stays(two_boxes: World) -> None:
+def test_a_moving_object_moves_and_the_rest_stays(two_boxes: World) -> None:
     far, near = two_boxes.objects
     moving = replace(two_boxes, objects=(far, replace(near, velocity=np.array([-0.3, 0.0, 0.0]))))
     first, second = frames(moving, 0, 1)

@@ -42,7 +42,7 @@ def test_true_tracks_score_full_and_a_split_and_a_merge_are_counted(made: Synthe
 
 def test_heights_at_the_true_scale_have_no_error(made: SyntheticScene) -> None:
     true = made.truth
-    heights = [thing.size[2] / true.metres_per_unit for thing in true.objects.values()]
+    heights = [item.size[2] / true.metres_per_unit for item in true.objects.values()]
     assert height_error(true.metres_per_unit, heights, list(true.objects), true) == pytest.approx(0, abs=1e-12)
     assert height_error(1.1 * true.metres_per_unit, heights, list(true.objects), true) == pytest.approx(0.1)
 

@@ -137,7 +137,7 @@ def test_objects_that_several_sets_state_count_once(shared: Path, imports: Impor
     assert reason(gazebo, "superseded") == 29
 
 
-def test_boxes_along_the_room_give_heights_of_whole_things(imports: Imports) -> None:
+def test_boxes_along_the_room_give_heights_of_whole_objects(imports: Imports) -> None:
     for name in ("scannet18_boxes", "scannet_fine_boxes", "3rscan_boxes"):
         assert all({k for k, v in item.dimensions_mm.items() if v} == {"height"} for item in imports(name).items)
     rooms = [imports(name) for name in ("scannet18_boxes", "scannet_fine_boxes", "vsibench_scannet")]
@@ -286,10 +286,10 @@ def test_slips_of_boats_are_refused(imports: Imports) -> None:
     assert 7_000 < median(axis(sailing, "length")) < 12_000
 
 
-def test_museums_give_things_not_sheets(imports: Imports) -> None:
+def test_museums_give_objects_not_sheets(imports: Imports) -> None:
     cmoa, tate, walters = (imports(name) for name in ("cmoa", "tate", "walters"))
     assert reason(cmoa, "flat_picture") > 20_000
-    assert reason(tate, "flat_picture") > 15_000  # frames and images; the bare support of a painting is a thing
+    assert reason(tate, "flat_picture") > 15_000  # frames and images; the bare support of a painting is an object
     assert reason(walters, "flat_picture") > 8_000
     assert 1900 < sum(len(item.extents_mm or ()) == 3 for item in cmoa.items) < 6000
     plates = of(cmoa, "plate")
@@ -354,7 +354,7 @@ def test_standard_parts(imports: Imports) -> None:
     assert median(axis(washers, "diameter")) < 100  # the ASME tables are in millimetres already
 
 
-def test_robots_and_courses_are_no_things(imports: Imports) -> None:
+def test_robots_and_courses_are_no_objects(imports: Imports) -> None:
     names = {item.category_path[0] for item in imports("gazebo_models").items}
     assert {"stop sign", "wood block", "bookshelf"} <= names
     assert not any(name.startswith(("drc", "nist", "robocup", "pioneer", "oak")) for name in names)

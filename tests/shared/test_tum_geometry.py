@@ -41,8 +41,8 @@ def owner(instances: list[Instance], members: tuple[int, ...]) -> str:
 def metres(found: Measurements, office, name: str) -> np.ndarray:
     _, instances, truth = office
     number = next(str(one["track_id"]) for one in truth["objects"] if one["track_name"] == name)
-    things = [one for one in found.objects if owner(instances, one.members) == number]
-    return max(things, key=lambda one: one.points).extents * truth["metres_per_unit"]
+    items = [one for one in found.objects if owner(instances, one.members) == number]
+    return max(items, key=lambda one: one.points).extents * truth["metres_per_unit"]
 
 
 def test_tracks_are_the_annotators(found, office):
@@ -84,7 +84,7 @@ def test_up_and_the_two_planes(found, office):
         ("desk_left", 2, 0.716, 0.15),
     ],
 )
-def test_sizes_of_plain_things(found, office, name, dimension, truth, within):
+def test_sizes_of_plain_objects(found, office, name, dimension, truth, within):
     assert abs(np.log(metres(found, office, name)[dimension] / truth)) < within
 
 

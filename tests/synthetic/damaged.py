@@ -2,7 +2,7 @@
 
     python -m tests.synthetic.damaged            the table: kind, time, memory, message
 
-Each case is a copy of the small scene with one thing wrong. A reader must answer with one line (`InputError`, exit
+Each case is a copy of the small scene with one object wrong. A reader must answer with one line (`InputError`, exit
 2 of the command); an exception of any other kind is printed as an internal error.
 """
 

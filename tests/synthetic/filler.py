@@ -1,4 +1,4 @@
-"""What surrounds a product on a page of a real shop's size: tiles of other things, scripts, styles.
+"""What surrounds a product on a page of a real shop's size: tiles of other objects, scripts, styles.
 
 The density is that of the sixteen saved real pages: in a megabyte some 3,000 visible elements, 270 links and 170 texts
 with a digit, half of them in regions of other products and opinions; the rest is scripts and attributes.

@@ -89,5 +89,5 @@ def added(room: RecordedRoom, mesh: Mesh, position: FloatArray, heading: FloatAr
     front = room.to_scene.rotation.T @ heading
     yaw = float(np.arctan2(front[1], front[0]) + np.pi / 2)
     placed = rotate(mesh, turn_about_z(yaw), world_position)
-    thing = Placed(TRACK, "stool", "stool", np.ptp(mesh.vertices, axis=0), placed)
-    return replace(room.world, objects=(thing,) if alone else (*room.world.objects, thing))
+    item = Placed(TRACK, "stool", "stool", np.ptp(mesh.vertices, axis=0), placed)
+    return replace(room.world, objects=(item,) if alone else (*room.world.objects, item))

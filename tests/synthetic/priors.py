@@ -25,7 +25,7 @@ def prior(
 ) -> Prior:
     """A prior with one component per row of sizes; half of each variance is common to the dimensions.
 
-    in_place : share of its rows that were measured where the things stand.
+    in_place : share of its rows that were measured where the objects stand.
     """
     k, d = np.shape(sizes_mm)
     pattern = 0.5 + 0.5 * np.eye(d)

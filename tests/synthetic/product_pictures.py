@@ -1,6 +1,6 @@
-"""Product pictures with exact masks: rendered things before plain, gradient, shadowed and cluttered backgrounds.
+"""Product pictures with exact masks: rendered objects before plain, gradient, shadowed and cluttered backgrounds.
 
-The masks come from the renderer at twice the size; a pixel is foreground where half of it or more shows the thing.
+The masks come from the renderer at twice the size; a pixel is foreground where half of it or more shows the object.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from tests.synthetic.rooms.shapes import CATEGORIES, solid
 from tests.synthetic.rooms.solids import box
 from tests.synthetic.rooms.world import Pinhole, Placed, World, pose_towards
 
-__all__ = ["KINDS", "ProductPicture", "Thing", "pictured", "things"]
+__all__ = ["KINDS", "ProductPicture", "Thing", "objects", "pictured"]
 
 KINDS = ("plain", "gradient", "shadowed", "cluttered")
 
@@ -32,7 +32,7 @@ Image = NDArray[np.uint8]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Thing:
-    """A rendered thing: colour (s, s, 3) uint8, coverage (s, s) float 0 to 1."""
+    """A rendered object: colour (s, s, 3) uint8, coverage (s, s) float 0 to 1."""
 
     category: str
     size_mm: tuple[float, float, float]
@@ -50,25 +50,25 @@ class ProductPicture:
     mask: NDArray[np.bool_]
 
 
-def things(count: int, seed: int, side: int = SIDE) -> Iterator[Thing]:
-    """Rendered things, every category in turn, each seen as a shop shows it: from before, a little from above."""
+def objects(count: int, seed: int, side: int = SIDE) -> Iterator[Thing]:
+    """Rendered objects, every category in turn, each seen as a shop shows it: from before, a little from above."""
     names = sorted(set(CATEGORIES) - _NO_PRODUCTS)
     for number in range(count):
         generator = np.random.default_rng((seed, number))
         yield _thing(names[number % len(names)], generator, side)
 
 
-def pictured(thing: Thing, kind: str, generator: np.random.Generator) -> ProductPicture:
-    """A thing before a background of a kind, with a camera's noise, through JPEG at a shop's quality."""
+def pictured(item: Thing, kind: str, generator: np.random.Generator) -> ProductPicture:
+    """An object before a background of a kind, with a camera's noise, through JPEG at a shop's quality."""
     scenery = {"plain": _plain, "gradient": _gradient, "shadowed": _shadowed, "cluttered": _cluttered}[kind]
-    behind = scenery(thing, generator)
-    alpha = thing.coverage[..., None]
-    mixed = thing.colour * alpha + behind * (1 - alpha) + generator.normal(0, 0.8, thing.colour.shape)
+    behind = scenery(item, generator)
+    alpha = item.coverage[..., None]
+    mixed = item.colour * alpha + behind * (1 - alpha) + generator.normal(0, 0.8, item.colour.shape)
     clean = np.clip(mixed, 0, 255).astype(np.uint8)
     quality = int(generator.integers(78, 96))
     _, body = cv2.imencode(".jpg", np.ascontiguousarray(clean[..., ::-1]), [cv2.IMWRITE_JPEG_QUALITY, quality])
     pixels = np.ascontiguousarray(np.asarray(cv2.imdecode(body, cv2.IMREAD_COLOR))[..., ::-1])
-    return ProductPicture(kind, thing.category, pixels, thing.coverage >= 0.5)
+    return ProductPicture(kind, item.category, pixels, item.coverage >= 0.5)
 
 
 def _thing(category: str, generator: np.random.Generator, side: int) -> Thing:
@@ -82,7 +82,7 @@ def _thing(category: str, generator: np.random.Generator, side: int) -> Thing:
         [np.cos(azimuth) * np.cos(raised), np.sin(azimuth) * np.cos(raised), np.sin(raised)]
     )
     focal = 2 * side * generator.uniform(1.9, 2.6)
-    studio = box((-50, 50), (-50, 50), (-50, 50), "white")  # bare, so that what is not the thing has number 0
+    studio = box((-50, 50), (-50, 50), (-50, 50), "white")  # bare, so that what is not the object has number 0
     world = World(
         "product",
         int(generator.integers(1 << 30)),
@@ -106,18 +106,18 @@ def _thing(category: str, generator: np.random.Generator, side: int) -> Thing:
     return Thing(category, (sizes[0], sizes[1], sizes[2]), np.clip(colour, 0, 255).astype(np.uint8), coverage)
 
 
-def _plain(thing: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
+def _plain(item: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
     """Two in three white, else a light or saturated paper."""
     if generator.random() < 2 / 3:
         colour = np.full(3, generator.choice([255.0, 254.0, 250.0, 245.0]))
     else:
         colour = generator.uniform(90, 245, 3)
-    return np.broadcast_to(colour, thing.colour.shape).astype(float)
+    return np.broadcast_to(colour, item.colour.shape).astype(float)
 
 
-def _gradient(thing: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
+def _gradient(item: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
     """Light that falls off along a line, or from a centre as a lamp's does."""
-    side = thing.coverage.shape[0]
+    side = item.coverage.shape[0]
     y, x = np.mgrid[:side, :side] / side - 0.5
     angle = generator.uniform(0, 2 * np.pi)
     along = x * np.cos(angle) + y * np.sin(angle) + 0.5
@@ -128,16 +128,16 @@ def _gradient(thing: Thing, generator: np.random.Generator) -> NDArray[np.float6
     return np.asarray(light[..., None] * tint)
 
 
-def _shadowed(thing: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
-    """White paper, the thing's shadow laid down to one side, and a dark contact beneath it."""
-    side = thing.coverage.shape[0]
-    rows = np.flatnonzero((thing.coverage >= 0.5).any(axis=1))
+def _shadowed(item: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
+    """White paper, the object's shadow laid down to one side, and a dark contact beneath it."""
+    side = item.coverage.shape[0]
+    rows = np.flatnonzero((item.coverage >= 0.5).any(axis=1))
     foot = float(rows[-1]) if len(rows) else side * 0.8
     lean, flat = generator.uniform(-0.9, 0.9), generator.uniform(0.15, 0.35)
     warp = np.array([[1, -lean * flat, lean * flat * foot], [0, flat, foot * (1 - flat)]])
-    cast = cv2.warpAffine(thing.coverage, warp, (side, side))
+    cast = cv2.warpAffine(item.coverage, warp, (side, side))
     soft = cv2.GaussianBlur(cast, (0, 0), generator.uniform(4, 12))
-    below = cv2.warpAffine(thing.coverage, np.array([[1.0, 0, 0], [0, 0.06, foot * 0.94 + 3]]), (side, side))
+    below = cv2.warpAffine(item.coverage, np.array([[1.0, 0, 0], [0, 0.06, foot * 0.94 + 3]]), (side, side))
     contact = cv2.GaussianBlur(below, (0, 0), 3)
     dark = 1 - generator.uniform(0.15, 0.4) * soft - 0.2 * contact
     return np.asarray(_plain_white(generator) * np.clip(dark, 0.2, 1)[..., None] * np.ones(3))
@@ -147,9 +147,9 @@ def _plain_white(generator: np.random.Generator) -> float:
     return float(generator.choice([255.0, 252.0, 246.0]))
 
 
-def _cluttered(thing: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
-    """A textured wall and floor, and patches of other things."""
-    side = thing.coverage.shape[0]
+def _cluttered(item: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
+    """A textured wall and floor, and patches of other objects."""
+    side = item.coverage.shape[0]
     scene = np.empty((side, side, 3))
     horizon = int(side * generator.uniform(0.4, 0.75))
     scene[:horizon], scene[horizon:] = generator.uniform(90, 230, 3), generator.uniform(60, 190, 3)

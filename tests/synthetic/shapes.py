@@ -1,6 +1,6 @@
 """Solids with exact truth, seen by exact cameras: what the geometry's tests and benchmarks measure themselves on.
 
-A thing is one or several solids (box, cylinder, ellipsoid), in metres with z up. Rays through pixels give depth and
+An object is one or several solids (box, cylinder, ellipsoid), in metres with z up. Rays through pixels give depth and
 identity exactly, so masks carry real occlusion and a cloud holds only what the cameras see.
 """
 
@@ -50,11 +50,11 @@ class Thing:
 
 @dataclass(frozen=True)
 class Made:
-    """A synthetic scene; `owner` (n,) is the thing that each dense point was taken from, in the order of `things`."""
+    """A synthetic scene; `owner` (n,) is the object that each dense point was taken from, in the order of `objects`."""
 
     scene: Scene
     instances: tuple[Instance, ...]
-    things: tuple[Thing, ...]
+    objects: tuple[Thing, ...]
     owner: IntArray
 
 
@@ -139,14 +139,14 @@ def sampled_cylinder(size: FloatArray, count: int, random: np.random.Generator) 
 
 
 def synthetic_scene(
-    things: list[Thing], views: list[View], dense: int = 20_000, noise: float = 0.002, sparse: int = 800, seed: int = 0
+    objects: list[Thing], views: list[View], dense: int = 20_000, noise: float = 0.002, sparse: int = 800, seed: int = 0
 ) -> Made:
     """The scene the cameras would see: masks from rays, `dense` points from all depth maps, `sparse` with observations.
 
     noise : standard deviation of a dense point along its ray, as a share of depth.
     """
     random = np.random.default_rng(seed)
-    maps = [_maps(things, view) for view in views]
+    maps = [_maps(objects, view) for view in views]
     points, owner = _cloud(views, maps, dense, noise, random)
     chosen = random.choice(len(points), size=min(sparse, len(points)), replace=False)
     seen = [_observations(view, depth, points[chosen]) for view, (depth, _) in zip(views, maps, strict=True)]
@@ -154,20 +154,20 @@ def synthetic_scene(
         View(v.name, v.camera, v.rotation, v.translation, pixels + random.normal(0, 0.3, pixels.shape), rows)
         for v, (rows, pixels) in zip(views, seen, strict=True)
     )
-    instances = tuple(instance for k, (_, identity) in enumerate(maps) for instance in _instances(things, k, identity))
+    instances = tuple(instance for k, (_, identity) in enumerate(maps) for instance in _instances(objects, k, identity))
     scene = Scene(Path("made"), "memory", observed, points[chosen], DenseCloud(points))
-    return Made(scene, instances, tuple(things), owner)
+    return Made(scene, instances, tuple(objects), owner)
 
 
-def _instances(things: list[Thing], view: int, identity: IntArray) -> list[Instance]:
+def _instances(objects: list[Thing], view: int, identity: IntArray) -> list[Instance]:
     instances = []
-    for number, thing in enumerate(things):
+    for number, item in enumerate(objects):
         lines, columns = np.nonzero(identity == number)
-        if thing.category is None or lines.size < 20:
+        if item.category is None or lines.size < 20:
             continue
         y, x = lines.min(), columns.min()
         crop = identity[y : lines.max() + 1, x : columns.max() + 1] == number
-        instances.append(Instance(f"{view}-{number}", view, thing.category, crop, (int(x), int(y)), track=str(number)))
+        instances.append(Instance(f"{view}-{number}", view, item.category, crop, (int(x), int(y)), track=str(number)))
     return instances
 
 
@@ -178,14 +178,14 @@ def _rays(view: View, pixels: FloatArray) -> FloatArray:
     return np.asarray(local @ view.rotation)
 
 
-def _maps(things: list[Thing], view: View) -> tuple[FloatArray, IntArray]:
+def _maps(objects: list[Thing], view: View) -> tuple[FloatArray, IntArray]:
     """Depth and identity (-1 none) of every pixel."""
     width, height = view.camera.width, view.camera.height
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     rays = _rays(view, np.column_stack([x.ravel(), y.ravel()]))
     depth, identity = np.full(len(rays), np.inf), np.full(len(rays), -1)
-    for number, thing in enumerate(things):
-        for solid in thing.solids:
+    for number, item in enumerate(objects):
+        for solid in item.solids:
             hit = _depths(solid, view.centre, rays)
             nearer = hit < depth
             depth[nearer], identity[nearer] = hit[nearer], number

@@ -37,8 +37,8 @@ def synthetic_walk(path: Path, height: float = 1.5, scale: float = 0.4, views: i
     """A circle of 3 m about the middle of the hall, each camera looking inwards and a little down."""
     generator = np.random.default_rng(seed)
     floor = np.column_stack([generator.uniform(-4, 4, (3000, 2)), generator.normal(0, 0.004, 3000)])
-    things = np.column_stack([generator.uniform(-0.8, 0.8, (900, 2)), generator.uniform(0, 0.9, 900)])
-    points = np.concatenate([floor, things])
+    objects = np.column_stack([generator.uniform(-0.8, 0.8, (900, 2)), generator.uniform(0, 0.9, 900)])
+    points = np.concatenate([floor, objects])
     turns = np.linspace(0, 2 * np.pi, views, endpoint=False)
     bob = generator.normal(0, 0.02, views)
     centres = np.column_stack([3 * np.cos(turns), 3 * np.sin(turns), height + bob])

@@ -85,7 +85,7 @@ def test_pose_and_default_dimensions(node_id, pose, dims):
 
 
 def test_what_lies_flat_is_told_by_its_plan():
-    """Length and height are the two sides of what hangs; a thing that lies has its height for a thickness."""
+    """Length and height are the two sides of what hangs; an object that lies has its height for a thickness."""
     hung = [c.node_id for c in BY_ID.values() if c.pose == "flat" and "height" in c.dims and len(c.dims) == 2]
     assert hung == []
 
@@ -133,7 +133,7 @@ def test_the_same_leaf_is_found_whatever_came_before():
     assert at_once.leaf_of("mt:cloud") is None
 
 
-def test_leaves_of_one_name_say_what_kind_of_thing_they_are():
+def test_leaves_of_one_name_say_what_kind_of_object_they_are():
     leaves = (
         Leaf(node_id="mt:a", name="swing", parent_id="chair.n.01"),
         Leaf(node_id="mt:b", name="swing (chair)", parent_id="chair.n.01"),

@@ -40,7 +40,7 @@ HOMONYMS = frozenset(
     ]
 )
 
-#: A thing below the parent is called by some of the words of the name, but is another thing or a wider one.
+#: An object below the parent is called by some of the words of the name, but is another object or a wider one.
 WIDER = frozenset(
     "mt:" + name
     for name in [
@@ -172,7 +172,7 @@ def synset_above(concept: str, lexicon: Lexicon) -> str:
 
 
 def namesakes(lexicon: Lexicon) -> set[str]:
-    """Ids of ours whose name, as it is, singular, in one word or in American spelling, WordNet has for a thing."""
+    """Ids of ours whose name, as it is, singular, in one word or in American spelling, WordNet has for an object."""
     found = set()
     for one in lexicon.inserted.values():
         name = fold_text(one.name)
@@ -183,7 +183,7 @@ def namesakes(lexicon: Lexicon) -> set[str]:
 
 
 def partly_named(lexicon: Lexicon) -> set[str]:
-    """Ids of ours below whose parent WordNet has a thing with some of the same words, or all in another order."""
+    """Ids of ours below whose parent WordNet has an object with some of the same words, or all in another order."""
     found = set()
     for one in lexicon.inserted.values():
         own = words(one.name)

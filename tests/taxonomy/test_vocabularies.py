@@ -50,7 +50,7 @@ def test_stuff_needs_no_prior():
         labelled_node("sky", "ade20k_150")
 
 
-def test_void_labels_name_no_thing():
+def test_void_labels_name_no_object():
     assert [label.label for label in vocabulary("kitti_8") if not label.needs_prior] == ["Misc"]
     assert [x.label for x in vocabulary("nuscenes_32") if x.needs_prior and x.node_id is None] == []
 

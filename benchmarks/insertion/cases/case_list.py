@@ -81,9 +81,9 @@ def world_of(case: Case) -> World:
         return room(kind, int(seed), frames=FRAMES)
     world = street(int(seed), Knobs())
     path = drive(METRES_A_FRAME, Knobs(views=FRAMES), np.random.default_rng([int(seed), 7]))
-    slower = METRES_A_FRAME / STEP  # things move by metres a frame
-    things = tuple(replace(thing, velocity=thing.velocity * slower) for thing in world.objects)
-    return replace(world, objects=things, poses=path)
+    slower = METRES_A_FRAME / STEP  # objects move by metres a frame
+    items = tuple(replace(item, velocity=item.velocity * slower) for item in world.objects)
+    return replace(world, objects=items, poses=path)
 
 
 def video_of(case: Case, folder: Path) -> Path:

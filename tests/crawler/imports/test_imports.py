@@ -333,7 +333,7 @@ read.room = { column = "{no}", cases = [["^(scene\\d+)_", "scans/\\1"]] }
 """
 
 
-def test_rows_of_measured_things_say_their_scene_and_whether_they_are_a_statistic(tmp_path: Path) -> None:
+def test_rows_of_measured_objects_say_their_scene_and_whether_they_are_a_statistic(tmp_path: Path) -> None:
     rows = (
         "no,thing,h,statistic,sd,who,kind\nscene1_00/4,chair,800,instance,,A,measured\n7,man,1750,mean,0.04,,standard\n"
     )

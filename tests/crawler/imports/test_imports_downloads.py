@@ -96,39 +96,39 @@ def zipped(members: dict[str, bytes]) -> bytes:
 
 def test_a_download_is_verified_kept_and_read(site: Site, tmp_path: Path) -> None:
     site.pages["/things.csv"] = TABLE
-    things = declared(tmp_path, site.url("/things.csv"))
-    folder = download(things)
+    table = declared(tmp_path, site.url("/things.csv"))
+    folder = download(table)
     assert (folder / "things.csv").read_bytes() == TABLE
     assert folder.is_relative_to(tmp_path / "cache")
-    assert [item.extents_mm for item in import_items(things, readings(things, folder)).items] == [(125.0,), (400.0,)]
-    download(things)
+    assert [item.extents_mm for item in import_items(table, readings(table, folder)).items] == [(125.0,), (400.0,)]
+    download(table)
     assert site.asked["/things.csv"] == 1
 
 
 def test_other_bytes_are_refused_and_nothing_is_kept(site: Site, tmp_path: Path) -> None:
     site.pages["/things.csv"] = TABLE.replace(b"40", b"41")
-    things = declared(tmp_path, site.url("/things.csv"))
+    table = declared(tmp_path, site.url("/things.csv"))
     with pytest.raises(NoInput, match=r"things: expected a download of http.*or --input; found .*hash"):
-        download(things)
+        download(table)
     assert not list((tmp_path / "cache").rglob("things.csv"))
     site.pages["/things.csv"] = TABLE
-    assert (download(things) / "things.csv").read_bytes() == TABLE
+    assert (download(table) / "things.csv").read_bytes() == TABLE
 
 
 def test_a_cached_file_that_was_spoilt_is_fetched_again(site: Site, tmp_path: Path) -> None:
     site.pages["/things.csv"] = TABLE
-    things = declared(tmp_path, site.url("/things.csv"))
-    cached = download(things) / "things.csv"
+    table = declared(tmp_path, site.url("/things.csv"))
+    cached = download(table) / "things.csv"
     cached.write_bytes(b"no,w\n1,99\n")
-    assert (download(things) / "things.csv").read_bytes() == TABLE
+    assert (download(table) / "things.csv").read_bytes() == TABLE
     assert site.asked["/things.csv"] == 2
 
 
 def test_a_stutter_is_tried_once_more(site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(downloads, "RETRIES", 1)
-    things = declared(tmp_path, site.url("/things.csv"))
+    table = declared(tmp_path, site.url("/things.csv"))
     with pytest.raises(NoInput, match="404"):
-        download(things)
+        download(table)
     assert site.asked["/things.csv"] == 2
 
 
@@ -143,12 +143,12 @@ def test_a_stutter_is_tried_once_more(site: Site, tmp_path: Path, monkeypatch: p
 def test_a_file_is_made_of_what_lies_at_the_address(
     site: Site, tmp_path: Path, form: str, public: bytes, made: bytes
 ) -> None:
-    things = declared(tmp_path, site.url("/public"), made, form)
+    table = declared(tmp_path, site.url("/public"), made, form)
     site.pages["/public"] = public
-    kept = download(things) / "things.csv"
+    kept = download(table) / "things.csv"
     assert kept.read_bytes() == made
     kept.write_bytes(b"spoilt")
-    assert (download(things) / "things.csv").read_bytes() == made
+    assert (download(table) / "things.csv").read_bytes() == made
 
 
 @pytest.mark.parametrize(
@@ -159,12 +159,12 @@ def test_what_it_cannot_be_made_of_is_refused_and_fetched_again(
     site: Site, tmp_path: Path, form: str, wrong: bytes
 ) -> None:
     right, made = (zipped({"list.csv": TABLE}), TABLE) if form == "zip" else (b"[2]", json.dumps([2]).encode())
-    things = declared(tmp_path, site.url("/public"), made, form)
+    table = declared(tmp_path, site.url("/public"), made, form)
     site.pages["/public"] = wrong
     with pytest.raises(
         NoInput, match=r"things: expected a download of http://127.0.0.1:\d+/public or --input; found no"
     ):
-        download(things)
+        download(table)
     assert not list((tmp_path / "cache").rglob("things.csv"))
     site.pages["/public"] = right
-    assert (download(things) / "things.csv").read_bytes() == made
+    assert (download(table) / "things.csv").read_bytes() == made

@@ -167,7 +167,7 @@ def test_a_region_is_a_country_or_one_of_the_list() -> None:
         RawItem(source="a", source_id="1", region="Central Europe")
 
 
-def test_fields_of_measured_things_are_in_a_line_only_where_they_are_set() -> None:
+def test_fields_of_measured_objects_are_in_a_line_only_where_they_are_set() -> None:
     bare = RawItem(source="a", source_id="1")
     assert not {"scene", "statistic", "relative_sd", "attribution"} & set(json.loads(bare.line()))
     full = RawItem(

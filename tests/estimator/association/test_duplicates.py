@@ -1,4 +1,4 @@
-"""Two masks on one thing in one picture: the better one stays, or none."""
+"""Two masks on one object in one picture: the better one stays, or none."""
 
 from dataclasses import replace
 
@@ -40,8 +40,8 @@ def test_neighbours_parts_and_other_pictures_stay(other):
 def test_overlap_is_symmetric_and_right_for_rectangles(place, size):
     one, two = mask(3, 4, 8, 6), mask(*place, *size)
     whole = np.zeros((2, 40, 40), dtype=bool)
-    for image, thing in zip(whole, (one, two), strict=True):
-        (x, y), (height, width) = thing.origin, thing.mask.shape
+    for image, item in zip(whole, (one, two), strict=True):
+        (x, y), (height, width) = item.origin, item.mask.shape
         image[y : y + height, x : x + width] = True
     assert overlap(one, two) == overlap(two, one) == (whole[0] & whole[1]).sum() / (whole[0] | whole[1]).sum()
 

@@ -12,14 +12,14 @@ from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 @pytest.fixture(scope="module")
 def made():
-    things = [
+    objects = [
         floor(6),
         box("cabinet", (0.6, 0.4, 0.8), (-0.9, 0, 0)),
         box("chair", (0.5, 0.5, 0.9), (0.9, 0.2, 0)),
         box("bottle", (0.3, 0.3, 0.5), (0, 0.9, 0)),
         box("table", (0.7, 0.4, 0.3), (0, -1.0, 0)),
     ]
-    return synthetic_scene(things, orbit(8, 3.0, 1.6, size=(200, 150), focal=150.0), dense=1500, sparse=1500)
+    return synthetic_scene(objects, orbit(8, 3.0, 1.6, size=(200, 150), focal=150.0), dense=1500, sparse=1500)
 
 
 def verdict(made, instances):
@@ -39,7 +39,7 @@ def test_masks_of_other_frames_are_ruled_out(made, other):
     assert verdict(made, [replace(mask, view=other[mask.view]) for mask in made.instances]) == (0, 1)
 
 
-def test_a_detector_that_misses_most_things_is_not_doubted(made):
+def test_a_detector_that_misses_most_objects_is_not_doubted(made):
     random = np.random.default_rng(1)
     seen = [mask for mask in made.instances if random.random() < 0.4]
     assert verdict(made, seen) == (0, 0)

@@ -20,13 +20,15 @@ from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 @pytest.fixture(scope="module")
 def made():
-    things = [
+    objects = [
         floor(6),
         box("cabinet", (0.6, 0.4, 1.0), (0, 0, 0)),
         box("chair", (0.4, 0.4, 0.8), (0.9, -0.5, 0), 20),
         box(None, (4, 0.1, 2.5), (0, 1.0, 0)),
     ]
-    return synthetic_scene(things, orbit(8, 3.0, 1.4, arc=120, size=(200, 150), focal=160.0), dense=16_000, noise=0.001)
+    return synthetic_scene(
+        objects, orbit(8, 3.0, 1.4, arc=120, size=(200, 150), focal=160.0), dense=16_000, noise=0.001
+    )
 
 
 def tracks_of(made):
@@ -114,7 +116,7 @@ def test_no_instances_and_no_points(made):
 
 
 def test_a_stray_far_behind_its_mask_is_left_out():
-    """A point three mask diagonals behind the rest, seen in the mask, is not of the thing."""
+    """A point three mask diagonals behind the rest, seen in the mask, is not of the object."""
     made = synthetic_scene(
         [box("cup", (0.3, 0.3, 0.3), (0, 0, 0))], orbit(2, 2.0, 0.8, arc=20, size=(160, 120), focal=120.0), 2000
     )

@@ -103,12 +103,10 @@ def test_masks_without_points_stay_alone():
 @pytest.fixture(scope="module")
 def table():
     """Eight bottles in two touching rows on a table, and four chairs: neighbours of one kind."""
-    things = [floor(6), box("table", (1.2, 0.7, 0.7), (0, 0, 0))]
-    things += [cylinder("bottle", (0.09, 0.09, 0.3), (-0.4 + 0.2 * k, -0.15 + 0.3 * (k % 2), 0.7)) for k in range(5)]
-    things += [box("chair", (0.45, 0.45, 0.9), (-0.9 + 0.6 * k, -0.8, 0), 10 * k) for k in range(4)]
-    return synthetic_scene(
-        things, orbit(10, 3.2, 1.9, arc=300, size=(240, 180), focal=190.0), dense=24_000, sparse=1500
-    )
+    items = [floor(6), box("table", (1.2, 0.7, 0.7), (0, 0, 0))]
+    items += [cylinder("bottle", (0.09, 0.09, 0.3), (-0.4 + 0.2 * k, -0.15 + 0.3 * (k % 2), 0.7)) for k in range(5)]
+    items += [box("chair", (0.45, 0.45, 0.9), (-0.9 + 0.6 * k, -0.8, 0), 10 * k) for k in range(4)]
+    return synthetic_scene(items, orbit(10, 3.2, 1.9, arc=300, size=(240, 180), focal=190.0), dense=24_000, sparse=1500)
 
 
 @pytest.mark.parametrize("cloud", ["sparse", "dense"])

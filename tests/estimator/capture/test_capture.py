@@ -165,7 +165,7 @@ def test_the_scale_is_true(video: Video, work: Path) -> None:
     assert result["scale"] == pytest.approx(metres_per_unit, rel=0.25)
 
 
-def test_a_detector_finds_the_things(
+def test_a_detector_finds_the_objects(
     video: Video, work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A real network of one convolution, which knows the room's couch by its blue and its plant by its green."""
@@ -183,7 +183,7 @@ def test_a_detector_finds_the_things(
     ]
     status = main([str(word) for word in (*words, "--detector-labels", tmp_path / "labels.txt")])
     result = json.loads(capsys.readouterr().out)
-    # two things alone may leave the scale open; the exit status says so, and nothing else is wrong
+    # two objects alone may leave the scale open; the exit status says so, and nothing else is wrong
     assert status == {"resolved": 0, "uncertain": 0, "unresolved": 3}[result["status"]]
     assert (result["scale"] is None) == (status == 3)
     assert {item["category"] for item in result["objects"]} == {"couch", "potted plant"}

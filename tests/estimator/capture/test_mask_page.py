@@ -74,8 +74,8 @@ def served(tmp_path: Path) -> Iterator[_Served]:
     served = _Served(tmp_path)
     yield served
     if served.document is None:
-        things = [{"name": "x", "kind": "box", "points": [[0, 0], [9, 9]]}]
-        images = [{"name": frame["name"], "things": things} for frame in served.page.start()["frames"]]
+        objects = [{"name": "x", "kind": "box", "points": [[0, 0], [9, 9]]}]
+        images = [{"name": frame["name"], "things": objects} for frame in served.page.start()["frames"]]
         served.request(served.at("save"), json.dumps({"images": images, "done": True}))
         served.result()
 
@@ -149,11 +149,11 @@ def test_frames_are_spread_and_see_much(tmp_path: Path) -> None:
 
 
 def test_an_interrupted_drawing_is_kept(served: _Served, tmp_path: Path) -> None:
-    things = [{"name": "cup", "kind": "box", "points": [[5, 5], [50, 60]]}]
-    body = json.dumps({"images": [{"name": "000001.jpg", "things": things}], "done": False})
+    objects = [{"name": "cup", "kind": "box", "points": [[5, 5], [50, 60]]}]
+    body = json.dumps({"images": [{"name": "000001.jpg", "things": objects}], "done": False})
     assert served.request(served.at("save"), body)[0] == 200
     again = MaskPage(frames_to_draw(_scene(tmp_path / "frames"), tmp_path / "frames"), [], tmp_path / "d.json")
-    assert again.start()["frames"][0]["things"] == things
+    assert again.start()["frames"][0]["things"] == objects
     again._server.server_close()
 
 
@@ -168,8 +168,8 @@ def test_a_draft_that_is_no_drawing_is_not_replaced(tmp_path: Path, content: str
     assert (tmp_path / "d.json").read_text() == content
 
 
-def _body(things: object, name: str = "000001.jpg") -> str:
-    return json.dumps({"images": [{"name": name, "things": things}]})
+def _body(objects: object, name: str = "000001.jpg") -> str:
+    return json.dumps({"images": [{"name": name, "things": objects}]})
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,14 @@ from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 @pytest.fixture(scope="module")
 def good():
-    things = [floor(4), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))]
-    return synthetic_scene(things, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=100, sparse=400).scene
+    objects = [floor(4), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))]
+    return synthetic_scene(objects, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=100, sparse=400).scene
 
 
 @pytest.fixture(scope="module")
 def good_scene():
-    things = [floor(4), box("chair", (0.6, 0.4, 0.8), (0, 0, 0))]
-    made = synthetic_scene(things, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=400, sparse=400)
+    objects = [floor(4), box("chair", (0.6, 0.4, 0.8), (0, 0, 0))]
+    made = synthetic_scene(objects, orbit(5, 2.5, 1.4, size=(200, 150), focal=160.0), dense=400, sparse=400)
     return made.scene, made.instances
 
 

@@ -15,8 +15,8 @@ from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 @pytest.fixture(scope="module")
 def whole():
-    things = [floor(4), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))]
-    return synthetic_scene(things, orbit(5, 2.5, 1.4, size=(80, 60), focal=60.0), dense=100, sparse=300).scene
+    objects = [floor(4), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))]
+    return synthetic_scene(objects, orbit(5, 2.5, 1.4, size=(80, 60), focal=60.0), dense=100, sparse=300).scene
 
 
 def moved(scene, scale, turn, shift):

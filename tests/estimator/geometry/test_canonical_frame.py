@@ -1,4 +1,4 @@
-"""Copies of a scene in another unit, frame or order, or with things listed twice, are measured alike."""
+"""Copies of a scene in another unit, frame or order, or with objects listed twice, are measured alike."""
 
 from dataclasses import replace
 
@@ -20,14 +20,14 @@ REORDERED, MOVED = 1e-9, 1e-2
 
 @pytest.fixture(scope="module")
 def room():
-    things = [
+    entries = [
         floor(4),
         box("cabinet", (0.8, 0.4, 0.9), (0, 0.4, 0), 15),
         box("chair", (0.45, 0.4, 0.8), (0.9, -0.4, 0), 40),
         cylinder("bottle", (0.1, 0.1, 0.32), (0, 0.4, 0.9)),
     ]
     views = orbit(8, 2.6, 1.7, arc=200, target=(0.2, 0.1, 0.5), size=(160, 120), focal=120.0)
-    return synthetic_scene(things, views, dense=8000, noise=0.001, sparse=1500)
+    return synthetic_scene(entries, views, dense=8000, noise=0.001, sparse=1500)
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def plain(room):
 def sizes(scene, instances):
     """Sizes by the names of the masks that show each object, a copy of a mask having the name of the mask."""
     objects = measure_objects(scene, instances).objects
-    return {frozenset(instances[row].id for row in thing.members): thing.extents for thing in objects}
+    return {frozenset(instances[row].id for row in item.members): item.extents for item in objects}
 
 
 def same(plain, other, scale=1.0, most=REORDERED):
@@ -125,10 +125,10 @@ def test_images_listed_twice_count_once_in_a_visibility_file(room):
 
 
 def test_rows_and_boxes_are_those_of_the_given_scene(room):
-    for thing in measure_objects(room.scene, room.instances).objects:
-        local = (room.scene.dense.points[thing.point_rows] - thing.box.centre) @ thing.box.axes.T
-        assert (np.abs(local) < 0.6 * thing.box.extents).all(axis=1).mean() > 0.95
-        assert {room.instances[row].category for row in thing.members} == {thing.category}
+    for item in measure_objects(room.scene, room.instances).objects:
+        local = (room.scene.dense.points[item.point_rows] - item.box.centre) @ item.box.axes.T
+        assert (np.abs(local) < 0.6 * item.box.extents).all(axis=1).mean() > 0.95
+        assert {room.instances[row].category for row in item.members} == {item.category}
 
 
 def test_the_own_frame_is_level_and_has_no_far_origin(room):

@@ -37,7 +37,7 @@ def moved(made, scale, turn, shift):
     scene = Scene(
         made.scene.path, "memory", tuple(views), place(made.scene.points), DenseCloud(place(made.scene.dense.points))
     )
-    return Made(scene, made.instances, made.things, made.owner)
+    return Made(scene, made.instances, made.objects, made.owner)
 
 
 def by_category(found):
@@ -95,16 +95,16 @@ def test_the_papers_arm_runs_and_never_reaches_down(room):
 
 
 def without_feet(made, category, share):
-    """The scene without the dense points in the lowest share of the things of a category."""
+    """The scene without the dense points in the lowest share of the objects of a category."""
     points = made.scene.dense.points
     keep = np.ones(len(points), dtype=bool)
-    for number, thing in enumerate(made.things):
+    for number, thing in enumerate(made.objects):
         if thing.category == category:
             own = made.owner == number
             low, high = points[own, 2].min(), points[own, 2].max()
             keep &= ~(own & (points[:, 2] < low + share * (high - low)))
     scene = replace(made.scene, dense=DenseCloud(points[keep]))
-    return Made(scene, made.instances, made.things, made.owner[keep])
+    return Made(scene, made.instances, made.objects, made.owner[keep])
 
 
 @pytest.mark.parametrize(("category", "share"), [("chair", 0.4), ("cabinet", 0.25)])
@@ -126,7 +126,7 @@ def test_an_unseen_foot_reaches_down_to_what_it_stands_on(room, category, share)
 def test_mirror_images_in_the_floor_add_nothing_to_a_height(room):
     """A tenth of a cabinet's points again below the floor, where its masks reach too far down."""
     points, random = room.scene.dense.points, np.random.default_rng(0)
-    number = next(k for k, thing in enumerate(room.things) if thing.category == "cabinet")
+    number = next(k for k, thing in enumerate(room.objects) if thing.category == "cabinet")
     own = points[(room.owner == number) & (points[:, 2] < 0.4)]
     images = own[random.choice(len(own), len(own) // 3)] * [1, 1, -1]
     lower = [replace(i, mask=np.vstack([i.mask, np.repeat(i.mask[-1:], 12, axis=0)])) for i in room.instances]

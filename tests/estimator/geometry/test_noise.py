@@ -17,8 +17,8 @@ from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 @cache
 def noisy(share: float) -> Scene:
-    things = [floor(4.0), box("box", (1.0, 0.8, 0.9), (0, 0, 0)), box("box", (0.4, 0.3, 0.2), (1.2, 0.3, 0))]
-    return synthetic_scene(things, orbit(8, 3.5, 1.5), dense=6_000, noise=share).scene
+    objects = [floor(4.0), box("box", (1.0, 0.8, 0.9), (0, 0, 0)), box("box", (0.4, 0.3, 0.2), (1.2, 0.3, 0))]
+    return synthetic_scene(objects, orbit(8, 3.5, 1.5), dense=6_000, noise=share).scene
 
 
 @pytest.mark.parametrize("share", [0.005, 0.02, 0.03])

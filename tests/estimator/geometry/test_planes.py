@@ -17,9 +17,9 @@ LOW, HIGH = np.array([0, 0, 0.0]), np.array([0.5, 0.4, 1.0])
 
 @pytest.fixture(scope="module")
 def room():
-    things = [floor(5), box("table", (1.4, 0.8, 0.72), (0, 0, 0)), box("box", (0.3, 0.3, 0.3), (0.2, 0, 0.72))]
-    things += [box(None, (5, 0.1, 2.4), (0, 2.5, 0))]
-    return synthetic_scene(things, orbit(10, 2.4, 1.6, size=(160, 120), focal=120.0), dense=30_000, noise=0.003)
+    objects = [floor(5), box("table", (1.4, 0.8, 0.72), (0, 0, 0)), box("box", (0.3, 0.3, 0.3), (0.2, 0, 0.72))]
+    objects += [box(None, (5, 0.1, 2.4), (0, 2.5, 0))]
+    return synthetic_scene(objects, orbit(10, 2.4, 1.6, size=(160, 120), focal=120.0), dense=30_000, noise=0.003)
 
 
 def test_floor_and_table_are_found_at_their_heights(room):
@@ -85,7 +85,7 @@ def corners(x, y, half=0.15):
     return np.array([[x - half, y - half], [x + half, y - half], [x + half, y + half], [x - half, y + half]])
 
 
-def test_the_level_around_a_thing_is_found_though_hidden_below_it(room):
+def test_the_level_around_an_object_is_found_though_hidden_below_it(room):
     """The box on the table: the surface it hides is read off around it; beside the table it is the floor."""
     points = room.scene.dense.points
     basis = np.eye(3)
@@ -112,7 +112,7 @@ def test_masks_decide_where_they_tell():
     assert not foot_on(level, LOW, HIGH, 0.01, None, 0.1).filled
 
 
-def test_things_that_hang_are_never_dropped_to_the_floor():
+def test_objects_that_hang_are_never_dropped_to_the_floor():
     assert not foot_on(Level(-0.3, 0.01), LOW, HIGH, 0.01, False, 0.9).filled
     assert not foot_on(Level(-1.5, 0.01), LOW, HIGH, 0.01, stands("clock"), np.nan).filled
 

@@ -16,7 +16,7 @@ LOW_END, HIGH_END = 0, 1
 
 
 def sides_of(made, thing, axes, low, high, instances=None):
-    """How the masks of thing number `thing` show the sides of the given true box."""
+    """How the masks of object number `thing` show the sides of the given true box."""
     instances = made.instances if instances is None else instances
     labels = dense_labels(made.scene, instances)
     masks = [instance for instance in instances if instance.track == str(thing)]
@@ -30,7 +30,7 @@ def views_around(radius=2.5, height=1.4, count=8, arc=360.0):
     return orbit(count, radius, height, arc=arc, size=(200, 150), focal=160.0)
 
 
-def test_a_thing_seen_whole_from_all_around_is_cut_nowhere():
+def test_an_object_seen_whole_from_all_around_is_cut_nowhere():
     made = synthetic_scene([floor(6), box("cabinet", (0.6, 0.4, 0.8), (0, 0, 0))], views_around(), dense=8000)
     sides = sides_of(made, 1, np.eye(3), [-0.3, -0.2, 0], [0.3, 0.2, 0.8])
     assert not sides.truncated.any()
@@ -75,7 +75,7 @@ def test_something_nearer_cuts_and_the_table_it_stands_on_does_not():
     assert not sides.truncated[2, LOW_END]
 
 
-def test_the_back_of_a_round_thing_seen_from_one_side_is_cut():
+def test_the_back_of_a_round_object_seen_from_one_side_is_cut():
     """A bottle from the front shows half its wall: nothing says how deep it is."""
     views = orbit(6, 1.0, 0.2, arc=40, target=(0, 0, 0.15), size=(200, 150), focal=220.0)
     made = synthetic_scene(
@@ -104,7 +104,7 @@ def test_a_mask_that_goes_further_than_the_points_says_so():
             made.scene.path, "memory", made.scene.views, made.scene.points, type(made.scene.dense)(points[keep])
         ),
         made.instances,
-        made.things,
+        made.objects,
         made.owner[keep],
     )
     sides = sides_of(bare, 1, np.eye(3), [-0.3, -0.2, 0], [0.3, 0.2, 0.6])

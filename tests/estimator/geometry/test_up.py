@@ -102,11 +102,11 @@ def test_up_turns_with_the_scene(seed):
 @pytest.fixture(scope="module")
 def driven():
     """Cameras that look down by 20 degrees and hardly turn, over a floor with boxes."""
-    things = [floor(8)]
-    things += [box("box", (0.5, 0.4, 0.6), (-1 + 0.7 * k, 1.5 + 0.5 * (k % 3), 0), 25 * k) for k in range(5)]
+    objects = [floor(8)]
+    objects += [box("box", (0.5, 0.4, 0.6), (-1 + 0.7 * k, 1.5 + 0.5 * (k % 3), 0), 25 * k) for k in range(5)]
     eyes = [np.array([0.05 * k, -1.5 + 0.1 * k, 1.5]) for k in range(8)]
     views = [view_at(eye, np.add(eye, [0, 3.0, -1.1]), "v", size=(160, 120), focal=130.0) for eye in eyes]
-    return synthetic_scene(things, views, dense=12_000, noise=0.003)
+    return synthetic_scene(objects, views, dense=12_000, noise=0.003)
 
 
 def test_a_level_surface_settles_what_the_cameras_leave_open(driven):

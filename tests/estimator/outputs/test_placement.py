@@ -1,4 +1,4 @@
-"""Labels: on the canvas, near their things, off each other while there is room."""
+"""Labels: on the canvas, near their objects, off each other while there is room."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def boxes(seed: int, n: int) -> tuple[np.ndarray, np.ndarray]:
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 9999), n=st.integers(0, 30))
 def test_labels_stay_on_the_canvas(seed: int, n: int) -> None:
-    things, sizes = boxes(seed, n)
-    corners = label_places(things, sizes, CANVAS)
+    objects, sizes = boxes(seed, n)
+    corners = label_places(objects, sizes, CANVAS)
     assert corners.shape == (n, 2)
     assert (corners >= 0).all()
     assert (corners + sizes <= CANVAS).all()
@@ -30,29 +30,29 @@ def test_labels_stay_on_the_canvas(seed: int, n: int) -> None:
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 9999))
 def test_few_labels_do_not_overlap(seed: int) -> None:
-    things, sizes = boxes(seed, 6)
-    corners = label_places(things, sizes, CANVAS)
+    objects, sizes = boxes(seed, 6)
+    corners = label_places(objects, sizes, CANVAS)
     for a in range(6):
         for b in range(a):
             gap = np.maximum(corners[a] - corners[b] - sizes[b], corners[b] - corners[a] - sizes[a])
             assert gap.max() > -1, "no line of text is hidden"
 
 
-def test_a_lone_label_lies_beside_its_thing() -> None:
-    thing = np.array([[700.0, 500.0, 760.0, 540.0]])
+def test_a_lone_label_lies_beside_its_object() -> None:
+    item = np.array([[700.0, 500.0, 760.0, 540.0]])
     size = np.array([[120.0, 50.0]])
-    (corner,) = label_places(thing, size, CANVAS)
+    (corner,) = label_places(item, size, CANVAS)
     middle = corner + size[0] / 2
     assert np.linalg.norm(middle - (730, 520)) < 120
-    covered = np.minimum(corner + size[0], thing[0, 2:]) - np.maximum(corner, thing[0, :2])
+    covered = np.minimum(corner + size[0], item[0, 2:]) - np.maximum(corner, item[0, :2])
     assert covered.min() < 25, "it does not hide the whole of it"
 
 
 def test_ids_of_boxes_that_pile_up_are_apart_and_inside() -> None:
     """As on the plan: small labels of boxes at one place, which may cover what they speak of."""
-    things = np.tile([[90.0, 90.0, 110.0, 110.0]], (12, 1))
+    objects = np.tile([[90.0, 90.0, 110.0, 110.0]], (12, 1))
     sizes = np.tile([[15.0, 11.0]], (12, 1))
-    corners = label_places(things, sizes, (200.0, 200.0), step=6.0, cover_cost=0.0)
+    corners = label_places(objects, sizes, (200.0, 200.0), step=6.0, cover_cost=0.0)
     low, high = corners, corners + sizes
     shared = np.maximum(np.minimum(high[:, None], high) - np.maximum(low[:, None], low), 0).prod(axis=2)
     np.fill_diagonal(shared, 0)

@@ -40,8 +40,8 @@ def test_a_broader_kind_is_said_and_weighs_less(shipped: Tree) -> None:
 
 
 def test_a_warning_shows_the_beginning_of_a_long_name(shipped: Tree) -> None:
-    thing = MeasuredObject("long", "x" * 100_000, np.array([0.5, 0.5, 0.9]), np.full(3, 0.03))
-    assert max(map(len, scale_of_objects([thing], shipped).warnings)) < 1000
+    item = MeasuredObject("long", "x" * 100_000, np.array([0.5, 0.5, 0.9]), np.full(3, 0.03))
+    assert max(map(len, scale_of_objects([item], shipped).warnings)) < 1000
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Points in the air are told from thin things by who sees through them."""
+"""Points in the air are told from thin objects by who sees through them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _grid(width: float, depth: float, step: float) -> FloatArray:
 def test_a_cluster_in_the_air_goes_and_a_post_stays(width: float) -> None:
     generator = np.random.default_rng(0)
     wall = _grid(2.0, 4.0, 0.02)
-    post = _grid(width, 2.0, 0.01) + np.array([0.6, 0.0, 0.0])  # a real thing, seen by all
+    post = _grid(width, 2.0, 0.01) + np.array([0.6, 0.0, 0.0])  # a real object, seen by all
     cluster = generator.normal(0, 0.02, (30, 3)) + np.array([-0.5, 0.1, 2.2])  # one view's mistake
     points = np.concatenate([wall, post, cluster])
     views = [_view(x) for x in (-0.4, -0.2, 0.0, 0.2, 0.4)]

@@ -1,4 +1,4 @@
-"""Rows that say the same thing twice."""
+"""Rows that say the same object twice."""
 
 from __future__ import annotations
 

@@ -130,9 +130,9 @@ def test_the_leaf_of_the_plain_name_has_most_of_it_unless_a_reviewer_says_otherw
 
 
 def test_children_without_weight_are_not_in_the_mixture():
-    things = [[child("a", 6.0)], [child("b", 9.0)]]
-    (prior,) = inner_priors("n", things, np.array([1.0, 0.0]), AXES)
-    assert prior.quantile(0.5) == pytest.approx(things[0][0].quantile(0.5))
+    objects = [[child("a", 6.0)], [child("b", 9.0)]]
+    (prior,) = inner_priors("n", objects, np.array([1.0, 0.0]), AXES)
+    assert prior.quantile(0.5) == pytest.approx(objects[0][0].quantile(0.5))
 
 
 def test_stated_frequencies_are_of_children_that_exist():

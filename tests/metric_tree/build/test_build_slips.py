@@ -35,7 +35,7 @@ def test_one_axis_in_another_unit_is_found():
 
 
 def test_one_axis_in_another_unit_is_no_slip_where_another_axis_is_odd_too():
-    """Both others must be ordinary: of an odd thing nobody can tell which number is wrong."""
+    """Both others must be ordinary: of an odd object nobody can tell which number is wrong."""
     typical = np.exp(reference(extents()).centre)
     known = Reference(np.log(typical), np.full(3, 0.12))
     ordinary, odd = typical * [10.0, 1.0, 1.0], typical * [10.0, np.exp(4 * 0.12), 1.0]

@@ -64,7 +64,7 @@ def test_light_that_falls_off_round_a_lamp_is_background():
     assert iou(found.alpha, mask) > 0.95
 
 
-def test_a_soft_shadow_is_background_and_a_dark_thing_is_not():
+def test_a_soft_shadow_is_background_and_a_dark_object_is_not():
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     shadow = 60 * np.exp(-(((x - 110) / 45) ** 2 + ((y - 125) / 9) ** 2))
     mask = disc(45)
@@ -77,7 +77,7 @@ def test_the_hole_of_a_ring_is_background():
     assert iou(Plain().foreground(painted(ring)).alpha, ring) > 0.95
 
 
-def test_a_thing_that_leaves_the_picture_is_found():
+def test_an_object_that_leaves_the_picture_is_found():
     mask = disc(45, (100, 150))
     assert iou(Plain().foreground(painted(mask)).alpha, mask) > 0.93
 

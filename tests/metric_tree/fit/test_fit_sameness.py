@@ -1,4 +1,4 @@
-"""What the things of one room have in common, recovered from synthetic rooms."""
+"""What the objects of one room have in common, recovered from synthetic rooms."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import pytest
 from metric_tree.fit.sameness import DEFAULT_MEAN, Sameness, class_sameness, shrunk_sameness
 
 
-def rooms(share: float, n: int = 60, things: int = 5, seed: int = 0):
-    """Ln sizes (n things, 2), source and scene of things in rooms that share a part of the variance."""
+def rooms(share: float, n: int = 60, objects: int = 5, seed: int = 0):
+    """Ln sizes (n objects, 2), source and scene of objects in rooms that share a part of the variance."""
     generator = np.random.default_rng(seed)
-    room = np.repeat(generator.normal(0, np.sqrt(share), (n, 2)), things, axis=0)
+    room = np.repeat(generator.normal(0, np.sqrt(share), (n, 2)), objects, axis=0)
     x = 6 + 0.2 * (room + generator.normal(0, np.sqrt(1 - share), room.shape))
-    return x, np.full(len(x), "rooms"), np.array([f"rooms/{number}" for number in np.repeat(np.arange(n), things)])
+    return x, np.full(len(x), "rooms"), np.array([f"rooms/{number}" for number in np.repeat(np.arange(n), objects)])
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.8])
@@ -24,7 +24,7 @@ def test_the_share_is_recovered(share: float) -> None:
     assert 0 < found.sd < 0.15
 
 
-def test_sets_that_hold_the_same_things_twice_are_no_evidence() -> None:
+def test_sets_that_hold_the_same_objects_twice_are_no_evidence() -> None:
     x, source, scene = rooms(0.0)
     twice = np.concatenate([source, np.full(len(source) - 5, "again")])
     found = class_sameness(np.concatenate([x, x[5:]]), twice, np.concatenate([scene, scene[5:]]))

@@ -49,7 +49,7 @@ def test_query_draws_a_sheet_whose_bar_is_true(release, tmp_path, capsys):
     assert [path.name for path in tmp_path.glob(".*")] == []
 
 
-def test_things_are_as_large_as_their_longest_extent(release, tmp_path, capsys):
+def test_objects_are_as_large_as_their_longest_extent(release, tmp_path, capsys):
     assert query(release, "swivel chair", "--images", 2, "--sheet", tmp_path / "sheet.png", "--json") == 0
     rows = json.loads(capsys.readouterr().out)["images"]
     longest = [max(row["extents_mm"]) for row in rows]
@@ -64,7 +64,7 @@ def test_things_are_as_large_as_their_longest_extent(release, tmp_path, capsys):
 
 
 def test_a_rendered_picture_has_its_own_scale_and_credit(tmp_path):
-    """Two views of one thing, one of them narrow: each is as large as its pixels per metre say."""
+    """Two views of one object, one of them narrow: each is as large as its pixels per metre say."""
     file = tmp_path / "a.png"
     Image.new("RGBA", (100, 50), "red").save(file)
     row = {"path": "a.png", "cutout_path": "a.png", "extents_mm": [300.0, 100.0], "title": "t", "source": "s"}

@@ -56,7 +56,7 @@ def test_other_sets_are_read_in_their_own_form(
             assert (columns.min(), rows.min(), rows.max()) == (10, 10, 49)
 
 
-def test_the_challenge_parts_things_that_touch(tree: Tree, tmp_path: Path) -> None:
+def test_the_challenge_parts_objects_that_touch(tree: Tree, tmp_path: Path) -> None:
     assert export(tree, tmp_path / "set", "--pictures", "0", "--val-share", "0", *ade20k_challenge(tmp_path)) == 0
     coco = COCO(str(tmp_path / "set" / "annotations" / "instances_train.json"))
     found = [(coco.cats[one["category_id"]]["name"], one["bbox"], one["area"]) for one in coco.anns.values()]

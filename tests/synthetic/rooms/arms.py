@@ -75,7 +75,7 @@ def scores(
                 result = paper_result(taken.objects, tree, options, lists if arm == AUTHORS else None)
             else:
                 result = scale_of_objects(taken.objects, tree, options)
-            heights = np.array([thing.extents[2] for thing in taken.objects])
+            heights = np.array([entry.extents[2] for entry in taken.objects])
             true = [_majority(case.instances, track) for track in taken.tracks]
         score = _score(case, arm, result, time.perf_counter() - started)
         if result.scale is not None:

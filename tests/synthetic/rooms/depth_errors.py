@@ -80,10 +80,10 @@ def bare_samples(world: World, points: FloatArray, number: IntArray, share: floa
     """
     generator = np.random.default_rng([world.seed, len(world.objects), 5])
     bare = np.zeros(len(points), dtype=bool)
-    for k, thing in enumerate(world.objects):
+    for k, item in enumerate(world.objects):
         chosen = generator.random(6) < share
         mine = np.flatnonzero(number == k + 1)
-        vertices = thing.mesh.vertices
+        vertices = item.mesh.vertices
         apart = np.hstack([points[mine] - vertices.min(axis=0), vertices.max(axis=0) - points[mine]])
         bare[mine] = chosen[np.abs(apart).argmin(axis=1)]
     return bare

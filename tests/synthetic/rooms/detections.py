@@ -1,6 +1,6 @@
-"""What a detector of COCO's 80 things makes of a synthetic scene: boxes and no masks, in some frames and not in others.
+"""What a detector of COCO's 80 categories makes of a synthetic scene: boxes and no masks, in some of the frames.
 
-Boxes are drawn around what is visible. Edges are off by a few per cent, small things are missed more often, and a thing
+Boxes are drawn around what is visible. Edges are off by a few per cent, small objects are missed more often, and one
 that is none of the 80 is missed or called what it looks like, by one name in one frame and another in the next.
 """
 
@@ -17,7 +17,7 @@ from tests.synthetic.rooms.masks import MIN_PIXELS
 
 __all__ = ["DetectorErrors", "detections_of"]
 
-#: What things that are none of the 80 are called, and how often; the rest of the time they are missed. From common
+#: What objects that are none of the 80 are called, and how often; the rest of the time they are missed. From common
 #: experience with such detectors, not from any scene.
 LOOKS_LIKE: Mapping[str, tuple[tuple[str, float], ...]] = {
     "alarm clock": (("clock", 0.6),),
@@ -49,7 +49,7 @@ class DetectorErrors:
     """How far a detector's boxes are off.
 
     edge_px, edge_share : one sigma of an edge, in pixels and as a share of the box's side; wild : share of edges that
-    are off by up to `wild_share` of the side; missed : share of large things that a frame misses; small_px : area
+    are off by up to `wild_share` of the side; missed : share of large objects that a frame misses; small_px : area
     in pixels at which half of the rest are missed too.
     """
 
@@ -72,7 +72,7 @@ def detections_of(
     for instance in instances:
         area = int(np.count_nonzero(instance.mask))
         seen = (1 - errors.missed) * (1 - min(1.0, errors.small_px / max(area, 1)) / 2)
-        # a thing that is seen in many frames has one habit
+        # an object that is seen in many frames has one habit
         habit = habits.setdefault(instance.track or instance.id, _habit(instance.category, generator))
         name = _name(habit, generator)
         score = float(np.clip(generator.beta(6, 3), 0.3, 0.97))
@@ -86,7 +86,7 @@ def detections_of(
 
 
 def _habit(category: str, generator: np.random.Generator) -> list[tuple[str, float]]:
-    """Names of one thing and their shares: its usual ones, each thing leaning to one of them."""
+    """Names of one object and their shares: its usual ones, each object leaning to one of them."""
     names = LOOKS_LIKE.get(category)
     if names is None:
         return [(category, 1.0)]

@@ -44,13 +44,13 @@ def few_points_world(seed: int, path: str) -> FewPointsWorld:
     """The world of a seed along one of the `PATHS`."""
     random = np.random.default_rng([seed, PATHS.index(path), 71])
     views = _path(path, random)
-    things, sizes = _things(path, random)
+    objects, sizes = _things(path, random)
     ground = Thing(None, (Solid("box", np.array([200.0, 200.0, 0.1]), np.array([0.0, 0.0, -0.05])),))
-    maps = [_maps([*things, ground], view) for view in views]
-    points, owner = _surface_points(views, maps, len(things), random)
+    maps = [_maps([*objects, ground], view) for view in views]
+    points, owner = _surface_points(views, maps, len(objects), random)
     seen = _triangulated(views, maps, points, owner, random)
     instances = tuple(
-        instance for k, (_, ids) in enumerate(maps) for instance in _masks(k, ids[: SIZE[1]], things, random)
+        instance for k, (_, ids) in enumerate(maps) for instance in _masks(k, ids[: SIZE[1]], objects, random)
     )
     scene = Scene(Path(f"few-{path}-{seed}"), "memory", *seen)
     return FewPointsWorld(scene, instances, sizes, path)
@@ -80,10 +80,10 @@ def _path(path: str, random: np.random.Generator) -> list[View]:
 
 def _things(path: str, random: np.random.Generator) -> tuple[list[Thing], FloatArray]:
     """Objects that do not touch, and their (n, 3) sizes."""
-    things: list[Thing] = []
+    objects: list[Thing] = []
     sizes: list[FloatArray] = []
     places: list[FloatArray] = []
-    while len(things) < OBJECTS:
+    while len(objects) < OBJECTS:
         spread = (9.0, 6.0) if path == "above" else (5.0, 4.5)
         place = np.array([random.uniform(-spread[0], spread[0]), random.uniform(-spread[1], spread[1]) + 1.5])
         kind = random.choice(["box", "cylinder", "car", "chair"])
@@ -100,9 +100,9 @@ def _things(path: str, random: np.random.Generator) -> tuple[list[Thing], FloatA
                 places.clear()
             continue
         places.append(np.array([*place, size[0]]))
-        things.append(Thing(kind, tuple(_solids(kind, size, place, float(random.uniform(0, 180))))))
+        objects.append(Thing(kind, tuple(_solids(kind, size, place, float(random.uniform(0, 180))))))
         sizes.append(np.array([*sorted(size[:2], reverse=True), size[2]]))
-    return things, np.array(sizes)
+    return objects, np.array(sizes)
 
 
 def _solids(kind: str, size: FloatArray, place: FloatArray, turn: float) -> list[Solid]:
@@ -197,11 +197,11 @@ def _point(views: list[View], pixels: FloatArray, start: FloatArray) -> FloatArr
     return place
 
 
-def _masks(view: int, ids: IntArray, things: list[Thing], random: np.random.Generator) -> list[Instance]:
+def _masks(view: int, ids: IntArray, objects: list[Thing], random: np.random.Generator) -> list[Instance]:
     import cv2
 
     found = []
-    for number, thing in enumerate(things):
+    for number, item in enumerate(objects):
         lines, columns = np.nonzero(ids == number)
         if lines.size < LEAST_PIXELS:
             continue
@@ -216,6 +216,6 @@ def _masks(view: int, ids: IntArray, things: list[Thing], random: np.random.Gene
         if mask.sum() < LEAST_PIXELS // 2:
             continue
         found.append(
-            Instance(f"{view}-{number}", view, str(thing.category), mask, (int(left), int(top)), track=str(number))
+            Instance(f"{view}-{number}", view, str(item.category), mask, (int(left), int(top)), track=str(number))
         )
     return found

@@ -1,4 +1,4 @@
-"""Five kinds of room, furnished as in life: big things against walls, chairs at tables, small things on top."""
+"""Five kinds of room, furnished as in life: big objects against walls, chairs at tables, small objects on top."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.synthetic.rooms.world import Placed, World
 
 __all__ = ["furnished_room", "tilted_solid", "turn_about_z"]
 
-#: Tries to place one thing before it is left out, as a person would leave out what does not fit.
+#: Tries to place one object before it is left out, as a person would leave out what does not fit.
 TRIES = 120
 #: Clear space about the camera's path in metres: half a person's breadth and the hand.
 CLEAR_OF_CAMERA = 0.4
@@ -64,7 +64,7 @@ def furnished_room(kind: str, seed: int, knobs: Knobs | None = None, sizes: Size
         for _ in range(int(generator.integers(least, most + 1))):
             _place(layout, category, place, knobs, sizes, generator)
     kept = _keep_some(layout.placed, knobs.objects, generator)
-    objects = tuple(_mislabel(thing, knobs, generator) for thing in kept)
+    objects = tuple(_mislabel(item, knobs, generator) for item in kept)
     return World(kind, seed, objects, _shell(rules.floor, generator), poses)
 
 
@@ -151,7 +151,7 @@ def _at(host: Footprint, half: FloatArray, generator: np.random.Generator) -> Fo
 
 
 def _fits(layout: _Layout, print_: Footprint, support: str | None, height: float) -> bool:
-    beside = [layout.prints[thing.track] for thing in layout.placed if thing.support == support]
+    beside = [layout.prints[item.track] for item in layout.placed if item.support == support]
     if not all(apart(print_, other, 0.01) for other in beside):
         return False
     if support is not None:
@@ -163,21 +163,21 @@ def _fits(layout: _Layout, print_: Footprint, support: str | None, height: float
 
 
 def _keep_some(placed: list[Placed], keep: int | None, generator: np.random.Generator) -> list[Placed]:
-    """Random things taken away, those with nothing on them first, until `keep` are left."""
+    """Random objects taken away, those with nothing on them first, until `keep` are left."""
     rest = list(placed)
     while keep is not None and len(rest) > max(keep, 1):
-        bearing = {thing.support for thing in rest}
-        free = [k for k, thing in enumerate(rest) if thing.track not in bearing]
+        bearing = {item.support for item in rest}
+        free = [k for k, item in enumerate(rest) if item.track not in bearing]
         rest.pop(free[int(generator.integers(len(free)))])
     return rest
 
 
-def _mislabel(thing: Placed, knobs: Knobs, generator: np.random.Generator) -> Placed:
-    """The thing with a wrong name, or without its foot, as often as the knobs say."""
+def _mislabel(item: Placed, knobs: Knobs, generator: np.random.Generator) -> Placed:
+    """The object with a wrong name, or without its foot, as often as the knobs say."""
     wrong, footless = generator.random(2) < (knobs.mislabelled, knobs.missing_feet)
-    others = sorted(set(CATEGORIES) - {thing.category})
+    others = sorted(set(CATEGORIES) - {item.category})
     other = others[int(generator.integers(len(others)))]
-    return replace(thing, label=other if wrong else thing.label, no_foot=bool(footless))
+    return replace(item, label=other if wrong else item.label, no_foot=bool(footless))
 
 
 def _shell(floor: tuple[float, float], generator: np.random.Generator) -> Mesh:

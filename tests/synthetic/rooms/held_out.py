@@ -21,9 +21,9 @@ __all__ = ["LEAST_ITEMS", "held_out_pool", "pool_at"]
 
 #: Items below which a category also draws from artists' models, whose sizes are plausible but nobody's product.
 LEAST_ITEMS = 8
-#: Kinds of items that are things somebody made, sold or measured.
+#: Kinds of items that are objects somebody made, sold or measured.
 REAL = frozenset({"product", "measured", "standard"})
-#: Kinds that are statements about a category and no thing at all.
+#: Kinds that are statements about a category and no object at all.
 NO_THING = frozenset({"curated", "judged", "norm", "default"})
 
 
@@ -33,7 +33,7 @@ def held_out_pool(
     """The held-out items of every category as (n, 3) length, width, height in mm, but for those without any.
 
     A category draws from the node that the estimator reads its name as, and from all below it. An item whose size to
-    the millimetre also occurs in the part that the fit sees is left out: shops list one thing many times.
+    the millimetre also occurs in the part that the fit sees is left out: shops list one object many times.
     """
     rows = _complete_rows(raw, taxonomy)
     held = [is_held_out(item, *fold) for item in rows["item_id"].to_pylist()]

@@ -15,7 +15,7 @@ from tests.synthetic.rooms.world import World
 
 __all__ = ["MIN_PIXELS", "blurred_masks", "coco_dataset", "instances_of"]
 
-#: Visible pixels below which a detector would not find the thing (about eight by eight).
+#: Visible pixels below which a detector would not find the object (about eight by eight).
 MIN_PIXELS = 64
 
 
@@ -28,11 +28,9 @@ def instances_of(world: World, ids: Sequence[IntArray]) -> tuple[Instance, ...]:
             mask = image == number
             rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
             crop = mask[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-            thing = world.objects[number - 1]
+            item = world.objects[number - 1]
             origin = (int(columns[0]), int(rows[0]))
-            instances.append(
-                Instance(f"{view}-{thing.track}", view, thing.label, crop, origin, 0.99, track=thing.track)
-            )
+            instances.append(Instance(f"{view}-{item.track}", view, item.label, crop, origin, 0.99, track=item.track))
     return tuple(instances)
 
 
@@ -68,7 +66,7 @@ def coco_dataset(world: World, ids: Sequence[IntArray], names: Sequence[str]) ->
     """A COCO dataset with run-length masks, `score` and `track_id`; names : file name of each frame."""
     from pycocotools import mask as coco_mask
 
-    labels = sorted({thing.label for thing in world.objects})
+    labels = sorted({item.label for item in world.objects})
     annotations: list[dict[str, Any]] = []
     for instance in instances_of(world, ids):
         whole = np.zeros(ids[instance.view].shape, dtype=np.uint8, order="F")

@@ -1,4 +1,4 @@
-"""What surfaces look like: colours, contrast and grain of each material, with every thing's own variety of it."""
+"""What surfaces look like: colours, contrast and grain of each material, with every object's own variety of it."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ OBSERVED = 0.6
 LEAST_VIEWS = 3
 #: A point is seen where it lies within this share of the depth rendered there.
 SAME_DEPTH = 0.02
-#: Largest misfit in pixels at which a moving thing's points still pass for static ones (COLMAP's own limit).
+#: Largest misfit in pixels at which a moving object's points still pass for static ones (COLMAP's own limit).
 STATIC_PIXELS = 4.0
 #: The lowest part of an object without a foot that leaves no points.
 FOOT_SHARE = 0.2
@@ -108,7 +108,7 @@ def _sparse(
 def _dense(
     world: World, frames: list[Frame], count: int, knobs: Knobs, to_scene: Similarity, generator: np.random.Generator
 ) -> DenseCloud:
-    """Moving things leave no dense points: no second view agrees with them."""
+    """Moving objects leave no dense points: no second view agrees with them."""
     samples = _surface_samples(world, frames, count, knobs.bare_faces, generator)
     samples = samples.some(~_is_moving(world)[samples.number])
     noisy = _add_depth_noise(world, frames, samples, samples.points, knobs, generator)
@@ -146,9 +146,9 @@ def _surface_samples(
 def _is_bare_foot(world: World, samples: _Samples) -> BoolArray:
     """Which samples lie on the foot of an object that shows none."""
     limit = np.full(len(world.objects) + 1, -np.inf)
-    for k, thing in enumerate(world.objects):
-        z = thing.mesh.vertices[:, 2]
-        if thing.no_foot:
+    for k, item in enumerate(world.objects):
+        z = item.mesh.vertices[:, 2]
+        if item.no_foot:
             limit[k + 1] = z.min() + FOOT_SHARE * (z.max() - z.min())
     return np.asarray(samples.points[:, 2] < limit[samples.number])
 
@@ -162,7 +162,7 @@ def _lift(camera: Pinhole, pose: Pose, pixels: FloatArray, depth: FloatArray) ->
 def _project(world: World, frames: list[Frame], samples: _Samples) -> tuple[FloatArray, BoolArray]:
     """Pixels (n, v, 2) of every sample in every view, moved with its object, and whether it is seen there (n, v)."""
     camera = world.camera
-    velocity = np.array([np.zeros(3), *(thing.velocity for thing in world.objects)])[samples.number]
+    velocity = np.array([np.zeros(3), *(item.velocity for item in world.objects)])[samples.number]
     pixels = np.full((len(samples.points), len(frames), 2), -1.0)
     seen = np.zeros((len(samples.points), len(frames)), dtype=bool)
     for index, (frame, pose) in enumerate(zip(frames, world.poses, strict=True)):
@@ -182,7 +182,7 @@ def _project(world: World, frames: list[Frame], samples: _Samples) -> tuple[Floa
 
 def _is_moving(world: World) -> BoolArray:
     """(1 + objects,) whether each number moves; number 0 is the bare world."""
-    return np.array([False, *(bool(np.any(thing.velocity)) for thing in world.objects)])
+    return np.array([False, *(bool(np.any(item.velocity)) for item in world.objects)])
 
 
 def _triangulated_places(

@@ -16,7 +16,7 @@ from tests.synthetic.rooms.world import World
 
 __all__ = ["NotReconstructed", "reconstruct"]
 
-#: Features a frame of about 6,000 that there are. COLMAP keeps the coarsest, so that small things lose points first;
+#: Features a frame of about 6,000 that there are. COLMAP keeps the coarsest, so that small objects lose points first;
 #: all of them would cost three times the time.
 FEATURES = 2500
 #: Each frame is matched with this many next ones, and with those at powers of two, as COLMAP does for video.

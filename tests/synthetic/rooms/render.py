@@ -52,7 +52,7 @@ class Renderer:
             fragment_shader=(_SHADERS / "surface.frag").read_text(),
         )
         rows = [_rows(world.surfaces, 0, world.seed, texture)]
-        rows += [_rows(thing.mesh, k + 1, world.seed, texture) for k, thing in enumerate(world.objects)]
+        rows += [_rows(item.mesh, k + 1, world.seed, texture) for k, item in enumerate(world.objects)]
         self._rows = np.concatenate(rows)
         self._buffer = self._context.buffer(self._rows.astype("f4").tobytes(), dynamic=True)
         self._vertices = self._context.vertex_array(
@@ -109,8 +109,8 @@ class Renderer:
         self._vertices.render()
 
     def _move(self, index: int) -> None:
-        """Put the moving things where they are at this frame; their texture stays on them."""
-        moving = [(k + 1, thing.velocity) for k, thing in enumerate(self._world.objects) if np.any(thing.velocity)]
+        """Put the moving objects where they are at this frame; their texture stays on them."""
+        moving = [(k + 1, item.velocity) for k, item in enumerate(self._world.objects) if np.any(item.velocity)]
         if not moving:
             return
         rows = self._rows.copy()

@@ -95,15 +95,15 @@ def summary(scores: Sequence[Score]) -> Summary:
 def height_error(scale: float, heights: Sequence[float], tracks: Sequence[str | None], truth: Truth) -> float | None:
     """Mean over objects of |scale * height / true height - 1| (paper section 5.1).
 
-    heights : in scene units, NaN where none was measured; tracks : the true object of each. Tilted things and such as
+    heights : in scene units, NaN where none was measured; tracks : the true object of each. Tilted objects and such as
     move have no height of their own in the scene and are left out.
     """
     errors = []
     for height, track in zip(heights, tracks, strict=True):
-        thing = truth.objects.get(track) if track else None
-        if thing is None or not np.isfinite(height) or thing.tilt_deg or np.any(thing.velocity):
+        item = truth.objects.get(track) if track else None
+        if item is None or not np.isfinite(height) or item.tilt_deg or np.any(item.velocity):
             continue
-        errors.append(abs(scale * height / float(thing.size[2]) - 1))
+        errors.append(abs(scale * height / float(item.size[2]) - 1))
     return float(np.mean(errors)) if errors else None
 
 

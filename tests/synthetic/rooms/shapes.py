@@ -1,6 +1,6 @@
 """The solids that each category is composed of, in a unit cube: x along the length, y along the width, z up.
 
-A thing whose length runs along the wall behind it (a couch) looks towards -y; one whose length leads away from the wall
+An object whose length runs along the wall behind it (a couch) looks towards -y; one whose length leads away from it
 (a bed, a chair) looks towards +x.
 """
 

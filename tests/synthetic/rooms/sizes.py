@@ -13,7 +13,7 @@ __all__ = ["TYPICAL_MM", "Sizes", "drawn_sizes", "plausible_sizes", "typical_siz
 #: A source of true sizes: (category, generator) -> (3,) length >= width, and height, in millimetres.
 Sizes = Callable[[str, np.random.Generator], FloatArray]
 
-#: Typical length, width, height in millimetres: round figures of ordinary things, to lay rooms out, to test geometry
+#: Typical length, width, height in millimetres: round figures of ordinary objects, to lay rooms out, to test geometry
 #: and to recognise an item whose row is plainly wrong. No prior is made of them.
 TYPICAL_MM: dict[str, tuple[float, float, float]] = {
     "alarm clock": (150, 80, 130),
@@ -71,7 +71,7 @@ TYPICAL_MM: dict[str, tuple[float, float, float]] = {
 #: 15 %.
 _TYPICAL_SPREAD = (0.12, 0.08)
 
-#: A row further than this factor from the typical size on any axis is taken for an error or a toy, not for a thing of
+#: A row further than this factor from the typical size on any axis is taken for an error or a toy, not for an object of
 #: a room.
 PLAUSIBLE_FACTOR = 2.5
 

@@ -33,7 +33,7 @@ _TRAFFIC = (
 
 
 def street(seed: int, knobs: Knobs | None = None, sizes: Sizes = typical_sizes) -> World:
-    """A street, the same for the same seed, knobs and sizes; moving things have a velocity in metres a frame."""
+    """A street, the same for the same seed, knobs and sizes; moving objects have a velocity in metres a frame."""
     knobs = knobs or Knobs()
     generator = np.random.default_rng([seed, 99])
     poses = drive(STEP, knobs, generator)
@@ -42,7 +42,7 @@ def street(seed: int, knobs: Knobs | None = None, sizes: Sizes = typical_sizes) 
     for category, least, most, where in _TRAFFIC:
         for _ in range(int(generator.integers(least, most + 1))):
             _add(placed, prints, category, where, sizes(category, generator) / 1000.0, generator)
-    objects = [_mislabel(thing, knobs, generator) for thing in _keep_some(placed, knobs.objects, generator)]
+    objects = [_mislabel(item, knobs, generator) for item in _keep_some(placed, knobs.objects, generator)]
     return World("street", seed, tuple(objects), _surroundings(generator), poses)
 
 
@@ -75,7 +75,7 @@ def _add(
 def _spot(
     where: str, side: float, along: float, size: FloatArray, generator: np.random.Generator
 ) -> tuple[Footprint, FloatArray]:
-    """Where a thing stands and how far it moves in a frame; traffic keeps to the right, as in most countries."""
+    """Where an object stands and how far it moves in a frame; traffic keeps to the right, as in most countries."""
     half, heading = size[:2] / 2, np.pi / 2 if side > 0 else -np.pi / 2
     still = np.zeros(3)
     if where == "parked":
@@ -101,12 +101,12 @@ def _keep_some(placed: list[Placed], keep: int | None, generator: np.random.Gene
     return [placed[int(k)] for k in chosen]
 
 
-def _mislabel(thing: Placed, knobs: Knobs, generator: np.random.Generator) -> Placed:
+def _mislabel(item: Placed, knobs: Knobs, generator: np.random.Generator) -> Placed:
     """The wrong names that street scenes get: other traffic, or furniture on the pavement."""
     wrong, footless = generator.random(2) < (knobs.mislabelled, knobs.missing_feet)
-    others = sorted({category for category, *_ in _TRAFFIC} - {thing.category})
+    others = sorted({category for category, *_ in _TRAFFIC} - {item.category})
     return replace(
-        thing, label=others[int(generator.integers(len(others)))] if wrong else thing.label, no_foot=bool(footless)
+        item, label=others[int(generator.integers(len(others)))] if wrong else item.label, no_foot=bool(footless)
     )
 
 

@@ -35,7 +35,7 @@ class Truth:
             "metres_per_unit": self.metres_per_unit,
             "camera_rms_m": self.rms_m,
             "up_in_scene": [float(v) for v in self.up],
-            "objects": [_object(thing) for thing in self.objects.values()],
+            "objects": [_object(item) for item in self.objects.values()],
         }
 
 
@@ -49,19 +49,19 @@ def truth_of(world: World, to_scene: Similarity, rms_m: float = 0.0) -> Truth:
 def truth_at(folder: Path, world: World) -> Truth:
     """The truth of a scene on disk that was made of `world`."""
     told = json.loads((folder / "truth.json").read_text())
-    things = {thing.track: thing for thing in world.objects}
-    return Truth(told["metres_per_unit"], np.array(told["up_in_scene"]), things, told["camera_rms_m"])
+    entries = {item.track: item for item in world.objects}
+    return Truth(told["metres_per_unit"], np.array(told["up_in_scene"]), entries, told["camera_rms_m"])
 
 
-def _object(thing: Placed) -> dict[str, Any]:
-    sizes = dict(zip(("length", "width", "height"), (float(v) for v in thing.size), strict=True))
+def _object(item: Placed) -> dict[str, Any]:
+    sizes = dict(zip(("length", "width", "height"), (float(v) for v in item.size), strict=True))
     return {
-        "track_id": thing.track,
-        "track_name": thing.track,
-        "category": thing.category,
-        "label": thing.label,
+        "track_id": item.track,
+        "track_name": item.track,
+        "category": item.category,
+        "label": item.label,
         "truth_m": {name: {"value": value, "plus_minus": 0.0} for name, value in sizes.items()},
-        "tilt_deg": thing.tilt_deg,
-        "moving": bool(np.any(thing.velocity)),
-        "stands_on": thing.support,
+        "tilt_deg": item.tilt_deg,
+        "moving": bool(np.any(item.velocity)),
+        "stands_on": item.support,
     }

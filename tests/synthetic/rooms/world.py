@@ -36,7 +36,7 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """One thing in the world.
+    """One object in the world.
 
     size : (3,) length, width, height in metres, true whatever its tilt; mesh : in the world at frame 0; `category` is
     what it is, `label` what the detector calls it; velocity : (3,) metres a frame; `support` is the track it stands on,

@@ -97,16 +97,16 @@ def test_words_find_their_concept(matcher: Matcher, words: str, concept: str) ->
         ("", "none"),
     ],
 )
-def test_words_that_name_no_single_thing_find_none(matcher: Matcher, words: str, rule: str) -> None:
+def test_words_that_name_no_single_object_find_none(matcher: Matcher, words: str, rule: str) -> None:
     found = matcher.finding("shop", ("All", words))
     assert (found.concept, found.rule) == (None, rule)
 
 
-def test_a_thing_with_its_part_is_the_thing(matcher: Matcher) -> None:
+def test_an_object_with_its_part_is_the_object(matcher: Matcher) -> None:
     assert matcher.finding("shop", ("vase and cover",)).concept == "vase.n.01"
 
 
-def test_a_sense_that_is_no_thing_is_passed_over(matcher: Matcher) -> None:
+def test_a_sense_that_is_no_object_is_passed_over(matcher: Matcher) -> None:
     found = matcher.finding("museum", ("Ceramics", "Chair"))
     assert found.concept == "chair.n.01"
     assert found.rule == "exact/sole"
@@ -166,7 +166,7 @@ def test_a_title_alone_enters_only_where_its_rule_is_right(mini_wordnet: WordNet
     assert not matcher.finding("shop", (), "Acme Bar Stool").settled
 
 
-def test_leaves_of_label_lists_are_names_unless_another_thing_bears_them(mini_wordnet: WordNet) -> None:
+def test_leaves_of_label_lists_are_names_unless_another_object_bears_them(mini_wordnet: WordNet) -> None:
     placed = {
         "mt:folding_stool": InsertedCategory(id="mt:folding_stool", name="folding stool", parent="stool.n.01"),
         "mt:couch": InsertedCategory(id="mt:couch", name="couch", parent="sofa.n.01", aliases=("bar stool",)),

@@ -120,6 +120,6 @@ def _plural(word: str) -> str:
     return word + "s"
 
 
-def test_what_describes_a_part_is_no_modifier_of_the_thing():
+def test_what_describes_a_part_is_no_modifier_of_the_object():
     assert "high chair" not in set(pairs(["high", "back", "leather", "chair"]))
     assert "swivel chair" in set(pairs(["swivel", "leather", "chair"]))

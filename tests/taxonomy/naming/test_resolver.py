@@ -153,13 +153,13 @@ def test_a_bird_is_not_what_its_name_without_the_colour_means() -> None:
     assert answer("blue tit").node_id == "titmouse.n.01"
 
 
-def test_a_part_of_something_that_grows_is_no_other_thing_of_that_name() -> None:
+def test_a_part_of_something_that_grows_is_no_other_object_of_that_name() -> None:
     assert answer("small bulb").node_id == "light_bulb.n.01"
     assert RESOLVER.answer("garlic bulb") is None
 
 
 def test_a_kind_too_far_up_is_taken_by_its_own_name_alone() -> None:
-    """The third level says little of a size: metal furniture is furniture, a thing that is known to be some is not."""
+    """The third level says little of a size: metal furniture is furniture, one that is known to be some is not."""
     assert answer("metal chair").node_id == "chair.n.01"
     assert RESOLVER.answer("metal entity") is None
 

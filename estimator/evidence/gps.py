@@ -36,6 +36,12 @@ MOST_SD = 0.2
 #: Metres (or degrees) beyond which no position on the earth is, whatever its origin.
 FARTHEST_M = 1e9
 
+POLE_DEG = 90.0
+
+#: Positions are no similar copy of the cameras when a stretch of this ratio between two directions of the path leaves
+#: less than this share of the residual. The path must reach this share of its extent in both directions.
+STRETCH, STRETCHED_SHARE, LEAST_SPREAD = 1.06, 0.5, 0.1
+
 #: WGS 84: semi-major axis in metres, first eccentricity squared.
 AXIS_M, ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3
 
@@ -127,6 +133,10 @@ def _aligned_scale(
         return silent(kind, name, f"the path is too short for its positions: {extent}")
     if 2 * np.count_nonzero(alignment.inliers) <= len(metres):
         return silent(kind, name, "most positions contradict the reconstruction")
+    stretch = _stretch(centres[alignment.inliers], metres[alignment.inliers], alignment.residual)
+    if stretch is not None:
+        reason = f"the positions are stretched by {stretch:.2f} in one direction against the cameras"
+        return silent(kind, name, f"{reason}: latitude and longitude exchanged, or not in degrees?")
     sd = math.hypot(alignment.sd_log, LEAST_SD)
     if accuracy_m is not None:
         drift = END_TO_END * math.hypot(alignment.residual, DRIFT_SHARE * accuracy_m) / alignment.extent
@@ -135,6 +145,25 @@ def _aligned_scale(
         extent = f"{alignment.extent:.2g} m with receivers good to {accuracy_m or 0:.2g} m"
         return silent(kind, name, f"the path is too short for its positions: {extent}")
     return (ScaleEvidence(kind, name, alignment.scale, sd),)
+
+
+def _stretch(centres: FloatArray, metres: FloatArray, residual: float) -> float | None:
+    """How much more the positions (n, 3) are drawn out in one direction of the path (n, 3) than in another.
+
+    None where a linear map that may stretch leaves about as much `residual` (metres of a coordinate) as the similarity.
+    """
+    own, aim = centres - centres.mean(axis=0), metres - metres.mean(axis=0)
+    _, spread, axes = np.linalg.svd(own, full_matrices=False)
+    wide = spread > LEAST_SPREAD * spread[0]
+    count, free = len(own), 3 * len(own) - 3 * int(wide.sum()) - 3
+    if wide.sum() < 2 or free < count:
+        return None
+    along = own @ axes[wide].T
+    linear, *_ = np.linalg.lstsq(along, aim, rcond=None)
+    left = math.sqrt(float(((aim - along @ linear) ** 2).sum()) / free)
+    sizes = np.linalg.svd(linear, compute_uv=False)
+    ratio = float(sizes[0] / max(sizes[-1], 1e-12))
+    return ratio if ratio > STRETCH and left < STRETCHED_SHARE * residual else None
 
 
 def local_metres(degrees: FloatArray) -> FloatArray:
@@ -168,6 +197,8 @@ def _table_positions(file: Path, scene: Scene) -> dict[int, FloatArray]:
         if row is not None:
             with in_file(file), at_field(f"line {number}"):
                 values[row] = _numbers([cells[column] for column in columns])
+                if columns[0] == "lat" and abs(values[row][0]) > POLE_DEG:
+                    raise FieldError("lat", "degrees from -90 to 90; is it the longitude?", values[row][0])
     return _in_metres(values, geodetic=columns[0] == "lat")
 
 

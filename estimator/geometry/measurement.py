@@ -10,7 +10,12 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.association.mask_agreement import mask_agreement, mask_contradictions
+from estimator.association.mask_agreement import (
+    mask_agreement,
+    mask_contradictions,
+    track_agreement,
+    track_contradictions,
+)
 from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
 from estimator.association.tracks import Track, incremental_tracks, shared_tracks
 from estimator.geometry.canonical_frame import SortedScene, sorted_scene
@@ -132,6 +137,9 @@ def _measure(
             tracks = shared_tracks(instances, clouds, options.stated_tracks)
         else:
             tracks = incremental_tracks(instances, clouds[-1])
+        if not (doubts or errors):
+            share = track_agreement(clouds[0], instances, [track.members for track in tracks])
+            doubts, errors = track_contradictions(share)
     with _stopwatch(timings, "up"):
         up = camera_up(scene.views)
         surface = clouds[-1].points

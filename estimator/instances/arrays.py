@@ -10,7 +10,7 @@ import numpy as np
 from estimator.instances.crops import ViewNames, joined_instances, mask_crop
 from estimator.records.scene import Instance, Scene
 from metric_base.arrays import BoolArray
-from metric_base.errors import InputError
+from metric_base.errors import InputError, at_field, in_file
 
 __all__ = ["MasksByImage", "instances_of_masks"]
 
@@ -48,5 +48,6 @@ def _instance(
         raise InputError.at(SOURCE, f"image {name!r}", "masks of shape (h, w), bool", (mask.shape, str(mask.dtype)))
     if not 0 <= score <= 1:
         raise InputError.at(SOURCE, f"image {name!r}", "scores from 0 to 1", score)
-    crop = mask_crop(mask, scene.views[row].camera)
+    with in_file(SOURCE), at_field(f"image {name!r}"):
+        crop = mask_crop(mask, scene.views[row].camera)
     return None if crop is None else Instance(number, row, category, crop[0], crop[1], float(score))

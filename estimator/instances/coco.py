@@ -19,6 +19,10 @@ from metric_base.input_files import read_json
 __all__ = ["category_names", "entries_by_id", "ignored_categories", "read_coco"]
 
 
+#: A detector's box may reach beyond the picture by a hundredth or two, and one box in ten by more.
+BEYOND, MOST_BEYOND = 1.03, 0.1
+
+
 @dataclass(frozen=True, slots=True)
 class CocoImage:
     """An image of the dataset: its file, its size (width, height) where stated, and the row of its view."""
@@ -52,11 +56,33 @@ def read_coco(
         if not annotations:
             raise FieldError("annotations", "at least one", 0)
         instances = [_instance(row, annotation, frame, scene) for row, annotation in enumerate(annotations)]
+        _expect_boxes_inside(annotations, frame, scene)
     names = [image.file_name for image in frame.images.values()]
     warnings = [*warnings, *_warnings(file, annotations, frame, scene, instances)]
     if categories is not None and frame.file != categories:
         warnings.append(ignored_categories(categories, file, "is a dataset"))
     return joined_instances(file, scene, names, instances, warnings)
+
+
+def _expect_boxes_inside(annotations: list[Any], frame: CocoFrame, scene: Scene) -> None:
+    """See that boxes lie in their pictures; FieldError where many reach beyond: two corners, or of larger pictures."""
+    beyond, total, corners, first = 0, 0, True, ""
+    for row, annotation in enumerate(annotations):
+        image, box = frame.images[annotation["image_id"]], annotation.get("bbox")
+        if image.view is None or not isinstance(box, list) or len(box) != 4 or annotation.get("segmentation"):
+            continue
+        camera = scene.views[image.view].camera
+        width, height = image.size or (camera.width, camera.height)
+        left, top, third, fourth = (float(value) for value in box)
+        total += 1
+        corners &= left < third <= width * BEYOND and top < fourth <= height * BEYOND
+        if left + third > width * BEYOND or top + fourth > height * BEYOND:
+            beyond += 1
+            first = first or f"annotations[{row}]: {box} in {width} x {height}"
+    if beyond > max(MOST_BEYOND * total, 1):
+        advice = "; they are two corners" if corners else ""
+        expected = "x, y, width, height inside the picture"
+        raise FieldError("bbox", expected, Unquoted(f"{beyond} of {total} beyond it{advice}, such as {first}"))
 
 
 def ignored_categories(categories: Path | str, instances: Path, what: str) -> str:

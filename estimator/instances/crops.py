@@ -10,12 +10,14 @@ import numpy as np
 
 from estimator.records.scene import Camera, Instance, Scene
 from metric_base.arrays import BoolArray, IntArray
-from metric_base.errors import InputError, Unquoted
+from metric_base.errors import FieldError, InputError, Unquoted
 
 __all__ = ["ViewNames", "differs_in_aspect", "joined_instances", "mask_crop"]
 
 #: A mask whose shape differs by more than this from its camera's was likely made on a rotated or cropped picture.
 ASPECT_TOLERANCE = 0.02
+#: By more than this it was: no lens correction changes a shape so much. Natural log, a tenth.
+OTHER_ASPECT = 0.1
 
 
 class ViewNames:
@@ -72,7 +74,16 @@ def mask_crop(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, in
     """The crop of a (h, w) mask at the camera's resolution and its upper left pixel, or None if it has no pixel.
 
     Each pixel of the camera takes the mask's value at its own centre; only the crop is ever resampled.
+
+    Raises
+    ------
+    FieldError
+        The mask is of a picture of another shape: a crop, one with bars, one that was turned.
     """
+    height, width = mask.shape
+    if aspect_difference((width, height), camera) > OTHER_ASPECT:
+        shown = Unquoted(f"{width} x {height}: cropped, padded, squeezed or turned")
+        raise FieldError("mask size", f"the shape of its picture, {camera.width} x {camera.height} pixels", shown)
     rows, columns = _source_pixels(camera.height, mask.shape[0]), _source_pixels(camera.width, mask.shape[1])
     row_hits = np.flatnonzero(np.asarray(mask.any(axis=1))[rows])
     column_hits = np.flatnonzero(np.asarray(mask.any(axis=0))[columns])
@@ -85,8 +96,12 @@ def mask_crop(mask: BoolArray, camera: Camera) -> tuple[BoolArray, tuple[int, in
 
 def differs_in_aspect(size: tuple[int, int], camera: Camera) -> bool:
     """Whether a picture of `size` (width, height) is of another shape than the camera's."""
-    ratio = (size[0] / size[1]) / (camera.width / camera.height)
-    return bool(abs(np.log(ratio)) > ASPECT_TOLERANCE)
+    return aspect_difference(size, camera) > ASPECT_TOLERANCE
+
+
+def aspect_difference(size: tuple[int, int], camera: Camera) -> float:
+    """How far the aspect of a picture of `size` (width, height) is from the camera's, natural log."""
+    return abs(float(np.log((size[0] / size[1]) / (camera.width / camera.height))))
 
 
 def _source_pixels(length: int, source_length: int) -> IntArray:

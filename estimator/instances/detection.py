@@ -11,7 +11,7 @@ from estimator.instances.crops import mask_crop
 from estimator.instances.detector import MIN_SCORE, Detections, Detector, Picture
 from estimator.instances.image_files import image_file
 from estimator.records.scene import Instance, Scene, View
-from metric_base.errors import InputError, Unquoted
+from metric_base.errors import InputError, Unquoted, in_file
 from metric_base.pictures import read_picture
 from metric_base.progress import ProgressCallback, silent, with_progress
 
@@ -53,7 +53,8 @@ def _instances(row: int, view: View, seen: Detections, detector: Detector) -> It
         if not name:
             expected = f"a number with a name (1 to {len(detector.labels) - 1}; name them with --detector-labels)"
             raise InputError.at(detector.path, "label", expected, int(label))
-        crop = mask_crop(mask, view.camera)
+        with in_file(Path(view.name)):
+            crop = mask_crop(mask, view.camera)
         if crop is not None:
             yield Instance(
                 f"{row}-{number}", row, name, crop[0], crop[1], score=float(min(score, 1.0)), from_box=seen.from_boxes

@@ -229,8 +229,9 @@ def _numbers(items: pa.Table, column: str) -> FloatArray:
 
 def _groups(keys: NDArray[np.str_]) -> Iterator[tuple[str, NDArray[np.int64]]]:
     """Rows (k,) of each of the keys (n,), keys sorted."""
+    if not len(keys):
+        return
     order = np.argsort(keys, kind="stable")
     names, starts = np.unique(keys[order], return_index=True)
     for key, rows in zip(names, np.split(order, starts[1:]), strict=True):
-        if len(rows):
-            yield str(key), rows
+        yield str(key), rows

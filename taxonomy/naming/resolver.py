@@ -58,6 +58,14 @@ LEAST_MISSPELT = 5
 
 _LANGUAGES = {"de": "German", "fr": "French", "es": "Spanish", "it": "Italian"}
 _COUNTING = re.compile(r"(?:an?|the|one|two|three|four|five|six|of|\d[\d.,]*|inch(?:es)?|cm|mm|m|ft)$", re.IGNORECASE)
+#: A picture of a chair has no size of a chair, and neither has what is made after one. A photo does not begin so:
+#: labels of detectors that read prompts are "a photo of a chair".
+_DEPICTING = re.compile(
+    r"(?:an?\s+|the\s+)?(?P<noun>picture|painting|drawing|poster|statue|sculpture|sticker|figurine|toy|portrait|mural|"
+    r"image|print|sketch|replica|model|miniature|photograph)s?\s+of\s",
+    re.IGNORECASE,
+)
+_COPIES, _BREEDS = frozenset({"miniature", "plush", "stuffed", "toy", "lego", "replica"}), frozenset({"miniature"})
 _ALTERNATIVES = re.compile(r"\s*(?:/|\||\bor\b)\s*")
 
 
@@ -101,7 +109,9 @@ class Resolver:
         if _CODE.match(text):
             node = coded_node(text)
             return _certain(node, "code") if node and node in self._names else None
-        if written := self._written(text):
+        depicting = _DEPICTING.match(text)
+        written = self._written(text) if depicting is None else self._of_form(depicting["noun"])
+        if written or depicting:
             return written
         if other := self._other_name(text):
             return other
@@ -251,19 +261,21 @@ class Resolver:
 
     def _bare(self, words: Sequence[str]) -> NodeAnswer | None:
         """The answer for a name after its modifiers are taken away, one by one from the left."""
-        living = False
+        living, copy = False, _COPIES & set(words[:-1])
         while len(words) > 1 and (leading := modifiers(words)):
             living = living or words[0] in word_list("of_the_living")
             words = words[leading:]
             form = " ".join(words)
             answer = self._of_form(form) or self._of_wordnet(form)
+            if answer and copy and not (copy <= _BREEDS and self._lives(answer.node_id)):
+                return None
             if answer and (self._too_broad(answer.node_id, words[-1]) or (living and not self._lives(answer.node_id))):
                 return None
             if answer:
                 return replace(answer, how="modifier stripped")
             if senses(form):
                 return None
-        return self._head(words)
+        return None if copy else self._head(words)
 
     def _head(self, words: Sequence[str]) -> NodeAnswer | None:
         """The answer for the head noun, if the compounds that end in it are such items."""

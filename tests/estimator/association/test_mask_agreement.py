@@ -5,7 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.association.mask_agreement import mask_agreement, mask_contradictions
+from estimator.association.mask_agreement import (
+    mask_agreement,
+    mask_contradictions,
+    track_agreement,
+    track_contradictions,
+)
 from estimator.association.point_labels import sparse_labels
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
@@ -51,3 +56,22 @@ def test_boxes_and_one_category_say_nothing(made):
     same = [replace(mask, category="chair", view=(mask.view + 3) % 8) for mask in made.instances]
     assert np.isnan(mask_agreement(sparse_labels(made.scene, same), same).names)
     assert verdict(made, same) == (0, 0)
+
+
+def test_masks_of_a_crop_hold_few_of_each_other_s_points(made):
+    """The middle four fifths of each picture, said of the whole."""
+
+    def cropped(item):
+        whole = np.zeros((150, 200), dtype=bool)
+        (x, y), (h, w) = item.origin, item.mask.shape
+        whole[y : y + h, x : x + w] = item.mask
+        inner = whole[15:135, 20:180]
+        rows, columns = (np.arange(150) * 0.8).astype(int), (np.arange(200) * 0.8).astype(int)
+        return replace(item, mask=inner[np.ix_(rows, columns)], origin=(0, 0))
+
+    for instances, wrong in ((made.instances, False), ([cropped(item) for item in made.instances], True)):
+        tracks: dict[str, list[int]] = {}
+        for row, item in enumerate(instances):
+            tracks.setdefault(item.category, []).append(row)
+        share = track_agreement(sparse_labels(made.scene, instances), instances, tracks.values())
+        assert any(track_contradictions(share)) == wrong, share

@@ -49,6 +49,24 @@ def test_positions_too_rough_for_their_path_are_mute(walk: Walk, nothing: Measur
     assert "3 views have a position" in str(one(Gps(few).observe(walk.scene, nothing)).reason)
 
 
+@pytest.mark.parametrize("change", ["exchanged", "stretched"])
+def test_positions_that_are_stretched_are_left_out(
+    walk: Walk, nothing: Measurements, tmp_path: Path, change: str
+) -> None:
+    places = degrees_of(walk.metres)
+    places = places[:, [1, 0, 2]] if change == "exchanged" else places[0] + [1, 1.5, 1] * (places - places[0])
+    file = position_table(tmp_path / "path.csv", walk.scene, places, "lat lon alt")
+    row = one(Gps(file).observe(walk.scene, nothing))
+    assert row.scale is None
+    assert "stretched" in str(row.reason)
+
+
+def test_a_latitude_beyond_the_pole_is_refused(walk: Walk, nothing: Measurements, tmp_path: Path) -> None:
+    file = position_table(tmp_path / "path.csv", walk.scene, np.add(walk.metres, [127.0, 37.0, 0.0]), "lat lon alt")
+    with pytest.raises(InputError, match="is it the longitude"):
+        Gps(file).observe(walk.scene, nothing)
+
+
 @pytest.mark.parametrize(
     "text", ["", "name,x,y\n", "name,x,y,z\nleft/0000.png,1,2\n", "name,x,y,z\nleft/0000.png,1,2,nan\n"]
 )

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pycocotools import mask as coco
 
@@ -148,8 +149,10 @@ def test_crowds_and_empty_masks_are_left_out_and_told(tmp_path: Path) -> None:
 
 
 @settings(max_examples=40, deadline=None)
-@given(mask=masks, width=st.integers(1, 100), height=st.integers(1, 100))
-def test_another_size_is_resampled_at_pixel_centres(mask: np.ndarray, width: int, height: int) -> None:
+@given(mask=masks, width=st.integers(4, 100), wider=st.floats(-0.05, 0.05))
+def test_another_size_is_resampled_at_pixel_centres(mask: np.ndarray, width: int, wider: float) -> None:
+    height = round(width * 30 / 40 * math.exp(wider))
+    assume(abs(math.log(width / height * 30 / 40)) < 0.1)
     camera = Camera("SIMPLE_PINHOLE", width, height, np.array([30.0, 1.0, 1.0]))
     expected = np.zeros((height, width), dtype=bool)
     for y in range(height):
@@ -164,8 +167,25 @@ def test_another_size_is_resampled_at_pixel_centres(mask: np.ndarray, width: int
 
 def test_a_turned_picture_is_told(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, "a.png")
-    written(tmp_path, dataset([{"bbox": [1, 1, 9, 9]}], "a.png", size=(30, 40)))
+    written(tmp_path, dataset([{"bbox": [1, 1, 9, 9]}], "a.png", size=(42, 30)))
     assert any("another shape" in warning for warning in read_instances_and_warnings(scene)[1])
+    written(tmp_path, dataset([{"bbox": [1, 1, 9, 9]}], "a.png", size=(30, 40)))
+    with pytest.raises(InputError, match="turned"):
+        read_instances_and_warnings(scene)
+    runs = {"size": [40, 40], "counts": [800, 40, 760]}  # between bars
+    written(tmp_path, dataset([{"segmentation": runs}], "a.png"))
+    with pytest.raises(InputError, match="mask size"):
+        read_instances_and_warnings(scene)
+
+
+def test_boxes_of_two_corners_are_said(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "a.png")
+    corners = [{"bbox": [20, 10, 30, 25]}, {"bbox": [1, 15, 39, 29]}, {"bbox": [2, 2, 9, 9]}]
+    written(tmp_path, dataset(corners, "a.png"))
+    with pytest.raises(InputError, match="2 of 3 beyond it; they are two corners"):
+        read_instances_and_warnings(scene)
+    written(tmp_path, dataset([corners[2], {"bbox": [30, 20, 10.3, 10.2]}], "a.png"))  # a detector's, not clipped
+    assert len(read_instances_and_warnings(scene)[0]) == 2
 
 
 def test_results_take_names_from_beside_or_from_categories(tmp_path: Path) -> None:

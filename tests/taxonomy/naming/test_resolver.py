@@ -93,6 +93,14 @@ def test_what_would_mislead_is_unknown(text: str) -> None:
     assert RESOLVER.answer(text) is None
 
 
+@pytest.mark.parametrize(
+    "text", ["picture of chair", "a poster of a chair", "image of a chair", "toy chair", "chair poster", "plush bear"]
+)
+def test_what_shows_a_thing_or_is_made_after_it_is_none(text: str) -> None:
+    found = RESOLVER.answer(text)
+    assert found is None or found.node_id not in {"chair.n.01", "bear.n.01"}
+
+
 def test_two_near_senses_are_ambiguous() -> None:
     bat = answer("bat")
     assert bat.ambiguous

@@ -29,6 +29,9 @@ PROBED = 4
 
 #: Columns of a log, in seconds on the clock of the video, m/s^2, rad/s, and metres or degrees.
 TIME, FORCE, RATE = "time_s", ("ax", "ay", "az"), ("gx", "gy", "gz")
+#: Time in a log of ARKit's or ARCore's poses, such as Stray Scanner's `odometry.csv`: seconds of a clock that ran
+#: before; the first row is the first frame.
+STAMP = "timestamp"
 PLACES = {True: ("lat", "lon", "alt"), False: ("x", "y", "z")}
 
 #: DJI's subtitles name positions as `[latitude: 1.0] [longitude: 2.0] ... abs_alt: 3.0`, or `GPS (2.0, 1.0, 3)`.
@@ -128,12 +131,16 @@ def _metadata_tracks(file: Path) -> Iterable[list[Packet]]:
 
 
 def _csv_telemetry(file: Path) -> Telemetry:
-    """Columns `time_s` and `ax, ay, az`, `gx, gy, gz`, `lat, lon, alt` or `x, y, z`; empty cells are left out."""
+    """Columns `time_s` and `ax, ay, az`, `gx, gy, gz`, `lat, lon, alt` or `x, y, z`; empty cells are left out.
+
+    `timestamp` in place of `time_s` counts from the first row.
+    """
     fields, records = csv_records(file)
     names = {field.strip().lower() for field in fields}
     kinds = [kind for kind in (FORCE, RATE, *PLACES.values()) if set(kind) <= names]
-    if TIME not in names or not kinds:
-        expected = f"columns {TIME} and ax, ay, az, gx, gy, gz, or lat, lon, alt, or x, y, z"
+    clock = next((name for name in (TIME, STAMP) if name in names), None)
+    if clock is None or not kinds:
+        expected = f"columns {TIME} (or {STAMP}) and ax, ay, az, gx, gy, gz, or lat, lon, alt, or x, y, z"
         raise InputError.at(file, "header", expected, Unquoted(", ".join(sorted(names)) or "none"))
     rows: dict[tuple[str, ...], list[list[float]]] = {kind: [] for kind in kinds}
     for number, record in records:
@@ -141,8 +148,11 @@ def _csv_telemetry(file: Path) -> Telemetry:
         for kind in kinds:
             if any(cells[column] for column in kind):
                 with in_file(file), at_field(f"line {number}"):
-                    rows[kind].append(_numbers([cells[TIME], *(cells[column] for column in kind)]))
+                    rows[kind].append(_numbers([cells[clock], *(cells[column] for column in kind)]))
     tables = {kind: np.array(sorted(values), dtype=np.float64).reshape(-1, 4) for kind, values in rows.items()}
+    if clock == STAMP:
+        first = min((table[0, 0] for table in tables.values() if len(table)), default=0.0)
+        tables = {kind: table - [first, 0.0, 0.0, 0.0] for kind, table in tables.items()}
     empty = np.empty((0, 4))
     return Telemetry(
         _samples(tables.get(FORCE, empty)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from estimator.evidence.gps import Gps, local_metres
 from estimator.evidence.marker import Marker
 from estimator.geometry.measurement import Measurements
 from metric_base.errors import InputError
+from metric_cli.estimate_scale.evidence_options import add_evidence_options, automatic_sources
 from tests.synthetic.evidence import (
     degrees_of,
     one,
@@ -147,3 +149,17 @@ def test_pictures_all_over_the_scene_are_asked_for_gps(walk: Walk, monkeypatch: 
     views = tuple(replace(walk.scene.views[0], name=str(number)) for number in range(40))
     assert not gps.pictures_have_gps(replace(walk.scene, views=views), None)
     assert [int(view.name) for view in asked] == [0, 8, 16, 24, 32]
+
+
+def test_gps_of_photographs_is_used_unasked_and_may_be_switched_off(walk: Walk, tmp_path: Path) -> None:
+    here = replace(walk, scene=replace(walk.scene, path=tmp_path))
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--images", default=None)
+    parser.add_argument("--method", default="default")
+    add_evidence_options(parser)
+    options, off = (parser.parse_args(words) for words in ([], ["--gps", "none"]))
+    options.scene = off.scene = tmp_path
+    assert automatic_sources(options, here.scene) == ()  # no picture has a position
+    write_exif(here)
+    assert automatic_sources(options, here.scene) == (Gps("exif", None),)
+    assert automatic_sources(off, here.scene) == ()

@@ -137,3 +137,15 @@ def test_a_damaged_log_is_one_line(tmp_path: Path, name: str, text: str) -> None
     (tmp_path / name).write_text(text)
     with pytest.raises(InputError, match=name):
         read_telemetry(tmp_path / name)
+
+
+def test_the_poses_of_a_telephones_own_tracking_are_a_path_in_metres(tmp_path: Path) -> None:
+    """The clock is the telephone's, and ran before."""
+    rows = [(8021.5 + k / 60, k, 0.1 * k, 1.0, -0.2 * k, 0, 0, 0, 1) for k in range(5)]
+    lines = ["timestamp, frame, x, y, z, qx, qy, qz, qw", *(", ".join(map(str, row)) for row in rows)]
+    (tmp_path / "odometry.csv").write_text("\n".join(lines) + "\n")
+    log = read_telemetry(tmp_path / "odometry.csv")
+    assert log.path is not None
+    assert not log.path.geodetic
+    np.testing.assert_allclose(log.path.times_s, np.arange(5) / 60, atol=1e-9)
+    np.testing.assert_allclose(log.path.places[3], [0.3, 1.0, -0.6])

@@ -2,7 +2,8 @@
 
 In synthetic rooms the object stands where furniture hides a part of it in some frames of a walk. The model has every
 second frame of the walk; masks come with all of its frames, with every fourth, or with none. What is hidden is
-compared with the room in which the mesh really stands. One line of JSON a room and setting, in DIR/occlusion.jsonl.
+compared with the room in which the mesh really stands, with edges as masks and points have them and as the picture has
+them. One line of JSON a room and setting, in DIR/occlusion.jsonl.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.insertion.hiding_places import hiding_place
 from benchmarks.insertion.likeness import LEAST_PIXELS, edge_errors
@@ -78,7 +80,10 @@ SETTINGS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HiddenObject:
-    """A room with an object that furniture hides; whole, seen : its true outlines (h, w) in every frame of the walk."""
+    """A room with an object that furniture hides; whole, seen : its true outlines (h, w) in every frame.
+
+    pictures : (h, w, 3) of the room without it.
+    """
 
     world: World
     made: SyntheticScene
@@ -86,6 +91,7 @@ class HiddenObject:
     body: Body
     whole: tuple[BoolArray, ...]
     seen: tuple[BoolArray, ...]
+    pictures: tuple[NDArray[np.uint8], ...]
 
     def view(self, index: int) -> tuple[View, int | None]:
         """The view of a frame of the walk, and its row in the model."""
@@ -121,8 +127,9 @@ def room_rows(kind: str, seed: int, what: str, size: Sequence[float]) -> list[di
     hidden = hidden_object(kind, seed, what, size)
     known = [_known(hidden, setting) for setting in SETTINGS]
     renderer = plain_renderer(hidden.body)
-    errors: list[list[FloatArray]] = [[] for _ in SETTINGS]
-    wrong: list[list[float]] = [[] for _ in SETTINGS]
+    ways = [(setting, guided) for setting in SETTINGS for guided in (False, True)]
+    errors: list[list[FloatArray]] = [[] for _ in ways]
+    wrong: list[list[float]] = [[] for _ in ways]
     shares = []
     for index, (whole, seen) in enumerate(zip(hidden.whole, hidden.seen, strict=True)):
         if whole.sum() < LEAST_PIXELS:
@@ -133,8 +140,13 @@ def room_rows(kind: str, seed: int, what: str, size: Sequence[float]) -> list[di
             errors[number].append(edge_errors(ours, ours_whole, seen, whole))
             wrong[number].append(float((ours != seen).sum() / whole.sum()))
     return [
-        {"room": f"{kind} {seed}", "setting": setting.name, **_summary(errors[k], wrong[k], shares)}
-        for k, setting in enumerate(SETTINGS)
+        {
+            "room": f"{kind} {seed}",
+            "setting": setting.name,
+            "edges": "picture" if guided else "masks",
+            **_summary(errors[k], wrong[k], shares),
+        }
+        for k, (setting, guided) in enumerate(ways)
     ]
 
 
@@ -159,7 +171,10 @@ def hidden_object(kind: str, seed: int, what: str, size: Sequence[float]) -> Hid
     basis = np.stack([to_scene.rotation[:, 0], to_scene.rotation[:, 1], up])
     body = body_of(model, to_scene(place[None])[0], basis, to_scene.rotation @ front, to_scene.scale)
     whole, seen = _true_outlines(standing(world, mesh, place, front))
-    return HiddenObject(world, made, to_scene, body, whole, seen)
+    with Renderer(world) as bare:
+        colours = [bare.frame(k).colour for k in range(len(world.poses))]
+    pictures = tuple(colour for colour in colours if colour is not None)
+    return HiddenObject(world, made, to_scene, body, whole, seen, pictures)
 
 
 def _true_outlines(world: World) -> tuple[tuple[BoolArray, ...], tuple[BoolArray, ...]]:
@@ -194,19 +209,23 @@ def _known(hidden: HiddenObject, setting: Setting) -> Known:
 def frame_outlines(
     hidden: HiddenObject, known: Sequence[Known], index: int, renderer: ObjectRenderer
 ) -> list[BoolArray]:
-    """Our outline of the object in a frame, (h, w), then what we show of it, by what is known."""
+    """Our outline of the object in a frame, (h, w), then what we show of it, by what is known: twice each.
+
+    The second of each two has edges that follow the picture.
+    """
     view, row = hidden.view(index)
-    outlines = [np.zeros((view.camera.height, view.camera.width), bool) for _ in range(len(known) + 1)]
+    outlines = [np.zeros((view.camera.height, view.camera.width), bool) for _ in range(2 * len(known) + 1)]
     box = object_box(view, hidden.body)
     if box is None:
         return outlines
     layer = object_layer(renderer, view, box)
     outlines[0][box.slices] = layer.alpha > 0.5
-    for outline, each in zip(outlines[1:], known, strict=True):
+    for number, each in enumerate(known):
         front = front_points(view, each.cloud, row)
-        masks = each.carrier.masks(row, view)
-        share = hidden_share(layer, box, view, masks, front, on_support(hidden.body, each.cloud, front))
-        outline[box.slices] = layer.alpha * (1 - share.share) > 0.5
+        masks, support = each.carrier.masks(row, view), on_support(hidden.body, each.cloud, front)
+        for guided, picture in enumerate((None, hidden.pictures[index][box.slices])):
+            share = hidden_share(layer, box, view, masks, front, support, picture).share
+            outlines[1 + 2 * number + guided][box.slices] = layer.alpha * (1 - share) > 0.5
     return outlines
 
 

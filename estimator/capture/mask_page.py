@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 import json
-import re
-import secrets
-import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from io import BufferedIOBase
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -21,6 +16,7 @@ from estimator.records.scene import Scene
 from metric_base.errors import InputError, Unquoted
 from metric_base.files import whole_file
 from metric_base.input_files import read_json
+from metric_base.local_page import LocalPage, is_count
 
 __all__ = ["SCHEMA", "Drawing", "MaskPage", "frames_to_draw", "instances_document"]
 
@@ -28,14 +24,6 @@ __all__ = ["SCHEMA", "Drawing", "MaskPage", "frames_to_draw", "instances_documen
 SCHEMA = "metric-tree/drawing/1"
 #: Frames to draw in: fewer leave things measured from one side, more tire.
 FRAMES = 5
-#: Most bytes of one answer: ten thousand corners.
-MOST_BYTES = 1 << 20
-#: How long a request may take to arrive.
-REQUEST_SECONDS = 30.0
-#: How often the server looks whether it shall end.
-POLL_SECONDS = 0.05
-LOOPBACK = "127.0.0.1"
-
 #: Longest name of a thing, and what is said of a longer one.
 LONGEST_NAME = 200
 UNNAMED = {"known": False, "says": f"a name has 1 to {LONGEST_NAME} characters", "offers": []}
@@ -80,11 +68,10 @@ def instances_document(frames: list[_Frame], drawing: Mapping[str, list[dict[str
     }
 
 
-class MaskPage:
+class MaskPage(LocalPage):
     """The page, served until the person is done.
 
-    url : where to open it; a secret part of it keeps other users of the machine and other pages out; look_up : says
-    what a name means, as `ThingNames` does.
+    look_up : says what a name means, as `ThingNames` does.
     """
 
     def __init__(
@@ -92,26 +79,12 @@ class MaskPage:
     ) -> None:
         self._frames, self._names, self._draft, self._look_up = frames, names, draft, look_up
         self._sizes = {frame.name: (frame.width, frame.height) for frame in frames}
-        self._finished = threading.Event()
         self._drawing = _draft_of(draft, self._sizes)
-        self._secret = secrets.token_urlsafe(12)
-        try:
-            self._server = _QuietServer((LOOPBACK, port), _handler(self))
-        except OSError as error:
-            raise InputError.at("--draw", "port", "one that is free", Unquoted(error.strerror or str(port))) from None
-        self._server.daemon_threads = True
-        self.url = f"http://{LOOPBACK}:{self._server.server_address[1]}/{self._secret}/"
+        super().__init__("--draw", port)
 
     def collect(self) -> dict[str, Any]:
         """Serve until the person is done; the COCO dataset of what was drawn."""
-        thread = threading.Thread(target=self._server.serve_forever, args=(POLL_SECONDS,), daemon=True)
-        thread.start()
-        try:
-            while not self._finished.wait(0.2):  # a wait without an end would not hear Ctrl-C
-                continue
-        finally:
-            self._server.shutdown()
-            self._server.server_close()
+        self.serve()
         return instances_document(self._frames, self._drawing)
 
     def start(self) -> dict[str, Any]:
@@ -137,7 +110,7 @@ class MaskPage:
         if document.get("done") is True:
             if not any(drawing.values()):
                 raise ValueError("draw at least one thing first")
-            self._finished.set()
+            self.finish()
 
     def answer(self, path: str) -> tuple[str, bytes] | None:
         """Content type and body for a path below the secret one, or None."""
@@ -150,78 +123,21 @@ class MaskPage:
             meaning = self._look_up(name) if 0 < len(name) <= LONGEST_NAME else UNNAMED
             return "application/json", json.dumps(meaning).encode()
         number = path.removeprefix("frame/")
-        if path.startswith("frame/") and _is_count(number) and int(number) < len(self._frames):
+        if path.startswith("frame/") and is_count(number) and int(number) < len(self._frames):
             return "image/*", self._frames[int(number)].file.read_bytes()
         return None
 
-    def below(self, path: str, host: str | None) -> str | None:
-        """The path below the secret one, None where the request is not for this page."""
-        port = self._server.server_address[1]
-        if host not in {f"{LOOPBACK}:{port}", f"localhost:{port}"}:  # a name of another site that resolves to us
+    def receive(self, path: str, body: bytes) -> tuple[int, dict[str, str]] | None:
+        """Keep the drawing that is sent to `save`."""
+        if path != "save":
             return None
-        prefix = f"/{self._secret}/"
-        return path[len(prefix) :] if path.startswith(prefix) else None
-
-
-class _QuietServer(ThreadingHTTPServer):
-    """A server that says nothing of a browser that closes its tab half-way."""
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Let the connection go: the terminal is for the person."""
-
-
-def _is_count(text: str) -> bool:
-    """Whether a text is a number of few digits."""
-    return re.fullmatch(r"[0-9]{1,12}", text) is not None
-
-
-def _kept(page: MaskPage, body: BufferedIOBase, length: int) -> tuple[int, dict[str, str]]:
-    """Keep the drawing of a request; the status and the words of the answer."""
-    try:
-        page.save(json.loads(body.read(length)))
-    except InputError as error:
-        return 500, {"error": f"the drawing cannot be kept: {error}"}
-    except (ValueError, RecursionError) as error:
-        return 400, {"error": str(error)}
-    return 200, {}
-
-
-def _handler(page: MaskPage) -> Callable[..., BaseHTTPRequestHandler]:
-    class Handler(BaseHTTPRequestHandler):
-        timeout = REQUEST_SECONDS
-
-        def do_GET(self) -> None:
-            path = page.below(self.path, self.headers.get("Host"))
-            answer = None if path is None else page.answer(path)
-            if answer is None:
-                self._send(404, "text/plain", b"no such page")
-            else:
-                self._send(200, *answer)
-
-        def do_POST(self) -> None:
-            path = page.below(self.path, self.headers.get("Host"))
-            length = self.headers.get("Content-Length", "")
-            if path != "save" or not _is_count(length) or int(length) > MOST_BYTES:
-                self._send(404, "application/json", b'{"error": "no such page"}')
-                return
-            status, answer = _kept(page, self.rfile, int(length))
-            self._send(status, "application/json", json.dumps(answer).encode())
-
-        def _send(self, status: int, kind: str, body: bytes) -> None:
-            self.send_response(status)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(body)))
-            self.send_header("Cache-Control", "no-store")
-            self.send_header("X-Content-Type-Options", "nosniff")
-            policy = "default-src 'self'; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
-            self.send_header("Content-Security-Policy", policy)
-            self.end_headers()
-            self.wfile.write(body)
-
-        def log_message(self, *_: Any) -> None:
-            """The terminal is for the person."""
-
-    return Handler
+        try:
+            self.save(json.loads(body))
+        except InputError as error:
+            return 500, {"error": f"the drawing cannot be kept: {error}"}
+        except (ValueError, RecursionError) as error:
+            return 400, {"error": str(error)}
+        return 200, {}
 
 
 def _shape(thing: dict[str, Any]) -> dict[str, Any]:

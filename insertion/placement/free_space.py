@@ -26,6 +26,8 @@ APPARENT = (0.04, 0.7)
 SMALLEST_APPARENT = 0.01
 #: A free place has nothing above it up to so many heights of the object, if there is such a place.
 OPEN_HEIGHTS = 2.0
+#: Planes nearer than this share of a cell of theirs are one surface where both are.
+PHANTOM_CELLS = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +47,19 @@ def candidates(space: Space) -> list[Place]:
     for smallest in (APPARENT[0], SMALLEST_APPARENT):
         scored = scored or [item for one in space.supports.surfaces for item in free_places(space, one, None, smallest)]
     scored.sort(key=lambda item: -item[0])
-    return [place for _, place in scored[:MAX_CANDIDATES]]
+    return [place for _, place in scored if not _on_phantom(space, place)][:MAX_CANDIDATES]
+
+
+def _on_phantom(space: Space, place: Place) -> bool:
+    """Whether a plane of more points is there, too, so near in height that both are one surface: noise and clutter."""
+    assert place.plane is not None  # free space is on planes
+    own = space.supports.surfaces[place.plane]
+    for other in space.supports.surfaces:
+        apart = abs(other.plane.height - own.plane.height)
+        near = 0 < apart < PHANTOM_CELLS * own.plane.cell and other.plane.points > own.plane.points
+        if near and other.holds((other.plane.basis[:2] @ place.position)[None])[0]:
+            return True
+    return False
 
 
 def free_places(

@@ -44,7 +44,10 @@ def place_at_point(space: Space, view: View, x: float, y: float) -> Place:
     hits = [hit for number in numbers if (hit := _hit(space, number, view, ray)) is not None]
     if len(points) >= NEAR_POINTS:
         # what the pixel shows decides between planes, and against all of them
-        hits = [hit for hit in hits if _share_on(space, hit[1], points, hit[0]) > 0.5]
+        shares = {hit: _share_on(space, hit[1], points, hit[0]) for hit in hits}
+        # of two planes at nearly one height, the one that more of the points are on
+        most = max(shares.values(), default=0.0)
+        hits = [hit for hit in hits if shares[hit] > max(0.5, most - 0.1)]
         if not hits:
             return _level_patch(space, view, x, y, ray)
     if not hits:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["main", "parser"]
 
 PROGRAM = "insert-object"
+#: What says where an object stands, which the page replaces.
+PLACE_OPTIONS = ("--place", "--at", "--on", "--plane", "--xy", "--facing")
 
 EPILOG = """\
 Several objects: repeat --model; --size, --at, --on, --plane, --xy, --facing and --category belong to the --model before
@@ -40,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from metric_cli.insert_object.study import run_study
 
         return exit_status(f"{PROGRAM} study", lambda: run_study(words[1:]))
-    return exit_status(PROGRAM, lambda: _run(parser().parse_args(words)))
+    return exit_status(PROGRAM, lambda: _run(parser().parse_args(words), words))
 
 
 def parser() -> argparse.ArgumentParser:
@@ -80,13 +82,15 @@ def parser() -> argparse.ArgumentParser:
         type=OutputFile(),
         help="draw the free places into a picture, best first, and list the options for each; needs no --out",
     )
+    place = "open a page to drag and turn the object in the pictures; it says the command to repeat; needs no --out"
+    add("--place", metavar="PORT", type=int, nargs="?", const=0, help=place)
     add("--json", action="store_true", help="print the result as JSON (metric-tree/insertion/1)")
     add("--version", action="version", version=f"{PROGRAM} {version()}")
     add_overwrite(root)
     return root
 
 
-def _run(options: argparse.Namespace) -> int:
+def _run(options: argparse.Namespace, words: Sequence[str]) -> int:
     from insertion.insert import insert_into
     from insertion.pipeline.stage import frame_range
     from metric_cli.progress import progress_bars
@@ -98,6 +102,8 @@ def _run(options: argparse.Namespace) -> int:
     tree = tree_of(options)
     if options.preview is not None:
         _preview(stage, requests[0], tree, options)
+    if options.place is not None:
+        requests = [_place_on_page(stage, requests[0], tree, options, words)]
     if options.out is None:
         return 0
     with progress_bars() as shown:
@@ -126,8 +132,15 @@ def _check_outputs(options: argparse.Namespace) -> None:
     from insertion.footage.picture_writer import output_kind, preview_place
     from insertion.render.context import check_renderer
 
-    if options.out is None and (options.preview is None or options.export is not None):
-        raise InputError("--out: expected a video or a folder (or --preview FILE alone); found none")
+    alone = options.preview is not None or options.place is not None
+    if options.out is None and (not alone or options.export is not None):
+        raise InputError("--out: expected a video or a folder (or --preview FILE or --place alone); found none")
+    if options.place is not None:
+        if not 0 <= options.place < 1 << 16:
+            raise InputError.at("--place", "port", "a number from 0 to 65535", options.place)
+        if len(options.objects) > 1:
+            raise InputError(f"--place: expected one --model; found {len(options.objects)}")
+        check_renderer()
     if options.out is not None:
         output_kind(options.out)
         check_renderer()
@@ -135,6 +148,41 @@ def _check_outputs(options: argparse.Namespace) -> None:
         preview_place(options.preview)
     if options.renderer == "blender":
         blender_program()
+
+
+def _place_on_page(
+    stage: Stage, request: ObjectRequest, tree: Tree | None, options: argparse.Namespace, words: Sequence[str]
+) -> ObjectRequest:
+    """The request with the place that a person has chosen on a page; what repeats it goes to standard output."""
+    from insertion.pipeline.place_page import PlacePage
+
+    page = PlacePage(stage, request, tree, lambda asked: _repeated(asked, words, options.out is None), options.place)
+    sys.stderr.write(f"{PROGRAM}: put the object into the picture: {page.url}\n")
+    page.serve()
+    assert page.chosen is not None  # the page ends with one
+    if not options.json:
+        sys.stdout.write(_repeated(page.chosen, words, options.out is None) + "\n")
+    return page.chosen
+
+
+def _repeated(request: ObjectRequest, words: Sequence[str], without_out: bool) -> str:
+    """The command of these words with the place of a request."""
+    import shlex
+
+    kept, left = [], list(words)
+    while left:
+        name, equals, _ = left[0].partition("=")
+        if name not in PLACE_OPTIONS:
+            kept.append(left.pop(0))
+            continue
+        left.pop(0)
+        has_value = name != "--place" or (bool(left) and left[0].isdecimal())
+        if not equals and has_value and left:
+            left.pop(0)
+    assert request.at is not None
+    at = f"frame={request.at.frame},x={request.at.x:.1f},y={request.at.y:.1f}"
+    out = ["--out", "OUT.mp4"] if without_out else []
+    return shlex.join([PROGRAM, *kept, "--at", at, "--facing", f"{float(request.facing):.0f}", *out])
 
 
 def _preview(stage: Stage, request: ObjectRequest, tree: Tree | None, options: argparse.Namespace) -> None:

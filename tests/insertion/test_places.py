@@ -15,6 +15,7 @@ from insertion.pipeline.objects import Placed, place_objects, space_for
 from insertion.pipeline.preview import write_preview
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import Stage
+from insertion.placement.free_space import candidates
 from insertion.placement.on_objects import instances_named
 from insertion.placement.place import NoPlace
 from metric_base.errors import InputError
@@ -49,6 +50,19 @@ def test_up_that_is_no_direction_is_one_line(words: str) -> None:
     options = parser().parse_args(["scene", "--scale", "1", "--up", words, "--model", "a.glb", "--out", "out"])
     with pytest.raises(InputError, match="--up: direction: expected X,Y,Z"):
         stage_of_arguments(options)
+
+
+def test_a_plane_just_above_a_better_one_is_not_offered(stage: Stage, cup: Path) -> None:
+    model = read_model(cup)
+    space = space_for(stage, model, model_size(model, "file"))
+    plain = candidates(space)
+    assert plain
+    floor = stage.supports.surfaces[0]
+    thin = replace(floor.plane, height=floor.plane.height + 0.3 * floor.plane.cell, points=floor.plane.points // 3)
+    phantom = replace(floor, number=len(stage.supports.surfaces), plane=thin)
+    both = replace(space, supports=replace(space.supports, surfaces=(*stage.supports.surfaces, phantom)))
+    assert phantom.number not in {place.plane for place in candidates(both)}
+    assert {place.plane for place in plain} <= {place.plane for place in candidates(both)}
 
 
 def _foot(room: RecordedRoom, placed: Placed) -> np.ndarray:

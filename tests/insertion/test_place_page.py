@@ -1,0 +1,80 @@
+"""The page on which an object is put into a picture, in a real browser."""
+
+from __future__ import annotations
+
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from insertion.pipeline.request import ObjectRequest
+from insertion.placement.place import At
+from metric_cli.insert_object.insert import _repeated
+from tests.synthetic.browser import Browser
+
+ROOM = Path("data/scenes/demo_room").resolve()
+MODEL = Path("data/models/rocking_horse.glb").resolve()
+CODE = "import sys; from metric_cli.insert_object.insert import main; sys.exit(main(sys.argv[1:]))"
+#: Of the canvas: its left upper corner in the window, and how many of its pixels a pixel of the window is.
+CANVAS = """(() => { const b = find("picture").getBoundingClientRect();
+  return [b.left, b.top, find("picture").width / b.width] })()"""
+
+
+def test_an_object_is_dragged_drawn_and_put_there_by_the_command(tmp_path: Path) -> None:
+    words = [str(ROOM), "--scale", "0.4", "--model", str(MODEL)]
+    program = [sys.executable, "-c", CODE]
+    with (
+        subprocess.Popen(
+            [*program, *words, "--at", "auto", "--place"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        ) as child,
+        Browser(tmp_path / "profile") as browser,
+    ):
+        try:
+            assert child.stderr is not None
+            url = child.stderr.readline().split()[-1]
+            browser.open(url, "document.body && document.body.dataset.ready")
+            assert browser.run("find('frame').options.length") >= 3
+            left, top, times = browser.run(CANVAS)
+
+            def at(x: float, y: float) -> tuple[float, float]:
+                return left + x / times, top + y / times
+
+            browser.click(at(5, 5))  # a wall
+            browser.wait("find('says').className === 'refused'")
+            assert browser.run("find('done').disabled")
+            width, height = browser.run("[find('picture').width, find('picture').height]")
+            browser.drag(at(0.5 * width, 0.9 * height), at(0.45 * width, 0.85 * height))
+            browser.wait("!find('done').disabled")
+            first = browser.run("find('command').textContent")
+            assert "--facing 0" in first
+            browser.run("find('turn').value = 45; turned()")
+            browser.wait("find('command').textContent.includes('--facing 45')")
+            browser.run("find('done').click()")
+            browser.wait("find('says').textContent.startsWith('Done')")
+            command = browser.run("find('command').textContent")
+            printed, _ = child.communicate(timeout=60)
+        finally:
+            child.kill()
+    assert printed == command + "\n"
+    out = tmp_path / "out"
+    repeated = shlex.split(command.replace("OUT.mp4", str(out)))
+    assert repeated[0] == "insert-object"
+    subprocess.run([*program, *repeated[1:], "--frames", "0:0"], check=True, timeout=120, capture_output=True)
+    (picture,) = out.iterdir()
+    plain = cv2.imread(str(next(ROOM.rglob(f"{picture.stem}.*"))))
+    changed = np.abs(cv2.imread(str(picture)).astype(int) - plain).max(axis=-1) > 30
+    rows, columns = np.nonzero(changed)
+    assert abs(np.median(columns) - 0.45 * plain.shape[1]) < 0.1 * plain.shape[1]
+    assert rows.max() > 0.75 * plain.shape[0]
+
+
+@pytest.mark.parametrize("before", [["--at", "auto", "--place"], ["--place", "8001", "--facing=wall"], ["--on", "a b"]])
+def test_the_command_has_one_place(before: list[str]) -> None:
+    request = ObjectRequest(Path("m.glb"), at=At("0 1.png", 3.25, 4.0), facing=-30.0)
+    words = shlex.split(_repeated(request, ["scene", "--model", "m.glb", *before, "--size", "height=2"], False))
+    assert words == ["insert-object", "scene", "--model", "m.glb", "--size", "height=2",
+                     "--at", "frame=0 1.png,x=3.2,y=4.0", "--facing", "-30"]  # fmt: skip

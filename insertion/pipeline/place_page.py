@@ -63,7 +63,7 @@ class PlacePage(LocalPage):
         command: Callable[[ObjectRequest], str],
         port: int = 0,
     ) -> None:
-        self._kept = _kept(stage)
+        self._kept = _some_pictures(stage)
         self._stage, self._tree, self._command = replace(stage, footage=self._kept), tree, command
         self._request = replace(request, on=None, plane=None)
         self._lock = threading.Lock()  # one renderer at a time
@@ -96,7 +96,9 @@ class PlacePage(LocalPage):
         try:
             stated = json.loads(body)
             expect(isinstance(stated, dict), "place", "frame, x, y and facing", stated)
-            asked = self._asked(int(stated["frame"]), (float(stated["x"]), float(stated["y"])), int(stated["facing"]))
+            asked = self._request_at(
+                int(stated["frame"]), (float(stated["x"]), float(stated["y"])), int(stated["facing"])
+            )
             self._place(asked)
         except (InputError, ValueError, TypeError, KeyError, LookupError) as error:
             return 400, {"error": str(error)}
@@ -114,7 +116,7 @@ class PlacePage(LocalPage):
         if kind == "picture":
             return ("image/jpeg", self._drawn[key]) if key in self._drawn else None
         try:
-            asked = self._asked(number, at, facing)
+            asked = self._request_at(number, at, facing)
             placed = self._place(asked)
         except LookupError:
             return None
@@ -134,14 +136,14 @@ class PlacePage(LocalPage):
         """Raises LookupError for a picture that is not on the page."""
         return {shot.index: shot for shot in self._kept.shots}[number]
 
-    def _asked(self, number: int, at: tuple[float, float], facing: int) -> ObjectRequest:
+    def _request_at(self, number: int, at: tuple[float, float], facing: int) -> ObjectRequest:
         return replace(self._request, at=At(self._shot(number).name, *at), facing=float(facing))
 
     def _place(self, request: ObjectRequest) -> Placed:
         return place_objects(self._stage, [request], self._tree)[0]
 
 
-def _kept(stage: Stage) -> _Kept:
+def _some_pictures(stage: Stage) -> _Kept:
     """Pictures with a pose, spread over the footage. Raises InputError without any."""
     posed = [shot for shot in stage.footage.shots if shot.view is not None]
     if not posed:

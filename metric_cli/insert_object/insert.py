@@ -156,16 +156,18 @@ def _place_on_page(
     """The request with the place that a person has chosen on a page; what repeats it goes to standard output."""
     from insertion.pipeline.place_page import PlacePage
 
-    page = PlacePage(stage, request, tree, lambda asked: _repeated(asked, words, options.out is None), options.place)
+    page = PlacePage(
+        stage, request, tree, lambda asked: _command_again(asked, words, options.out is None), options.place
+    )
     sys.stderr.write(f"{PROGRAM}: put the object into the picture: {page.url}\n")
     page.serve()
     assert page.chosen is not None  # the page ends with one
     if not options.json:
-        sys.stdout.write(_repeated(page.chosen, words, options.out is None) + "\n")
+        sys.stdout.write(_command_again(page.chosen, words, options.out is None) + "\n")
     return page.chosen
 
 
-def _repeated(request: ObjectRequest, words: Sequence[str], without_out: bool) -> str:
+def _command_again(request: ObjectRequest, words: Sequence[str], without_out: bool) -> str:
     """The command of these words with the place of a request."""
     import shlex
 

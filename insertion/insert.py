@@ -65,7 +65,7 @@ def insert_objects(
     scale : metres per scene unit, a result of `estimate_scale`, its file, or None for `result.json` in the folder
     out : a video (`out.mp4`), or a new folder for one PNG a frame
     images : the pictures, by default beside or above the model; instances : masks of what may hide the objects
-    moving : masks of people and things that move, of every frame
+    moving : masks of people and objects that move, of every frame
     dense : dense cloud, or `none`; up : the vertical, if it is known; tree : for sizes by the prior
     show_interval : whether to draw the outline at both ends of the scale's interval
     renderer : the embedded one, or Blender's Cycles; export : a new folder for the scene in metres

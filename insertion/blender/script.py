@@ -40,14 +40,14 @@ def add_model(item: dict[str, Any]) -> None:
     """Import a glTF file and put it at its matrix."""
     before = set(bpy.data.objects)
     bpy.ops.import_scene.gltf(filepath=item["file"])
-    new = [thing for thing in bpy.data.objects if thing not in before]
+    new = [entry for entry in bpy.data.objects if entry not in before]
     anchor = bpy.data.objects.new("anchor", None)
     bpy.context.scene.collection.objects.link(anchor)
-    for thing in new:
-        if thing.animation_data:
-            thing.animation_data_clear()
-        if thing.parent is None:
-            thing.parent = anchor
+    for entry in new:
+        if entry.animation_data:
+            entry.animation_data_clear()
+        if entry.parent is None:
+            entry.parent = anchor
     anchor.matrix_world = Matrix((TURN @ np.array(item["matrix"]) @ np.linalg.inv(TURN)).tolist())
 
 
@@ -56,9 +56,9 @@ def add_light(light: dict[str, Any]) -> None:
     data = bpy.data.lights.new("lamp", "AREA")
     data.shape, data.size, data.energy = "SQUARE", light["size"], light["power"]
     data.color = light.get("colour", (1, 1, 1))
-    thing = bpy.data.objects.new("lamp", data)
-    thing.matrix_world = Matrix((TURN @ np.array(light["matrix"])).tolist())
-    bpy.context.scene.collection.objects.link(thing)
+    entry = bpy.data.objects.new("lamp", data)
+    entry.matrix_world = Matrix((TURN @ np.array(light["matrix"])).tolist())
+    bpy.context.scene.collection.objects.link(entry)
 
 
 def add_catcher(catcher: dict[str, Any]) -> None:
@@ -72,9 +72,9 @@ def add_catcher(catcher: dict[str, Any]) -> None:
     surface.inputs["Base Color"].default_value = (*catcher["albedo"], 1)
     surface.inputs["Roughness"].default_value = 0.9
     mesh.materials.append(material)
-    thing = bpy.data.objects.new("support", mesh)
-    thing.is_shadow_catcher = True
-    bpy.context.scene.collection.objects.link(thing)
+    entry = bpy.data.objects.new("support", mesh)
+    entry.is_shadow_catcher = True
+    bpy.context.scene.collection.objects.link(entry)
 
 
 def set_world(scene: Any, file: str | None) -> None:

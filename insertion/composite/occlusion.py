@@ -1,7 +1,7 @@
-"""What of the object is hidden by nearer things.
+"""What of the object is hidden by nearer objects.
 
-Masks have clean edges, so they decide wherever there are masks: a thing whose points under the object are all nearer
-hides the object in its whole mask. Where a thing is partly nearer and partly farther, and where there is no mask, the
+Masks have clean edges, so they decide wherever there are masks: an occluder whose points under the object are all
+nearer hides the object in its whole mask. Where it is partly nearer and partly farther, and where there is no mask, the
 cloud decides pixel by pixel.
 """
 
@@ -25,23 +25,23 @@ __all__ = ["Occlusion", "hidden_share", "on_support"]
 
 #: Points that an order in depth rests on.
 MIN_POINTS = 4
-#: A thing with this share of nearer points hides the object, with less than the rest it does not; between them the
+#: An occluder with this share of nearer points hides the object, with less than the rest it does not; between them the
 #: pixels decide: the near leg of a table hides what stands under it, and the far leg does not.
 NEARER, FARTHER = 0.97, 0.03
-#: A thing with too few points stands on what is so many pixels below it.
+#: An occluder with too few points stands on what is so many pixels below it.
 BELOW_PX = 4
-#: Then so many nearest points of the thing vote in each pixel.
+#: Then so many nearest points of the occluder vote in each pixel.
 VOTES = 5
 #: A point is nearer if it lies in front of the object by this share of the depth: the cloud's own noise.
 CLEARLY = 0.012
-#: How far beyond the object's outline points of a thing are heard, in pixels at a width of 640.
+#: How far beyond the object's outline points of an occluder vote, in pixels at a width of 640.
 AROUND_PX = 12
 #: Where there is no mask, this many nearest points of a dense cloud vote, no further than so many pixels at a width
 #: of 640: plain surfaces leave few points.
 DENSE_POINTS, DENSE_PX, DENSE_SHARE = 7, 24.0, 0.7
-#: Points this near to a mask belong to the thing in it: masks are drawn a little small. In pixels at a width of 640.
+#: Points this near to a mask belong to the occluder in it: masks are drawn a little small. In pixels at a width of 640.
 BORDER_PX = 8
-#: Gaps between things that hide the object are closed up to twice this width, unless points are seen through them:
+#: Gaps between occluders that hide the object are closed up to twice this width, unless points are seen through them:
 #: masks do not always meet. In pixels at a width of 640.
 GAP_PX = 5
 #: Points within this share of the object's size of the support plane belong to it, or within this share of their own
@@ -77,7 +77,7 @@ def hidden_share(
 
     on_support : (m,) the points of `front` that are on what the object stands on; they hide nothing. picture :
     (h, w, 3) of the box, whose edges the hidden part follows; None leaves it as masks and points have it. moving :
-    things that the reconstruction knows nothing of.
+    occluders that the reconstruction knows nothing of.
     """
     import cv2
 
@@ -86,7 +86,7 @@ def hidden_share(
     inside = front.inside(box.x0, box.y0, box.x1, box.y1)
     pixels = inside.pixels - [box.x0, box.y0]
     depths = np.where(front.marks_inside(on_support, box.x0, box.y0, box.x1, box.y1), np.inf, inside.depths)
-    sure = np.ones(len(depths), dtype=bool) if inside.sure is None else inside.sure
+    observed = np.ones(len(depths), dtype=bool) if inside.observed is None else inside.observed
     hidden = np.zeros(box.shape, dtype=bool)
     masked = np.zeros(box.shape, dtype=bool)
     silhouette = layer.alpha > 0.5
@@ -100,7 +100,7 @@ def hidden_share(
         if mask is None or not (mask & around).any():
             continue
         masked |= mask
-        part = _hidden_by(mask, around, behind, pixels, depths, sure)
+        part = _hidden_by(mask, around, behind, pixels, depths, observed)
         if part is None:
             unknown.append(mask)
         else:
@@ -114,7 +114,7 @@ def hidden_share(
         hidden |= _nearer_pixels(~masked & around, behind, pixels[free], depths[free], DENSE_PX * width_factor)
     for part in (upright.hides(box, view, behind) for upright in moving):
         hidden |= part
-    hidden = _without_gaps(hidden, round(GAP_PX * width_factor), behind, pixels[sure], depths[sure])
+    hidden = _without_gaps(hidden, round(GAP_PX * width_factor), behind, pixels[observed], depths[observed])
     if picture is None or not (hidden & around).any():
         share = cv2.GaussianBlur(hidden.astype(np.float32), (0, 0), EDGE_PX)
     else:
@@ -199,27 +199,29 @@ def _hidden_by(
     behind: NDArray[np.float32],
     pixels: FloatArray,
     depths: FloatArray,
-    sure: BoolArray,
+    observed: BoolArray,
 ) -> NDArray[np.bool_] | None:
-    """The pixels in which the thing with this mask hides the object; None where too few points tell.
+    """The pixels in which the occluder with this mask hides the object; None where too few points tell.
 
     mask, around, behind : (h, w), the last the object's depth; pixels : (m, 2) in the box; depths : (m,) scene units;
-    sure : (m,) whether a point is certainly seen, and not through the thing; the result is (h, w).
+    observed : (m,) whether a point is certainly seen, and not through the occluder; the result is (h, w).
     """
     at = pixels.astype(np.int64)
     ratio = depths / behind[at[:, 1], at[:, 0]]
     own = mask[at[:, 1], at[:, 0]] & (np.abs(ratio - 1) > CLEARLY)
     near = own & around[at[:, 1], at[:, 0]]
-    heard = next((some for some in (near & sure, own & sure, near, own) if np.count_nonzero(some) >= MIN_POINTS), None)
-    if heard is None:
+    voters = next(
+        (some for some in (near & observed, own & observed, near, own) if np.count_nonzero(some) >= MIN_POINTS), None
+    )
+    if voters is None:
         return None
-    nearer = ratio[heard] < 1
+    nearer = ratio[voters] < 1
     share = float(nearer.mean())
     if share >= NEARER:
         return mask
     if share <= FARTHER:
         return np.zeros_like(mask)
-    return mask & _by_vote(mask, pixels[heard], nearer)
+    return mask & _by_vote(mask, pixels[voters], nearer)
 
 
 def _stands_on(hidden: NDArray[np.bool_], mask: NDArray[np.bool_]) -> bool:
@@ -231,7 +233,7 @@ def _stands_on(hidden: NDArray[np.bool_], mask: NDArray[np.bool_]) -> bool:
 
 
 def _by_vote(mask: NDArray[np.bool_], pixels: FloatArray, nearer: BoolArray) -> NDArray[np.bool_]:
-    """Whether most of the nearest points of the thing are nearer than the object, for each pixel of the mask.
+    """Whether most of the nearest points of the occluder are nearer than the object, for each pixel of the mask.
 
     mask and the result : (h, w); pixels : (m, 2) in the box; nearer : (m,) whether each point is.
     """

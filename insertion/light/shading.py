@@ -50,9 +50,9 @@ TINT_SIGMA, TINTS = 0.12, np.linspace(-0.6, 0.6, 25)
 WORTH, MOST_LAMPS = 8.0, 3
 #: How often each lamp is moved, how much less far every time, and the ratios that are tried, over the last one.
 TURNS, SHRINK = 9, 0.72
-#: A lamp's place is known to this share of the candidates' spacing, and a cell is sure to be lit, or in shadow, if no
+#: A lamp's place is known to this share of the candidates' spacing, and a cell is taken as lit, or in shadow, if no
 #: more than this share of its spots and such places says otherwise.
-SURE_SPREAD, SURE = 0.3, 0.1
+PLACE_SPREAD, LIT_MARGIN = 0.3, 0.1
 LOCAL_RATIOS = np.array([0.6, 0.78, 1.0, 1.28, 1.65])
 #: Candidates less likely than this share of the best are dropped.
 LEAST_WEIGHT = 0.02
@@ -200,18 +200,18 @@ def _best_pair(planes: LitPlanes, candidates: Candidates) -> list[_Fitted]:
 def _polish_sure(
     lamps: list[_Fitted], planes: LitPlanes, up: FloatArray, candidates: Candidates
 ) -> tuple[list[_Fitted], LitPlanes]:
-    """The lamps polished on the cells of which it is sure whether they are in shadow; up : (3,) unit vector.
+    """The lamps polished on the cells that are clearly lit or clearly in shadow; up : (3,) unit vector.
 
     A cell taken for lit that is in shadow, or the other way round, makes every lamp look weaker than it is.
     """
     assert planes.occupancy is not None
     generator = np.random.default_rng(1)
-    sure = np.ones(len(planes.shown), dtype=bool)
+    settled = np.ones(len(planes.shown), dtype=bool)
     for fitted in lamps:
-        places = fitted.place + generator.normal(0.0, SURE_SPREAD * candidates.spacing, (NEARBY, 3))
+        places = fitted.place + generator.normal(0.0, PLACE_SPREAD * candidates.spacing, (NEARBY, 3))
         share = open_share(planes.patches, planes.occupancy, places).mean(axis=0)
-        sure &= (share < SURE) | (share > 1 - SURE) | (fitted.irradiance < SURE)
-    some = planes.patches.cells(sure)
+        settled &= (share < LIT_MARGIN) | (share > 1 - LIT_MARGIN) | (fitted.irradiance < LIT_MARGIN)
+    some = planes.patches.cells(settled)
     if len(some.plane) < LEAST_CELLS or len(np.unique(some.plane)) < LEAST_PLANES:
         return lamps, planes
     fewer = replace(lit_planes(some, up, planes.occupancy), times=planes.times)

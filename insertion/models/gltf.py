@@ -35,7 +35,7 @@ from metric_base.schema import expect
 
 __all__ = ["read_model"]
 
-#: Metres from its origin beyond which no part of a thing is.
+#: Metres from its origin beyond which no part of an object is.
 MAX_METRES = 1e9
 
 

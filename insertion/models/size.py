@@ -28,7 +28,7 @@ class ModelSize:
     warnings: tuple[str, ...] = ()
 
 
-#: Metres of the largest thing that is inserted: larger than anything that was built.
+#: Metres of the largest object that is inserted: larger than anything that was built.
 LARGEST_M = 10_000.0
 
 

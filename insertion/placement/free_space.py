@@ -22,7 +22,7 @@ NEAR_POINTS = 4
 MAX_CANDIDATES, SEEN_SHARE = 8, 0.25
 #: An object smaller than this in the picture is not worth a place, larger hides the scene (share of the height).
 APPARENT = (0.04, 0.7)
-#: Where nothing is that large, or a person names the thing to stand on, this is enough.
+#: Where nothing is that large, or a person names the object to stand on, this is enough.
 SMALLEST_APPARENT = 0.01
 #: A free place has nothing above it up to so many heights of the object, if there is such a place.
 OPEN_HEIGHTS = 2.0

@@ -1,4 +1,4 @@
-"""A place on top of the things of a category: on a support plane that they share, or on their own highest level."""
+"""A place on top of the objects of a category: on a support plane that they share, or on their own highest level."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 __all__ = ["instances_named", "place_on_category"]
 
-#: A point belongs to a thing if this share of the views that see both has it in the thing's mask: beyond the edge of
+#: A point belongs to an object if this share of the views that see both has it in the object's mask: beyond the edge of
 #: a table, one view sees the floor where another sees the table.
 OWN_SHARE = 0.6
-#: Masks of two views show one thing if they share this part of the points of the smaller one.
+#: Masks of two views show one object if they share this part of the points of the smaller one.
 SAME_SHARE = 0.3
 #: Most views that are asked.
 MAX_VIEWS = 24
-#: A plane is a thing's top if it holds this share of the thing's points.
+#: A plane is an object's top if it holds this share of the object's points.
 TOP_SHARE = 0.1
-#: The same for a level that is no plane of the scene, whose thickness is this share of the thing's height.
+#: The same for a level that is no plane of the scene, whose thickness is this share of the object's height.
 LEVEL_SHARE, LEVEL_THICKNESS = 0.15, 0.06
 
 
 def place_on_category(space: Space, category: str, instances: Sequence[Instance]) -> Place:
-    """Free space on the top of a thing of a category. Raises NoPlace where there is none."""
+    """Free space on the top of an object of a category. Raises NoPlace where there is none."""
     votes = [points for points in _points_of_things(space, instances) if len(points) >= NEAR_POINTS]
     if not votes:
         raise NoPlace(f"--on: the cloud has no points on any {category}")
@@ -50,7 +50,7 @@ def place_on_category(space: Space, category: str, instances: Sequence[Instance]
 
 
 def _places_on(space: Space, votes: FloatArray) -> list[tuple[float, Place]]:
-    """Scored free places on the highest level of one thing, whose points are `votes` (n, 3)."""
+    """Scored free places on the highest level of one object, whose points are `votes` (n, 3)."""
     for surface in reversed(space.supports.surfaces):
         plane = surface.plane
         local = votes @ plane.basis.T
@@ -71,7 +71,7 @@ def _places_on(space: Space, votes: FloatArray) -> list[tuple[float, Place]]:
 
 
 def _own_level(space: Space, votes: FloatArray) -> tuple[Surface, BoolArray] | None:
-    """The highest level of a thing whose points are `votes` (n, 3), and its cells; None where it has none."""
+    """The highest level of an object whose points are `votes` (n, 3), and its cells; None where it has none."""
     planes = space.supports.surfaces
     basis = planes[0].plane.basis if planes else level_basis(space.supports.up.vector)
     local = votes @ basis.T
@@ -95,7 +95,7 @@ def _own_level(space: Space, votes: FloatArray) -> tuple[Surface, BoolArray] | N
     plane = SupportPlane(basis, height, sigma, len(own), origin, cell, np.ones(tuple(shape), dtype=bool))
     surface = surface_of(-1, plane, space.cloud, space.scene.views)
     mask = _mask_of(surface, own[:, :2])
-    # the points of the thing say where its top is; between them it is solid
+    # the points of the object say where its top is; between them it is solid
     return replace(surface, solid=surface.solid | mask), mask
 
 
@@ -110,23 +110,23 @@ def _mask_of(surface: Surface, local: FloatArray) -> BoolArray:
 
 
 def _points_of_things(space: Space, instances: Sequence[Instance]) -> list[FloatArray]:
-    """For each thing the (n, 3) points of the cloud that most views see in its masks."""
+    """For each object the (n, 3) points of the cloud that most views see in its masks."""
     views = sorted({item.view for item in instances})
     views = views[:: -(-len(views) // MAX_VIEWS)]
     seen = {view: unhidden(space.scene.views[view], space.cloud.points) for view in views}
     masks = [(item.view, _rows_in(item, seen[item.view])) for item in instances if item.view in seen]
-    things: list[tuple[set[int], list[tuple[int, IntArray]]]] = []
+    objects: list[tuple[set[int], list[tuple[int, IntArray]]]] = []
     for view, rows in sorted(masks, key=lambda mask: -len(mask[1])):
         own = set(rows.tolist())
-        shared = [len(own & points) / max(min(len(own), len(points)), 1) for points, _ in things]
+        shared = [len(own & points) / max(min(len(own), len(points)), 1) for points, _ in objects]
         if shared and max(shared) >= SAME_SHARE:
-            points, parts = things[int(np.argmax(shared))]
+            points, parts = objects[int(np.argmax(shared))]
             points |= own
             parts.append((view, rows))
         else:
-            things.append((own, [(view, rows)]))
+            objects.append((own, [(view, rows)]))
     n = len(space.cloud.points)
-    return [space.cloud.points[_own_points(parts, seen, n)] for _, parts in things]
+    return [space.cloud.points[_own_points(parts, seen, n)] for _, parts in objects]
 
 
 def _rows_in(item: Instance, sight: Sight) -> IntArray:
@@ -137,7 +137,7 @@ def _rows_in(item: Instance, sight: Sight) -> IntArray:
 
 
 def _own_points(parts: Sequence[tuple[int, IntArray]], seen: Mapping[int, Sight], count: int) -> BoolArray:
-    """(count,) points in most of the masks of one thing, among the views that see both.
+    """(count,) points in most of the masks of one object, among the views that see both.
 
     parts : view and rows (m,) of each mask; seen : the sight of each view.
     """

@@ -21,7 +21,7 @@ __all__ = ["CAST_SIZES", "cast_box", "object_box", "shadow_box", "window_behind"
 MARGIN_PX = 6
 #: Light on the plane that is dimmed by less than this is not worth a pixel.
 SHADOW_SHARE = 0.004
-#: A shadow on other things is drawn this far from the object, in its sizes: as far as that on its support.
+#: A shadow on other objects is drawn this far from the object, in its sizes: as far as that on its support.
 CAST_SIZES = 3.0
 #: The ideal picture behind a strongly curved lens is cut at this many times the picture.
 WIDEST = 3.0
@@ -41,7 +41,7 @@ def shadow_box(view: View, body: Body, plane: PlaneMap) -> Box | None:
 
 
 def cast_box(view: View, body: Body, directions: FloatArray) -> Box | None:
-    """Pixels that the shadow on other things may cover, above the support plane; None where it is out of the picture.
+    """Pixels that the shadow on other objects may cover, above the support plane; None where it is out of the picture.
 
     directions : (n, 3) towards the lights that cast it.
     """

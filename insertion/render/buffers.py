@@ -40,9 +40,9 @@ class LoadedPart:
 
     def release(self) -> None:
         """Give the memory of the card back."""
-        for thing in (self.drawn, self.gathered, self.cast, *self.textures.values(), *self.buffers):
-            if thing:
-                thing.release()
+        for item in (self.drawn, self.gathered, self.cast, *self.textures.values(), *self.buffers):
+            if item:
+                item.release()
 
     def bind(self, program: Any) -> None:
         """Hand the material to the shader; what the shader does not use is skipped."""

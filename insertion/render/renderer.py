@@ -26,7 +26,7 @@ from metric_base.arrays import FloatArray
 
 __all__ = ["ObjectImage", "ObjectRenderer"]
 
-#: 2 ** cuts lights shade the object and other things; the map on the plane is made once and affords more.
+#: 2 ** cuts lights shade the object and other objects; the map on the plane is made once and affords more.
 OBJECT_CUTS, PLANE_CUTS = 6, 8
 SAMPLES = 4
 #: Framebuffers are made in steps of this many pixels, so that a window that grows slowly does not make one each frame.
@@ -231,7 +231,7 @@ class ObjectRenderer:
         return _read(plain, window, 0, 4), _read(plain, window, 1, 2)
 
     def received_light(self, places: NDArray[np.float32], normals: NDArray[np.float32]) -> NDArray[np.float32]:
-        """(h, w, 3) share of the light that still reaches other things.
+        """(h, w, 3) share of the light that still reaches other objects.
 
         places : (h, w, 4) in the local frame, the fourth 1 where a place is known; normals : (h, w, 3) unit.
         """
@@ -326,11 +326,11 @@ class ObjectRenderer:
         context.disable(context.BLEND)
 
 
-def _release(*things: Any) -> None:
+def _release(*objects: Any) -> None:
     """Give the memory of the card back; None is nothing."""
-    for thing in things:
-        if thing is not None:
-            thing.release()
+    for item in objects:
+        if item is not None:
+            item.release()
 
 
 def _read(target: Any, window: Window, attachment: int, components: int) -> NDArray[np.float32]:

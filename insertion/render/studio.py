@@ -19,9 +19,9 @@ __all__ = ["AZIMUTHS_DEG", "StudioView", "studio_views"]
 
 #: Four views, a quarter turn apart, none of them straight at a side.
 AZIMUTHS_DEG = (30.0, 120.0, 210.0, 300.0)
-#: As one looks at a thing on a table: the top is seen, and the height is shortened by 6 % only.
+#: As one looks at an object on a table: the top is seen, and the height is shortened by 6 % only.
 ELEVATION_DEG = 20.0
-#: Free pixels around the thing before it is cropped.
+#: Free pixels around the object before it is cropped.
 MARGIN_PX = 2
 SAMPLES = 4
 #: The axes of a model that stands at the origin: two horizontal ones and up, which is glTF's +y.
@@ -37,7 +37,7 @@ class StudioView:
 
     @property
     def foreground_share(self) -> float:
-        """Share of the picture that the thing covers."""
+        """Share of the picture that the object covers."""
         return float((self.rgba[..., 3] >= 128).mean())
 
 
@@ -66,8 +66,8 @@ def studio_views(context: Any, model: Model, pixels: int) -> Iterator[StudioView
         context.copy_framebuffer(plain, smooth)
         rgba = np.frombuffer(plain.read(components=4), "u1").reshape(side, side, 4)
         yield StudioView(_crop(rgba), pixels / (2 * radius * body.unit))
-    for thing in (smooth, plain):
-        thing.release()
+    for item in (smooth, plain):
+        item.release()
 
 
 def _camera_axes(azimuth_deg: float, elevation_deg: float) -> FloatArray:

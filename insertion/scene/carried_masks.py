@@ -1,7 +1,8 @@
 """Masks of frames that nobody annotated: carried over from the annotated view that is nearest.
 
-A thing's points give its inverse depth as a plane over its mask, 1 / z = a + b u + c v, which is exact for flat things
-and near enough for others over a small step of the camera. Its outline goes through that depth into the new frame.
+An object's points give its inverse depth as a plane over its mask, 1 / z = a + b u + c v, which is exact for flat
+objects and near enough for others over a small step of the camera. Its outline goes through that depth into the new
+frame.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from metric_base.arrays import FloatArray
 
 __all__ = ["MaskCarrier"]
 
-#: Points that a thing's depth rests on.
+#: Points that an object's depth rests on.
 MIN_POINTS = 6
-#: Beyond this angle between two cameras' axes, or this share of the median depth between them, a thing shows another
+#: Beyond this angle between two cameras' axes, or this share of the median depth between them, an object shows another
 #: side, and its outline does not carry.
 MAX_TURN_DEG, MAX_STEP = 25.0, 0.35
 
@@ -84,7 +85,7 @@ def _inverse_depth(item: Instance, pixels: FloatArray, flat: FloatArray, depths:
         return np.array([middle, 0.0, 0.0])
     centre = flat[kept].mean(axis=0)
     system = np.column_stack([np.ones(len(kept)), flat[kept] - centre])
-    # a small thing has no slope that its few points could tell
+    # a small object has no slope that its few points could tell
     ridge = np.diag([0.0, 1.0, 1.0]) * 1e-3 * len(kept)
     a, b, c = np.linalg.solve(system.T @ system + ridge, system.T @ (1 / depths[kept]))
     return np.array([a - b * centre[0] - c * centre[1], b, c])

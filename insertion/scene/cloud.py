@@ -43,8 +43,8 @@ class Cloud:
 class FrontPoints:
     """The points that one view sees.
 
-    rows : (m,) of the cloud; pixels : (m, 2); depths : (m,) scene units; dense : as the cloud's; sure : (m,) whether
-    each was seen by the scene's view that is most like this one, None where all count alike. Sparse points are too few
+    rows : (m,) of the cloud; pixels : (m, 2); depths : (m,) scene units; dense : as the cloud's; observed : (m,)
+    whether each was seen by the scene's view that is most like this one, None where all count alike. Sparse points are too few
     to hide one another: the others may shine through what stands before them.
     """
 
@@ -52,13 +52,13 @@ class FrontPoints:
     pixels: FloatArray
     depths: FloatArray
     dense: bool
-    sure: BoolArray | None = None
+    observed: BoolArray | None = None
 
     def inside(self, x0: int, y0: int, x1: int, y1: int) -> FrontPoints:
         """Those within a box of pixels, the ends not included."""
         kept = self._within(x0, y0, x1, y1)
-        sure = None if self.sure is None else self.sure[kept]
-        return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense, sure)
+        observed = None if self.observed is None else self.observed[kept]
+        return FrontPoints(self.rows[kept], self.pixels[kept], self.depths[kept], self.dense, observed)
 
     def marks_inside(self, marks: BoolArray, x0: int, y0: int, x1: int, y1: int) -> BoolArray:
         """The marks (m,) of the points that `inside` keeps."""
@@ -80,8 +80,8 @@ def front_points(view: View, cloud: Cloud, row: int | None = None) -> FrontPoint
         sight = unhidden(view, cloud.points[listed])
         return FrontPoints(listed[sight.rows], sight.pixels, sight.depths, cloud.dense)
     sight = unhidden(view, cloud.points)
-    sure = None if known is None or known.complete else np.isin(sight.rows, known.nearest(view))
-    return FrontPoints(sight.rows, sight.pixels, sight.depths, cloud.dense, sure)
+    observed = None if known is None or known.complete else np.isin(sight.rows, known.nearest(view))
+    return FrontPoints(sight.rows, sight.pixels, sight.depths, cloud.dense, observed)
 
 
 def coloured_cloud(scene: Scene, stills: Stills) -> Cloud:

@@ -1,6 +1,6 @@
-"""Masks of people and things that move: the reconstruction knows nothing of them, so their feet say how far they are.
+"""Masks of people and objects that move: the reconstruction knows nothing of them, so their feet say how far they are.
 
-A mask's lowest pixels are taken to stand on the ground. The thing is then an upright plane through that place, facing
+A mask's lowest pixels are taken to stand on the ground. The object is then an upright plane through that place, facing
 the camera; what is hidden by it is decided pixel by pixel.
 """
 
@@ -32,7 +32,7 @@ GRAZING = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Upright:
-    """A thing that moves, in one picture; depth : along the optical axis is offset / (direction . ray)."""
+    """An object that moves, in one picture; depth : along the optical axis is offset / (direction . ray)."""
 
     item: Instance
     direction: FloatArray
@@ -68,8 +68,8 @@ def moving_masks(file: Path, scene: Scene, shots: Sequence[Shot]) -> Mapping[int
 
 def uprights(items: Sequence[Instance], view: View, ground: SupportPlane) -> list[Upright]:
     """What each mask is in the view; one whose feet are above the horizon is left out."""
-    things = [_upright(item, view, ground) for item in items]
-    return [one for one in things if one is not None]
+    objects = [_upright(item, view, ground) for item in items]
+    return [one for one in objects if one is not None]
 
 
 def _upright(item: Instance, view: View, ground: SupportPlane) -> Upright | None:
@@ -102,5 +102,5 @@ def points_beside(front: FrontPoints, items: Sequence[Instance]) -> FrontPoints:
         free[rows[item.mask[at[rows, 1], at[rows, 0]]]] = False
     if free.all():
         return front
-    sure = None if front.sure is None else front.sure[free]
-    return FrontPoints(front.rows[free], front.pixels[free], front.depths[free], front.dense, sure)
+    observed = None if front.observed is None else front.observed[free]
+    return FrontPoints(front.rows[free], front.pixels[free], front.depths[free], front.dense, observed)

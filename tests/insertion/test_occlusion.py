@@ -92,7 +92,7 @@ def test_what_another_view_sees_past_an_object_does_not_shine_through_it() -> No
     leak = _points((couch, NEAR), (edge, FAR))
     seen = np.repeat([True, False], 25)
     assert not _hidden([_thing("couch", couch)], leak)[33:47, 13:57].all()
-    assert _hidden([_thing("couch", couch)], replace(leak, sure=seen))[33:107, 13:147].all()
+    assert _hidden([_thing("couch", couch)], replace(leak, observed=seen))[33:107, 13:147].all()
 
 
 def test_a_film_frame_trusts_what_its_nearest_view_observed() -> None:
@@ -101,8 +101,8 @@ def test_a_film_frame_trusts_what_its_nearest_view_observed() -> None:
     known = Visibility(rows, np.array([[0.0, 0, 0], [5.0, 0, 0]]), np.array([[0.0, 0, 1], [0.0, 0, 1]]), complete=False)
     cloud = Cloud(points, np.zeros((2, 3), np.float32), False, known)
     front = front_points(VIEW, cloud)
-    assert front.sure is not None
-    assert dict(zip(front.rows.tolist(), front.sure.tolist(), strict=True)) == {0: True, 1: False}
+    assert front.observed is not None
+    assert dict(zip(front.rows.tolist(), front.observed.tolist(), strict=True)) == {0: True, 1: False}
 
 
 def test_a_gap_of_lines_closes_as_one_of_columns() -> None:

@@ -44,8 +44,8 @@ class FrontPoints:
     """The points that one view sees.
 
     rows : (m,) of the cloud; pixels : (m, 2); depths : (m,) scene units; dense : as the cloud's; observed : (m,)
-    whether each was seen by the scene's view that is most like this one, None where all count alike. Sparse points are too few
-    to hide one another: the others may shine through what stands before them.
+    whether each was seen by the scene's view that is most like this one, None where all count alike. Sparse points
+    are too few to hide one another: the others may shine through what stands before them.
     """
 
     rows: IntArray

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
 
 from estimator.records import METHODS
 from metric_base.errors import InputError
 from metric_cli.arguments import OutputFile, add_overwrite, input_path, new_folder, output_folder
+from metric_cli.completion import SHELLS, PrintCompletion
 from metric_cli.estimate_scale.evidence_options import add_evidence_options, evidence_sources, up_direction
 from metric_cli.terminal import OneLineParser
 
@@ -29,19 +28,6 @@ than 25 % away has mass of 0.1 or more (--strict: 3); 2 the input is invalid (on
 usable object, or less than 40 % of the posterior is within 15 % of its highest mode, or a known length contradicts the
 objects, or the reconstruction or the masks contradict themselves; 1 an internal error.
 """
-
-
-SHELLS = ("bash", "zsh", "fish")
-
-
-class _PrintCompletion(argparse.Action):
-    """Print the completion script of a shell, and leave."""
-
-    def __call__(self, root: argparse.ArgumentParser, _options: Any, shell: Any, _name: str | None = None) -> NoReturn:
-        """Write the script to standard output."""
-        options = {name: action.help or "" for name, action in root._option_string_actions.items()}
-        sys.stdout.write(completion_script(PROGRAM, options, shell))
-        root.exit()
 
 
 def parse_options(words: Sequence[str]) -> argparse.Namespace:
@@ -154,7 +140,7 @@ def parser() -> OneLineParser:
     add("--csv", action="store_true", help="print the objects as CSV")
     add("--wide", action="store_true", help="print the node, the units and the weight of each object too")
     add("--quiet", action="store_true", help="print the scale alone, and no warnings")
-    add("--completion", choices=SHELLS, action=_PrintCompletion, help="print the completion script of a shell")
+    add("--completion", choices=SHELLS, action=PrintCompletion, help="print the completion script of a shell")
     add("--version", action="version", version=f"{PROGRAM} {version()}")
     add_evidence_options(root)
     add_overwrite(root)
@@ -238,31 +224,3 @@ def _check_detector(options: argparse.Namespace) -> None:
     for name, value in others.items():
         if options.detector is not None and value is not None:
             raise InputError(f"--detector: expected no {name}; found both")
-
-
-def completion_script(program: str, options: Mapping[str, str], shell: str) -> str:
-    """What to source so that a shell completes the options of a program, and files where an option is not begun.
-
-    options : help by option; shell : one of SHELLS.
-    """
-    names = sorted(name for name in options if name.startswith("--"))
-    if shell == "fish":
-        lines = [f"complete -c {program} -l {name[2:]} -d '{_quote(options[name])}'" for name in names]
-        return "\n".join(lines) + "\n"
-    function = f"_{program.replace('-', '_')}"
-    bash = f"""{function}() {{
-    local word="${{COMP_WORDS[COMP_CWORD]}}"
-    if [[ "$word" == -* ]]; then
-        COMPREPLY=($(compgen -W "{" ".join(names)}" -- "$word"))
-    else
-        COMPREPLY=($(compgen -f -- "$word"))
-    fi
-}}
-complete -o filenames -F {function} {program}
-"""
-    return bash if shell == "bash" else f"autoload -U +X bashcompinit && bashcompinit\n{bash}"
-
-
-def _quote(text: str) -> str:
-    """Text between single quotes of fish; argparse's own %s are not for a shell."""
-    return text.replace("%(default)s", "see --help").replace("\\", "\\\\").replace("'", "\\'")

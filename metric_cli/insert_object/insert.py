@@ -47,6 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """The argument parser."""
+    from metric_cli.completion import SHELLS, PrintCompletion
     from metric_cli.terminal import OneLineParser, version
 
     root = OneLineParser(
@@ -85,6 +86,7 @@ def parser() -> argparse.ArgumentParser:
     place = "open a page to drag and turn the object in the pictures; it says the command to repeat; needs no --out"
     add("--place", metavar="PORT", type=int, nargs="?", const=0, help=place)
     add("--json", action="store_true", help="print the result as JSON (metric-tree/insertion/1)")
+    add("--completion", choices=SHELLS, action=PrintCompletion, help="print the completion script of a shell")
     add("--version", action="version", version=f"{PROGRAM} {version()}")
     add_overwrite(root)
     return root

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from metric_cli.arguments import add_overwrite
+from metric_cli.completion import SHELLS, completion_script, option_helps
 from metric_cli.terminal import OneLineParser, exit_status, version
 
 __all__ = ["VERBS", "main", "parser_of"]
@@ -55,6 +56,11 @@ _MODULES = {
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `metric-tree`; the exit status is 0 done, 2 the input is invalid, 1 the program is."""
     words = list(sys.argv[1:] if argv is None else argv)
+    if len(words) == 2 and words[0] == "--completion" and words[1] in SHELLS:
+        options = {"--completion": "", "--help": "", "--version": ""}
+        verbs = {"": options, **{verb: option_helps(parser_of(verb)) for verb in VERBS}}
+        sys.stdout.write(completion_script("metric-tree", verbs, words[1]))
+        return 0
     if not words or words[0] not in VERBS:
         return _overview(words)
     return exit_status(f"metric-tree {words[0]}", lambda: _run(words[0], words[1:]))
@@ -84,7 +90,9 @@ def _overview(words: Sequence[str]) -> int:
     if not words:
         parser.print_help()
         return 0
-    parser.parse_args([word for word in words if word in {"-h", "--help", "--version"}])
+    parser.parse_args(
+        words if words[0] == "--completion" else [word for word in words if word in {"-h", "--help", "--version"}]
+    )
     sys.stderr.write(f"metric-tree: verb: expected one of {', '.join(VERBS)}; found {words[0]!r}\n")
     return 2
 
@@ -100,4 +108,5 @@ def _overview_parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"metric-tree {version()}")
+    parser.add_argument("--completion", choices=SHELLS, help="print the completion script of a shell")
     return parser

@@ -14,7 +14,7 @@ unexport PYTHONDONTWRITEBYTECODE
 # The writer of the SBOM; it is run from an environment of its own.
 CYCLONEDX := 7.5.0
 
-.PHONY: help demo demo-video test check coverage reference lock dist release-check sbom clean fuzz hunt
+.PHONY: help demo demo-video test check coverage reference lock docs dist release-check sbom clean fuzz hunt
 .DEFAULT_GOAL := demo
 
 help: ## list what make can do
@@ -50,8 +50,13 @@ reference: .venv/.dev ## write the generated pages of the reference
 	$(BIN)/python docs/generate.py
 	$(BIN)/python docs/house.py
 
+docs: | $(UV) ## build the documentation as a site, strict about links: out/docs
+	NO_MKDOCS_2_WARNING=1 $(UV) tool run --quiet --python $(PYTHON) --with-requirements .ci/docs.lock.txt --from mkdocs mkdocs build --quiet
+	@echo out/docs/index.html
+
 lock: ## pin all dependencies again
 	$(UV) pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --extra all --group dev --no-emit-package metric-tree pyproject.toml -o requirements.lock
+	$(UV) pip compile --quiet --universal --generate-hashes --no-emit-index-url --no-header --group docs -o .ci/docs.lock.txt
 
 .venv/.core: pyproject.toml requirements.lock | $(BIN)/python
 	$(INSTALL) --constraint requirements.lock --editable '.[scene]'

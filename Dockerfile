@@ -1,0 +1,21 @@
+# The programs, and `metric-tree serve`: docker build -t metric-tree . && docker run --rm -p 8000:8000 metric-tree
+#   docker run --rm -v "$PWD:/work" metric-tree estimate-scale /work/scene
+FROM python:3.12-slim-bookworm AS build
+WORKDIR /source
+COPY . .
+# versions and checksums of the lock, nothing else
+RUN python -m venv /opt/metric-tree \
+    && /opt/metric-tree/bin/pip install --no-cache-dir --require-hashes -r .ci/uv.lock.txt \
+    && /opt/metric-tree/bin/uv pip install --no-cache --python /opt/metric-tree/bin/python \
+       --constraint requirements.lock --build-constraints .ci/build.lock.txt '.[scene,serve]'
+
+FROM python:3.12-slim-bookworm
+COPY --from=build /opt/metric-tree /opt/metric-tree
+ENV PATH=/opt/metric-tree/bin:$PATH PYTHONDONTWRITEBYTECODE=1
+# nobody's account: the programs write only where a folder is mounted
+RUN useradd --create-home --uid 10001 metric
+USER 10001
+WORKDIR /home/metric
+EXPOSE 8000
+HEALTHCHECK --start-period=20s CMD ["python", "-c", "import urllib.request as r; r.urlopen('http://127.0.0.1:8000/healthz', timeout=3)"]
+CMD ["metric-tree", "serve", "--host", "0.0.0.0"]

@@ -1,0 +1,55 @@
+"""The documentation's site: notebooks that run, links that leave the pages, formulas."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="module")
+def hooks() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("site_hooks", ROOT / "docs" / "site_hooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_a_tutorial_runs_as_a_notebook(hooks: ModuleType, capsys: pytest.CaptureFixture[str]) -> None:
+    record = hooks.notebook((ROOT / "docs" / "tutorial" / "first-tree.md").read_text(encoding="utf-8"))
+    assert record["nbformat"] == 4
+    codes = [cell["source"] for cell in record["cells"] if cell["cell_type"] == "code"]
+    assert codes[0].startswith("!metric-tree query")
+    names: dict[str, object] = {}
+    for code in codes[1:]:
+        exec(compile(code, "cell", "exec"), names)
+    assert "swivel chair" in capsys.readouterr().out
+    assert any("```sh" in cell["source"] for cell in record["cells"])  # what is only read stays text
+
+
+def test_links_that_leave_the_pages_lead_to_the_repository(hooks: ModuleType) -> None:
+    folder = ROOT / "docs" / "how-to"
+    text = hooks.repository_links("[a](../../README.md#x) [b](scenes.md) [c](https://example.org)", folder)
+    assert text == f"[a]({hooks.REPOSITORY}README.md#x) [b](scenes.md) [c](https://example.org)"
+    assert hooks.repository_links("[a](docs/how-to/scenes.md)", ROOT) == "[a](how-to/scenes.md)"
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.md"):
+        hooks.repository_links("[a](nowhere.md)", folder)
+
+
+def test_every_page_is_in_the_contents() -> None:
+    contents = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    pages = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
+    assert {page for page in pages if page not in contents} == set()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("latex2mathml") is None, reason="`make docs` brings it")
+def test_formulas_are_mathml(hooks: ModuleType) -> None:
+    page = hooks.on_page_content('<span class="arithmatex">\\(a &lt; b_1\\)</span>')
+    assert page.startswith("<math")
+    assert "msub" in page

@@ -59,7 +59,7 @@ class LocalPage:
         """Content type and body for a path below the secret one, or None."""
         raise NotImplementedError
 
-    def receive(self, path: str, body: bytes) -> tuple[int, dict[str, str]] | None:
+    def receive(self, path: str, body: bytes) -> tuple[int, dict[str, Any]] | None:
         """Take what the page sends to a path; status and words of the answer, or None where there is no such path."""
         raise NotImplementedError
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +19,7 @@ from metric_base.files import whole_file
 from metric_base.input_files import read_json
 from metric_base.local_page import LocalPage, is_count
 
-__all__ = ["SCHEMA", "Drawing", "MaskPage", "frames_to_draw", "instances_document"]
+__all__ = ["SCHEMA", "Drawing", "Estimator", "MaskPage", "frames_to_draw", "instances_document"]
 
 #: Of what was drawn so far.
 SCHEMA = "metric-tree/drawing/1"
@@ -28,6 +29,8 @@ FRAMES = 5
 LONGEST_NAME = 200
 UNNAMED = {"known": False, "says": f"a name has 1 to {LONGEST_NAME} characters", "offers": []}
 
+#: What a drawing says of the scale: the record that the page shows, and the figure as PNG, empty where there is none.
+Estimator = Callable[[dict[str, Any]], tuple[dict[str, Any], bytes]]
 #: Says of a name whether it is known, a sentence, and which others to offer.
 LookUp = Callable[[str], dict[str, Any]]
 #: Things by the file name of a frame, each `{"name", "kind", "points"}`; kind is `box` or `polygon`, points are pixels.
@@ -71,13 +74,21 @@ def instances_document(frames: list[_Frame], drawing: Mapping[str, list[dict[str
 class MaskPage(LocalPage):
     """The page, served until the person is done.
 
-    look_up : says what a name means, as `ThingNames` does.
+    look_up : says what a name means, as `ThingNames` does; estimate : what the page shows of a drawing before it ends,
+    so that one may draw on.
     """
 
     def __init__(
-        self, frames: list[_Frame], names: list[str], draft: Path, look_up: LookUp | None = None, port: int = 0
+        self,
+        frames: list[_Frame],
+        names: list[str],
+        draft: Path,
+        look_up: LookUp | None = None,
+        port: int = 0,
+        estimate: Estimator | None = None,
     ) -> None:
         self._frames, self._names, self._draft, self._look_up = frames, names, draft, look_up
+        self._estimate, self._figure, self._one_at_a_time = estimate, b"", threading.Lock()
         self._sizes = {frame.name: (frame.width, frame.height) for frame in frames}
         self._drawing = _draft_of(draft, self._sizes)
         super().__init__("--draw", port)
@@ -95,22 +106,30 @@ class MaskPage(LocalPage):
         ]
         return {"frames": frames, "names": self._names, "box_frames": MIN_BOX_VIEWS}
 
-    def save(self, document: Any) -> None:
-        """Keep what was drawn, and end the page if it says so.
+    def save(self, document: Any) -> dict[str, Any]:
+        """Keep what was drawn; of a drawing that is done, the answer that the page shows, if it shows one.
+
+        The page ends when it is closed, or done where it shows no answer.
 
         Raises
         ------
         ValueError
-            It is not a drawing of these frames, or it is done and empty.
+            It is not a drawing of these frames, or it is done and empty, or cannot be estimated.
         """
         drawing = _check_drawing(document, self._sizes)
         with whole_file(self._draft, "--work", SCHEMA) as file:
             file.write_text(json.dumps({"schema": SCHEMA, "frames": drawing}), encoding="utf-8")
         self._drawing = drawing
-        if document.get("done") is True:
-            if not any(drawing.values()):
-                raise ValueError("draw at least one thing first")
+        done, closed = (document.get(name) is True for name in ("done", "close"))
+        if (done or closed) and not any(drawing.values()):
+            raise ValueError("draw at least one thing first")
+        if done and self._estimate is not None:
+            with self._one_at_a_time:
+                shown, self._figure = self._estimate(instances_document(self._frames, drawing))
+            return {"answer": {**shown, "figure": bool(self._figure)}}
+        if done or closed:
             self.finish()
+        return {}
 
     def answer(self, path: str) -> tuple[str, bytes] | None:
         """Content type and body for a path below the secret one, or None."""
@@ -122,22 +141,23 @@ class MaskPage(LocalPage):
             name = unquote(path.removeprefix("name/"), errors="replace").strip()
             meaning = self._look_up(name) if 0 < len(name) <= LONGEST_NAME else UNNAMED
             return "application/json", json.dumps(meaning).encode()
+        if path.partition("?")[0] == "figure" and self._figure:
+            return "image/png", self._figure
         number = path.removeprefix("frame/")
         if path.startswith("frame/") and is_count(number) and int(number) < len(self._frames):
             return "image/*", self._frames[int(number)].file.read_bytes()
         return None
 
-    def receive(self, path: str, body: bytes) -> tuple[int, dict[str, str]] | None:
+    def receive(self, path: str, body: bytes) -> tuple[int, dict[str, Any]] | None:
         """Keep the drawing that is sent to `save`."""
         if path != "save":
             return None
         try:
-            self.save(json.loads(body))
+            return 200, self.save(json.loads(body))
         except InputError as error:
-            return 500, {"error": f"the drawing cannot be kept: {error}"}
+            return 500, {"error": f"the drawing cannot be kept or estimated: {error}"}
         except (ValueError, RecursionError) as error:
             return 400, {"error": str(error)}
-        return 200, {}
 
 
 def _shape(thing: dict[str, Any]) -> dict[str, Any]:

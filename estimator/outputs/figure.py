@@ -7,6 +7,7 @@ the objects' boxes, in metres (`plan`).
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -65,6 +66,13 @@ def write_figure(estimate: SceneEstimate | ScaleResult, file: Path) -> None:
     drawn = figure(estimate)
     with whole_file(file, "--figure") as temporary:
         drawn.savefig(temporary, format=file.suffix[1:].lower(), dpi=130)
+
+
+def figure_png(estimate: SceneEstimate | ScaleResult) -> bytes:
+    """The figure as the bytes of a PNG file."""
+    file = io.BytesIO()
+    figure(estimate).savefig(file, format="png", dpi=100)
+    return file.getvalue()
 
 
 def figure(estimate: SceneEstimate | ScaleResult) -> Figure:

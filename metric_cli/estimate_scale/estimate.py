@@ -16,6 +16,7 @@ from metric_cli.estimate_scale.options import PROGRAM, RESULT, parse_options, pa
 
 if TYPE_CHECKING:
     from estimator.records.result import ScaleResult
+    from estimator.records.scene import Scene
     from estimator.results.reports import Options
     from estimator.results.scene_estimate import SceneEstimate
     from metric_tree.tree import Tree
@@ -89,7 +90,7 @@ def _capture_status(options: argparse.Namespace) -> int | None:
     """The exit status of a video or pictures that cannot be used; None where there is a scene to go on with."""
     from metric_cli.estimate_scale.preparation import failure_json, prepare_capture
 
-    failure = prepare_capture(options)
+    failure = prepare_capture(options, _preview)
     if failure is None:
         return None
     sys.stderr.write(f"{PROGRAM}: {failure.code}: {failure.message}\n")
@@ -123,16 +124,8 @@ def _objects_result(options: argparse.Namespace) -> ScaleResult:
 
 
 def _scene_result(options: argparse.Namespace) -> ScaleResult:
-    from estimator.pipeline import scene_estimate
     from estimator.reading import read_scene
-    from metric_cli.estimate_scale.evidence_options import automatic_sources, evidence_sources
 
-    asked = _estimate_options(options)
-    detector = None
-    if options.detector is not None:
-        from estimator.instances.detector import load_detector
-
-        detector = load_detector(options.detector, options.detector_labels)
     scene = read_scene(options.scene, options.dense)
     if options.view:
         from estimator.views.window import check_display
@@ -142,10 +135,24 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
         from estimator.outputs.overlay import view_pictures
 
         view_pictures(scene, options.images)  # said before the work is done, not after
-    estimate = scene_estimate(
+    estimate = _scene_estimate(options, scene)
+    _write_pictures(options, estimate)
+    return estimate.result
+
+
+def _scene_estimate(options: argparse.Namespace, scene: Scene) -> SceneEstimate:
+    from estimator.pipeline import scene_estimate
+    from metric_cli.estimate_scale.evidence_options import automatic_sources, evidence_sources
+
+    detector = None
+    if options.detector is not None:
+        from estimator.instances.detector import load_detector
+
+        detector = load_detector(options.detector, options.detector_labels)
+    return scene_estimate(
         scene,
         _tree(options),
-        asked,
+        _estimate_options(options),
         instances=options.instances,
         categories=options.categories,
         paper_lists=options.paper_lists,
@@ -153,8 +160,16 @@ def _scene_result(options: argparse.Namespace) -> ScaleResult:
         detector=detector,
         sources=(*evidence_sources(options), *automatic_sources(options, scene)),
     )
-    _write_pictures(options, estimate)
-    return estimate.result
+
+
+def _preview(options: argparse.Namespace) -> tuple[dict[str, object], bytes]:
+    """What the drawing page shows of the work folder's scene: the record, and the figure as PNG."""
+    from estimator.outputs.figure import figure_png
+    from estimator.reading import read_scene
+    from metric_cli.estimate_scale.result_table import page_record
+
+    estimate = _scene_estimate(options, read_scene(options.scene, options.dense))
+    return page_record(estimate.result), figure_png(estimate) if estimate.result.curve is not None else b""
 
 
 def _write_pictures(options: argparse.Namespace, estimate: SceneEstimate) -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import sys
 from argparse import Namespace
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from estimator.capture.frames import FRAMES_FILE, is_capture
 from metric_base.errors import InputError, Unquoted
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 __all__ = ["check_capture", "failure_json", "prepare_capture", "work_lock"]
 
 PROGRAM = "estimate-scale"
+#: Of the options of a scene, what the drawing page shows: a record and the figure.
+Preview = Callable[[Namespace], tuple[dict[str, Any], bytes]]
 #: What was drawn so far, kept over an interruption.
 DRAFT, DRAWING_SCHEMA = "drawing.json", "metric-tree/drawing/1"
 #: Options that mean something only for a video or pictures.
@@ -36,11 +39,11 @@ def work_lock(options: Namespace) -> AbstractContextManager[None]:
     return WorkFolder(options.work).lock()
 
 
-def prepare_capture(options: Namespace) -> Failure | None:
+def prepare_capture(options: Namespace, preview: Preview) -> Failure | None:
     """Turn a video or a folder of pictures into a scene: `options` then names the work folder as SCENE.
 
     Options of a reconstruction are left as they are. A capture that cannot be used gives its failure; the command
-    ends with status 3. The caller holds `work_lock`.
+    ends with status 3. The caller holds `work_lock`. `preview` estimates from a drawing before it is done.
 
     Raises
     ------
@@ -63,7 +66,7 @@ def prepare_capture(options: Namespace) -> Failure | None:
             reconstruct(options.scene, work, capture, shown, _notice)
         except CaptureFailure as refusal:
             return refusal.failure
-    _prepare_instances(options, work)
+    _prepare_instances(options, work, preview)
     options.scene = work.path
     options.dense = _dense_of(options)
     return None
@@ -107,7 +110,7 @@ def _dense_of(options: Namespace) -> str | None:
     return "none" if is_work_folder else None
 
 
-def _prepare_instances(options: Namespace, work: WorkFolder) -> None:
+def _prepare_instances(options: Namespace, work: WorkFolder, preview: Preview) -> None:
     """`instances.json` in the work folder: given, detected, drawn on a page, or made before."""
     from estimator.capture.instances_file import INSTANCES, copy_dataset, detect_stage
     from metric_cli.progress import progress_bars
@@ -122,7 +125,7 @@ def _prepare_instances(options: Namespace, work: WorkFolder) -> None:
         if file.is_file() and options.categories is None:
             options.instances = None if copy_dataset(file, work) else file
     elif options.draw is not None or not ((work.path / INSTANCES).is_file() or _needs_no_masks(options, work)):
-        _draw(options, work)
+        _draw(options, work, preview)
 
 
 def _needs_no_masks(options: Namespace, work: WorkFolder) -> bool:
@@ -136,7 +139,7 @@ def _is_interactive() -> bool:
     return sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def _draw(options: Namespace, work: WorkFolder) -> None:
+def _draw(options: Namespace, work: WorkFolder, preview: Preview) -> None:
     """Instances that a person draws on a page; only where somebody is there to do it."""
     if options.draw is None and not _is_interactive():
         _say_what_is_missing(options, work)
@@ -149,7 +152,15 @@ def _draw(options: Namespace, work: WorkFolder) -> None:
 
     frames = frames_to_draw(read_colmap(work.path / "sparse" / "0"), work.path / "frames")
     names = [label.label for label in vocabulary("coco_80")]
-    page = MaskPage(frames, names, work.path / DRAFT, ThingNames(metric_tree.open(options.tree)), options.draw or 0)
+    look_up = ThingNames(metric_tree.open(options.tree))
+
+    def estimate(document: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+        save_drawing(document, work)
+        asked = Namespace(**{**vars(options), "scene": work.path})
+        asked.dense = _dense_of(asked)
+        return preview(asked)
+
+    page = MaskPage(frames, names, work.path / DRAFT, look_up, options.draw or 0, estimate)
     _notice(f"draw round the objects and name them: {page.url} (Ctrl-C ends)")
     save_drawing(page.collect(), work)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 import textwrap
 from collections import Counter
 from collections.abc import Sequence
@@ -13,13 +14,15 @@ from metric_base.escaping import visible
 from metric_cli.terminal import Cell, output_width, style_text, table_text
 from metric_tree.axes import AXES, EXTENTS
 
-__all__ = ["csv_text", "headline", "result_text"]
+__all__ = ["csv_text", "headline", "page_record", "result_text"]
 
 STYLE = {"used": "green", "outlier": "red", "skipped": "dim"}
 #: Columns where standard output is no terminal and `COLUMNS` is not set: room for a long reason on one line.
 PIPE_WIDTH = 120
 #: `--wide` has room for all its columns, whatever the terminal's width: its rows are read by scrolling.
 MOST_NEEDED = 160
+#: What `style_text` adds for a terminal.
+_ANSI = re.compile(r"\x1b\[[0-9;]*m")
 NOTE = (
     "tier: what the category's size rests on; l × w × h in metres; in brackets: not used; >: truncated, at least that"
 )
@@ -60,6 +63,28 @@ def headline(result: ScaleResult) -> str:
     if result.status == "uncertain":
         scale = f"{scale} ({style_text('uncertain', 'red')})"
     return f"{scale}   {level:.0%} interval {low:.4g} to {high:.4g} ({spread})"
+
+
+def page_record(result: ScaleResult) -> dict[str, object]:
+    """The result as the drawing page shows it: headline, table, and what is missing or doubtful, as plain text."""
+    own = _own_scales([item.scale for item in result.objects])
+    rows = [
+        [
+            f"{item.category} {item.id}",
+            item.tier or "–",
+            "–" if result.scale is None else _sizes(item, result.scale),
+            text.strip(),
+            item.verdict if item.reason is None else f"{item.verdict}: {item.reason}",
+        ]
+        for item, text in zip(result.objects, own, strict=True)
+    ]
+    helps = [f"would help: {item.what} (interval {item.narrows_by:.0%} narrower)" for item in result.would_help]
+    return {
+        "headline": _ANSI.sub("", headline(result)),
+        "columns": ["object", "tier", "metres", "own scale", "verdict"],
+        "rows": rows,
+        "missing": [*_unmeasured_lines(result), *helps, *result.warnings],
+    }
 
 
 def csv_text(result: ScaleResult) -> str:

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import metric_tree
-from estimator.capture.mask_page import MaskPage, frames_to_draw
+from estimator.capture.mask_page import Estimator, MaskPage, frames_to_draw
 from estimator.capture.thing_names import ThingNames
 from estimator.records.scene import Camera, Scene, View
 from metric_base.errors import InputError
@@ -40,10 +40,10 @@ def _scene(folder: Path) -> Scene:
 class _Served:
     """A page that is served in a thread; `document` is what came of it."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, estimate: Estimator | None = None) -> None:
         names = ThingNames(metric_tree.open())
         frames = frames_to_draw(_scene(folder / "frames"), folder / "frames")
-        self.page = MaskPage(frames, ["chair"], folder / "d.json", names)
+        self.page = MaskPage(frames, ["chair"], folder / "d.json", names, estimate=estimate)
         self.document: dict[str, Any] | None = None
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -132,6 +132,55 @@ def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> 
     np.testing.assert_allclose(second["segmentation"][0], [10, 10, 100, 20, 60, 120], atol=1.5)
     assert second["image_id"] == 3
     assert len(document["images"]) == 5
+
+
+def test_the_page_ends_with_the_answer_and_lets_one_draw_on(tmp_path: Path) -> None:
+    """What is missing, the table and the figure; after a second drawing the page is closed."""
+    estimated: list[int] = []
+
+    def estimate(document: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
+        estimated.append(len(document["annotations"]))
+        rows = [["chair 1", "measured", "0.50 × 0.50 × 0.90", "0.48", "used: <b>"]]
+        missing = ["would help: two more pictures of the chair 1"]
+        columns = ["object", "tier", "metres", "own scale", "verdict"]
+        record = {"headline": f"scale {len(estimated)}", "columns": columns, "rows": rows, "missing": missing}
+        return record, cv2.imencode(".png", np.zeros((20, 30, 3), np.uint8))[1].tobytes()
+
+    served = _Served(tmp_path, estimate)
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(served.page.url, "document.body?.dataset.ready === 'yes'")
+        left, top, pixel = browser.run(
+            "(b => [b.left, b.top, b.width / 320])(document.getElementById('picture').getBoundingClientRect())"
+        )
+
+        def draw_box(x: float) -> None:
+            browser.drag((left + x * pixel, top + 30 * pixel), (left + (x + 80) * pixel, top + 150 * pixel))
+            browser.type("chair")
+            browser.press("Enter")
+
+        def ask() -> None:
+            browser.run("document.getElementById('done').click()")
+            browser.wait("document.getElementById('message').textContent.includes('Press again')")
+            browser.run("document.getElementById('done').click()")
+
+        draw_box(20)
+        browser.wait("document.querySelectorAll('#things li').length === 1")
+        ask()
+        browser.wait("document.getElementById('headline').textContent === 'scale 1'")
+        assert browser.run("document.querySelector('main').hidden")
+        assert browser.run("document.getElementById('missing').textContent").startswith("would help")
+        assert browser.run("document.querySelectorAll('#rows td')[4].textContent") == "used: <b>"
+        browser.wait("document.getElementById('figure').naturalWidth === 30")
+        browser.run("document.getElementById('on').click()")
+        assert browser.run("document.getElementById('answer').hidden")
+        draw_box(150)
+        browser.wait("document.querySelectorAll('#things li').length === 2")
+        browser.run("document.getElementById('done').click()")
+        browser.wait("document.getElementById('headline').textContent === 'scale 2'")
+        assert served.document is None, "the page goes on until it is closed"
+        browser.run("document.getElementById('close').click()")
+        browser.wait("document.body.textContent.startsWith('Thank you')")
+    assert (estimated, len(served.result()["annotations"])) == ([1, 2], 2)
 
 
 def test_a_name_is_judged(served: _Served) -> None:

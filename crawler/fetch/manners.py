@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from email.utils import parsedate_to_datetime
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -12,6 +13,7 @@ from scrapy import Request, Spider
 from scrapy.crawler import Crawler
 from scrapy.exceptions import IgnoreRequest
 from scrapy.http import Response, TextResponse
+from scrapy.robotstxt import ProtegoRobotParser
 from scrapy.settings import default_settings
 
 from crawler.fetch import DELAY_SECONDS
@@ -19,7 +21,7 @@ from crawler.fetch.addresses import REFUSED, is_literal, is_public
 from crawler.fetch.frontier import OFF_SITE, PRIVATE
 from crawler.page.page import MAXIMUM_BYTES
 
-__all__ = ["BanMiddleware", "GuardMiddleware", "RefusedHostMiddleware", "settings", "user_agent"]
+__all__ = ["BanMiddleware", "BoundedRobotParser", "GuardMiddleware", "RefusedHostMiddleware", "settings", "user_agent"]
 
 #: Scrapy gave this setting another name.
 _RESOLVER_SETTING = "TWISTED_DNS_RESOLVER" if hasattr(default_settings, "TWISTED_DNS_RESOLVER") else "DNS_RESOLVER"
@@ -32,6 +34,9 @@ DEEPEST_LINK = 120
 
 #: First pause after a ban, doubled with each further one up to the longest; so many in a row end the crawl.
 BAN_SECONDS, LONGEST_BAN_SECONDS, MOST_BANS = 30.0, 1800.0, 6
+
+#: RFC 9309: at least 500 KiB of robots.txt are read. Longest date of a `Retry-After`.
+ROBOTS_BYTES, LONGEST_DATE = 500 * 1024, 64
 
 #: What a page says instead of its product when the site takes us for a robot.
 _BAN_PAGE = re.compile(
@@ -76,6 +81,7 @@ def settings(
     }
     manners = {
         "ROBOTSTXT_OBEY": True,
+        "ROBOTSTXT_PARSER": "crawler.fetch.manners.BoundedRobotParser",
         "USER_AGENT": user_agent(contact),
         "AUTOTHROTTLE_ENABLED": delay > 0,
         "AUTOTHROTTLE_START_DELAY": delay,
@@ -201,5 +207,23 @@ def is_ban(response: Response) -> bool:
 
 
 def _retry_after(response: Response) -> float | None:
-    after = response.headers.get("Retry-After") or b""
-    return float(after) if after.isdigit() else None
+    """Seconds that a site asks for, stated as such or as a date; None for what is neither."""
+    after = (response.headers.get("Retry-After") or b"").strip()[:LONGEST_DATE]
+    if after.isdigit():
+        return float(after)
+    try:
+        until = parsedate_to_datetime(after.decode("latin-1"))
+    except (ValueError, TypeError, OverflowError):
+        return None
+    return max(0.0, until.timestamp() - time.time())
+
+
+class BoundedRobotParser(ProtegoRobotParser):
+    """The rules of `robots.txt` as far as RFC 9309 asks for them: half a megabyte, cut at a line."""
+
+    @classmethod
+    def from_crawler(cls, crawler: Crawler, robotstxt_body: bytes) -> BoundedRobotParser:
+        """The parser of a file's bytes."""
+        if len(robotstxt_body) > ROBOTS_BYTES:
+            robotstxt_body = robotstxt_body[: robotstxt_body.rfind(b"\n", 0, ROBOTS_BYTES) + 1]
+        return cls(robotstxt_body, crawler.spider)

@@ -116,6 +116,10 @@ def measure_objects(
         world = sorted_scene(scene, instances, keep_views=options.association == "incremental")
     given = None if options.up is None else given_up(world.frame.basis @ np.asarray(options.up))
     inner = _measure(world.scene, world.instances, options, timings, given)
+    if instances and not world.instances:
+        same = f"the {len(instances)} masks lie in pairs on the same pixels under two categories of equal score"
+        line = f"{same}: nothing says which is right, and none is taken"
+        inner = replace(inner, warnings=(*inner.warnings, line))
     return _in_world(inner, world, timings, options)
 
 

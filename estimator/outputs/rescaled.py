@@ -147,6 +147,11 @@ def _scaled_ascii(data: bytes, body: int, skipped: int, count: int, names: tuple
 
 def write_colmap_model(scene: Scene, scale: float, folder: Path) -> None:
     """cameras.txt, images.txt and points3D.txt of the scene, every length times `scale`."""
+    names = (view.name for view in scene.views)
+    split = next((name for name in names if not name.isprintable() or name != name.strip()), None)
+    if split is not None:
+        expected = "names without line breaks and control characters: COLMAP's text has a line for each picture"
+        raise InputError.at(scene.path, "picture", expected, split)
     cameras: dict[int, tuple[int, Camera]] = {}
     for view in scene.views:
         cameras.setdefault(id(view.camera), (len(cameras) + 1, view.camera))

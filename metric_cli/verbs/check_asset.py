@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from metric_base.errors import InputError
+from metric_base.files import OutputNames
 from metric_cli.arguments import OutputFile, input_path
 from metric_cli.progress import with_bar
 from metric_cli.terminal import print_table, warn
@@ -68,9 +69,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     if not arguments.files and arguments.batch is None:
         raise InputError("arguments: expected FILE... or --batch LIST; found neither")
+    if arguments.fix is not None and _is_table(arguments.batch):
+        raise InputError(f"--fix: expected models to write anew; found a table of boxes, {arguments.batch}")
     tree = open_tree(arguments.tree)
     checks, unread = [], 0
-    done = _lines_there(arguments.out)
+    done = _files_there(arguments.out)
+    names = OutputNames(arguments.fix) if arguments.fix is not None and _are_many(arguments) else None
     for outcome in with_bar(_outcomes(arguments, tree, done), "models"):
         if isinstance(outcome, InputError):
             warn(str(outcome))
@@ -79,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         checks.append(outcome)
         _print_line(arguments, outcome)
         if arguments.fix is not None and outcome.is_wrong:
-            _fix(arguments, outcome)
+            _fix(arguments, outcome, names)
     if arguments.report is not None:
         from estimator.assets.report import write_report
 
@@ -90,11 +94,11 @@ def run(arguments: argparse.Namespace) -> int:
     return SOME_WRONG if wrong else INPUT_ERROR if unread else ALL_RIGHT
 
 
-def _outcomes(arguments: argparse.Namespace, tree: Tree, done: int) -> Iterator[AssetCheck | InputError]:
+def _outcomes(arguments: argparse.Namespace, tree: Tree, done: set[str]) -> Iterator[AssetCheck | InputError]:
     from estimator.assets.check import check_bodies
 
-    for number, asset in enumerate(_assets(arguments)):
-        if number < done:
+    for asset in _assets(arguments):
+        if not isinstance(asset, InputError) and str(asset.file) in done:
             continue
         if isinstance(asset, InputError):
             yield asset
@@ -108,7 +112,7 @@ def _assets(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
 
     files = list(arguments.files)
     if arguments.batch is not None:
-        if arguments.batch.suffix.lower() in {".csv", ".parquet"}:
+        if _is_table(arguments.batch):
             yield from read_boxes(arguments.batch, arguments.up)
         else:
             folder = arguments.batch.parent
@@ -117,15 +121,31 @@ def _assets(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
         yield asset
 
 
-def _lines_there(out: Path | None) -> int:
-    """How many models an earlier run wrote; InputError for a file that is none of its kind."""
+def _is_table(batch: Path | None) -> bool:
+    return batch is not None and batch.suffix.lower() in {".csv", ".parquet"}
+
+
+def _are_many(arguments: argparse.Namespace) -> bool:
+    """Whether `--fix` names a folder: there may be several models."""
+    files = arguments.files
+    return arguments.batch is not None or len(files) > 1 or files[0].is_dir()
+
+
+def _files_there(out: Path | None) -> set[str]:
+    """The models that an earlier run wrote; half a line of a kill is removed.
+
+    InputError for a file that is none of its kind.
+    """
     if out is None or not out.exists():
-        return 0
-    lines = out.read_text(encoding="utf-8").split("\n")
-    rows = [line for line in lines if line.strip()]
-    if rows and '"metric-tree/asset/1"' not in rows[0]:
+        return set()
+    text = out.read_text(encoding="utf-8")
+    whole = text[: text.rfind("\n") + 1]
+    rows = [line for line in whole.split("\n") if line.strip()]
+    if text.strip() and '"metric-tree/asset/1"' not in text.partition("\n")[0]:
         raise InputError(f"{out}: --out: expected results of check-asset, or no file yet; found another file")
-    return len({json.loads(row)["file"] for row in rows})
+    if whole != text:
+        out.write_text(whole, encoding="utf-8")
+    return {json.loads(row)["file"] for row in rows}
 
 
 def _print_line(arguments: argparse.Namespace, check: AssetCheck) -> None:
@@ -147,7 +167,7 @@ def _print_counts(checks: list[AssetCheck]) -> None:
     print_table(["verdict", "models"], counts.most_common())
 
 
-def _fix(arguments: argparse.Namespace, check: AssetCheck) -> None:
+def _fix(arguments: argparse.Namespace, check: AssetCheck, names: OutputNames | None) -> None:
     from estimator.assets.mending import write_at_scale
 
     source = Path(check.file)
@@ -157,7 +177,7 @@ def _fix(arguments: argparse.Namespace, check: AssetCheck) -> None:
     if factor is None:
         warn(f"{source}: not written: {check.verdict} says no factor")
         return
-    many = len(arguments.files) > 1 or arguments.files[0].is_dir()
-    if many:
+    if names is not None:
         arguments.fix.mkdir(parents=True, exist_ok=True)
-    write_at_scale(source, arguments.fix / source.name if many else arguments.fix, factor, baked=arguments.bake)
+    out = arguments.fix if names is None else names.path(source.name)
+    write_at_scale(source, out, factor, baked=arguments.bake)

@@ -94,10 +94,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    from taxonomy.matching.decisions import decisions, waiting
+    from taxonomy.matching.decisions import decisions, standing, waiting
 
-    open_subjects = waiting(decisions(arguments.folder))
-    read = {decision.subject for decision in decisions(arguments.folder) if decision.what == "match"}
+    given = decisions(arguments.folder)
+    open_subjects = waiting(given)
+    read = {decision.subject for decision in standing(given) if decision.what == "match"}
     words = _unsettled_words(arguments.raw, read)
     if arguments.json:
         rows = [{"source": s, "words": w, "found": f, "rule": r, "items": n} for (s, w, f, r), n in words.most_common()]

@@ -31,6 +31,7 @@ __all__ = [
     "record_decision",
     "record_folder",
     "rulings",
+    "standing",
     "waiting",
 ]
 
@@ -119,11 +120,20 @@ def rulings(given: Iterable[Decision]) -> dict[tuple[str, str], Decision]:
     return settled
 
 
+def standing(given: Iterable[Decision]) -> list[Decision]:
+    """The last word of each reviewer on each subject, without those that were withdrawn."""
+    return [decision for by_reviewer in _by_subject(given).values() for decision in by_reviewer.values()]
+
+
 def waiting(given: Iterable[Decision]) -> list[tuple[str, str]]:
-    """(what, subject) of all that only one reviewer has read, or that two read differently and no third has settled."""
-    return [
-        key for key, by_reviewer in _by_subject(given).items() if _majority_decision(list(by_reviewer.values())) is None
-    ]
+    """(what, subject) of all that fewer than two reviewers have read, or that two read differently and no third has.
+
+    A subject whose decisions were all withdrawn waits, too: its items are unsettled again.
+    """
+    given = list(given)
+    subjects = dict.fromkeys((decision.what, decision.subject) for decision in given)
+    read = _by_subject(given)
+    return [key for key in subjects if _majority_decision(list(read.get(key, {}).values())) is None]
 
 
 def disagreements(given: Iterable[Decision]) -> list[tuple[Decision, Decision]]:

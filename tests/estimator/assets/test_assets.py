@@ -225,6 +225,29 @@ def test_a_table_of_boxes_goes_on_where_it_stopped(tmp_path: Path, capsys: pytes
     assert "boxes.csv:2: x, y, z: expected sizes in metres" in capsys.readouterr().err
 
 
+def test_a_list_goes_on_after_a_file_that_cannot_be_read(tmp_path: Path) -> None:
+    """An unreadable file before the stop moves nothing, and half a line of a kill is written again."""
+    names = ["broken.glb", *(write_chair(tmp_path, kind, 1000.0).name for kind in ("stl", "obj"))]
+    (tmp_path / "broken.glb").write_bytes(b"glTF")
+    listed, out = tmp_path / "list.txt", tmp_path / "out.jsonl"
+    listed.write_text("".join(f"{name}\n" for name in names))
+    words = ["check-asset", "--batch", str(listed), "--category", "chair", "--out", str(out)]
+    assert main(words) == 3
+    whole = out.read_text(encoding="utf-8")
+    assert whole.count("\n") == 2
+    out.write_text(whole[: whole.index("\n") + 40], encoding="utf-8")
+    main(words)
+    assert out.read_text(encoding="utf-8") == whole
+    assert main([*words[:-2], "--fix", str(tmp_path / "fixed")]) == 3
+    assert sorted(file.name for file in (tmp_path / "fixed").iterdir()) == sorted(names[1:])
+
+
+def test_boxes_cannot_be_written_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "boxes.csv").write_text("name,x,y,z\noffice chair,50,110,50\n")
+    assert main(["check-asset", "--batch", str(tmp_path / "boxes.csv"), "--fix", str(tmp_path / "out")]) == 2
+    assert "expected models to write anew" in capsys.readouterr().err
+
+
 def _asset(extents: np.ndarray, *, centred: bool = False) -> Asset:
     low = -extents / 2 if centred else np.zeros(3)
     return Asset(Path("model.glb"), "gltf", 1.0, "y", (AssetBody("model", low, low + extents),))

@@ -12,6 +12,7 @@ from estimator.association.mask_agreement import (
     track_contradictions,
 )
 from estimator.association.point_labels import sparse_labels
+from estimator.geometry.measurement import measure_objects
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 
@@ -75,3 +76,10 @@ def test_masks_of_a_crop_hold_few_of_each_other_s_points(made):
             tracks.setdefault(item.category, []).append(row)
         share = track_agreement(sparse_labels(made.scene, instances), instances, tracks.values())
         assert any(track_contradictions(share)) == wrong, share
+
+
+def test_masks_that_stand_twice_under_two_categories_are_said(made):
+    twice = [*made.instances, *(replace(mask, category="lamp", id=f"{mask.id}b") for mask in made.instances)]
+    found = measure_objects(made.scene, twice)
+    assert found.objects == ()
+    assert any("in pairs on the same pixels" in line for line in found.warnings)

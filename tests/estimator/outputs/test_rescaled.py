@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 import pytest
 
-from estimator.outputs.rescaled import TRANSFORM, write_scaled
+from estimator.outputs.rescaled import TRANSFORM, write_colmap_model, write_scaled
 from estimator.reading import read_scene
 from estimator.records.scene import Scene
 from metric_base.errors import InputError
@@ -144,6 +145,15 @@ def test_an_existing_folder_and_impossible_scales_are_refused(small: Path, tmp_p
     for scale in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(InputError, match="a positive number"):
             write_scaled(scene, scale, tmp_path / "metric")
+
+
+@pytest.mark.parametrize("name", ["a.jpg\n7 1 0 0 0 0 0 0 1 b.jpg", "a\r.jpg", "a\x85.jpg", " a.jpg"])
+def test_no_name_of_a_picture_adds_a_line_to_a_model(small: Path, tmp_path: Path, name: str) -> None:
+    scene = read_scene(small / "colmap", "none")
+    views = (replace(scene.views[0], name=name), *scene.views[1:])
+    with pytest.raises(InputError, match="line breaks"):
+        write_colmap_model(replace(scene, views=views), 2.0, tmp_path)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_scene_of_another_program_becomes_a_colmap_model(small: Path, tmp_path: Path) -> None:

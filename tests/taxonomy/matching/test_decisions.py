@@ -189,6 +189,17 @@ def test_a_withdrawn_word_counts_no_more() -> None:
     assert rulings([*given, decision("b", "x")])["*", "chair"].decision == "x"
 
 
+def test_a_withdrawn_subject_waits_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its items are unsettled: it is in the list, and so are its words."""
+    both = [decision("a", "chair.n.01"), decision("b", "chair.n.01")]
+    gone = [decision("a", "withdrawn"), decision("b", "withdrawn")]
+    assert waiting(both) == []
+    assert waiting([*both, *gone]) == [("match", "*: chair")]
+    (tmp_path / "d.jsonl").write_text("".join(one.line() + "\n" for one in [*both, *gone]))
+    assert main(["review", "list", "--folder", str(tmp_path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["waiting"] == [{"what": "match", "subject": "*: chair"}]
+
+
 def test_an_amendment_needs_an_earlier_word(tmp_path: Path) -> None:
     file = tmp_path / "d.jsonl"
     with pytest.raises(BadDecision, match="one that a has decided"):

@@ -1,0 +1,36 @@
+"""What a site may ask of a crawl, and how much of it is read."""
+
+from __future__ import annotations
+
+import time
+from email.utils import formatdate
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from scrapy.http import Response
+
+from crawler.fetch.manners import ROBOTS_BYTES, BoundedRobotParser, _retry_after
+
+
+@pytest.mark.parametrize(
+    ("text", "seconds"), [("120", 120.0), ("soon", None), ("-5", None), ("nan", None), ("", None), ("9" * 400, 10**64)]
+)
+def test_a_pause_is_a_number_or_a_date(text: str, seconds: float | None) -> None:
+    asked = _retry_after(Response("https://shop.example/", headers={"Retry-After": text}))
+    assert asked == pytest.approx(seconds) if seconds is None or seconds < 1e9 else asked is not None
+    until = formatdate(time.time() + 90)
+    asked = _retry_after(Response("https://shop.example/", headers={"Retry-After": until}))
+    assert asked == pytest.approx(90, abs=3)
+
+
+def test_half_a_megabyte_of_rules_is_read() -> None:
+    crawler: Any = SimpleNamespace(spider=None)
+    rules = b"User-agent: *\nDisallow: /private\n" + b"".join(b"Disallow: /%d\n" % k for k in range(100_000))
+    started = time.process_time()
+    parser = BoundedRobotParser.from_crawler(crawler, rules)
+    assert len(rules) > 2 * ROBOTS_BYTES
+    assert not parser.allowed("https://shop.example/private/x", "metric-tree")
+    assert not parser.allowed("https://shop.example/7", "metric-tree")
+    assert parser.allowed("https://shop.example/public", "metric-tree")
+    assert time.process_time() - started < 10

@@ -25,11 +25,11 @@ demo: .venv/.core ## the scale of a shipped scene: a table, and out/demo.png
 	$(BIN)/estimate-scale data/scenes/demo_room --figure out/demo.png
 	@echo "figure: out/demo.png; true scale: $$($(PYTHON) -c 'import json; print(json.load(open("data/scenes/demo_room/truth.json"))["metres_per_unit"])') metres per unit"
 
-demo-video: .venv/.insert ## a shipped video: its reconstruction, its scale, and an inserted object in out/demo_video.mp4
+demo-video: .venv/.insert ## a shipped video: its reconstruction, its scale by its sensors, and an inserted object in out/demo_video.mp4
 	@mkdir -p out
-	$(BIN)/estimate-scale data/scenes/demo_video/video.mp4 --work out/demo_video --instances data/scenes/demo_video/instances.json --frames 24
-	$(BIN)/insert-object out/demo_video --model data/models/rocking_horse.glb --facing 50 --out out/demo_video.mp4
-	@echo "video: out/demo_video.mp4; true scale: see data/scenes/demo_video/truth.json"
+	$(BIN)/estimate-scale data/scenes/walk_carpark/video.mp4 --work out/walk_carpark --frames 30
+	$(BIN)/insert-object out/walk_carpark --model data/models/rocking_horse.glb --size height=0.9 --facing 60 --at frame=150,x=390,y=350 --frames 110:170 --out out/demo_video.mp4
+	@echo "video: out/demo_video.mp4; what it is of: data/scenes/walk_carpark/README.md"
 
 test: check ## lint, types and all tests
 	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder

@@ -1,6 +1,8 @@
 """JSON and TOML checked against a record of their fields; an error names the field, what was expected and found.
 
 The records are dataclasses or `msgspec.Struct`s. Their own `__post_init__` checks with `expect` what a type cannot say.
+
+Field, expected and found are read from the text of msgspec's message: its exception carries nothing else.
 """
 
 from __future__ import annotations

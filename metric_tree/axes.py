@@ -25,11 +25,11 @@ EXTENTS = ("extent1", "extent2", "extent3")
 _HORIZONTAL = ("length", "width", "depth")
 
 #: Relative difference below which two stated horizontal sizes are one size said twice.
-SAME = 0.005
+SAME_SIZE_SHARE = 0.005
 
 #: A height over so many of the shorter side is that of a thing which lies flat by nature and stood on its edge: a
 #: record in a rack, a magazine in its holder.
-STANDING = 1.5
+MIN_STANDING_RATIO = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,15 +107,17 @@ def _horizontal(stated: Mapping[str, float]) -> list[float]:
     """Horizontal sizes that the words name; a diameter counts twice unless two other words say the same."""
     plain = [stated[word] for word in _HORIZONTAL if word in stated]
     if "diameter" in stated and len(plain) < 2:
-        rod = [size for size in plain if "height" not in stated and abs(size / stated["diameter"] - 1) > SAME]
+        rod = [
+            size for size in plain if "height" not in stated and abs(size / stated["diameter"] - 1) > SAME_SIZE_SHARE
+        ]
         return [*rod, stated["diameter"], stated["diameter"]]
     if len(plain) == 3 and "height" in stated:
         plain.sort()
         return (
             plain[1:]
-            if plain[1] <= plain[0] * (1 + SAME)
+            if plain[1] <= plain[0] * (1 + SAME_SIZE_SHARE)
             else plain[:2]
-            if plain[2] <= plain[1] * (1 + SAME)
+            if plain[2] <= plain[1] * (1 + SAME_SIZE_SHARE)
             else plain
         )
     return plain
@@ -137,7 +139,7 @@ def _flat(
 ) -> Sizes:
     if len(outer) == 3:
         # a height beside a depth is that of a face seen from the front (a phone, a picture), which lies down here
-        if height is not None and "depth" not in stated and height < STANDING * min(horizontal):
+        if height is not None and "depth" not in stated and height < MIN_STANDING_RATIO * min(horizontal):
             return Sizes(max(horizontal), min(horizontal), height, outer)
         return Sizes(outer[0], outer[1], outer[2], outer)
     if len(outer) == 2 and height is None:

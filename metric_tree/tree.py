@@ -39,7 +39,7 @@ __all__ = [
 DETECTORS = "detectors"
 
 #: As many rivals as an ambiguous name's message lists.
-LISTED = 4
+MAX_LISTED_NAMES = 4
 
 #: Characters of a name; a longer text is no name of a thing.
 LONGEST_NAME = 300
@@ -293,7 +293,7 @@ class Tree:
         """
         meaning = self.resolve(name, vocabulary, advice=advice)
         if meaning.ambiguous:
-            rivals = (meaning.node, *meaning.alternatives)[:LISTED]
+            rivals = (meaning.node, *meaning.alternatives)[:MAX_LISTED_NAMES]
             candidates = ", ".join(f"{node.node_id} ({node.n_items} items)" for node in rivals)
             raise AmbiguousName(f"{name!r} means several nodes: {candidates}; ask for one of them by its id")
         if at_least is not None:

@@ -130,10 +130,6 @@ class WordNet:
         """The gloss without its examples."""
         return str(self._synset(synset).definition())
 
-    def lexicographer_file(self, synset: str) -> str:
-        """The file it was written in, a coarse class: `noun.artifact`, `noun.animal`, `noun.person`, ..."""
-        return str(self._synset(synset).lexname())
-
     def tagged_count(self, synset: str, noun: str) -> int:
         """How often the noun was read in this sense in WordNet's tagged texts; 0 where it is no word of it."""
         word = noun.lower().replace(" ", "_")

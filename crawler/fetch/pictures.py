@@ -23,7 +23,7 @@ Refusal = Literal["empty", "too_many_bytes", "no_picture", "too_small", "too_lar
 MAXIMUM_BYTES = 20_000_000
 
 #: Sides in pixels: below, a cut-out has no edge to speak of; above, a picture is a bomb or a poster.
-SIDES = (64, 12_000)
+SIDE_RANGE_PX = (64, 12_000)
 
 #: Pixels: forty million are 160 MB once unpacked with transparency.
 MAXIMUM_PIXELS = 40_000_000
@@ -99,9 +99,9 @@ def _refusal(image: Any) -> Refusal | None:
     """Why a picture is refused by its header alone."""
     if getattr(image, "is_animated", False):
         return "animated"
-    if min(image.size) < SIDES[0]:
+    if min(image.size) < SIDE_RANGE_PX[0]:
         return "too_small"
-    if max(image.size) > SIDES[1] or image.width * image.height > MAXIMUM_PIXELS:
+    if max(image.size) > SIDE_RANGE_PX[1] or image.width * image.height > MAXIMUM_PIXELS:
         return "too_large"
     return None if image.format in _ENDINGS else "no_picture"
 

@@ -31,7 +31,7 @@ KEY = "frontier_key"
 LIMIT_SETTING = "METRIC_TREE_LIMIT"
 
 #: Addresses that a spider remembers: some twenty megabytes. Forgetting costs time only, the frontier knows them all.
-KNOWN = 100_000
+MAX_REMEMBERED_URLS = 100_000
 
 #: Begins the names of what is counted for each site: host, then what.
 SITES = "metric_tree/sites/"
@@ -198,7 +198,7 @@ def _is_picture(response: Response) -> bool:
 def _remember(known: set[str] | None, tasks: list[Task]) -> None:
     """Tell the spider which addresses the frontier holds, so that it does not offer them page after page."""
     if known is not None:
-        if len(known) > KNOWN:
+        if len(known) > MAX_REMEMBERED_URLS:
             known.clear()
         known.update(task.url for task in tasks)
 

@@ -24,7 +24,7 @@ __all__ = ["SiteSpider"]
 PRODUCT, LISTING, PICTURE = 20, 10, 0
 
 #: An address that repeats a part so often is a trap: a calendar, a menu that links into itself.
-REPEATS = 3
+MAX_REPEATED_PARTS = 3
 
 #: Letters of an address; longer ones are made by a program that goes on.
 LONGEST_URL = 2000
@@ -114,7 +114,7 @@ class SiteSpider(scrapy.Spider):
         if len(url) > LONGEST_URL:
             return False
         parts = [part for part in urlsplit(url).path.split("/") if part]
-        trapped = any(parts.count(part) >= REPEATS for part in parts)
+        trapped = any(parts.count(part) >= MAX_REPEATED_PARTS for part in parts)
         return not trapped and not _NO_PAGE.search(url) and self.allows(url)
 
     def _picture_requests(self, item: RawItem) -> Iterator[scrapy.Request | str]:

@@ -19,7 +19,7 @@ __all__ = ["CACHE_VARIABLE", "NoInput", "download"]
 CACHE_VARIABLE = "METRIC_TREE_CACHE"
 
 #: Attempts after the first where a transfer fails or brings other bytes: one, for a line that stutters.
-RETRIES = 1
+MAX_RETRIES = 1
 
 #: Largest file of an archive that is unpacked.
 MAX_MEMBER = 1 << 30
@@ -68,7 +68,7 @@ def _store(source: Source) -> Any:
         env=CACHE_VARIABLE,
         registry={file.path: f"sha256:{file.sha256}" for file in source.files},
         urls={file.path: file.url for file in source.files},
-        retry_if_failed=RETRIES,
+        retry_if_failed=MAX_RETRIES,
     )
 
 

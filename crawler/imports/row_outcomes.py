@@ -17,7 +17,7 @@ from metric_base.errors import in_file
 __all__ = ["Reading", "Refusal", "Refused", "item", "year"]
 
 #: Digits after the point of a stored millimetre: a micrometre, finer than any source measures.
-DIGITS = 3
+STORED_DECIMALS_MM = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +70,10 @@ def item(
     BadRawItem
         A text is not what its field must be, such as a region.
     """
-    stated = {axis: round(value, DIGITS) for axis, value in (words or {}).items() if value}
-    sides = tuple(sorted((round(e, DIGITS) for e in extents), reverse=True)) if extents else extents_mm(stated)
+    stated = {axis: round(value, STORED_DECIMALS_MM) for axis, value in (words or {}).items() if value}
+    sides = (
+        tuple(sorted((round(e, STORED_DECIMALS_MM) for e in extents), reverse=True)) if extents else extents_mm(stated)
+    )
     path = tuple(dict.fromkeys(text for part in category if (text := " ".join(part.split()))))
     if not sides:
         raise Refused("no_size", "dimensions", texts.get("dimensions_text") or "")

@@ -26,7 +26,7 @@ __all__ = ["HAS_DIGIT", "Fact", "facts", "names_a_size"]
 Place = Literal["table", "list", "row", "entry", "line", "json", "prose"]
 
 #: So far up from its text a value's label is looked for; deeper nesting is decoration.
-CLIMB = 5
+MAX_LABEL_LEVELS = 5
 
 #: Elements of a box of lines, and letters of a line; what is longer is prose.
 MOST_LINES, LINE_LENGTH = 120, 90
@@ -104,7 +104,7 @@ class _FactReader:
 
     def facts_of(self, element: Element, text: str) -> Iterator[Fact]:
         here = element
-        for _ in range(CLIMB):
+        for _ in range(MAX_LABEL_LEVELS):
             parent = here.getparent()
             if parent is None or here.tag in {"body", "main"}:
                 break

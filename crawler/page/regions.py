@@ -20,7 +20,7 @@ LABEL_LENGTH, VALUE_LENGTH = 70, 260
 HEADING_CLIMB = 9
 
 #: The first texts of an element that are joined; a longer element is prose anyway.
-TEXTS = 80
+MAX_JOINED_TEXTS = 80
 
 #: Regions that show other items than the product, or opinions about it.
 _ELSEWHERE = re.compile(
@@ -55,7 +55,7 @@ class Regions:
         """The visible text of an element, cut where it becomes prose."""
         known = self._texts.get(element)
         if known is None:
-            known = squeeze(" ".join(islice(element.itertext(), TEXTS))[: 4 * VALUE_LENGTH])
+            known = squeeze(" ".join(islice(element.itertext(), MAX_JOINED_TEXTS))[: 4 * VALUE_LENGTH])
             self._texts[element] = known
         return known
 

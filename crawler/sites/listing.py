@@ -14,7 +14,7 @@ from crawler.text.sizes import Size, consensus, sizes
 __all__ = ["listed_items"]
 
 #: So far above its link the box of an entry is looked for.
-CLIMB = 5
+MAX_BOX_LEVELS = 5
 
 #: An entry is a tile or a row; a longer text is the list itself, or an article.
 LONGEST_ENTRY = 600
@@ -51,7 +51,7 @@ def listed_items(page: Page, site: Site, now: datetime | None = None) -> Iterato
 
 def _entry(link: Element, url: str, page: Page, site: Site) -> tuple[Size, str] | None:
     here = link
-    for _ in range(CLIMB):
+    for _ in range(MAX_BOX_LEVELS):
         here = here.getparent()
         text = squeeze(" ".join(here.itertext())) if here is not None else ""
         if not text or len(text) > LONGEST_ENTRY or _leads_elsewhere(here, url, page, site):

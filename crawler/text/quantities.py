@@ -12,7 +12,7 @@ from crawler.text.units import UNIT_WORDS, millimetres
 __all__ = ["METRIC", "Quantity", "is_same_length", "quantities", "unit_word"]
 
 #: Two statements of one length in two systems agree within this share: pages round to a half centimetre or an inch.
-AGREEMENT = 0.06
+AGREEMENT_SHARE = 0.06
 
 #: ... or within this many millimetres, for small items rounded to a tenth of an inch.
 AGREEMENT_MM = 6.0
@@ -175,5 +175,5 @@ def unit_word(text: str) -> str | None:
 
 
 def is_same_length(one: float, other: float) -> bool:
-    """Whether two lengths, mm, may be one stated twice and rounded (`AGREEMENT`)."""
-    return abs(one - other) <= max(AGREEMENT * max(one, other), AGREEMENT_MM)
+    """Whether two lengths, mm, may be one stated twice and rounded (`AGREEMENT_SHARE`)."""
+    return abs(one - other) <= max(AGREEMENT_SHARE * max(one, other), AGREEMENT_MM)

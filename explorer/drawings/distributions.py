@@ -74,12 +74,6 @@ def _stacks(sizes: FloatArray, kinds: FloatArray, edges: FloatArray) -> list[dic
     return [{kind: float(count[bin_]) for kind, count in counts.items() if count[bin_]} for bin_ in range(BINS)]
 
 
-def _marks(sizes: FloatArray, kinds: FloatArray, axis: LogAxis) -> str:
-    """A short line for each item."""
-    data = {kind: "".join(f"M{axis.at(mm):.1f} {BOTTOM}v-9" for mm in sizes[kinds == kind]) for kind in KINDS}
-    return "".join(f'<path class="mark dots-{kind}" d="{path}"/>' for kind, path in data.items() if path)
-
-
 def _bars(bars: list[dict[str, float]], edges: FloatArray, axis: LogAxis, height: float) -> str:
     """One path for each kind: rectangles that stand on those of the kinds before it."""
     paths: dict[str, list[str]] = {}

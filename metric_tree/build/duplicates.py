@@ -14,13 +14,13 @@ from metric_tree.fit.evidence import KIND_WEIGHT
 __all__ = ["duplicates"]
 
 #: Sizes that agree to this share are the same figure, whatever unit it went through: a millimetre of a sofa.
-ROUNDING = 0.0005
+SAME_SIZE_SHARE = 0.0005
 
 #: Stands for a size that is not stated; no ln size comes near it.
 MISSING = -(10**9)
 
 #: A word of a title that can tell one product from another is at least this long.
-WORD = 3
+MIN_WORD_LETTERS = 3
 
 _WORDS = re.compile(r"[^\W_]+")
 
@@ -45,7 +45,7 @@ def duplicates(
     sizes : (n, 6) mm, length, width, height, extents, NaN where missing
     common : words that tell nothing (names of the categories)
     """
-    rounded = np.nan_to_num(np.round(np.log(sizes) / ROUNDING), nan=MISSING).astype(np.int64)
+    rounded = np.nan_to_num(np.round(np.log(sizes) / SAME_SIZE_SHARE), nan=MISSING).astype(np.int64)
     rank = [(not shipped[i], -KIND_WEIGHT.get(kind[i], 0.0), i) for i in range(len(node))]
     repeats = np.full(len(node), -1, dtype=np.intp)
     first: dict[tuple[object, ...], int] = {}
@@ -68,4 +68,4 @@ def duplicates(
 
 
 def _words(title: str) -> frozenset[str]:
-    return frozenset(word for word in _WORDS.findall(title.casefold()) if len(word) >= WORD)
+    return frozenset(word for word in _WORDS.findall(title.casefold()) if len(word) >= MIN_WORD_LETTERS)

@@ -51,7 +51,7 @@ SHARDS = 64
 BLOCK_LINES = 20_000
 
 #: Matches that a worker remembers; categories repeat, titles mostly do not.
-REMEMBERED = 200_000
+MAX_REMEMBERED_MATCHES = 200_000
 
 #: Half-width of a stated range in standard deviations: low and high hold nine of ten (`RawItem.ranges_mm`).
 RANGE_SD = 1.645
@@ -280,7 +280,7 @@ _remembered: dict[tuple[object, ...], Match] = {}
 def _match(item: RawItem, taxonomy: Callable[[], Taxonomy]) -> Match:
     key = (taxonomy, item.source, item.category_path, item.title, item.synset)
     if key not in _remembered:
-        if len(_remembered) >= REMEMBERED:
+        if len(_remembered) >= MAX_REMEMBERED_MATCHES:
             _remembered.clear()
         _remembered[key] = _taxonomy(taxonomy).match(item)
     return _remembered[key]

@@ -15,13 +15,13 @@ from metric_tree.prior import Prior
 __all__ = ["disagreements", "is_mixed", "report"]
 
 #: Ashman's D above which two Gaussians are cleanly parted (Ashman, Bird and Zepf 1994 give 2).
-SEPARATION = 2.0
+MIN_ASHMAN_D = 2.0
 
 #: A second kind of thing makes up at least this share of a mixed class.
-SHARE = 0.1
+MIN_COMPONENT_SHARE = 0.1
 
 #: Two kinds of one category differ by half in size or more; cutlery for fish and meat is no mixed class.
-FACTOR = 1.5
+MIN_SIZE_RATIO = 1.5
 
 
 def report(
@@ -74,5 +74,5 @@ def is_mixed(prior: Prior) -> bool:
     spread = np.sqrt(prior.covariances.mean(axis=(1, 2)))
     apart = np.abs(centre[:, None] - centre)
     d = np.sqrt(2) * apart / np.hypot(spread[:, None], spread)
-    enough = np.minimum(prior.weights[:, None], prior.weights) >= SHARE
-    return bool(((d > SEPARATION) & enough & (apart > np.log(FACTOR))).any())
+    enough = np.minimum(prior.weights[:, None], prior.weights) >= MIN_COMPONENT_SHARE
+    return bool(((d > MIN_ASHMAN_D) & enough & (apart > np.log(MIN_SIZE_RATIO))).any())

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from metric_base.arrays import FloatArray
 from metric_tree.build.clean import extents_of
 from metric_tree.build.ingest import ROWS, SHARDS
-from metric_tree.build.unit_slips import ENOUGH, Reference, sibling_reference
+from metric_tree.build.unit_slips import MIN_REFERENCE_ROWS, Reference, sibling_reference
 from taxonomy.categories import Category
 
 __all__ = ["Repeated", "RowFiles", "sibling_references"]
@@ -67,13 +67,13 @@ def sibling_references(rows: RowFiles, categories: Sequence[Category]) -> dict[s
     parents = {category.node_id: category.parent_id for category in categories}
     families: dict[str | None, list[str]] = {}
     for node_id in sorted(medians):
-        if counts[node_id] >= ENOUGH:
+        if counts[node_id] >= MIN_REFERENCE_ROWS:
             families.setdefault(parents[node_id], []).append(node_id)
     known = {
         parent: sibling_reference(np.array([medians[node_id] for node_id in family]))
         for parent, family in families.items()
     }
-    thin = (node_id for node_id in medians if counts[node_id] < ENOUGH)
+    thin = (node_id for node_id in medians if counts[node_id] < MIN_REFERENCE_ROWS)
     return {node_id: against for node_id in thin if (against := known.get(parents[node_id])) is not None}
 
 

@@ -37,7 +37,7 @@ MENDED_DEVIATIONS, MENDED = 1.5, 0.1
 FAR_DEVIATIONS, FAR_FACTOR = 8.0, 4.0
 
 #: Rows from which a class is its own reference.
-ENOUGH = 8
+MIN_REFERENCE_ROWS = 8
 
 #: Least robust deviation of ln size: a tenth, so that a class of one repeated figure does not refuse its neighbours.
 LEAST_SD = 0.1
@@ -52,22 +52,22 @@ class Reference:
 
 
 def reference(extents: FloatArray) -> Reference | None:
-    """Median and scaled median absolute deviation of ln extents (n, 3) mm; None of fewer than `ENOUGH` rows.
+    """Median and scaled median absolute deviation of ln extents (n, 3) mm; None below `MIN_REFERENCE_ROWS`.
 
     Rows that state fewer than three extents do not say which, and only count where few state all.
     """
     complete = ~np.isnan(extents).any(axis=1)
-    logs = np.log(extents[complete] if complete.sum() >= ENOUGH else extents)
-    if len(logs) < ENOUGH:
+    logs = np.log(extents[complete] if complete.sum() >= MIN_REFERENCE_ROWS else extents)
+    if len(logs) < MIN_REFERENCE_ROWS:
         return None
-    return _reference(logs, ENOUGH, LEAST_SD)
+    return _reference(logs, MIN_REFERENCE_ROWS, LEAST_SD)
 
 
 def sibling_reference(medians: FloatArray) -> Reference | None:
     """The reference of a thin class from its siblings' medians (c, d) of ln mm; None of fewer than four."""
-    if len(medians) < ENOUGH // 2:
+    if len(medians) < MIN_REFERENCE_ROWS // 2:
         return None
-    return _reference(medians, ENOUGH // 2, float(np.log(LEAST_FACTOR)))
+    return _reference(medians, MIN_REFERENCE_ROWS // 2, float(np.log(LEAST_FACTOR)))
 
 
 def _reference(logs: FloatArray, least: int, least_sd: float) -> Reference:

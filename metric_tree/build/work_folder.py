@@ -22,7 +22,7 @@ __all__ = ["BuildFolder", "SerialExecutor", "fingerprint", "sole_writer"]
 _KEY = "fingerprint"
 
 #: Calls that wait for a worker or for their turn: enough to keep a small cluster busy, few enough to hold in memory.
-WINDOW = 16
+MAX_WAITING_CALLS = 16
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -86,7 +86,7 @@ class BuildFolder:
         for number, call in enumerate(calls):
             path = self.directory / f"{step}-{number:05d}.pickle"
             waiting.append((path, None if path.exists() else executor.submit(function, *call)))
-            while waiting and (len(waiting) > WINDOW or _is_done(waiting[0][1])):
+            while waiting and (len(waiting) > MAX_WAITING_CALLS or _is_done(waiting[0][1])):
                 yield _result(*waiting.popleft(), spilled)
         while waiting:
             yield _result(*waiting.popleft(), spilled)

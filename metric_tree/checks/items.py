@@ -14,7 +14,7 @@ from crawler.items import KINDS
 from metric_base.arrays import FloatArray
 from metric_tree.build.clean import extents_of
 from metric_tree.build.duplicates import duplicates
-from metric_tree.build.unit_slips import ENOUGH, Reference, reference, sibling_reference, slip_factors
+from metric_tree.build.unit_slips import MIN_REFERENCE_ROWS, Reference, reference, sibling_reference, slip_factors
 from metric_tree.checks.finding import Finding
 
 __all__ = ["CODES", "findings"]
@@ -116,7 +116,7 @@ def _class_findings(
     items: pa.Table, node_id: str, rows: NDArray[np.int64], sizes: FloatArray, extents: FloatArray
 ) -> Iterator[Finding]:
     """Errors of the rows (k,) of one class: copies, outliers, shapes; sizes and extents (n, 3) in mm."""
-    if len(rows) < ENOUGH:
+    if len(rows) < MIN_REFERENCE_ROWS:
         return
     own = items.take(pa.array(rows))
     copies = _share_of_copies(own, np.column_stack([sizes, extents]))
@@ -155,7 +155,7 @@ def _shape_findings(node_id: str, distinct: FloatArray) -> Iterator[Finding]:
     counts = [len(np.unique(distinct[:, axis])) for axis in range(3)]
     for axis, column in enumerate(AXES):
         present = distinct[0, axis] > 0
-        if present and counts[axis] == 1 and len(distinct) >= ENOUGH:
+        if present and counts[axis] == 1 and len(distinct) >= MIN_REFERENCE_ROWS:
             yield Finding("W311", node_id, f"{column}: expected a spread; found {distinct[0, axis]:g} on every row")
     varying = [count for count in counts if count > 1]
     if len(varying) > 1 and min(varying) >= GRID_SIDE and np.prod(varying) == len(distinct):
@@ -167,13 +167,13 @@ def _shape_findings(node_id: str, distinct: FloatArray) -> Iterator[Finding]:
 def _is_regular(values: FloatArray) -> bool:
     """Whether values (n,) have equal steps."""
     steps = np.diff(np.sort(values))
-    return len(values) >= ENOUGH and bool(np.allclose(steps, steps[0], rtol=1e-3))
+    return len(values) >= MIN_REFERENCE_ROWS and bool(np.allclose(steps, steps[0], rtol=1e-3))
 
 
 def _source_findings(items: pa.Table, node_id: str, rows: NDArray[np.int64], sizes: FloatArray) -> Iterator[Finding]:
     """Sources whose medians of sizes (n, 3) differ by more than `SOURCE_FACTOR`."""
     sources = items["source"].take(pa.array(rows)).to_numpy(zero_copy_only=False).astype(str)
-    medians = {source: _medians(sizes[own]) for source, own in _groups(sources) if len(own) >= ENOUGH}
+    medians = {source: _medians(sizes[own]) for source, own in _groups(sources) if len(own) >= MIN_REFERENCE_ROWS}
     for one, other in pairwise(sorted(medians)):
         apart = np.abs(np.log(medians[one] / medians[other]))
         if np.any(apart > np.log(SOURCE_FACTOR)):  # NaN compares false
@@ -188,7 +188,9 @@ def _sibling_findings(nodes: pa.Table, node_ids: NDArray[np.str_], extents: Floa
     node_ids : (n,) of the items; extents : (n, 3) mm, longest first, NaN beyond the last.
     """
     parents = dict(zip(nodes["node_id"].to_pylist(), nodes["parent_id"].to_pylist(), strict=True))
-    medians = {node_id: _medians(extents[rows]) for node_id, rows in _groups(node_ids) if len(rows) >= ENOUGH}
+    medians = {
+        node_id: _medians(extents[rows]) for node_id, rows in _groups(node_ids) if len(rows) >= MIN_REFERENCE_ROWS
+    }
     families: dict[str | None, list[str]] = {}
     for node_id in medians:
         families.setdefault(parents.get(node_id), []).append(node_id)

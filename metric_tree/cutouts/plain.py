@@ -25,12 +25,12 @@ Mask = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 
 #: Width of the border that is read, as a share of the shorter side.
-BORDER = 0.02
+BORDER_SHARE = 0.02
 
 #: Lab distance within which a pixel is the background's, at least: what JPEG does to a flat area at quality 80.
-TOLERANCE = 5.0
+MIN_LAB_DISTANCE = 5.0
 
-#: In standard deviations of the border's own noise, beside `TOLERANCE`.
+#: In standard deviations of the border's own noise, beside `MIN_LAB_DISTANCE`.
 NOISE_FACTOR = 4.0
 
 #: A border is plain where this share of it follows the plane; the rest is room for a thing that leaves the picture.
@@ -49,7 +49,7 @@ SHADOW_HUE, SHADOW_LOSS = 5.0, 0.45
 SHADOW_STEP = 5.0
 
 #: Longer side of the copy that grabCut works on, in pixels, and its rounds.
-SMALL, ROUNDS = 320, 2
+COPY_SIDE_PX, ROUNDS = 320, 2
 
 #: An enclosed patch of the very background colour is a hole (a handle, between legs) from this share of the picture.
 HOLE_SHARE = 0.0005
@@ -71,7 +71,7 @@ class Background:
     @property
     def tolerance(self) -> float:
         """Lab distance within which a pixel is the background's."""
-        return max(TOLERANCE, NOISE_FACTOR * self.noise)
+        return max(MIN_LAB_DISTANCE, NOISE_FACTOR * self.noise)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class Plain:
 def background(lab: Floats) -> Background:
     """The plane of colour that most of the border follows; lab : (h, w, 3)."""
     height, width = lab.shape[:2]
-    depth = max(2, round(BORDER * min(height, width)))
+    depth = max(2, round(BORDER_SHARE * min(height, width)))
     border = np.zeros((height, width), bool)
     border[:depth] = border[-depth:] = border[:, :depth] = border[:, -depth:] = True
     y, x = np.nonzero(border)
@@ -105,7 +105,7 @@ def background(lab: Floats) -> Background:
     residual = np.linalg.norm(colour - place @ plane, axis=1)
     inside = residual[residual <= np.quantile(residual, PLAIN_SHARE)]
     noise = float(np.sqrt(np.mean(inside**2) / 3))
-    share = float(np.mean(residual <= max(TOLERANCE, NOISE_FACTOR * noise)))
+    share = float(np.mean(residual <= max(MIN_LAB_DISTANCE, NOISE_FACTOR * noise)))
     return Background(_surface(np.vstack([plane, np.zeros((3, 3))]), (height, width)), noise, share)
 
 
@@ -149,7 +149,7 @@ def _mask(picture: RGB, lab: Floats, ground: Background, refined: bool) -> Mask:
     distance = np.linalg.norm(lab - ground.lab, axis=2)
     whole = _remove_dust(~_holes(distance, _reach(distance <= ground.tolerance), ground))
     height, width = whole.shape
-    factor = min(1.0, SMALL / max(height, width))
+    factor = min(1.0, COPY_SIDE_PX / max(height, width))
     size = (max(1, round(width * factor)), max(1, round(height * factor)))
     small_lab, small_plane = (cv2.resize(a, size, interpolation=cv2.INTER_AREA) for a in (lab, ground.lab))
     small = cv2.resize(whole.astype(np.float32), size, interpolation=cv2.INTER_AREA) >= 0.5

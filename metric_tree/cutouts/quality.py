@@ -24,22 +24,22 @@ REASONS = {
 }
 
 #: Foreground shares outside which nothing was found, or everything.
-EMPTY, FULL = 0.005, 0.97
+MIN_FOREGROUND_SHARE, MAX_FOREGROUND_SHARE = 0.005, 0.97
 
 #: Share of the picture's border that a thing may cover: more is a detail, cut off on several sides.
-BORDER = 0.6
+MAX_BORDER_SHARE = 0.6
 
 #: A second part of this share of the largest is a second thing, not a loose handle.
-SECOND = 0.35
+SECOND_PART_SHARE = 0.35
 
 #: Below it a mask is doubtful.
-DOUBTFUL = 0.5
+MIN_QUALITY = 0.5
 
 #: Lab distance across an edge that everyone sees as an edge; half of it gives a quality of one half.
 CLEAR_EDGE = 12.0
 
 #: Pixels to each side of the edge where its colours are read.
-STEP = 3
+EDGE_STEP_PX = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,15 +56,15 @@ def assessment(picture: RGB, alpha: NDArray[np.uint8]) -> Assessment:
     """Box, share and quality of the mask alpha (h, w) of a picture (h, w, 3), and why it is set aside, if so."""
     mask = alpha >= 128
     share = float(mask.mean())
-    if share < EMPTY:
+    if share < MIN_FOREGROUND_SHARE:
         return Assessment((0, 0, 0, 0), share, 0.0, "empty")
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     box = (int(columns[0]), int(rows[0]), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1)
     edge = np.concatenate([mask[0], mask[-1], mask[:, 0], mask[:, -1]])
-    if share > FULL or edge.mean() > BORDER:
+    if share > MAX_FOREGROUND_SHARE or edge.mean() > MAX_BORDER_SHARE:
         return Assessment(box, share, 0.0, "full")
     quality = _edge_contrast(picture, mask) * _decided_share(alpha)
-    reason = "several" if _second(mask) >= SECOND else "doubtful" if quality < DOUBTFUL else None
+    reason = "several" if _second(mask) >= SECOND_PART_SHARE else "doubtful" if quality < MIN_QUALITY else None
     return Assessment(box, share, round(quality, 4), reason)
 
 
@@ -73,11 +73,11 @@ def _edge_contrast(picture: RGB, mask: NDArray[np.bool_]) -> float:
     lab = cv2.cvtColor(picture.astype(np.float32) / 255.0, cv2.COLOR_RGB2LAB)
     one = mask.astype(np.uint8)
     kernel = np.ones((3, 3), np.uint8)
-    inner, outer = cv2.erode(one, kernel, iterations=STEP), cv2.dilate(one, kernel, iterations=STEP)
+    inner, outer = cv2.erode(one, kernel, iterations=EDGE_STEP_PX), cv2.dilate(one, kernel, iterations=EDGE_STEP_PX)
     edge = (one > 0) & (cv2.erode(one, kernel, borderValue=1) == 0)
     if not edge.any():
         return 0.0
-    span = (4 * STEP + 1, 4 * STEP + 1)
+    span = (4 * EDGE_STEP_PX + 1, 4 * EDGE_STEP_PX + 1)
     means = []
     for side in (one * (inner == 0), (outer > 0) * (one == 0)):  # the strips just inside and just outside
         weight = side.astype(np.float32)

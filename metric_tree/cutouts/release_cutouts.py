@@ -37,13 +37,13 @@ TABLE = "cutouts.parquet"
 FOLDER = "cutouts"
 
 #: Pictures of one call: a few seconds of a worker's time, so that a kill loses little.
-BATCH = 8
+PICTURES_PER_CALL = 8
 
 #: A file's own transparency is its mask from this share of clear pixels; less is a soft frame.
 CLEAR_SHARE = 0.01
 
 #: Longer side of the picture that is cut, in pixels: beyond it an edge gains nothing that a training set could use.
-LARGEST = 1600
+MAX_SIDE_PX = 1600
 
 
 def _column(name: str, kind: pa.DataType, meaning: str) -> pa.Field:
@@ -177,12 +177,12 @@ def cut_release(
 
 
 def _pixels(image: Any) -> tuple[RGB, Any | None]:
-    """(h, w, 3) upright pixels of at most `LARGEST` to a side, over white, and the file's own alpha as a mask."""
+    """(h, w, 3) upright pixels of at most `MAX_SIDE_PX` to a side, over white, and the file's own alpha as a mask."""
     import numpy as np
     from PIL import Image, ImageOps
 
     upright = ImageOps.exif_transpose(image)
-    upright.thumbnail((LARGEST, LARGEST), Image.Resampling.LANCZOS, reducing_gap=2.0)
+    upright.thumbnail((MAX_SIDE_PX, MAX_SIDE_PX), Image.Resampling.LANCZOS, reducing_gap=2.0)
     rgba = upright.convert("RGBA")
     alpha = np.asarray(rgba.getchannel("A"))
     white = Image.new("RGBA", rgba.size, (255, 255, 255, 255))
@@ -235,8 +235,8 @@ def _files(release: Release, images: pa.Table) -> dict[str, Path]:
 def _batches(paths: Mapping[str, Path]) -> Iterator[list[tuple[str, bytes]]]:
     """Ids and bytes, so that a worker on another machine needs no disk of ours."""
     ids = list(paths)
-    for first in range(0, len(ids), BATCH):
-        yield [(image_id, paths[image_id].read_bytes()) for image_id in ids[first : first + BATCH]]
+    for first in range(0, len(ids), PICTURES_PER_CALL):
+        yield [(image_id, paths[image_id].read_bytes()) for image_id in ids[first : first + PICTURES_PER_CALL]]
 
 
 def _link_files(release: Release, extras: Path) -> None:

@@ -37,7 +37,7 @@ from metric_tree.tiers import Evidence, leaf_tier
 __all__ = ["class_prior", "heldout_log_density"]
 
 #: Largest number of components: sizes of one category fall into a few kinds (a hatchback, a saloon, a van).
-COMPONENTS = 4
+MAX_COMPONENTS = 4
 
 #: Effective rows that a component must have: one and a half for each of its ten numbers (mean 3, covariance 6, weight).
 COMPONENT_ROWS = 15.0
@@ -146,7 +146,7 @@ def _placeholders(axes: NDArray[np.intp]) -> tuple[str, ...]:
 def _components(rows: Rows, belief: Belief, seed: int, worth: float = 1.0) -> tuple[Mixture, int]:
     """The mixture of the smallest BIC, as the predictive density of a further object of the same source."""
     effective = rows.effective
-    largest = max(1, min(COMPONENTS, int(worth * _whole_rows(rows) // COMPONENT_ROWS)))
+    largest = max(1, min(MAX_COMPONENTS, int(worth * _whole_rows(rows) // COMPONENT_ROWS)))
     best = single = fit_mixture(rows, 1, belief, seed)
     for k in range(2, largest + 1):
         fit = fit_mixture(rows, k, belief, seed, single)

@@ -22,13 +22,13 @@ from metric_tree.prior import Prior
 __all__ = ["ContextCell", "cells_of", "class_contexts", "inner_contexts", "learn_contexts"]
 
 #: Years of one span: a car model lives for six, and fewer rows say less.
-SPAN = 5
+YEAR_SPAN = 5
 
 #: Kinds of things in use today where they were measured, sold or required.
 KINDS = frozenset({"product", "measured", "standard", "statistic"})
 
 #: Contexts of a class that take part in the model, those of most rows.
-MOST = 30
+MAX_CELLS = 30
 
 #: Least part of a node's weight of which a source must speak to be a context of the node.
 LEAST_PART = 0.2
@@ -82,7 +82,7 @@ def cells_of(
     for number in np.flatnonzero(np.isin(kind, sorted(KINDS))).tolist():
         place, when = region[number], year[number]
         if place not in (None, "world") or when is not None:
-            span = -1 if when is None else when // SPAN
+            span = -1 if when is None else when // YEAR_SPAN
             rows.setdefault((str(source[number]), place or "", span), []).append(number)
     return tuple(_cell(key, x, np.array(own), kind, year, weight) for key, own in sorted(rows.items()))
 
@@ -156,7 +156,7 @@ def _contexts_by_source(children: Sequence[tuple[Prior, float]], shared: FloatAr
     groups: dict[tuple[str, str, int], list[tuple[float, Context]]] = {}
     for child, part in children:
         for one in child.contexts:
-            key = (one.source, one.region or "", -1 if one.year is None else int(one.year // SPAN))
+            key = (one.source, one.region or "", -1 if one.year is None else int(one.year // YEAR_SPAN))
             groups.setdefault(key, []).append((part, one))
     return [one for _, own in sorted(groups.items()) for one in _together(own, shared)]
 
@@ -217,7 +217,7 @@ def _lines(cells: Sequence[ContextCell], within: FloatArray, between: FloatArray
     """What each axis that two sources or more state can tell of the cells: variances within (d,) and between (d,)."""
     lines = []
     for axis in range(len(within)):
-        stated = sorted((cell for cell in cells if cell.rows[axis] > 0), key=lambda cell: -cell.rows[axis])[:MOST]
+        stated = sorted((cell for cell in cells if cell.rows[axis] > 0), key=lambda cell: -cell.rows[axis])[:MAX_CELLS]
         if len({cell.source for cell in stated}) >= 2 and between[axis] > 0:
             noise = np.array([within[axis] / cell.rows[axis] for cell in stated]) / between[axis]
             lines.append(

@@ -24,7 +24,7 @@ COVARIANCE_ROWS = 8.0
 MEAN_ROWS = (0.02, 2.0)
 
 #: What is believed above counts as half a child: it only speaks for axes that no child states.
-ABOVE = 0.5
+PARENT_WEIGHT = 0.5
 
 #: A single axis has a prior of its own where this much more of the children's weight states it than the joint prior.
 MORE = 0.1
@@ -44,10 +44,10 @@ def belief_of(children: Sequence[Moments], above: Belief = VAGUE) -> Belief:
     seen = np.array([child.known > 0 for child in children], dtype=float)  # (c, 3)
     means = np.array([child.mean for child in children])
     mass = seen.sum(axis=0)
-    mean = (above.mean * ABOVE + (seen * means).sum(axis=0)) / (ABOVE + mass)
+    mean = (above.mean * PARENT_WEIGHT + (seen * means).sum(axis=0)) / (PARENT_WEIGHT + mass)
     both = seen.T @ seen
     within = np.einsum("ci,cj,cij->ij", seen, seen, np.array([child.within for child in children]))
-    covariance = raise_to_floor((ABOVE * above.covariance + within) / (ABOVE + both))
+    covariance = raise_to_floor((PARENT_WEIGHT * above.covariance + within) / (PARENT_WEIGHT + both))
     offset = seen * (means - mean)
     spread = float((offset**2).sum() / max(mass.sum() - 3, 1)) if len(children) > 1 else 1.0
     mean_rows = float(np.clip(np.trace(covariance) / 3 / max(spread, 1e-6), *MEAN_ROWS))

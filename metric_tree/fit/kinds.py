@@ -67,7 +67,7 @@ FAMILY_FACTOR_SD = 0.5
 LEAST_SD = 0.005
 
 #: Sources of a class that take part, those of most rows; more add nothing that decides.
-SOURCES = 10
+MAX_SOURCES = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,10 +189,10 @@ def _table(pairs: Sequence[tuple[str, Disagreement]], families: Sequence[str], k
         for axis in range(one.means.shape[1]):
             rows = one.rows[:, axis]
             chosen = np.flatnonzero(rows > 0)
-            chosen = chosen[np.argsort(-rows[chosen], kind="stable")][:SOURCES]
+            chosen = chosen[np.argsort(-rows[chosen], kind="stable")][:MAX_SOURCES]
             if len(chosen) >= 2:
                 lines.append((family, one, axis, chosen))
-    shape = (len(lines), SOURCES)
+    shape = (len(lines), MAX_SOURCES)
     means, noise, present = np.zeros(shape), np.ones(shape), np.zeros(shape)
     kind = np.zeros(shape, dtype=np.intp)
     within = np.array([one.within[axis, axis] for _, one, axis, _ in lines])

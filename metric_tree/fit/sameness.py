@@ -26,7 +26,7 @@ __all__ = ["Sameness", "class_sameness", "shrunk_sameness"]
 LEAST_ROOMS = 8
 
 #: Robust deviations at which a size is cut: a box that swallowed a wall is no evidence of variety.
-CUT = 3.0
+CLIP_SIGMAS = 3.0
 
 #: Where no class is known: the mean and spread over the classes of ScanNet's rooms, rounded.
 DEFAULT_MEAN, DEFAULT_SD = 0.45, 0.2
@@ -89,7 +89,7 @@ def _of_axis(x: FloatArray, scene: NDArray[np.str_]) -> Sameness | None:
     x, scene = x[known], scene[known]
     if len(x) == 0:
         return None
-    centre, reach = np.median(x), CUT * max(robust_sigma(x), 0.02)
+    centre, reach = np.median(x), CLIP_SIGMAS * max(robust_sigma(x), 0.02)
     x = np.clip(x, centre - reach, centre + reach)
     _, code, counts = np.unique(scene, return_inverse=True, return_counts=True)
     n, k = len(x), len(counts)

@@ -34,7 +34,7 @@ LARGEST, LEAST = 340, 3
 CREDIT_HEIGHT, CREDIT_LETTERS = 20, 190
 
 #: Columns that a label needs, however small its thing.
-COLUMN = 150
+COLUMN_PX = 150
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,7 +175,7 @@ def _rows(sizes: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:
     rows: list[list[tuple[int, int]]] = [[]]
     x = MARGIN
     for number, (width, _) in enumerate(sizes):
-        column = max(width, COLUMN)
+        column = max(width, COLUMN_PX)
         if rows[-1] and x + column > WIDTH - MARGIN:
             rows.append([])
             x = MARGIN

@@ -10,12 +10,12 @@ import numpy as np
 import pyarrow as pa
 
 from crawler.items import STATED_KINDS
-from metric_tree.build.log import SHARE, is_mixed
+from metric_tree.build.log import MIN_COMPONENT_SHARE, is_mixed
 from metric_tree.tree import Node, Tree, UnknownName
 from taxonomy.label_lists import Label, vocabulary
 
 __all__ = [
-    "ENOUGH",
+    "MIN_ITEMS",
     "Coverage",
     "coverage",
     "covered_items",
@@ -28,7 +28,7 @@ __all__ = [
 ]
 
 #: Fewer items than this say little about a distribution.
-ENOUGH = 10
+MIN_ITEMS = 10
 
 #: Categories of the figure, as in the paper's figure of size distributions, with others of everyday rooms and streets;
 #: those that the release lacks are left out.
@@ -53,7 +53,7 @@ TYPICAL = (
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Labels of a list that need a prior, and how many have one from at least `ENOUGH` real items, any, or at all."""
+    """Labels of a list that need a prior, and how many have one from `MIN_ITEMS` real items, any, or at all."""
 
     name: str
     labels: int
@@ -95,7 +95,7 @@ def coverage(tree: Tree, name: str, labels: Iterable[Label] | None = None) -> Co
     """How much of a label list has a prior; walls, floors, skies and void labels need none."""
     needing = [label for label in (vocabulary(name) if labels is None else labels) if label.needs_prior]
     counts = [count for label in needing if (count := covered_items(tree, label)) is not None]
-    return Coverage(name, len(needing), sum(n >= ENOUGH for n in counts), sum(n > 0 for n in counts), len(counts))
+    return Coverage(name, len(needing), sum(n >= MIN_ITEMS for n in counts), sum(n > 0 for n in counts), len(counts))
 
 
 def typical_nodes(tree: Tree) -> list[Node]:
@@ -111,7 +111,7 @@ def disagreements(tree: Tree) -> list[tuple[str, int, int, float]]:
     """
     rows = []
     for node in tree:
-        if node.level >= 4 and node.n_items >= ENOUGH:
+        if node.level >= 4 and node.n_items >= MIN_ITEMS:
             for dims in node.prior_dims[-1:]:
                 prior = node.prior(dims)
                 if prior.n_sources >= 3:
@@ -127,11 +127,13 @@ def mixed_leaves(tree: Tree) -> list[tuple[str, int, str]]:
     """
     rows = []
     for node in tree:
-        if not node.children and node.n_items >= ENOUGH and node.prior_dims:
+        if not node.children and node.n_items >= MIN_ITEMS and node.prior_dims:
             prior = node.prior(max(node.prior_dims, key=len))
             if is_mixed(prior):
                 parts = sorted(zip(np.exp(prior.means.mean(axis=1)), prior.weights, strict=True))
-                text = ", ".join(f"{size:.0f} mm ({weight:.0%})" for size, weight in parts if weight >= SHARE)
+                text = ", ".join(
+                    f"{size:.0f} mm ({weight:.0%})" for size, weight in parts if weight >= MIN_COMPONENT_SHARE
+                )
                 rows.append((" > ".join(node.path[1:]), node.n_items, text))
     return sorted(rows, key=lambda row: (-row[1], row[0]))
 

@@ -27,7 +27,7 @@ from metric_tree.report.changes import (
     source_changes,
 )
 from metric_tree.report.counts import (
-    ENOUGH,
+    MIN_ITEMS,
     Coverage,
     coverage,
     disagreements,
@@ -45,13 +45,13 @@ from taxonomy.label_lists import vocabularies
 __all__ = ["page"]
 
 #: Rows of a table in which a person looks for the worst.
-SHOWN = 20
+MAX_SHOWN_ROWS = 20
 
 #: Kinds of errors with which there is nothing to count: of the tree, of priors.
 BREAKING = frozenset({"E2", "E4"})
 
 #: Findings of one code that are shown: enough to see what it is about.
-EXAMPLES = 5
+MAX_EXAMPLES = 5
 
 
 def page(tree: Tree, against: Tree | None = None) -> str:
@@ -105,7 +105,7 @@ def _tier_and_median(node: Node) -> tuple[str, str]:
 
 _SIZE_NOTE = (
     "Density of the prior over log size; a band for each dimension that the category uses by default. Steps: the items "
-    f"whose rows the release may ship, where there are {ENOUGH} or more; their number stands behind that of all "
+    f"whose rows the release may ship, where there are {MIN_ITEMS} or more; their number stands behind that of all "
     "items. They are fewer than those of the fit, from other sources, and need not follow the band."
 )
 
@@ -143,7 +143,7 @@ def _sources(tree: Tree) -> str:
 
 def _coverage(lists: Sequence[Coverage]) -> str:
     rows = [(c.name, c.labels, _share(c.enough, c), _share(c.real, c), _share(c.any, c)) for c in lists]
-    head = ("list", "labels that need a prior", f"{ENOUGH}+ real items", "any real item", "any prior")
+    head = ("list", "labels that need a prior", f"{MIN_ITEMS}+ real items", "any real item", "any prior")
     shares = [(c.name, c.enough / c.labels, c.real / c.labels, c.any / c.labels) for c in lists if c.labels]
     return coverage_figure(shares) + table(head, rows)
 
@@ -154,15 +154,15 @@ def _share(count: int, whole: Coverage) -> str:
 
 def _findings(tree: Tree, all_findings: Sequence[Finding]) -> str:
     counts = Counter(finding.code for finding in all_findings)
-    examples = [f for code in sorted(counts) for f in [f for f in all_findings if f.code == code][:EXAMPLES]]
+    examples = [f for code in sorted(counts) for f in [f for f in all_findings if f.code == code][:MAX_EXAMPLES]]
     checked = (
         table(("code", "what it means", "findings"), [(c, CODES.get(c, ""), n) for c, n in sorted(counts.items())])
-        + paragraph(f"The first {EXAMPLES} of each code; metric-tree validate prints all of them:")
+        + paragraph(f"The first {MAX_EXAMPLES} of each code; metric-tree validate prints all of them:")
         + table(("code", "where", "finding"), [(f.code, f.subject, f.message) for f in examples])
         if counts
         else paragraph("The checks find nothing.")
     )
-    differing = [(*row[:3], f"{row[3]:.0f} %") for row in disagreements(tree)[:SHOWN]]
+    differing = [(*row[:3], f"{row[3]:.0f} %") for row in disagreements(tree)[:MAX_SHOWN_ROWS]]
     several = mixed_leaves(tree)
     return (
         "<h3>Findings of the checks</h3>\n"
@@ -173,8 +173,10 @@ def _findings(tree: Tree, all_findings: Sequence[Finding]) -> str:
         )
         + table(("category", "sources", "items", "differ by"), differing)
         + "<h3>Categories that look like two kinds of thing</h3>\n"
-        + paragraph(f"{len(several)} leaves, of which the {min(SHOWN, len(several))} with most items:", note=True)
-        + table(("category", "items", "parts, by geometric mean size"), several[:SHOWN])
+        + paragraph(
+            f"{len(several)} leaves, of which the {min(MAX_SHOWN_ROWS, len(several))} with most items:", note=True
+        )
+        + table(("category", "items", "parts, by geometric mean size"), several[:MAX_SHOWN_ROWS])
     )
 
 
@@ -193,7 +195,7 @@ def _changes(tree: Tree, before: Tree, lists: Sequence[Coverage]) -> str:
         for c in lists
         if any(getattr(c, field) != getattr(then[c.name], field) for field in ("enough", "real", "any"))
     ]
-    head = ("list", f"{ENOUGH}+ items before", "now", "any item before", "now", "any prior before", "now")
+    head = ("list", f"{MIN_ITEMS}+ items before", "now", "any item before", "now", "any prior before", "now")
     return (
         table(("", "before", "now"), counts)
         + paragraph(f"{len(new):,} categories are new{_some(new)}; {len(lost):,} are gone{_some(lost)}.")
@@ -202,9 +204,9 @@ def _changes(tree: Tree, before: Tree, lists: Sequence[Coverage]) -> str:
         + _if_any("How far the priors of the nodes of both differ", _moves_head(), _moves(all_changes))
         + paragraph(_MOVED_NOTE, note=True)
         + _if_any(
-            f"Sizes that changed most, of nodes with {ENOUGH} items or more in both",
+            f"Sizes that changed most, of nodes with {MIN_ITEMS} items or more in both",
             ("category", "items before", "now", "dimensions", "tier", "medians before, mm", "now", "size", "width"),
-            [_change(change) for change in largest_changes(all_changes, SHOWN, ENOUGH)],
+            [_change(change) for change in largest_changes(all_changes, MAX_SHOWN_ROWS, MIN_ITEMS)],
         )
     )
 
@@ -252,5 +254,5 @@ def _change(change: Change) -> tuple[object, ...]:
 
 
 def _some(nodes: Sequence[Node]) -> str:
-    names = [node.name for node in nodes[:SHOWN]]
-    return f" ({', '.join(names)}{', ...' if len(nodes) > SHOWN else ''})" if names else ""
+    names = [node.name for node in nodes[:MAX_SHOWN_ROWS]]
+    return f" ({', '.join(names)}{', ...' if len(nodes) > MAX_SHOWN_ROWS else ''})" if names else ""

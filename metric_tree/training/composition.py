@@ -30,7 +30,7 @@ Labels = NDArray[np.int16]
 #: Objects tried per picture; COCO has seven on average.
 LEAST_OBJECTS, MOST_OBJECTS = 2, 9
 #: Cut-outs looked at for each object until one has a plausible size at the picture's scale.
-TRIES = 12
+MAX_TRIES = 12
 #: The first object's longest side as a share of the picture's shorter one.
 FIRST_SHARE = (0.15, 0.75)
 #: Sides in pixels that are placed: COCO's small objects begin under 32, and beyond the picture nothing is recognised.
@@ -46,7 +46,7 @@ BRIGHTNESS, TINT = (0.7, 1.15), (0.92, 1.08)
 #: How much of a made background's colour is its hue: walls and floors are rather grey.
 HUE_SHARE = 0.35
 #: Opacity from which a pixel counts as the object's.
-OPAQUE = 128
+MIN_OPAQUE_ALPHA = 128
 #: Longest side at which a cut-out is kept in memory; enough for MOST_SIDE_SHARE of a picture of 640 pixels.
 KEPT_SIDE_PX, KEPT_CUTOUTS = 640, 64
 
@@ -98,7 +98,7 @@ def compose(cutouts: Sequence[Sequence[Cutout]], background: Picture, generator:
     objects = []
     for number, layer in enumerate(layers):
         mask = labels == number
-        whole = int((layer.pixels[:, :, 3] >= OPAQUE).sum())
+        whole = int((layer.pixels[:, :, 3] >= MIN_OPAQUE_ALPHA).sum())
         objects.append(Pasted(layer.cutout, mask, layer.size_mm, float(mask.sum() / whole)))
     return Composition(np.clip(np.rint(picture), 0, 255).astype(np.uint8), tuple(objects), px_per_mm)
 
@@ -127,7 +127,7 @@ def _place(
     px_per_mm = float(generator.uniform(*FIRST_SHARE)) * min(size) / longest
     chosen = [(1.0, first, first_mm)]
     for _ in range(int(generator.integers(LEAST_OBJECTS, MOST_OBJECTS + 1)) - 1):
-        for _ in range(TRIES):
+        for _ in range(MAX_TRIES):
             cutout, size_mm = _draw(cutouts, generator)
             nearness = float(np.exp(generator.normal(0, DISTANCE_SD)))
             pixels = _pixels(cutout.file)
@@ -175,9 +175,9 @@ def _visible(layers: list[_Layer], size: tuple[int, int]) -> tuple[Labels, list[
         labels = np.full(size, -1, dtype=np.int16)
         for number, layer in enumerate(layers):
             part, (rows, columns) = _window(layer, size)
-            labels[rows, columns][part[:, :, 3] >= OPAQUE] = number
+            labels[rows, columns][part[:, :, 3] >= MIN_OPAQUE_ALPHA] = number
         counts = np.bincount(labels[labels >= 0], minlength=len(layers))
-        whole = np.array([(layer.pixels[:, :, 3] >= OPAQUE).sum() for layer in layers])
+        whole = np.array([(layer.pixels[:, :, 3] >= MIN_OPAQUE_ALPHA).sum() for layer in layers])
         bad = (counts < LEAST_VISIBLE_PX) | (counts < LEAST_VISIBLE_SHARE * whole)
         if not bad.any():
             return labels, layers
@@ -220,7 +220,7 @@ def _pixels(file: Path) -> Picture:
     pixels = read_picture(file, cv2.IMREAD_UNCHANGED)
     if pixels is None or pixels.ndim != 3 or pixels.shape[2] != 4 or pixels.dtype != np.uint8:
         raise BadAnnotations.at(file, "cut-out", "an RGBA picture of 8 bits", "something else")
-    rows, columns = (np.flatnonzero((pixels[:, :, 3] >= OPAQUE).any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero((pixels[:, :, 3] >= MIN_OPAQUE_ALPHA).any(axis=axis)) for axis in (1, 0))
     if not len(rows):
         raise BadAnnotations.at(file, "cut-out", "an opaque pixel", "none")
     tight = pixels[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]

@@ -15,7 +15,7 @@ from metric_tree.tree import Node, NoPrior
 __all__ = ["Cutout", "cutouts_of"]
 
 #: Sizes drawn from the prior for an item that states none of its own.
-DRAWS = 16
+MAX_DRAWS = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +68,7 @@ def _size(item: dict[str, object], node: Node, seed: int) -> tuple[str, tuple[fl
         except NoPrior:
             above = above.parent
             continue
-        drawn = prior.sample(DRAWS, seed)
+        drawn = prior.sample(MAX_DRAWS, seed)
         if node.pose == "upright" and "height" in prior.dims:
             return "height", tuple(drawn[:, prior.dims.index("height")].tolist())
         return "longest", tuple(np.max(drawn, axis=1).tolist())

@@ -50,7 +50,7 @@ MEASUREMENT_SD = 0.06
 SCALE_RANGE = 1000.0
 
 #: Objects of the expectation: its standard error is under 0.03 nats for every prior of the release.
-DRAWS = 200
+MAX_DRAWS = 200
 
 #: Grid over u about the truth: no posterior of a single object of a useful category reaches further.
 GRID: FloatArray = np.arange(-4.0, 4.0, 0.02)
@@ -144,9 +144,9 @@ def narrowing(prior: Prior, noise: float = MEASUREMENT_SD, seed: int = 0) -> flo
     d = len(prior.dims)
     covariance = prior.covariances + prior.disagreement() + noise**2 * np.eye(d)  # (k, d, d)
     generator = np.random.default_rng(seed)
-    component = generator.choice(len(prior.weights), size=DRAWS, p=prior.weights / prior.weights.sum())
+    component = generator.choice(len(prior.weights), size=MAX_DRAWS, p=prior.weights / prior.weights.sum())
     lower = np.linalg.cholesky(covariance)
-    y = prior.means[component] + np.einsum("nij,nj->ni", lower[component], generator.standard_normal((DRAWS, d)))
+    y = prior.means[component] + np.einsum("nij,nj->ni", lower[component], generator.standard_normal((MAX_DRAWS, d)))
     precision = np.linalg.inv(covariance)
     residual = prior.means[None] - y[:, None]  # (n, k, d)
     turned = np.einsum("kij,nkj->nki", precision, residual)
@@ -156,7 +156,7 @@ def narrowing(prior: Prior, noise: float = MEASUREMENT_SD, seed: int = 0) -> flo
     square = (residual * turned).sum(axis=2) - lam * centre**2
     peak = np.log(np.maximum(prior.weights, 1e-300)) - 0.5 * (log_det + square)  # (n, k)
     peak = np.exp(peak - peak.max(axis=1, keepdims=True))
-    density = np.zeros((DRAWS, len(GRID)))
+    density = np.zeros((MAX_DRAWS, len(GRID)))
     for k in range(len(prior.weights)):  # components one by one: all at once would take 100 MB
         density += peak[:, k, None] * np.exp(-0.5 * lam[k] * (GRID - centre[:, k, None]) ** 2)
     step = GRID[1] - GRID[0]

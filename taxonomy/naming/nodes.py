@@ -11,7 +11,7 @@ from functools import cached_property
 from taxonomy.words.senses import Sense, label_votes, reviewed_meanings, senses
 from taxonomy.words.spelling import by_letters, fold_text, plain_fold
 
-__all__ = ["NEAR", "PERSON", "Candidate", "Names", "NodeAnswer", "folded_forms", "own_names"]
+__all__ = ["NEAR_RATIO", "PERSON", "Candidate", "Names", "NodeAnswer", "folded_forms", "own_names"]
 
 #: A juicer is an appliance before it is somebody.
 PERSON = "person.n.01"
@@ -20,7 +20,7 @@ PERSON = "person.n.01"
 _OTHER = "/other"
 
 #: Two senses whose evidence differs by less are both meant.
-NEAR = 1.05
+NEAR_RATIO = 1.05
 
 #: What speaks for a node, in units in which a difference of one is clear. A label of COCO is worth more than a name of
 #: one's own, that more than WordNet's order of senses; items decide only by a difference of some four hundred times.
@@ -33,7 +33,7 @@ TENFOLD_ITEMS = 0.42
 MOST_LABEL_WEIGHT = 5.0
 
 #: What the first of a reviewed order has before the next, where the reviewer calls it clear.
-CLEAR = 2.0
+CLEAR_RATIO = 2.0
 
 #: An alias of WordNet that is used so rarely in this sense, while an item is meant more often, leads astray.
 LEAST_SHARE = 0.1
@@ -69,7 +69,7 @@ class NodeAnswer:
     @property
     def ambiguous(self) -> bool:
         """Whether another sense is as likely."""
-        return self.margin < NEAR
+        return self.margin < NEAR_RATIO
 
 
 class Names:
@@ -183,7 +183,7 @@ class Names:
         top = max((one.score for one in likely), default=0.01)
         how = {one.node_id: one.how for one in likely}
         listed = [Candidate(node, top, how.get(node, "alias")) for node in nodes]
-        first = Candidate(nodes[0], top + CLEAR, listed[0].how) if order.clear else listed[0]
+        first = Candidate(nodes[0], top + CLEAR_RATIO, listed[0].how) if order.clear else listed[0]
         return [first, *listed[1:], *rest]
 
     def _candidate(self, form: str, node: str, own: bool | None, votes: float, known: Sequence[Sense]) -> Candidate:

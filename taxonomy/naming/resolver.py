@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from taxonomy.naming.nearest import Nearest
-from taxonomy.naming.nodes import NEAR, PERSON, Candidate, Names, NodeAnswer, folded_forms
+from taxonomy.naming.nodes import NEAR_RATIO, PERSON, Candidate, Names, NodeAnswer, folded_forms
 from taxonomy.words.phrases import (
     after_counts,
     container_and_content,
@@ -28,10 +28,10 @@ from taxonomy.words.phrases import (
 from taxonomy.words.senses import coded_node, head_trust, is_english, other_names, senses
 from taxonomy.words.spelling import fold_text, one_edit, plain_fold, singular_phrases, singulars, written_forms
 
-__all__ = ["NEAR", "NodeAnswer", "Resolver"]
+__all__ = ["NEAR_RATIO", "NodeAnswer", "Resolver"]
 
 #: What words in brackets add to a candidate that they name: more than anything else does.
-HINT = 10.0
+HINT_RATIO = 10.0
 
 #: Share of the known compounds of a head noun that are such items, from which the head alone is taken.
 HEAD_TRUST = 0.65
@@ -212,7 +212,7 @@ class Resolver:
             shown = (plain_fold(node.partition(".")[0].removeprefix("mt:")) for node in above)
             return any(words & set(name.split()) for name in shown)
 
-        hinted = [replace(one, score=one.score + HINT) for one in candidates if names(one)]
+        hinted = [replace(one, score=one.score + HINT_RATIO) for one in candidates if names(one)]
         return hinted + [one for one in candidates if not names(one)]
 
     def _same(self, one: str, other: str) -> bool:

@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 # A scan of the longest table takes a millisecond, its index 40: it is made for those who ask often.
-SCANS = 50
+MAX_SCANS = 50
 _ASKED: Counter[str] = Counter()
 
 #: Label lists in the order in which a detector's word is looked up: the most used detectors first.
@@ -179,7 +179,7 @@ def _sense(part: str) -> Sense:
 def _value(table: str, key: str, separator: str = "\t") -> str:
     text = _text(table)
     _ASKED[table] += 1
-    indexed = _ASKED[table] > SCANS
+    indexed = _ASKED[table] > MAX_SCANS
     at = _places(table, separator).get(key, -1) if indexed else text.find(f"\n{key}{separator}")
     return text[at + len(key) + 2 : text.find("\n", at + 1)] if at >= 0 else ""
 

@@ -72,7 +72,7 @@ class Site:
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
     """A server on this machine, and a cache of our own."""
     monkeypatch.setenv(downloads.CACHE_VARIABLE, str(tmp_path / "cache"))
-    monkeypatch.setattr(downloads, "RETRIES", 0)
+    monkeypatch.setattr(downloads, "MAX_RETRIES", 0)
     served = Site()
     threading.Thread(target=served.server.serve_forever, daemon=True).start()
     yield served
@@ -125,7 +125,7 @@ def test_a_cached_file_that_was_spoilt_is_fetched_again(site: Site, tmp_path: Pa
 
 
 def test_a_stutter_is_tried_once_more(site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(downloads, "RETRIES", 1)
+    monkeypatch.setattr(downloads, "MAX_RETRIES", 1)
     table = declared(tmp_path, site.url("/things.csv"))
     with pytest.raises(NoInput, match="404"):
         download(table)

@@ -92,20 +92,20 @@ ROOMS = {
         ),
     ),
     "held": (
-        TracedRoom("study", 2306, (("panel", WARM),), "chair", (0.45, 0.45, 0.85), (0.6, 0.25, 0.12), "stripes"),
+        TracedRoom("study", 2206, (("panel", WARM),), "chair", (0.45, 0.45, 0.85), (0.6, 0.25, 0.12), "stripes"),
         TracedRoom(
-            "sitting room", 2307, (("bulb", WHITE), ("window", COOL)), "book", (0.3, 0.3, 0.3), (0.5, 0.5, 0.5),
+            "sitting room", 2207, (("bulb", WHITE), ("window", COOL)), "book", (0.3, 0.3, 0.3), (0.5, 0.5, 0.5),
             "checks",
         ),
         TracedRoom(
-            "bedroom", 2308, (("panel", WHITE), ("panel", WARM)), "bowl", (0.5, 0.5, 0.3), (0.7, 0.6, 0.5), "stripes"
+            "bedroom", 2208, (("panel", WHITE), ("panel", WARM)), "bowl", (0.5, 0.5, 0.3), (0.7, 0.6, 0.5), "stripes"
         ),
         TracedRoom(
-            "kitchen", 2309, (("floor lamp", WHITE), ("uplight", WARM)), "office chair", (0.6, 0.6, 0.95),
+            "kitchen", 2209, (("floor lamp", WHITE), ("uplight", WARM)), "office chair", (0.6, 0.6, 0.95),
             (0.4, 0.05, 0.08), "checks",
         ),
         TracedRoom(
-            "study", 2310, (("bulb", WARM), ("bulb", WARM), ("bulb", WARM)), "suitcase", (0.55, 0.3, 0.75),
+            "study", 2210, (("bulb", WARM), ("bulb", WARM), ("bulb", WARM)), "suitcase", (0.55, 0.3, 0.75),
             (0.15, 0.35, 0.3), "checks",
         ),
     ),

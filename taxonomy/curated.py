@@ -34,6 +34,7 @@ __all__ = [
     "judged_items",
     "norm_items",
     "norms",
+    "settled_findings",
 ]
 
 #: Source ids of the rows in a release; they are the project's own words, under its own licence.
@@ -46,6 +47,8 @@ _COLUMNS = ("node_id", *(f"{axis}_{end}" for axis in _AXES for end in _ENDS), "r
 _NORM_COLUMNS = (
     "node_id", "size", *_COLUMNS[1:-3], "document", "clause", "region", "reviewer", "written",
 )  # fmt: skip
+
+_SETTLED_COLUMNS = ("code", "node_id", "reason", "reviewer", "written")
 
 #: Two writers' ranges; the second knew how narrow the first one's were.
 BLIND_TABLES = ("blind", "blind_wide")
@@ -69,6 +72,11 @@ class CuratedRange:
     reason: str
     reviewer: str
     written: str
+
+    @property
+    def is_programs(self) -> bool:
+        """Whether a program wrote it: it yields to a person's."""
+        return self.reviewer.startswith("program")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,6 +113,8 @@ def norms(path: Path | None = None) -> tuple[Norm, ...]:
 def curated_ranges(path: Path | None = None) -> tuple[CuratedRange, ...]:
     """The ranges that ship with the project, or those of another file.
 
+    Of several rows of one node a person's outranks a program's, then the later one counts.
+
     Raises
     ------
     BadRange
@@ -135,6 +145,17 @@ def norm_items() -> Iterator[RawItem]:
         name = f"{row.node_id} {row.size}"
         title = f"{row.document}, {row.clause}"
         yield _item(row, source=NORMS, source_id=name, title=title, kind="norm", region=row.region)
+
+
+def settled_findings() -> frozenset[tuple[str, str]]:
+    """(code, node id) of the findings about leaves that were looked at and accepted, each with its reason.
+
+    Raises
+    ------
+    BadRange
+        A row has no reason or no reviewer.
+    """
+    return _settled(_directory() / "settled.csv")
 
 
 def _item(row: CuratedRange | Norm, **fields: Any) -> RawItem:
@@ -168,12 +189,30 @@ def _norms(file: Path) -> tuple[Norm, ...]:
 
 
 @cache
+def _settled(file: Path) -> frozenset[tuple[str, str]]:
+    if not file.is_file():  # a taxonomy of one's own
+        return frozenset()
+    rows = []
+    for place, row in table_rows(file, _SETTLED_COLUMNS):
+        with in_file(place, BadRange):
+            for column in _SETTLED_COLUMNS:
+                expect(bool(row[column]), column, "a text", Unquoted("none"))
+        rows.append((row["code"], row["node_id"]))
+    return frozenset(rows)
+
+
+@cache
 def _ranges(file: Path) -> tuple[CuratedRange, ...]:
     ranges = []
     for place, row in table_rows(file, _COLUMNS):
         with in_file(place, BadRange):
             ranges.append(_range(row))
-    return tuple(ranges)
+    chosen: dict[str, CuratedRange] = {}
+    for one in ranges:
+        before = chosen.get(one.node_id)
+        if before is None or before.is_programs or not one.is_programs:
+            chosen[one.node_id] = one
+    return tuple(chosen.values())
 
 
 def _range(row: dict[str, str]) -> CuratedRange:

@@ -84,7 +84,17 @@ def _chosen_sources(arguments: argparse.Namespace) -> Sequence[Source]:
     if arguments.all == bool(arguments.source):
         given = f"both, {arguments.source} and --all" if arguments.all else "neither"
         raise InputError(f"SOURCE: expected one source, or --all; found {given}")
-    return _declared_sources(arguments) if arguments.all else [source(arguments.source, arguments.sources)]
+    if not arguments.all:
+        return [source(arguments.source, arguments.sources)]
+    return [one for one in _declared_sources(arguments) if _is_at_hand(one, arguments.input)]
+
+
+def _is_at_hand(declared: Source, folder: Path | None) -> bool:
+    """False, with a warning, of a set without known files (it can only be fetched by hand) that `--input` lacks."""
+    if declared.files or declared.excluded or folder is None or (folder / declared.id).exists():
+        return True
+    warn(f"{declared.id}: no folder of this name in {folder}; left out ({declared.fetch})")
+    return False
 
 
 def _declared_sources(arguments: argparse.Namespace) -> Sequence[Source]:

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from metric_base.errors import InputError, in_file
+from metric_base.files import whole_file
 from metric_base.spelling import near_spellings
-from metric_cli.arguments import input_path, output_folder
+from metric_cli.arguments import OutputFile, input_path, output_folder
 from metric_cli.terminal import print_json, print_table
 
 if TYPE_CHECKING:
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
 
 __all__ = ["HELP", "add_arguments", "run"]
 
-HELP = "What waits for a reviewer (list), subjects without answers (blind), record a decision, agreement."
+HELP = (
+    "What waits for a reviewer (list), subjects without answers (blind), record a decision, agreement, proofread sizes."
+)
 
 SCHEMA = "metric-tree/review/1"
 
@@ -41,13 +44,16 @@ OFFERED = 3
 #: Waiting words of a source that are printed unless all are asked for.
 SHOWN = 40
 
+#: Nodes on the page for proofreading: as many as one reads in an hour.
+PROOFREAD = 100
+
 #: Order of a blind list: not the order in which the first reviewer met the subjects.
 SEED = 1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's arguments."""
-    actions = parser.add_subparsers(dest="action", metavar="list|blind|record|agreement", required=True)
+    actions = parser.add_subparsers(dest="action", metavar="list|blind|record|agreement|proof", required=True)
     waits = actions.add_parser("list", help="subjects that wait, and words of raw items that no rule settles")
     waits.add_argument(
         "raw", metavar="RAW", nargs="*", help="*.jsonl, *.jsonl.gz, or folders of them, to look for unsettled words"
@@ -73,6 +79,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     record.add_argument("--why", default="", help="one line")
     actions.add_parser("agreement", help="Cohen's kappa of first and second readings, and where they differ")
+    proof = actions.add_parser("proof", help="a page for proofreading the most used sizes that rest on little")
+    proof.add_argument("--out", type=OutputFile(), metavar="FILE.html", required=True, help="the page")
+    proof.add_argument("--limit", type=int, default=PROOFREAD, metavar="N", help="nodes on it (default: %(default)s)")
+    proof.add_argument("--tree", metavar="REF", help="version or folder of a release (default: the shipped one)")
     for action in actions.choices.values():
         kind = output_folder if action is record else input_path
         action.add_argument("--folder", type=kind, metavar="DIR", help=f"folder of the decisions ({DEFAULT_FOLDER})")
@@ -88,7 +98,7 @@ def _add_reviewer(parser: argparse.ArgumentParser, text: str) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Do the action; 2 if a decision or a file is invalid."""
-    actions = {"list": _list, "blind": _blind, "record": _record, "agreement": _agreement}
+    actions = {"list": _list, "blind": _blind, "record": _record, "agreement": _agreement, "proof": _proof}
     actions[arguments.action](arguments)
     return 0
 
@@ -237,6 +247,21 @@ def _expect_source(name: str, given: Sequence[Decision], folder: Path | None) ->
         nearest = near_spellings(name, sorted(known), n=OFFERED, cutoff=0) or sorted(known)
         expected = f"a source ({', '.join(nearest)} are nearest), or {EVERY_SOURCE} for all"
         raise BadDecision(f"subject: expected {expected}; found {name!r}")
+
+
+def _proof(arguments: argparse.Namespace) -> None:
+    from metric_tree.report.proofreading import proofreading_page
+    from metric_tree.tree import open_tree
+
+    if arguments.limit < 1:
+        raise InputError(f"--limit: expected a number from 1; found {arguments.limit}")
+    page = proofreading_page(open_tree(arguments.tree), arguments.limit)
+    with whole_file(arguments.out, "--out") as part:
+        part.write_text(page, encoding="utf-8")
+    if arguments.json:
+        print_json({"schema": SCHEMA, "page": str(arguments.out)})
+    else:
+        print_table(["page"], [(str(arguments.out),)])
 
 
 def _agreement(arguments: argparse.Namespace) -> None:

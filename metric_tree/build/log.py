@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from metric_tree.build.clean import NodeClass
+from metric_tree.build.leaf_findings import LeafSize, leaf_findings
+from metric_tree.fit.evidence import JUDGED
 from metric_tree.fit.kinds import KindModel
 from metric_tree.prior import Prior
+from taxonomy.categories import Category
+from taxonomy.curated import settled_findings
 
-__all__ = ["disagreements", "is_mixed", "report"]
+__all__ = ["disagreements", "is_mixed", "leaf_sizes", "report"]
 
 #: Ashman's D above which two Gaussians are cleanly parted (Ashman, Bird and Zepf 1994 give 2).
 MIN_ASHMAN_D = 2.0
@@ -25,16 +29,44 @@ MIN_SIZE_RATIO = 1.5
 
 
 def report(
-    classes: Sequence[NodeClass], priors: Mapping[str, Prior], model: KindModel, counts: Counter[str]
+    classes: Sequence[NodeClass],
+    priors: Mapping[str, Prior],
+    model: KindModel,
+    counts: Counter[str],
+    categories: Sequence[Category] = (),
 ) -> dict[str, Any]:
-    """The report of a build, as it is written to `report.json`."""
+    """The report of a build, as it is written to `report.json`; the leaves' findings are those not yet settled."""
+    findings = leaf_findings(list(leaf_sizes(classes, priors, categories)), settled_findings())
     return {
         "schema": "metric-tree/build-report/1",
         "raw": dict(sorted(counts.items())),
         "evidence_model": model.record(),
         "disagreements": disagreements(classes, priors),
         "mixed": sorted(node_id for node_id, prior in priors.items() if is_mixed(prior)),
+        "leaves": [{"code": one.code, "node_id": one.node_id, "message": one.message} for one in findings],
     }
+
+
+def leaf_sizes(
+    classes: Sequence[NodeClass], priors: Mapping[str, Prior], categories: Sequence[Category]
+) -> Iterator[LeafSize]:
+    """The sizes of the leaves with what every source says of them, those whose rows are withheld too."""
+    places = {category.node_id: category for category in categories}
+    for one in classes:
+        place, prior = places.get(one.node_id), priors.get(one.node_id)
+        own = one.moments[0].disagreement
+        if place is None or prior is None:
+            continue
+        said = list(zip(own.sources, own.kinds, np.exp(own.means), strict=True)) if own else []
+        yield LeafSize(
+            one.node_id,
+            place.parent_id or "",
+            place.pose,
+            prior.dims,
+            prior.quantile(0.5),
+            next((mean for _, kind, mean in said if kind == JUDGED), None),
+            {name: mean for name, kind, mean in said if kind != JUDGED},
+        )
 
 
 def disagreements(classes: Sequence[NodeClass], priors: Mapping[str, Prior]) -> list[dict[str, Any]]:

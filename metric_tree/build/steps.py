@@ -268,7 +268,7 @@ class Steps:
         }
         manifest = self._manifest(tables, classes, counts)
         manifest |= {"evidence_model": model.record(), "context_model": contexts.record()}
-        return report(classes, leaves, model, counts), tables, manifest
+        return report(classes, leaves, model, counts, hierarchy.categories), tables, manifest
 
     def carry(
         self, classes: Sequence[NodeClass], counts: Counter[str]

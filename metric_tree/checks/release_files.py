@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from metric_tree.checks import items, nodes, priors
+from metric_tree.checks import items, leaves, nodes, priors
 from metric_tree.checks.finding import Finding
 from metric_tree.pictures import image_path
 from metric_tree.release import BadRelease, Release, open_release, sha256
@@ -31,6 +31,7 @@ CODES = {
     **nodes.CODES,
     **items.CODES,
     **priors.CODES,
+    **leaves.CODES,
 }
 
 
@@ -60,9 +61,16 @@ def findings(directory: Path) -> list[Finding]:
             *nodes.findings(tables.nodes),
             *items.findings(tables.items, tables.nodes, release.manifest),
             *priors.findings(tables.priors, tables.nodes),
+            *_leaf_findings(release, tables),
             *_image_findings(release, tables),
         ]
     )
+
+
+def _leaf_findings(release: Release, tables: _Tables) -> Iterator[Finding]:
+    """None where the priors themselves are damaged: other codes say so."""
+    if not any(finding.is_error for finding in priors.findings(tables.priors, tables.nodes)):
+        yield from leaves.findings(tables.nodes, tables.items, tables.priors, release.manifest)
 
 
 def _file_findings(release: Release) -> Iterator[Finding]:

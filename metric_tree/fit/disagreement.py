@@ -37,6 +37,10 @@ SPREAD_ROWS = 8.0
 #: Least standard deviation of ln size within a source, along any direction: a hundredth.
 LEAST_SD = 0.01
 
+#: Expected rows of a source on an axis below which it states nothing of it: an order of axes that is all but excluded
+#: has a probability whose square is zero in floating point.
+LEAST_MASS = 1e-9
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Disagreement:
@@ -78,8 +82,8 @@ def disagreement(
     with np.errstate(invalid="ignore", divide="ignore"):
         means = (mass @ (known * x)) / per_axis
         rows = per_axis**2 / (mass**2 @ known**2)
-    means[per_axis <= 0] = np.nan
-    rows[per_axis <= 0] = 0.0
+    unstated = per_axis <= LEAST_MASS
+    means[unstated], rows[unstated] = np.nan, 0.0
     within = _within(x, known, mass, np.nan_to_num(means)[code], rows, spread)
     own_kinds = tuple(kinds[row] for row in first)
     spreads = _spreads(x, known, mass, means, rows)

@@ -1,4 +1,7 @@
-"""Reviewers' decisions: two per subject, the second without sight of the first, a third where they disagree."""
+"""Reviewers' decisions: two per subject, the second without sight of the first, a third where they disagree.
+
+A named person's word outranks those of programs. All readings that ship are by programs, and say so.
+"""
 
 from __future__ import annotations
 
@@ -50,6 +53,9 @@ WITHDRAWN = "withdrawn"
 #: Reviewers whose agreement settles a subject.
 _REVIEWERS = 2
 
+#: How a program names itself as a reviewer; whoever else signs is a person.
+PROGRAM = "program:"
+
 
 class BadDecision(InputError):
     """A decision that cannot be read or recorded: the message names file, line, field, expected and found."""
@@ -78,6 +84,11 @@ class Decision(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         expect(matched, "subject", "<source>: <words>, or *: <words>", self.subject)
         if self.decision == NONE:
             msgspec.structs.force_setattr(self, "decision", None)
+
+    @property
+    def is_programs(self) -> bool:
+        """Whether a program read it: its word yields to that of a named person."""
+        return self.reviewer.startswith(PROGRAM)
 
     def line(self) -> str:
         """The decision as one JSON line."""
@@ -221,7 +232,14 @@ def _by_subject(given: Iterable[Decision]) -> dict[tuple[str, str], dict[str, De
 
 
 def _majority_decision(read: Sequence[Decision]) -> Decision | None:
-    """The decision that at least two reviewers share, or None."""
+    """The decision that at least two reviewers share, or None; where persons have read it, programs have no vote.
+
+    One person's word stands where only programs have read the subject beside; persons who differ need a majority.
+    """
+    persons = [decision for decision in read if not decision.is_programs]
+    if len(persons) == 1 < len(read):
+        return persons[0]
+    read = persons or read
     shares = Counter(decision.decision for decision in read)
     return next((decision for decision in read if shares[decision.decision] >= _REVIEWERS), None)
 

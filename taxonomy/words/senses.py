@@ -27,6 +27,7 @@ __all__ = [
     "is_english",
     "label_votes",
     "listed_nodes",
+    "node_uses",
     "other_names",
     "reviewed_meanings",
     "senses",
@@ -141,6 +142,15 @@ def _other_names() -> Mapping[str, Mapping[str, str]]:
 def label_votes(form: str) -> Mapping[str, float]:
     """What the reviewed label lists of detectors say of a folded word: weight by node, by how much a list is used."""
     return _votes().get(form, {})
+
+
+def node_uses() -> dict[str, float]:
+    """How much the label lists of detectors use each node: the weights of the lists that have a label for it."""
+    uses: dict[str, float] = {}
+    for meant in _votes().values():
+        for node_id, weight in meant.items():
+            uses[node_id] = max(uses.get(node_id, 0.0), weight)
+    return uses
 
 
 def listed_nodes(text: str) -> tuple[str, ...]:

@@ -1,5 +1,7 @@
 """Curated ranges: each row is in order, has a reason and a leaf, and becomes a raw item that carries its range."""
 
+from pathlib import Path
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -90,3 +92,14 @@ def test_a_bad_row_is_named_with_its_line(tmp_path, cells, message):
     table.write_text(HEADER + f"mug.n.04,{cells},a hand,program,2026\n")
     with pytest.raises(BadRange, match=f"ranges.csv:2: .*{message}"):
         curated_ranges(table)
+
+
+def test_a_persons_range_outranks_a_programs(tmp_path: Path) -> None:
+    axes = [f"{axis}_{end}" for axis in ("length", "width", "height") for end in ("low", "typical", "high")]
+    head = ",".join(["node_id", *axes, "reason", "reviewer", "written"])
+    lines = [
+        f"mug.n.04,1,{size},900,,,,,,,why,{name},2026-11-22"
+        for size, name in ((90, "Ada"), (95, "program: x"), (99, "Grace"), (2, "program: y"))
+    ]
+    (file := tmp_path / "ranges.csv").write_text("\n".join([head, *lines, ""]))
+    assert [(one.typical[0], one.reviewer) for one in curated_ranges(file)] == [(99.0, "Grace")]

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from crawler.items import RawItem
+from metric_base.folders import taxonomy_directory
 from metric_base.schema import json_record
 from metric_cli.verbs import main
 from taxonomy.insertions import insertions
@@ -49,6 +50,23 @@ def test_the_same_reader_twice_is_one_reader_and_the_later_word_counts() -> None
     found = [decision("a", "chair.n.01"), decision("a", None), decision("b", None)]
     assert rulings(found[:2]) == {}
     assert rulings(found)["*", "chair"].decision is None
+
+
+def test_a_persons_word_outranks_those_of_programs() -> None:
+    programs = [decision(f"program: {name} reading", "stool.n.01") for name in ("first", "second")]
+    assert rulings(programs)["*", "chair"].decision == "stool.n.01"
+    ada, grace, mary = (decision(name, "chair.n.01") for name in ("Ada", "Grace", "Mary"))
+    for order in ([*programs, ada], [ada, *programs], [programs[0], ada]):
+        assert rulings(order)["*", "chair"].decision == "chair.n.01"
+        assert waiting(order) == []
+    against = decision("Grace", None)
+    assert waiting([*programs, ada, against]) == [("match", "*: chair")]
+    assert rulings([*programs, against, ada, mary])["*", "chair"].decision == "chair.n.01"
+    assert rulings([*programs, ada, grace])["*", "chair"].decision == "chair.n.01"
+
+
+def test_every_reading_that_ships_says_that_a_program_read_it() -> None:
+    assert all(one.is_programs for one in decisions(taxonomy_directory() / "decisions"))
 
 
 def test_disagreement_waits_for_a_third() -> None:

@@ -1,0 +1,126 @@
+"""What looks wrong about a leaf's size beside an independent range, its siblings and its own sources.
+
+A finding is no error: a clove is smaller than other spices. Each one is settled by a person or a program that looked at
+its rows (`data/curated/settled.csv`), and what is not yet settled is listed by `validate` and by the build's report.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from metric_base.arrays import FloatArray
+from metric_tree.axes import AXES
+
+__all__ = ["CODES", "FACTOR", "LeafFinding", "LeafSize", "leaf_findings"]
+
+CODES = {
+    "W411": "a leaf whose median is off by more than 2 from an independent range of it",
+    "W412": "a leaf far from its siblings, by more than 2 and by more than they scatter",
+    "W413": "a leaf with its axes out of order: wider than long, or a thing that lies and is higher than wide",
+    "W414": "a source of a leaf that is off by more than 2 from all its others",
+}
+
+#: A size beyond this factor is not a matter of taste.
+FACTOR = 2.0
+
+#: Siblings whose scatter counts, and how many of their standard deviations (by the median deviation) a leaf may be off.
+SIBLINGS, SIBLING_SD = 5, 3.5
+
+#: The median absolute deviation of a normal distribution, as a part of its standard deviation.
+NORMAL_MAD = 0.6745
+
+#: Rounding: a median drawn from two marginals.
+ORDER_SLACK = 1.02
+
+#: Sources besides the one that differs.
+OTHER_SOURCES = 2
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeafSize:
+    """A leaf's published sizes, and what stands beside them.
+
+    median : (d,) mm over `dims`; typical : (3,) mm that an independent range calls typical, NaN unstated, None of no
+    range; sources : mean size (3,) in mm by source, in the frame of `dims`.
+    """
+
+    node_id: str
+    parent_id: str
+    pose: str
+    dims: tuple[str, ...]
+    median: FloatArray
+    typical: FloatArray | None = None
+    sources: Mapping[str, FloatArray] | None = None
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class LeafFinding:
+    """What was found about a leaf."""
+
+    code: str
+    node_id: str
+    message: str
+
+
+def leaf_findings(leaves: Sequence[LeafSize], accepted: Iterable[tuple[str, str]] = ()) -> list[LeafFinding]:
+    """All findings on the leaves of a tree, less those that are `accepted` (code, node id)."""
+    known = set(accepted)
+    found = [
+        one for leaf in leaves for one in (*_range_findings(leaf), *_order_findings(leaf), *_source_findings(leaf))
+    ]
+    return sorted(one for one in (*found, *_sibling_findings(leaves)) if (one.code, one.node_id) not in known)
+
+
+def _range_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
+    if leaf.typical is None:
+        return
+    by_axis = leaf.typical if leaf.dims[0] in AXES else -np.sort(-leaf.typical)
+    names = AXES if leaf.dims[0] in AXES else tuple(f"extent{number}" for number in (1, 2, 3))
+    for dim, median in zip(leaf.dims, leaf.median, strict=True):
+        typical = float(by_axis[names.index(dim)])
+        if abs(np.log(median / typical)) > np.log(FACTOR):  # False where nothing is stated
+            yield LeafFinding("W411", leaf.node_id, f"{dim}: expected about {typical:.4g} mm; found {median:.4g}")
+
+
+def _order_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
+    size = dict(zip(leaf.dims, leaf.median.tolist(), strict=True))
+    length, width, height = (size.get(axis, np.nan) for axis in AXES)
+    if width > ORDER_SLACK * length:
+        yield LeafFinding("W413", leaf.node_id, f"expected length over width; found {length:.4g} and {width:.4g} mm")
+    if leaf.pose == "flat" and height > ORDER_SLACK * width:
+        yield LeafFinding("W413", leaf.node_id, f"lies flat, and is {width:.4g} mm wide and {height:.4g} high")
+
+
+def _source_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
+    sizes = {name: float(np.nanmean(np.log(mean))) for name, mean in (leaf.sources or {}).items() if _whole(mean)}
+    for name, own in sizes.items():
+        others = np.array([size for other, size in sizes.items() if other != name])
+        if len(others) >= OTHER_SOURCES and np.abs(own - others).min() > np.log(FACTOR):
+            middle = np.exp(np.median(others))
+            yield LeafFinding("W414", leaf.node_id, f"{name}: expected about {middle:.4g} mm; found {np.exp(own):.4g}")
+
+
+def _whole(mean: FloatArray) -> bool:
+    return not bool(np.isnan(mean).any())
+
+
+def _sibling_findings(leaves: Sequence[LeafSize]) -> Iterator[LeafFinding]:
+    families: defaultdict[str, list[LeafSize]] = defaultdict(list)
+    for leaf in leaves:
+        if len(leaf.dims) == len(AXES):
+            families[leaf.parent_id].append(leaf)
+    for family in families.values():
+        sizes = np.array([np.log(leaf.median).mean() for leaf in family])
+        if len(sizes) < SIBLINGS:
+            continue
+        middle = float(np.median(sizes))
+        scatter = float(np.median(np.abs(sizes - middle))) / NORMAL_MAD
+        for leaf, size in zip(family, sizes.tolist(), strict=True):
+            if abs(size - middle) > max(np.log(FACTOR), SIBLING_SD * scatter):
+                yield LeafFinding(
+                    "W412", leaf.node_id, f"expected about {np.exp(middle):.4g} mm; found {np.exp(size):.4g}"
+                )

@@ -1,0 +1,100 @@
+"""Listings of Amazon Berkeley Objects, written after the set's own README: its field names, forms and units."""
+
+from __future__ import annotations
+
+import gzip
+import io
+import json
+import tarfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from crawler.imports import Import, import_items, readings
+from crawler.imports.rows import BadTable
+from crawler.imports.sources import source
+from tests.crawler.imports.invented_tables import reasons, sizes
+
+
+def axis(value: float, unit: str = "inches", inches: float | None = None) -> dict[str, Any]:
+    return {"value": value, "unit": unit, "normalized_value": {"value": inches or value, "unit": "inches"}}
+
+
+def listing(item_id: str, code: str = "CHAIR", **fields: Any) -> dict[str, Any]:
+    return {
+        "item_id": item_id,
+        "domain_name": "amazon.com",
+        "country": "US",
+        "product_type": [{"value": code}],
+        "item_name": [{"language_tag": "en_US", "value": "Oak chair"}],
+        "item_dimensions": {"height": axis(30), "length": axis(20), "width": axis(18)},
+        "node": [{"node_id": 1, "node_name": "/Categories/Chairs"}],
+    } | fields
+
+
+def imported(folder: Path, *listings: dict[str, Any]) -> Import:
+    metadata = folder / "listings" / "metadata"
+    metadata.mkdir(parents=True)
+    lines = "".join(f"{json.dumps(one)}\n" for one in listings).encode()
+    (metadata / "listings_0.json.gz").write_bytes(gzip.compress(lines))
+    declared = source("abo")
+    return import_items(declared, readings(declared, folder))
+
+
+def test_sizes_titles_and_categories_in_every_language(tmp_path: Path) -> None:
+    german = [{"language_tag": "de_DE", "value": "Bürostuhl"}]
+    both = [*german, {"language_tag": "en_GB", "value": "Office chair"}]
+    result = imported(
+        tmp_path,
+        listing("A1"),
+        listing("A2", item_name=both, domain_name="amazon.de", country="DE"),
+        listing("A3", "CELLULAR_PHONE_CASE", item_name=german, item_dimensions={"length": axis(15.24, "cm", 6.0)}),
+        listing("A4", item_dimensions={"height": {"value": 80, "unit": "centimeters"}}),
+    )
+    assert sizes(result) == [
+        {"length": 508.0, "width": 457.2, "height": 762.0},
+        {"length": 508.0, "width": 457.2, "height": 762.0},
+        {"length": 152.4},
+        {"height": 800.0},
+    ]
+    assert [one.title for one in result.items] == ["Oak chair", "Office chair", "Bürostuhl", "Oak chair"]
+    assert [one.category_path for one in result.items][1:3] == [("chair",), ("cellular phone case",)]
+    assert result.items[1].url == "https://www.amazon.de/dp/A2"
+    assert (result.items[1].region, result.items[1].licence) == ("DE", "CC-BY-4.0")
+
+
+def test_what_is_no_objects_size_is_refused(tmp_path: Path) -> None:
+    ones = {name: axis(1) for name in ("length", "width", "height")}
+    result = imported(
+        tmp_path,
+        listing("B1"),
+        listing("B1", domain_name="amazon.ca"),
+        listing("B2", "GROCERY"),
+        listing("B3", item_dimensions=None),
+        listing("B4", item_dimensions=ones),
+        listing("B5", item_dimensions={"height": axis(3, "pixels") | {"normalized_value": None}}),
+        listing("B6", item_dimensions={"height": axis(30), "length": axis(9000)}),
+        listing("B7", product_type=[]),
+    )
+    assert [one.source_id for one in result.items] == ["B1"]
+    assert [reason for reason, _ in reasons(result)] == [
+        "superseded", "not_an_object", "no_size", "marked_unusable", "unreadable", "out_of_bounds", "no_category",
+    ]  # fmt: skip
+
+
+def test_the_published_archive_and_damaged_files(tmp_path: Path) -> None:
+    declared, archive = source("abo"), tmp_path / "abo-listings.tar"
+    lines = gzip.compress(json.dumps(listing("C1")).encode())
+    with tarfile.open(archive, "w") as tar:
+        for name in ("listings/metadata/listings_a.json.gz", "listings/README.md"):
+            entry = tarfile.TarInfo(name)
+            entry.size = len(lines)
+            tar.addfile(entry, io.BytesIO(lines))
+    assert [one.source_id for one in import_items(declared, readings(declared, archive)).items] == ["C1"]
+    for name, data in (("listings_1.json.gz", lines[:-9]), ("listings_2.json", b"[1]\n"), ("listings_3.json", b"{\n")):
+        (damaged := tmp_path / name).write_bytes(data)
+        with pytest.raises(BadTable):
+            list(readings(declared, damaged))
+    with pytest.raises(BadTable, match="no such file"):
+        list(readings(declared, tmp_path / "none"))

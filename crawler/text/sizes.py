@@ -31,6 +31,10 @@ _UNIT_ALTERNATIVES = "|".join(re.escape(word) for word in UNIT_WORDS if word[-1]
 _UNIT = re.compile(rf"(?<![^\W\d_])(?:{_UNIT_ALTERNATIVES})(?![^\W\d_xX])|[\"″”“'′’`]", re.IGNORECASE)
 
 
+#: Metric lengths parted by strokes are a choice (`90/120/160 cm`), unless as many axes are announced.
+_CHOICES = re.compile(r"(?<![\d/.,])\d{2,4}(?:[.,]\d)?(?:\s?/\s?\d{2,4}(?:[.,]\d)?)+\s?(?:cm|mm)\b")
+
+
 @dataclass(frozen=True, slots=True)
 class Length:
     """One length: `low_mm` to `high_mm` (equal where no range is stated), its axis or None, its unit on the page."""
@@ -80,7 +84,10 @@ def sizes(text: str, label: str = "", language: Language | None = None, unit: st
     label_axes, label_unit = _label_hints(label, language)
     run = tokens(text, language)
     stated = []
-    for group in _as_announced(list(_groups(quantities(run))), label_axes):
+    announced = label_axes or _announced_in(run)
+    if len(announced) < 2 and _CHOICES.search(text):
+        return ()
+    for group in _as_announced(list(_groups(quantities(run))), announced):
         header = _header_in(run, group) or label_axes
         lengths = _lengths(group, header, label_unit or unit)
         if lengths:
@@ -210,6 +217,12 @@ def _header_in(run: Sequence[Token], group: Sequence[Quantity]) -> tuple[str, ..
     leads = headers[0].start < first
     meant = before[-1:] if leads else behind[:1]
     return (meant or before[-1:] or behind[:1] or headers)[0].axes
+
+
+def _announced_in(run: Sequence[Token]) -> tuple[str, ...]:
+    """The order of axes that the text itself puts before its first number: `B/H/T: ca. 200/85/95 cm`."""
+    first = next((token.start for token in run if token.kind == "number"), 0)
+    return next((token.axes for token in run if token.kind == "header" and token.end <= first), ())
 
 
 def _groups(numbers: Sequence[Quantity]) -> Iterator[list[Quantity]]:

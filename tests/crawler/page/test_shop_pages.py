@@ -7,11 +7,12 @@ import pytest
 from crawler.page.page import page
 from crawler.sites import item_of
 from tests.crawler.page.shop_pages import MADE, Made, document
+from tests.crawler.page.shop_pages_fifty import FIFTY
 from tests.crawler.page.shop_pages_found import FOUND
 from tests.crawler.page.shop_pages_later import LATER, THIRD
 from tests.crawler.page.shop_pages_stated import STATED
 
-PAGES = [*MADE, *LATER, *THIRD, *FOUND, *STATED]
+PAGES = [*MADE, *LATER, *THIRD, *FOUND, *STATED, *FIFTY]
 
 #: Flags that say how far a size may be trusted; a page states them or not.
 TRUST = {"low_trust", "from_script", "contradicts_itself", "range", "no_size", "absurd_size", "placeholder"}

@@ -4,6 +4,7 @@
     python -m data.generate codes --openimages FILE --imagenet FILE
     python -m data.generate reliability
     python -m data.generate repeated ../shared/data/sizes
+    python -m data.generate photographs ../shared/data/pictures
 
 `words`: `data/taxonomy/senses.tsv` has a line for each noun of WordNet with a sense that is an object, and for each
 name of an inserted category: the word, then its senses in WordNet's order, each as `count:node>node`, where `count` is
@@ -11,6 +12,9 @@ how often WordNet's tagged texts use the word so and the nodes are the concept's
 first. `heads.tsv` says how far a head noun can be trusted: of the known compounds that end in the word (`car door`,
 `barn door`), how many are kinds of each node that the word alone names. `near_words.txt` has the English words, with
 the forms of verbs, that are one letter off a word of a name without being one: `tunnel` is not a misspelt `funnel`.
+
+`photographs`: `data/raw/pictures-1-0.jsonl` and its files are the photographs of things whose cut by
+`data/curated/guides.jsonl` its reviewer calls good, cropped, with transparency; they hang on the range of their kind.
 
 `codes`: `codes.tsv` has the ids of label lists: ImageNet's `n02119789`, Open Images' `/m/01mzpv`.
 
@@ -27,21 +31,41 @@ from __future__ import annotations
 
 import argparse
 import csv
+import hashlib
 import json
 import re
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
+from io import BytesIO
 from pathlib import Path
+
+import numpy as np
+from PIL import Image
 
 from benchmarks.taxonomy.matching import counts_by_rule, labelled, matcher_without
 from metric_base.files import whole_file
 from metric_base.folders import taxonomy_directory
+from metric_tree.cutouts.guided import METHOD, guided_foreground
+from metric_tree.cutouts.guides import guides
+from metric_tree.cutouts.quality import assessment
 from taxonomy.catalogue import OTHER, Catalogue, default_catalogue
 from taxonomy.label_lists import vocabulary
 from taxonomy.matching.decisions import default_rulings
 from taxonomy.matching.finding import reliabilities
 from taxonomy.wordnet import WordNet, default_wordnet
 from taxonomy.words.spelling import fold_text, one_edit
+
+RAW = Path(__file__).with_name("raw")
+
+#: Longer side of a photograph that ships, in pixels.
+LARGEST_PX = 512
+
+#: Nodes of the photographs' categories.
+KINDS = {
+    "orange": "orange.n.01", "red grapefruit": "grapefruit.n.02", "melon": "melon.n.01", "papaya": "papaya.n.02",
+    "cabbage": "head_cabbage.n.02", "potato": "potato.n.01", "tomato": "tomato.n.01", "plum": "plum.n.02",
+    "milk": "mt:milk_carton", "soy milk": "mt:milk_carton",
+}  # fmt: skip
 
 SOURCES = Path(__file__).with_name("sources")
 
@@ -235,6 +259,38 @@ def write_reliability() -> None:
     _write(file, [json.dumps(record, indent=1)])
 
 
+def write_photographs(folder: Path) -> None:
+    """The photographs of a folder with `pictures.csv` that have a good guide."""
+    drawn = guides(RAW.parent / "curated" / "guides.jsonl")
+    records = []
+    with (folder / "pictures.csv").open(encoding="utf-8", newline="") as lines:
+        rows = {row["sha256"]: row for row in csv.DictReader(lines) if row["sha256"] in drawn}
+    for sha256, row in sorted(rows.items()):
+        if drawn[sha256].verdict != "good":
+            continue
+        data = np.asarray(Image.open(folder / row["file"]).convert("RGB"))
+        alpha = guided_foreground(data, drawn[sha256]).alpha
+        told = assessment(data, alpha)
+        x, y, width, height = told.box
+        image = Image.fromarray(np.dstack([data, alpha])[y : y + height, x : x + width])
+        image.thumbnail((LARGEST_PX, LARGEST_PX))
+        image.save(sink := BytesIO(), "WEBP", quality=90, method=6)
+        image_id = hashlib.sha256(sink.getvalue()).hexdigest()
+        (file := RAW / "pictures" / image_id[:2] / f"{image_id}.webp").parent.mkdir(exist_ok=True)
+        file.write_bytes(sink.getvalue())
+        records.append(
+            {
+                "schema": "metric-tree/picture/1", "image_id": image_id, "item_id": f"judged:{KINDS[row['category']]}",
+                "path": f"{image_id[:2]}/{image_id}.webp", "width_px": image.width, "height_px": image.height,
+                "foreground_share": round(float(np.asarray(image)[..., 3].mean()) / 255, 6), "method": METHOD,
+                "source_url": f"https://github.com/{row['source'].partition(' ')[0]}",
+                "licence": row["licence"], "attribution": row["attribution"],
+            }
+        )  # fmt: skip
+    records.sort(key=lambda record: (record["item_id"], record["image_id"]))
+    _write(RAW / "pictures-1-0.jsonl", map(json.dumps, records))
+
+
 def _write(file: Path, lines: Iterable[str]) -> None:
     with whole_file(file) as part:
         part.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
@@ -250,12 +306,15 @@ def main() -> None:
     codes = kinds.add_parser("codes")
     codes.add_argument("--openimages", type=Path, required=True, help="Open Images' classes as id,name,mid")
     codes.add_argument("--imagenet", type=Path, required=True, help="ImageNet's classes as id,name,synset offset")
+    kinds.add_parser("photographs").add_argument("pictures", type=Path, help="folder with pictures.csv")
     kinds.add_parser("repeated").add_argument("sizes", type=Path, help="folder of the tables of boxes")
     arguments = parser.parse_args()
     if arguments.kind == "words":
         write_words()
     elif arguments.kind == "reliability":
         write_reliability()
+    elif arguments.kind == "photographs":
+        write_photographs(arguments.pictures)
     elif arguments.kind == "codes":
         lists = {"imagenet_1k": arguments.imagenet, "openimages_601": arguments.openimages}
         _write(taxonomy_directory() / "codes.tsv", ("\t".join(row) for row in sorted(set(code_lines(lists)))))

@@ -58,7 +58,8 @@ def picture_files(paths: Iterable[Path]) -> list[Path]:
 def collect_pictures(files: Sequence[Path], items: pa.Table, folder: Path) -> Gathered:
     """The pictures of the items of a release, their files linked into `folder`.
 
-    A picture takes the licence of its item: its source's terms, for nothing else is known of it. Left out are pictures
+    A picture takes the licence of its item: its source's terms, unless its record states its own, as that of a
+    photograph does which shows the kind and hangs on the kind's range. Left out are pictures
     of items that the release does not show (`no_item`), without a file (`no_file`), and whose bytes are not those that
     their name says (`changed`).
 
@@ -79,7 +80,10 @@ def collect_pictures(files: Sequence[Path], items: pa.Table, folder: Path) -> Ga
             refused[reason] = refused.get(reason, 0) + 1
             continue
         path = f"{FOLDER}/{record['path']}"
-        rows[record["image_id"], record["item_id"]] = record | known[record["item_id"]] | _files(record, path)
+        own = {name: record[name] for name in ("licence", "method") if record.get(name)}
+        rows[record["image_id"], record["item_id"]] = (
+            record | known[record["item_id"]] | {"method": "rendered"} | own | _files(record, path)
+        )
     ordered = sorted(rows.values(), key=lambda row: (row["node_id"], row["item_id"], row["image_id"]))
     return Gathered(pa.Table.from_pylist(ordered, schema=IMAGES), refused)
 
@@ -95,8 +99,8 @@ def image_path(release: Path, row: Mapping[str, Any], column: str = "path") -> P
 def _files(record: Mapping[str, Any], path: str) -> dict[str, Any]:
     """The columns about the file; a picture with an exact mask in it is its own cut-out."""
     if record.get("foreground_share") is None:
-        return {"path": path}
-    return {"path": path, "cutout_path": path, "method": "rendered"}
+        return {"path": path, "method": None}
+    return {"path": path, "cutout_path": path}
 
 
 def _take(home: Path, record: Mapping[str, Any], known: Mapping[str, Any], folder: Path) -> str | None:
@@ -138,4 +142,5 @@ def _check_record(record: Mapping[str, Any]) -> None:
     for name in ("pixels_per_metre", "foreground_share"):
         number = record.get(name, 1.0)
         expect(isinstance(number, float | int) and number > 0, name, "a positive number", number)
-    expect(isinstance(record.get("attribution"), str | None), "attribution", "a string", record.get("attribution"))
+    for name in ("attribution", "licence", "method"):
+        expect(isinstance(record.get(name), str | None), name, "a string", record.get(name))

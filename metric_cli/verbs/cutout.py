@@ -5,13 +5,15 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from dataclasses import replace
 
 from metric_base.errors import InputError
-from metric_cli.arguments import new_folder
+from metric_cli.arguments import input_path, new_folder
 from metric_cli.progress import progress_bars
 from metric_cli.terminal import print_json, print_table
 from metric_cli.verbs.build import executor_of
 from metric_tree.cutouts.backend import BACKENDS, Settings
+from metric_tree.cutouts.guides import guides
 from metric_tree.cutouts.quality import REASONS
 from metric_tree.cutouts.release_cutouts import cut_release
 from metric_tree.release import Release, open_release
@@ -33,6 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--model", default="u2net", help="open model that rembg knows, or an ONNX file (default: %(default)s)"
     )
     parser.add_argument("--download", action="store_true", help="fetch the model's weights if the cache lacks them")
+    parser.add_argument(
+        "--guide", type=input_path, metavar="FILE", help="boxes, polygons and scribbles of persons, JSON lines"
+    )
     parser.add_argument("--version", help="version of the new release (default: the old one's, with +cutouts)")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1, help="processes (default: %(default)s)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="a Dask scheduler, in place of processes")
@@ -42,6 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Cut and print what came of it."""
     release = open_release(release_directory(arguments.release))
     settings = _settings(arguments.backend, arguments.model, arguments.download)
+    if arguments.guide:
+        settings = replace(settings, drawn=tuple(guides(arguments.guide).values()))
     manifest = release.manifest
     with executor_of(arguments.workers, arguments.scheduler) as executor, progress_bars() as shown:
         made = cut_release(

@@ -8,6 +8,8 @@ from typing import Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from metric_tree.cutouts.guides import Guide
+
 __all__ = ["BACKENDS", "RGB", "Auto", "Backend", "BackendName", "Foreground", "Settings"]
 
 RGB = NDArray[np.uint8]
@@ -41,12 +43,14 @@ class Backend(Protocol):
 class Settings:
     """A backend by name and the network it takes: a rembg model's name or the path of an ONNX file.
 
-    weights : whether the network's weights are available; without them `auto` leaves what is not plain.
+    weights : whether the network's weights are available; without them `auto` leaves what is not plain; drawn : guides
+    of persons, which say of their pictures where the thing is.
     """
 
     name: BackendName = "auto"
     model: str = "u2net"
     weights: bool = False
+    drawn: tuple[Guide, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ REASONS = {
     "several": "two or more things of like size that do not touch",
     "doubtful": "the quality is below 0.5: a blurred edge, or no difference of colour along it",
     "not_plain": "the background is not plain, and the backend needs it to be",
+    "poor": "the reviewer of its guide does not vouch for the cut",
     "no_weights": "the background is not plain, and no network's weights are available",
     "unreadable": "the file is no picture: broken, animated, too large, or not what its name says",
 }

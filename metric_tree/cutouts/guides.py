@@ -1,0 +1,49 @@
+"""Guides for cutting pictures, drawn by a person: where the thing is.
+
+A file of guides has one JSON object a line: `picture` (sha256), one of `polygon` ([[x, y], ...]) and `box` ([x, y,
+width, height]), and `thing` and `ground` (strokes, lists of points), in pixels of the upright picture; `verdict` is
+what its reviewer says of the cut: `good`, or `poor` with `why`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from metric_base.schema import expect, json_lines
+
+__all__ = ["Guide", "guides"]
+
+Point = tuple[float, float]
+
+
+class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Where the thing is in one picture, by whom, and what the reviewer says of the cut."""
+
+    picture: str
+    polygon: tuple[Point, ...] = ()
+    box: tuple[float, float, float, float] | None = None
+    thing: tuple[tuple[Point, ...], ...] = ()
+    ground: tuple[tuple[Point, ...], ...] = ()
+    reviewer: str
+    verdict: Literal["good", "poor"] = "good"
+    why: str = ""
+
+    def __post_init__(self) -> None:
+        expect(len(self.picture) == 64, "picture", "a sha256", self.picture)
+        expect((len(self.polygon) >= 3) != (self.box is not None), "polygon, box", "three points or a box", "neither")
+        expect(bool(self.reviewer.strip()), "reviewer", "a name", self.reviewer)
+        expect(self.verdict == "good" or bool(self.why), "why", "a reason of a poor cut", self.why)
+
+
+def guides(path: Path) -> dict[str, Guide]:
+    """The guides of a file by picture; a later one replaces an earlier one.
+
+    Raises
+    ------
+    InputError
+        A line is no guide; the message names file, line and field.
+    """
+    return {guide.picture: guide for _, guide in json_lines(path, Guide)}

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from metric_base import spelling
-from metric_base.errors import InputError
-from metric_tree.context import ContextModel, KnownContexts, Where, known_contexts, where_of
+from metric_tree.context import ContextModel
+from metric_tree.node import AmbiguousName, Meaning, Node, NoPrior, ThinEvidence, UnknownName, node_of, see_tier
 from metric_tree.prior import Prior
 from metric_tree.release import BadRelease, Release, first_in_circle, open_release
 from metric_tree.releases import release_directory
-from metric_tree.tiers import at_least as is_at_least
 from taxonomy.naming.nodes import Names
 from taxonomy.naming.resolver import Resolver
 from taxonomy.words.senses import label_votes
@@ -45,151 +43,6 @@ MAX_LISTED_NAMES = 4
 LONGEST_NAME = 300
 
 
-class UnknownName(InputError, KeyError):
-    """A name that means no node of the tree; the message names the nearest."""
-
-    def __str__(self) -> str:
-        return str(self.args[0])
-
-
-class AmbiguousName(UnknownName):
-    """A name that means several nodes alike; the message lists them."""
-
-
-class ThinEvidence(UnknownName):
-    """A node whose size rests on less than was asked for; the message names the nearest above it that does not."""
-
-
-class NoPrior(UnknownName):
-    """Dimensions for which a node has no prior; the message names what exists."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Node:
-    """A category of the tree. `path` holds names from the root; `level` is 1 at the root and 5 at a leaf."""
-
-    tree: Tree
-    node_id: str
-    name: str
-    synset: str | None
-    parent_id: str | None
-    level: int
-    path: tuple[str, ...]
-    hypernyms: tuple[str, ...]
-    aliases: tuple[str, ...]
-    pose: str
-    dims: tuple[str, ...]
-    n_items: int
-    n_own: int
-
-    def __repr__(self) -> str:
-        return f"<Node {self.node_id}: {' > '.join(self.path)}>"
-
-    @property
-    def parent(self) -> Node | None:
-        """The node above, None at the root."""
-        return None if self.parent_id is None else self.tree.node(self.parent_id)
-
-    @property
-    def children(self) -> tuple[Node, ...]:
-        """The nodes right below."""
-        return self.tree.children(self.node_id)
-
-    def descendants(self) -> Iterator[Node]:
-        """The node itself and all below it, parents first."""
-        yield self
-        for child in self.children:
-            yield from child.descendants()
-
-    def items(self) -> pa.Table:
-        """The shipped items at or below this node, one row each.
-
-        Returns
-        -------
-        pyarrow.Table
-            Columns of `metric_tree.schema.ITEMS`: `item_id`, `node_id`, `source`, `source_id`, `title`, `length_mm`,
-            `width_mm`, `height_mm` (mm in the ordinary pose, null where not known), `extents_mm` (every stated outer
-            size in mm, longest first), `kind`, `year`, `region`, `url`, `licence`, `flags`. Items that may be used for
-            the fit and not shipped are not among them, so that there may be fewer rows than `n_items`.
-
-        >>> import metric_tree
-        >>> items = metric_tree.open().find("mug").items()
-        >>> items.column_names[5:8], items.num_rows > 0
-        (['length_mm', 'width_mm', 'height_mm'], True)
-        """
-        return self._rows("items")
-
-    def images(self) -> pa.Table:
-        """The pictures of items at or below this node (`metric_tree.schema.IMAGES`)."""
-        return self._rows("images")
-
-    @property
-    def prior_dims(self) -> tuple[tuple[str, ...], ...]:
-        """The sets of dimensions that have a fitted row of their own."""
-        return self.tree.prior_dims(self.node_id)
-
-    @property
-    def contexts(self) -> KnownContexts:
-        """The regions, countries and years of which the node's sources say something: what `where` may ask for.
-
-        >>> import metric_tree
-        >>> "IN" in metric_tree.open().find("car").contexts.regions
-        True
-        """
-        rows = self.prior_dims
-        return known_contexts(self.tree.prior(self.node_id, max(rows, key=len)).contexts if rows else ())
-
-    def prior(self, dims: Sequence[str] | None = None, where: Where | Mapping[str, Any] | str | None = None) -> Prior:
-        """The size prior over `dims` (`node.dims` by default), in that order.
-
-        It is the exact row, else the marginal of the smallest row that contains them. One name may stand alone.
-        With `where` (`{"region": "europe", "year": 2011}`, either or both) it is that of things there and then, as far
-        as the release knows; its `note` says what that changed.
-
-        Raises
-        ------
-        NoPrior
-            No row contains them.
-        InputError
-            `where` names no region, country or year.
-
-        >>> import metric_tree
-        >>> car = metric_tree.open().find("car")
-        >>> car.prior().note, car.prior(where={"region": "europe", "year": 2011}).note[:12]
-        (None, 'europe, 2011')
-        """
-        if isinstance(dims, str):  # a sequence of letters, which nobody means
-            dims = (dims,)
-        prior = self.tree.prior(self.node_id, tuple(dims) if dims is not None else self.dims)
-        return prior if where is None else prior.in_context(where_of(where), self.tree.context_model)
-
-    @property
-    def tier(self) -> str | None:
-        """What its size rests on, one of `metric_tree.tiers.TIERS`; None of a node without a prior."""
-        return self.tree.tier(self.node_id)
-
-    def _rows(self, table: str) -> pa.Table:
-        return self.tree.release.table(table, {node.node_id for node in self.descendants()})
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Meaning:
-    """What a text means in a tree; `note` says what was left out of it ("taken as whale: 'blue' is not in the tree").
-
-    `how` is `id`, `code`, `own name`, `alias`, `label list`, `folded` (another spelling or number of a name), `other
-    name` (of a norm, or in German, French, Spanish or Italian), `modifier stripped`, `broader kind` or `misspelt` (one
-    letter off a name); `margin` says how much more speaks for the node than for the next that is unrelated (infinite
-    where nothing else is meant), and `alternatives` are the others, the likeliest first.
-    """
-
-    node: Node
-    how: str
-    margin: float
-    alternatives: tuple[Node, ...]
-    ambiguous: bool
-    note: str | None = None
-
-
 #: Every id has one of these, and hardly a name: earlier ids are looked up for such texts alone.
 _ID_MARKS = frozenset(".:/")
 
@@ -198,7 +51,7 @@ class Tree:
     """A release in memory: a node, priors and items are read when they are asked for."""
 
     def __init__(self, release: Release) -> None:
-        self.release = release
+        self.release: Release = release
         self._table = release.table("nodes")
         self._places = {node_id: place for place, node_id in enumerate(self._table["node_id"].to_pylist())}
         self._nodes: dict[str, Node] = {}
@@ -211,7 +64,7 @@ class Tree:
     def __iter__(self) -> Iterator[Node]:
         if len(self._nodes) < len(self):  # all at once, where one by one takes ten times as long
             for row in self._table.to_pylist():
-                self._nodes.setdefault(row["node_id"], _node(self, row))
+                self._nodes.setdefault(row["node_id"], node_of(self, row))
         return (self._nodes[node_id] for node_id in self._places)
 
     def __len__(self) -> int:
@@ -262,7 +115,7 @@ class Tree:
             raise UnknownName(f"{node_id}: no node has this id")
         if node_id not in self._nodes:
             (row,) = self._table.slice(self._places[node_id], 1).to_pylist()
-            self._nodes.setdefault(node_id, _node(self, row))
+            self._nodes.setdefault(node_id, node_of(self, row))
         return self._nodes[node_id]
 
     def children(self, node_id: str) -> tuple[Node, ...]:
@@ -297,7 +150,7 @@ class Tree:
             candidates = ", ".join(f"{node.node_id} ({node.n_items} items)" for node in rivals)
             raise AmbiguousName(f"{name!r} means several nodes: {candidates}; ask for one of them by its id")
         if at_least is not None:
-            _see_tier(meaning.node, at_least)
+            see_tier(meaning.node, at_least)
         return meaning.node
 
     def resolve(self, text: str, vocabulary: str | None = None, *, advice: bool = True) -> Meaning:
@@ -510,19 +363,3 @@ def open_tree(ref: str | Path | None = None) -> Tree:
     5
     """
     return Tree(open_release(release_directory(ref)))
-
-
-def _see_tier(node: Node, least: str) -> None:
-    """ThinEvidence unless a node's size rests on the tier `least` or a better one."""
-    if node.tier is not None and is_at_least(node.tier, least):
-        return
-    above, own = node.parent, node.tier or "no size"
-    while above is not None and (above.tier is None or not is_at_least(above.tier, least)):
-        above = above.parent
-    instead = f"; {above.name!r} above it is {above.tier}" if above is not None else ""
-    raise ThinEvidence(f"{node.node_id}: tier: expected {least} or better; found {own}{instead}")
-
-
-def _node(tree: Tree, row: dict[str, Any]) -> Node:
-    lists = {name: tuple(row[name] or ()) for name in ("path", "hypernyms", "aliases", "dims")}
-    return Node(tree=tree, **{**{name: row[name] for name in row if name in Node.__dataclass_fields__}, **lists})

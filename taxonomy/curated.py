@@ -9,6 +9,7 @@ written for classes that have measured items before these were opened, to see ho
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -47,6 +48,9 @@ _COLUMNS = ("node_id", *(f"{axis}_{end}" for axis in _AXES for end in _ENDS), "r
 _NORM_COLUMNS = (
     "node_id", "size", *_COLUMNS[1:-3], "document", "clause", "region", "reviewer", "written",
 )  # fmt: skip
+
+#: A comma that nobody quoted moves the cells: the last one is then no date.
+_DATE = re.compile(r"\d{4}-\d\d-\d\d")
 
 _SETTLED_COLUMNS = ("code", "node_id", "reason", "reviewer", "written")
 
@@ -218,6 +222,7 @@ def _ranges(file: Path) -> tuple[CuratedRange, ...]:
 def _range(row: dict[str, str]) -> CuratedRange:
     low, typical, high = _triples(row)
     expect(bool(row["reason"]), row["node_id"], "at least one axis and a reason", Unquoted("none"))
+    expect(_DATE.fullmatch(row["written"]) is not None, "written", "a date such as 2026-11-22", row["written"])
     texts = {name: row[name] for name in ("node_id", "reason", "reviewer", "written")}
     return CuratedRange(low=low, typical=typical, high=high, **texts)
 

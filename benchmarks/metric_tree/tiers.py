@@ -17,6 +17,14 @@ from metric_tree.tiers import TIERS
 from metric_tree.tree import Node, Tree, UnknownName, open_tree
 from taxonomy.label_lists import vocabulary
 
+#: Sets that a release has and the one before it had not.
+NEW_SETS = {
+    "3.0.0": (
+        "abo_3dmodels", "amazon_dextract", "au_energy_rating", "energy_star_2025", "faa_aircraft_2025",
+        "gadgets360_in", "eloshapes_mice",
+    )
+}  # fmt: skip
+
 LISTS = ("coco_80", "lvis_v1", "ade20k_150", "objects365_v2", "scannet200")
 
 
@@ -31,6 +39,21 @@ def labelled(tree: Tree, name: str) -> Iterable[Node]:
             continue
         if node.prior_dims:
             yield node
+
+
+def reason(before: Tree, after: Tree, node: Node) -> str:
+    """Why a leaf's median moved: a norm, rows of sets that are new, a range that is new, or the model of the kinds."""
+    if node.tier == "norm":
+        return "a norm"
+    new = NEW_SETS.get(after.version, ())
+    rows = Counter(source for source in node.items()["source"].to_pylist() if source in new)
+    if rows:
+        return ", ".join(f"{n} rows of {source}" for source, n in rows.most_common(2))
+    now, old = (one.prior(one.prior_dims[0]) for one in (node, before.node(node.node_id)))
+    stated = [sum(one.share_by_kind.get(kind, 0.0) for kind in ("judged", "curated")) for one in (old, now)]
+    if stated[1] > 0 and not stated[0]:
+        return "a judged range"
+    return "other rows or names" if now.n != old.n else "the model of the kinds"
 
 
 def moved(before: Tree, after: Tree, factor: float) -> list[tuple[str, ...]]:
@@ -48,7 +71,8 @@ def moved(before: Tree, after: Tree, factor: float) -> list[tuple[str, ...]]:
         most = float(np.abs(np.log(new / old)).max())
         if most > np.log(factor):
             sizes = (" x ".join(f"{value:.0f}" for value in one) for one in (old, new))
-            rows.append((most, (node.node_id, *sizes, its.tier or "none", node.tier or "none")))
+            why = reason(before, after, node)
+            rows.append((most, (node.node_id, *sizes, its.tier or "none", node.tier or "none", why)))
     return [row for _, row in sorted(rows, reverse=True)]
 
 
@@ -76,12 +100,16 @@ def main() -> None:
         [(node.node_id, _median(node), _median_before(trees[0], node), node.prior().norm) for node in norms],
     )
     changed = moved(*trees, arguments.factor)
-    tiers = Counter((before, after) for *_, before, after in changed)
+    tiers = Counter((before, after, _kind(why)) for *_, before, after, why in changed)
     print_table(
-        ["tier before", "tier after", f"leaves moved by {arguments.factor}"],
+        ["tier before", "tier after", "why", f"leaves moved by {arguments.factor}"],
         [(*key, n) for key, n in tiers.most_common()],
     )
-    print_table(["leaf", "before mm", "after mm", "tier before", "tier after"], changed[: arguments.most])
+    print_table(["leaf", "before mm", "after mm", "tier before", "tier after", "why"], changed[: arguments.most])
+
+
+def _kind(why: str) -> str:
+    return "rows of new sets" if " rows of " in why else why
 
 
 def _median(node: Node) -> str:

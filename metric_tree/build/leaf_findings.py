@@ -105,6 +105,7 @@ def _source_findings(leaf: LeafSize) -> Iterator[LeafFinding]:
 
 
 def _whole(mean: FloatArray) -> bool:
+    """Whether a mean size (3,) states every axis."""
     return not bool(np.isnan(mean).any())
 
 

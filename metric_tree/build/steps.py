@@ -13,8 +13,6 @@ executor; the caller gives the date.
 
 from __future__ import annotations
 
-import json
-import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
@@ -26,19 +24,17 @@ from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.parquet as pq
 
 from crawler.imports.sources import Source, sources
 from crawler.items import RawItem
 from metric_base.errors import InputError
-from metric_base.files import whole_file
 from metric_base.progress import ProgressCallback, silent
 from metric_tree.build.clean import Cleaned, NodeClass, class_priors, clean_shard
+from metric_tree.build.companions import add_pictures, write_log, write_texts, writers
 from metric_tree.build.frequencies import stated_frequencies
 from metric_tree.build.ingest import SHARDS, Block, Ingested, block_of, blocks, ingest_block, items_of, raw_files
 from metric_tree.build.log import report
 from metric_tree.build.row_files import RowFiles, sibling_references
-from metric_tree.build.successors import former_nodes, successor_table
 from metric_tree.build.tables import (
     JUDGED_SOURCE,
     NORM_SOURCE,
@@ -51,19 +47,16 @@ from metric_tree.build.tables import (
     source_records,
     tier_counts,
 )
-from metric_tree.build.texts import licence_text, readme_text
 from metric_tree.build.work_folder import BuildFolder, SerialExecutor, fingerprint, sole_writer
 from metric_tree.context import ContextModel
 from metric_tree.fit.centre import shared_covariance
 from metric_tree.fit.contexts import class_contexts, learn_contexts
 from metric_tree.fit.evidence import KIND_WEIGHT
 from metric_tree.fit.kinds import KindModel, learn_kinds
-from metric_tree.pictures import collect_pictures, picture_files
 from metric_tree.prior import Prior
 from metric_tree.release import Release, publish_release
 from metric_tree.schema import IMAGES
 from taxonomy.categories import Taxonomy
-from taxonomy.levels import replaced_ids
 
 __all__ = ["Build", "Options", "Steps", "build_release", "shipped_curated", "shipped_taxonomy"]
 
@@ -179,9 +172,9 @@ def build_release(
         extras = work.directory / "extras"
         extras.mkdir(exist_ok=True)
         if options.pictures:
-            _add_pictures(raw, tables, report, extras)
-        _write_texts(extras, tables, manifest, former=taxonomy is shipped_taxonomy)
-        _write_log(log, work.directory, report)  # first, since a run that finds the release there writes no log
+            add_pictures(raw, tables, report, extras)
+        write_texts(extras, tables, manifest, former=taxonomy is shipped_taxonomy)
+        write_log(log, work.directory, report)  # first, since a run that finds the release there writes no log
         release = publish_release(out, tables, manifest, extras)
     return Build(release, report, log)
 
@@ -324,7 +317,7 @@ class Steps:
             | {"n_fit": n_fit.total(), "n_rows": tables["items.parquet"].num_rows, "raw": dict(sorted(counts.items()))},
             "evidence": evidence_counts(classes),
             "tiers": tier_counts(tables["nodes.parquet"]),
-            "judged_by": _writers(),
+            "judged_by": writers(),
             "noncommercial": self.options.noncommercial,
             "private": sorted(self.options.private),
             "fold_out": list(self.options.fold_out) if self.options.fold_out else None,
@@ -343,21 +336,6 @@ class Steps:
             yield result
 
 
-def _writers() -> list[dict[str, Any]]:
-    """Who wrote the norms and the judged ranges, when, and how many rows."""
-    from taxonomy.curated import curated_ranges, norms
-
-    counts = Counter(
-        (table, row.reviewer, row.written)
-        for table, rows in (("norms.csv", norms()), ("ranges.csv", curated_ranges()))
-        for row in rows
-    )
-    return [
-        {"table": table, "writer": writer, "date": date, "rows": n}
-        for (table, writer, date), n in sorted(counts.items())
-    ]
-
-
 def _learn_kinds(classes: Sequence[NodeClass], families: Mapping[str, str]) -> KindModel:
     """What kinds of evidence are worth, from the classes that have several."""
     pairs = ((families[one.node_id], m.disagreement) for one in classes for m in one.moments[:1])
@@ -374,28 +352,6 @@ def _learn_contexts(classes: Sequence[NodeClass], families: Mapping[str, str], m
     )
 
 
-def _write_texts(folder: Path, tables: Mapping[str, pa.Table], manifest: Mapping[str, Any], *, former: bool) -> None:
-    """README and LICENSE, and with `former` the successors of the ids of earlier releases."""
-    rows = {name: table.num_rows for name, table in tables.items()}
-    (folder / "README.md").write_text(readme_text(manifest, rows), encoding="utf-8")
-    (folder / "LICENSE").write_text(licence_text(manifest), encoding="utf-8")
-    if former:
-        table = successor_table(
-            former_nodes(), frozenset(tables["nodes.parquet"]["node_id"].to_pylist()), replaced_ids()
-        )
-        pq.write_table(table, folder / "successors.parquet", compression="zstd")
-
-
-def _add_pictures(raw: Sequence[Path], tables: dict[str, pa.Table], report: dict[str, Any], folder: Path) -> None:
-    """Put the pictures that lie beside the raw items into the tables, the report and a folder."""
-    files = picture_files(raw)
-    if not files:
-        return
-    pictures = collect_pictures(files, tables["items.parquet"], folder)
-    tables["images.parquet"] = pictures.rows
-    report["pictures"] = {"taken": pictures.rows.num_rows, "left_out": dict(pictures.refused)}
-
-
 def _spill_rows(result: Ingested, stem: Path) -> Ingested:
     stem.with_suffix(".arrow").write_bytes(result.rows)
     stem.with_suffix(".refused").write_bytes(result.refused)
@@ -407,12 +363,3 @@ def _spill_classes(result: Cleaned, stem: Path) -> Cleaned:
     stem.with_suffix(".refused").write_bytes(result.refused)
     stem.with_suffix(".classes").write_bytes(result.rows)
     return replace(result, items=b"", refused=b"", rows=b"")
-
-
-def _write_log(log: Path, work: Path, content: Mapping[str, Any]) -> None:
-    with whole_file(log / "quarantine.jsonl", "--log") as place, place.open("wb") as quarantine:
-        for path in sorted(work.glob("*.refused"), reverse=True):  # ingest first, then clean
-            with path.open("rb") as part:
-                shutil.copyfileobj(part, quarantine)
-    with whole_file(log / "report.json", "--log") as place:
-        place.write_text(json.dumps(content, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")

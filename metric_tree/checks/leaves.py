@@ -52,7 +52,7 @@ def _leaf_sizes(nodes: pa.Table, items: pa.Table, priors: pa.Table) -> Iterator[
 
 
 def _source_means(items: pa.Table) -> dict[str, dict[tuple[str, str], tuple[FloatArray, FloatArray]]]:
-    """By leaf and (source, kind): geometric mean of length, width and height, and of the extents, mm, NaN unstated."""
+    """By leaf and (source, kind): geometric mean (3,) of the axes, and (3,) of the extents, mm, NaN unstated."""
     axes = np.column_stack([items[f"{axis}_mm"].to_numpy(zero_copy_only=False) for axis in AXES])
     sizes = np.log(np.stack([axes.astype(float), extents_of(items)], axis=1))  # (n, 2, 3)
     groups: defaultdict[tuple[str, str, str], list[int]] = defaultdict(list)

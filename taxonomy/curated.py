@@ -50,7 +50,7 @@ _NORM_COLUMNS = (
 )  # fmt: skip
 
 #: A comma that nobody quoted moves the cells: the last one is then no date.
-_DATE = re.compile(r"\d{4}-\d\d-\d\d")
+_DATE = re.compile(r"\d{4}(-\d\d){0,2}")
 
 _SETTLED_COLUMNS = ("code", "node_id", "reason", "reviewer", "written")
 

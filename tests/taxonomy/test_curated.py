@@ -95,19 +95,15 @@ def test_a_bad_row_is_named_with_its_line(tmp_path, cells, message):
 
 
 def test_a_persons_range_outranks_a_programs(tmp_path: Path) -> None:
-    axes = [f"{axis}_{end}" for axis in ("length", "width", "height") for end in ("low", "typical", "high")]
-    head = ",".join(["node_id", *axes, "reason", "reviewer", "written"])
     lines = [
         f"mug.n.04,1,{size},900,,,,,,,why,{name},2026-11-22"
         for size, name in ((90, "Ada"), (95, "program: x"), (99, "Grace"), (2, "program: y"))
     ]
-    (file := tmp_path / "ranges.csv").write_text("\n".join([head, *lines, ""]))
+    (file := tmp_path / "ranges.csv").write_text(HEADER + "\n".join([*lines, ""]))
     assert [(one.typical[0], one.reviewer) for one in curated_ranges(file)] == [(99.0, "Grace")]
 
 
 def test_a_comma_that_nobody_quoted_is_found(tmp_path: Path) -> None:
-    axes = [f"{axis}_{end}" for axis in ("length", "width", "height") for end in ("low", "typical", "high")]
-    head = ",".join(["node_id", *axes, "reason", "reviewer", "written"])
-    (file := tmp_path / "ranges.csv").write_text(f"{head}\nmug.n.04,1,9,90,,,,,,,one, and more,Ada,2026-11-22\n")
+    (file := tmp_path / "ranges.csv").write_text(f"{HEADER}mug.n.04,1,9,90,,,,,,,one, and more,Ada,2026-11-22\n")
     with pytest.raises(BadRange, match=r":2.*written"):
         curated_ranges(file)

@@ -185,14 +185,16 @@ def main() -> None:
     arguments = parser.parse_args()
     tree = open_tree(arguments.against)
     build = Rows.of(arguments.raw, arguments.work or Path(tempfile.mkdtemp()))
+    # sets of the same rooms are one, under the rooms' name: no declared source, and none of them is new
     seen = {record["id"] for record in tree.release.manifest["sources"]}
+    new = {source.id for source in sources()} - seen
     lines, fresh = [], []
     for source in left_out(build):
         own = list(scores(build, tree, source, SEED))
         if len({node_id for node_id, *_ in own}) < LEAST_CLASSES:
             continue
-        fresh += [] if source in seen else own
-        lines.append(_line(source, own, source in seen))
+        fresh += own if source in new else []
+        lines.append(_line(source, own, source not in new))
     lines.append(_line(f"all that {tree.version} lacks", fresh, False))
     ways = [f"{name} {way}" for name in ("density", "inside", "error") for way in (tree.version, "today")]
     print_table(["left out", "classes", *ways, f"{tree.version} saw the rows"], lines)

@@ -26,6 +26,7 @@ from metric_base.arrays import FloatArray
 from metric_cli.terminal import print_table
 from metric_tree.axes import AXES, EXTENTS
 from metric_tree.prior import Prior
+from metric_tree.tiers import TIERS
 from metric_tree.tree import Tree, UnknownName, open_tree
 
 __all__ = ["OFF", "WIDE", "Axis", "axes_of", "objects"]
@@ -98,7 +99,8 @@ def main() -> None:
     parser.add_argument("--all", action="store_true", help="print every axis")
     arguments = parser.parse_args()
     written = objects(LISTS[arguments.list])
-    axes, unknown = _measured(open_tree(arguments.release), written)
+    tree = open_tree(arguments.release)
+    axes, unknown = _measured(tree, written)
     shown = [one for one in axes if arguments.all or one.is_off or one.is_wide]
     print_table(
         ["thing", "node", "axis", "written 5/50/95 % mm", "prior 5/50/95 % mm", "error"],
@@ -106,6 +108,11 @@ def main() -> None:
             (one.name, one.node_id, one.axis, _sizes(one.written), _sizes(one.prior), _error(one))
             for one in sorted(shown, key=lambda one: one.name)
         ],
+    )
+    by_tier = {tier: [one for one in axes if tree.tier(one.node_id) == tier] for tier in TIERS}
+    print_table(
+        ["tier", "axes", "off", "wide"],
+        [(t, len(own), sum(a.is_off for a in own), sum(a.is_wide for a in own)) for t, own in by_tier.items()],
     )
     off, wide = (np.mean([getattr(one, name) for one in axes]) for name in ("is_off", "is_wide"))
     print(f"{len(axes)} axes of {len(written) - len(unknown)} things: {off:.1%} off by {OFF}, {wide:.1%} absurdly wide")

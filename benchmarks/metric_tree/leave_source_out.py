@@ -182,6 +182,7 @@ def main() -> None:
     parser.add_argument("raw", nargs="+", type=Path)
     parser.add_argument("--against", default="1.0.0", help="version or folder of the earlier release")
     parser.add_argument("--work", type=Path, help="folder of the cleaned rows; taken up if they are there")
+    parser.add_argument("--only-new", action="store_true", help="sources that the earlier release lacks, and no others")
     arguments = parser.parse_args()
     tree = open_tree(arguments.against)
     build = Rows.of(arguments.raw, arguments.work or Path(tempfile.mkdtemp()))
@@ -190,6 +191,8 @@ def main() -> None:
     new = {source.id for source in sources()} - seen
     lines, fresh = [], []
     for source in left_out(build):
+        if arguments.only_new and source not in new:
+            continue
         own = list(scores(build, tree, source, SEED))
         if len({node_id for node_id, *_ in own}) < LEAST_CLASSES:
             continue

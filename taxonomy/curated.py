@@ -159,7 +159,7 @@ def settled_findings() -> frozenset[tuple[str, str]]:
     BadRange
         A row has no reason or no reviewer.
     """
-    return _settled(_directory() / "settled.csv")
+    return _accepted_rows(_directory() / "settled.csv")
 
 
 def _item(row: CuratedRange | Norm, **fields: Any) -> RawItem:
@@ -193,7 +193,7 @@ def _norms(file: Path) -> tuple[Norm, ...]:
 
 
 @cache
-def _settled(file: Path) -> frozenset[tuple[str, str]]:
+def _accepted_rows(file: Path) -> frozenset[tuple[str, str]]:
     if not file.is_file():  # a taxonomy of one's own
         return frozenset()
     rows = []

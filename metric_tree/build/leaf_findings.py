@@ -69,10 +69,8 @@ class LeafFinding:
 def leaf_findings(leaves: Sequence[LeafSize], accepted: Iterable[tuple[str, str]] = ()) -> list[LeafFinding]:
     """All findings on the leaves of a tree, less those that are `accepted` (code, node id)."""
     known = set(accepted)
-    found = [
-        one for leaf in leaves for one in (*_range_findings(leaf), *_order_findings(leaf), *_source_findings(leaf))
-    ]
-    return sorted(one for one in (*found, *_sibling_findings(leaves)) if (one.code, one.node_id) not in known)
+    own = [one for leaf in leaves for one in (*_range_findings(leaf), *_order_findings(leaf), *_source_findings(leaf))]
+    return sorted(one for one in (*own, *_sibling_findings(leaves)) if (one.code, one.node_id) not in known)
 
 
 def _range_findings(leaf: LeafSize) -> Iterator[LeafFinding]:

@@ -13,8 +13,7 @@ from metric_tree.build.leaf_findings import CODES, LeafSize, leaf_findings
 from metric_tree.checks import leaves
 from metric_tree.release import open_release
 from metric_tree.releases import release_directory
-from taxonomy.curated import BadRange, settled_findings
-from taxonomy.curated import _settled as settled_of
+from taxonomy.curated import BadRange, _accepted_rows, settled_findings
 
 LWH = ("length", "width", "height")
 
@@ -61,4 +60,4 @@ def test_the_shipped_release_has_every_finding_settled_with_a_reason(tmp_path: P
     assert {code for code, _ in settled_findings()} <= set(CODES)
     (empty := tmp_path / "settled.csv").write_text("code,node_id,reason,reviewer,written\nW412,a,,b,2026-11-22\n")
     with pytest.raises(BadRange, match="reason"):
-        settled_of(empty)
+        _accepted_rows(empty)

@@ -38,13 +38,20 @@ def capture_cautions(path: Path, frames: Frames, report: dict[str, Any], focal_g
         )
     if report["model"]["left_out"]:
         cautions.append(f"{path}: {_left_out(report['model']['left_out'], report['pairs']['frames'])}")
-    if frames.one_camera and report["model"]["pattern"] > DOUBTFUL_PATTERN:  # that of several lenses mixes
+    if frames.one_camera and _lens_is_doubtful(report):
         cautions.append(
             f"{path}: the camera model ({report['model']['camera']}) leaves a pattern in the residuals, so its focal "
             "length may be wrong by a tenth or two; name the lens with --camera-model and --focal if you know it"
         )
     focal = _of_the_focal_length(report, "--focal" if focal_given else "the file")
     return (*cautions, *(f"{path}: {words}" for words in (*focal, *_of_the_motion(report))))
+
+
+def _lens_is_doubtful(report: dict[str, Any]) -> bool:
+    """Whether the residuals show a pattern and no comparison on held out observations found that camera model best."""
+    model, choice = report["model"], report.get("lenses")
+    compared = choice is not None and choice["chosen"] == model["camera"]
+    return bool(model["pattern"] > DOUBTFUL_PATTERN) and not compared
 
 
 def _left_out(names: list[str], n_frames: int) -> str:

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.capture.mapping.lens_choice import lens_scores
+from estimator.capture.mapping.lens_choice import chosen_lens, lens_scores
 from estimator.capture.mapping.pair_choice import all_pairs, chosen_pairs, coarse_scores
 from estimator.reconstructions.pycolmap_library import pycolmap
 
@@ -190,8 +190,9 @@ def global_(request: Request) -> dict[str, Any]:
 
 
 def lenses(request: Request) -> dict[str, Any]:
-    """How well each camera model does on observations that it was not fitted to."""
-    return lens_scores(request["model"])
+    """How well each camera model does on observations that it was not fitted to, and the best of them."""
+    scores = lens_scores(request["model"])
+    return {"scores": scores, "chosen": chosen_lens(scores)}
 
 
 STEPS: dict[str, Callable[[Request], dict[str, Any]]] = {

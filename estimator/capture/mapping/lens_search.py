@@ -8,7 +8,6 @@ from typing import Any
 
 from estimator.capture.mapping.gates import LEAST_FRAMES
 from estimator.capture.mapping.lens import Lens, is_fisheye
-from estimator.capture.mapping.lens_choice import chosen_lens
 from estimator.capture.mapping.mappers import Mapped, Task, mapped_frames
 from estimator.capture.mapping.time_limit import OutOfTime
 from estimator.capture.mapping.worker_process import WorkerError, start_worker, wait_for_worker
@@ -34,11 +33,11 @@ def with_other_lens(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
     held out observations better. Where it cannot be used, they are tried all the same: few frames say too little about
     their lens, and a mapping that began far from a wide lens may end in a bent one.
     """
-    scores = _scores(task, mapped)
-    if mapped.failure is None and (scores is None or chosen_lens(scores) == lens.model):
-        return replace(mapped, lens_scores=scores)
+    choice = _choice(task, mapped)
+    if mapped.failure is None and (choice is None or choice["chosen"] == lens.model):
+        return replace(mapped, lens_choice=choice)
     best, seconds = mapped, other_mapping_s(mapped)
-    for number, other in enumerate(_other_lenses(lens, scores)):
+    for number, other in enumerate(_other_lenses(lens, choice)):
         try:
             other_mapped = mapped_frames(task.below(f"lens_{number}", seconds), other)
         except (OutOfTime, WorkerError):  # a lens that fits nothing may also break the mapper
@@ -51,7 +50,7 @@ def with_other_lens(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
             )
         if best.failure is None and best is not mapped:
             break
-    return replace(best, lens_scores=scores)
+    return replace(best, lens_choice=choice)
 
 
 def other_mapping_s(mapped: Mapped) -> float:
@@ -83,25 +82,25 @@ def _settled_mapping(task: Task, lens: Lens, mapped: Mapped, number: int, second
     return mapped
 
 
-def _scores(task: Task, mapped: Mapped) -> dict[str, Any] | None:
-    """What each camera model leaves of held out observations, None of a mapping with too few frames."""
+def _choice(task: Task, mapped: Mapped) -> dict[str, Any] | None:
+    """What each camera model leaves of held out observations, and the best; None of a mapping with too few frames."""
     if mapped.shape is None or len(mapped.shape.names) < LEAST_FRAMES or mapped.model is None:
         return None
     below = task.below("lenses", other_mapping_s(mapped))
     process = start_worker("lenses", {"model": str(mapped.model)}, below.part)
     try:
-        scores: dict[str, Any] = wait_for_worker(process, "lenses", below.part / "lenses.log", limit=below.limit)
+        choice: dict[str, Any] = wait_for_worker(process, "lenses", below.part / "lenses.log", limit=below.limit)
     except OutOfTime:
         return None
-    return scores
+    return choice
 
 
-def _other_lenses(lens: Lens, scores: dict[str, Any] | None) -> Iterator[Lens]:
+def _other_lenses(lens: Lens, choice: dict[str, Any] | None) -> Iterator[Lens]:
     """Lenses to begin with, most likely first."""
     side = max(lens.width, lens.height)
-    if scores is not None:
-        name = chosen_lens(scores)
-        yield replace(lens, model=name, start=tuple(scores[name]["params"]))
+    if choice is not None:
+        name = choice["chosen"]
+        yield replace(lens, model=name, start=tuple(choice["scores"][name]["params"]))
     if lens.wide_px is not None:
         yield _beginning(lens, FISHEYE, lens.wide_px)
     for name, focal in WIDE_STARTS:

@@ -30,7 +30,8 @@ class Mapped:
     """What the two mappers made.
 
     A failure that it shows, its shape and folder, whether the focal length was held; params : of its camera;
-    seconds : that it took; lens_scores : per camera model, where several were tried.
+    seconds : that it took; lens_choice : the scores of camera models and the one that was chosen, where several were
+    compared.
     """
 
     failure: Failure | None = None
@@ -40,7 +41,7 @@ class Mapped:
     focal_held: bool = False
     params: tuple[float, ...] = ()
     seconds: float = 0.0
-    lens_scores: dict[str, Any] | None = None
+    lens_choice: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

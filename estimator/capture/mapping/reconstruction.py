@@ -167,6 +167,6 @@ def _write_report(file: Path, mapped: Mapped, evidence: CaptureEvidence) -> None
         "model": None if shape is None else shape.summary() | {"left_out": left_out},
         "disagreement": mapped.disagreement,
         "focal_held": mapped.focal_held,
-        "lenses": mapped.lens_scores,
+        "lenses": mapped.lens_choice,
     }
     file.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")

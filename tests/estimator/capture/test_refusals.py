@@ -181,3 +181,15 @@ def test_when_other_lenses_and_features_are_tried() -> None:
 
 def test_every_code_of_the_contract_is_there() -> None:
     assert set(CODES) == {*REFUSED_VIDEOS, *RARE_VIDEOS, "out_of_time"}
+
+
+def test_a_pattern_is_told_unless_the_camera_model_was_found_best() -> None:
+    frames = Frames(["a.jpg"], [0], None, np.zeros((1, 2)), [(320, 240)], [None], (320, 240), 0, None, [])
+    model = {"focal": 0.8, "focal_deviation": 0.01, "focal_spread": 0.0, "left_out": [], "pattern": 0.15}
+    report = {"pairs": {"edges": [0.2, 0.2]}, "model": model | {"camera": "SIMPLE_RADIAL"}, "focal_held": False}
+    rows = [
+        capture_cautions(Path("p"), frames, report | {"lenses": choice}, focal_given=False)
+        for choice in (None, {"chosen": "OPENCV_FISHEYE", "scores": {}}, {"chosen": "SIMPLE_RADIAL", "scores": {}})
+    ]
+    assert [len(cautions) for cautions in rows] == [1, 1, 0]
+    assert "leaves a pattern in the residuals" in rows[0][0]

@@ -56,14 +56,29 @@
     if (words.every((word) => name.words.some((own) => own.startsWith(word)))) return 55 - Math.min(name.name.length - text.length, 20);
     return 0;
   }
-  function misspelled(name, text) {
-    const most = text.length < 4 ? 0 : text.length < 8 ? 1 : 2;
-    if (!most) return 0;
-    const found = slips(text, name.name, most);
-    if (found <= most) return 50 - 8 * found;
-    if (text.includes(" ")) return 0;
-    return name.words.some((word) => slips(text, word, most) <= most) ? 24 : 0;
+  // A bit for each letter: a slip changes two at most, so that most names are passed over without a count.
+  function letters(text) {
+    let bits = 0;
+    for (let k = 0; k < text.length; k++) bits |= 1 << (text.charCodeAt(k) % 31);
+    return bits;
   }
+  function bitCount(bits) { let count = 0; for (; bits; bits &= bits - 1) count++; return count; }
+  const masks = new Map(), byWord = new Map();
+  for (const name of names) for (const word of new Set([name.name, ...name.words])) {
+    if (!byWord.has(word)) { byWord.set(word, []); masks.set(word, letters(word)); }
+    byWord.get(word).push(name);
+  }
+  // Names that are one or two letters off a text, whole or in one word, with their scores.
+  function misspelled(text) {
+    const most = text.length < 4 ? 0 : text.length < 8 ? 1 : 2, own = letters(text), near = [];
+    if (most) for (const [word, owners] of byWord) {
+      if (Math.abs(word.length - text.length) > most || bitCount(masks.get(word) ^ own) > 2 * most) continue;
+      const count = slips(text, word, most);
+      if (count <= most) for (const name of owners) near.push([name, name.name === word ? 50 - 8 * count : 24]);
+    }
+    return near;
+  }
+  const sources = MT_NAMES.sources.map(([id, title]) => ({ id, title, form: fold(id + " " + title) }));
   function search(query) {
     const text = fold(query);
     if (!text) return [];
@@ -90,15 +105,13 @@
       const own = label.name;
       if (own === text) take(label.node, 60, label.name + " in " + label.lists.slice(0, 3).join(", "));
     }
-    if (found.size < 4) for (const name of names) {
-      const score = misspelled(name, text);
-      if (score) name.owners.forEach((place, k) => take(place, score - 6 * k, name.name));
+    if (found.size < 4) for (const [name, score] of misspelled(text)) {
+      name.owners.forEach((place, k) => take(place, score - 6 * k, name.name));
     }
     const hits = [...found.values()].sort((a, b) => b.score - a.score || a.place - b.place).slice(0, LIMIT).map(nodeHit);
-    for (const [id, title] of MT_NAMES.sources) {
-      if (hits.length < LIMIT + 3 && fold(id + " " + title).split(" ").some((word) => word.startsWith(words[0])) && words.every((word) => fold(id + " " + title).includes(word)))
+    for (const { id, title, form } of sources)
+      if (hits.length < LIMIT + 3 && (" " + form).includes(" " + words[0]) && words.every((word) => form.includes(word)))
         hits.push({ href: root + "sources/" + id + ".html", name: title, note: "source", tier: null });
-    }
     for (const list of MT_NAMES.lists) if (fold(list).startsWith(text)) hits.push({ href: root + "vocabularies/" + list + ".html", name: list, note: "label list", tier: null });
     return hits;
   }

@@ -61,7 +61,7 @@
   // From a place to pixels and depth.
   function lens(width, height) {
     const [cosTurn, sinTurn, cosTilt, sinTilt] = [Math.cos(turn), Math.sin(turn), Math.cos(tilt), Math.sin(tilt)];
-    const eye = 1.6 * scene.size, scale = (zoom * 1.35 * Math.min(width, height)) / scene.size;
+    const eye = 1.6 * scene.size, scale = (zoom * 1.8 * Math.min(width, height)) / scene.size;
     return (x, y, z) => {
       x -= scene.middle[0]; y -= scene.middle[1]; z -= scene.middle[2];
       const across = x * cosTurn - z * sinTurn, back = x * sinTurn + z * cosTurn;

@@ -42,12 +42,6 @@ def test_links_that_leave_the_pages_lead_to_the_repository(hooks: ModuleType) ->
         hooks.repository_links("[a](nowhere.md)", folder)
 
 
-def test_every_page_is_in_the_contents() -> None:
-    contents = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
-    pages = {path.relative_to(ROOT / "docs").as_posix() for path in (ROOT / "docs").rglob("*.md")}
-    assert {page for page in pages if page not in contents} == set()
-
-
 @pytest.mark.skipif(importlib.util.find_spec("latex2mathml") is None, reason="`make docs` brings it")
 def test_formulas_are_mathml(hooks: ModuleType) -> None:
     page = hooks.on_page_content('<span class="arithmatex">\\(a &lt; b_1\\)</span>')

@@ -45,8 +45,8 @@ CONTRADICTING_MASS = 0.35
 NEAR, LEAST_NEAR_MASS = 1.15, 0.4
 
 #: Unresolved when three objects or more are what their labels say with less probability than this, on average: a
-#: posterior that calls most objects outliers explains none of them. It refuses one in fifty of ScanNet's rooms, half of
-#: them off by more than that ratio, and one in seven of those whose labels are off by three, five in six of them off
+#: posterior that calls most objects outliers explains none of them. It refuses one in fifty of ScanNet's rooms, and one
+#: in three of those whose labels are off by three; more than half of both are off by more than that ratio
 #: (docs/evidence/results.md).
 LEAST_MEAN_WEIGHT, LEAST_JUDGED_OBJECTS = 0.4, 3
 

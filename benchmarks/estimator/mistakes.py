@@ -1,6 +1,6 @@
 """Thirty mistakes in each of ten scenes: right, refused, or wrong.
 
-    python -m benchmarks.estimator.mistakes [--synthetic SEED] [--json FILE] [--only WORDS]
+    python -m benchmarks.estimator.mistakes [--synthetic SEED] [--json FILE] [--only WORDS] [--scene WORDS]
 
 Real scenes are those of `../shared/data/scenes` that are there. `--synthetic SEED` takes ten synthetic ones alone:
 thresholds are chosen on seeds from 40 on, never on the scenes of the table.
@@ -105,11 +105,13 @@ def _plain(line: str) -> str:
     return re.sub(r"[\d.]+", "#", re.sub(r"\S*/(?=\w)", "", line))
 
 
-def run(seed: int | None, only: str) -> dict[str, dict[str, dict[str, Any]]]:
+def run(options: argparse.Namespace) -> dict[str, dict[str, dict[str, Any]]]:
     """Outcomes by scene, then by mistake; those without a mistake are called `right: ...`."""
     tree = metric_tree.open()
     rows: dict[str, dict[str, dict[str, Any]]] = {}
-    for base in bases(seed):
+    for base in bases(options.synthetic):
+        if not re.search(options.scene, base.name):
+            continue
         row = rows.setdefault(base.name, {})
         usual: set[str] = set()
         for name, make in RIGHT.items():
@@ -117,10 +119,12 @@ def run(seed: int | None, only: str) -> dict[str, dict[str, dict[str, Any]]]:
             usual |= set() if isinstance(result, str) else {_plain(line) for line in result.warnings}
             row[f"right: {name}"] = outcome(base, result, usual)
         for name, make in MISTAKES.items():
-            if re.search(only, name):
+            if re.search(options.only, name):
                 row[name] = outcome(base, answer(make(base), tree), usual)
         counts = Counter(cell["outcome"] for name, cell in row.items() if not name.startswith("right"))
         print(base.name, dict(counts), file=sys.stderr, flush=True)
+        if options.json is not None:
+            options.json.write_text(json.dumps(rows, indent=1) + "\n")
     return rows
 
 
@@ -152,11 +156,8 @@ def main() -> int:
     parser.add_argument("--synthetic", type=int, metavar="SEED")
     parser.add_argument("--json", type=Path, metavar="FILE", help="keep the outcomes")
     parser.add_argument("--only", default="", metavar="WORDS", help="mistakes whose name these words are in")
-    options = parser.parse_args()
-    rows = run(options.synthetic, options.only)
-    if options.json is not None:
-        options.json.write_text(json.dumps(rows, indent=1) + "\n")
-    print("\n".join(table(rows)))
+    parser.add_argument("--scene", default="", metavar="WORDS", help="scenes whose name these words are in")
+    print("\n".join(table(run(parser.parse_args()))))
     return 0
 
 

@@ -73,7 +73,11 @@ class WorkFolder:
         part = self.path / f"{_PART}{name}.part"
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir()
-        make(part)
+        try:
+            make(part)
+        except BaseException:
+            shutil.rmtree(part, ignore_errors=True)  # half a stage is nobody's
+            raise
         made = [output for output in outputs if (part / output).exists()]
         digests = {output: content_digest(part / output) for output in made}
         # a kill from here on leaves a stamp without a key: what stands there is ours, and is made again

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,6 +18,10 @@ from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit
 from metric_base.progress import ProgressCallback, silent
 
 __all__ = ["WorkerError", "start_worker", "wait_for_worker"]
+
+#: What COLMAP, SQLite and the system say of a disk without room, and how little is too little for a log.
+_FULL = re.compile(r"no space left|disk is full|disk i/o error|file too large|quota exceeded", re.IGNORECASE)
+LEAST_FREE_BYTES = 1 << 16
 
 COLMAP_WORKER = "estimator.capture.mapping.colmap_worker"
 
@@ -56,6 +63,8 @@ def wait_for_worker(
         It was ended at the limit.
     WorkerError
         It ended without a result.
+    OSError
+        It did because the disk is full (ENOSPC).
     """
     result: Any = None
     timer = None if limit is None else threading.Timer(limit.left_s, process.kill)
@@ -79,9 +88,17 @@ def wait_for_worker(
             process.wait()
     if result is None and limit is not None and not limit.left_s:
         raise OutOfTime(step)
+    if (status != 0 or result is None) and _disk_is_full(log):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(log.parent))
     if status != 0 or result is None:
         raise WorkerError(f"the reconstruction step {step!r} {_ending(status)}: {_last_line(log)}")
     return result
+
+
+def _disk_is_full(log: Path) -> bool:
+    """Whether a step ended for want of room: by its log, or because there is none for a log either."""
+    text = log.read_text(encoding="utf-8", errors="replace") if log.is_file() else ""
+    return bool(_FULL.search(text)) or shutil.disk_usage(log.parent).free < LEAST_FREE_BYTES
 
 
 def _row(line: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from estimator.reading import read_scene
 from metric_base.errors import InputError
 from metric_base.files import whole_file, whole_folder
 from metric_base.pictures import write_picture
+from metric_cli.estimate_scale.estimate import main
 from tests.synthetic.small_scene import write_small_scene
 
 
@@ -59,3 +60,14 @@ def test_a_file_that_was_there_stays(small_disk: Path) -> None:
     with pytest.raises(InputError, match="No space left"), whole_file(file, "--output") as work:
         work.write_bytes(b"x" * 100_000)
     assert [(path.name, path.read_text()) for path in small_disk.iterdir()] == [("result.json", before)]
+
+
+def test_a_stage_of_a_video(small_disk: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Features need more than this disk has: one line names the folder, and half a stage is removed."""
+    video = Path(__file__).resolve().parents[3] / "data" / "scenes" / "demo_video" / "video.mp4"
+    subprocess.run(["mount", "-o", "remount,size=1m", str(small_disk)], check=True)
+    assert main([str(video), "--work", str(small_disk / "work"), "--frames", "4", "--gps", "auto"]) == 2
+    lines = capfd.readouterr().err.strip().split("\n")
+    assert len(lines) == 1
+    assert "--work: expected a folder that can be written, found No space left" in lines[0]
+    assert not list(small_disk.rglob("*.part*"))

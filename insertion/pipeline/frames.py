@@ -234,9 +234,8 @@ def _layers_in_frame(stage: Stage, item: _Running, seen: _Seen, whole: bool) -> 
     body, surface = item.renderer.body, item.placed.surface
     sigma = 0.0 if surface is None else surface.plane.sigma
     support = on_support(body, stage.cloud, front, sigma)
-    ground = stage.supports.surfaces[0].plane if stage.supports.surfaces else None
-    ground = surface.plane if ground is None and surface is not None else ground
-    people = uprights(seen.moving, view, ground) if seen.moving and ground is not None else []
+    ground = stage.ground() if seen.moving else None
+    people = [] if ground is None else uprights(seen.moving, view, ground)
     part = seen.picture[layers.box.slices]
     hidden = hidden_share(layers.image, layers.box, view, seen.masks, front, support, part, people)
     receivers = receivers_of(layers, body, view, front, [*seen.masks, *seen.moving], surface, hidden.front)

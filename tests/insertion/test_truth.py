@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from estimator.reconstructions.cameras import pixels_in_view
+from estimator.records.scene import Instance
 from insertion.pipeline.frames import insert_objects, single_pictures
 from insertion.pipeline.objects import Placed, place_objects, space_for
 from insertion.pipeline.request import ObjectRequest
@@ -148,3 +149,19 @@ def test_sizes_are_metres_over_scale(inserted: Inserted, tmp_path: Path) -> None
     for name, metres in zip(("length", "width", "height"), (0.42, 0.38, 0.75), strict=True):
         assert record["size_m"][name] == pytest.approx(metres, rel=1e-5)
         assert record["size_units"][name] == pytest.approx(metres * inserted.room.to_scene.scale, rel=1e-4)
+
+
+def test_who_walks_before_an_object_hides_it(room: RecordedRoom) -> None:
+    """A mask all over the picture whose feet are below it: somebody right before the camera."""
+    stage = stage_of(room)
+    model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
+    placed = place_objects(stage, [ObjectRequest(model)])
+    assert stage.ground() is not None
+    some = stage.with_frames((2, 2))
+    (shot,) = some.footage.shots
+    assert shot.view is not None
+    camera = shot.view.camera
+    near = Instance("walker", 0, "person", np.ones((camera.height, camera.width), bool), (0, 0))
+    for moving, visible in (((), True), ((near,), False)):
+        (result,) = insert_objects(replace(some, moving={2: moving}), placed, lambda *_: None)
+        assert (result.frames[0].visible > 0.2) == visible

@@ -24,7 +24,7 @@ from insertion.exports.glb import Glb
 from insertion.exports.metric_frame import MetricFrame, metric_frame, object_matrix
 from insertion.footage.footage import PictureFootage, Stills
 from insertion.models.gltf import read_model
-from insertion.models.size import ModelSize
+from insertion.models.size import SizeUsed
 from insertion.pipeline.frames import insert_objects
 from insertion.pipeline.objects import Placed, place_objects, space_for
 from insertion.pipeline.request import ObjectRequest
@@ -287,7 +287,7 @@ def _stage(made: SyntheticScene, to_scene: Similarity, out: Path) -> Stage:
 
 def _placed(stage: Stage, model: Path) -> Placed:
     """The object at the best free place of the floor."""
-    space = space_for(stage, read_model(model), ModelSize(1.0, "file"))
+    space = space_for(stage, read_model(model), SizeUsed(1.0, "file"))
     place = next(one for one in candidates(space) if one.plane == 0)
     x, y = plane_coordinates(space, place) * stage.scale.metres_per_unit
     return place_objects(stage, [ObjectRequest(model, plane=0, xy_m=(float(x), float(y)), facing=30.0)])[0]

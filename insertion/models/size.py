@@ -12,7 +12,7 @@ from metric_base.errors import InputError
 if TYPE_CHECKING:
     from metric_tree.tree import Tree
 
-__all__ = ["ModelSize", "model_size"]
+__all__ = ["SizeUsed", "model_size"]
 
 _STATED = re.compile(r"(length|width|height)=([0-9.eE+-]+)\Z")
 #: A model's file is in metres by glTF's rule; one larger or smaller than this was made in another unit.
@@ -20,7 +20,7 @@ PLAUSIBLE_M = (0.002, 100.0)
 
 
 @dataclass(frozen=True, slots=True)
-class ModelSize:
+class SizeUsed:
     """The factor on the file's metres, where it comes from, and what is odd about it."""
 
     factor: float
@@ -32,14 +32,14 @@ class ModelSize:
 LARGEST_M = 10_000.0
 
 
-def model_size(model: Model, request: str, tree: Tree | None = None, category: str | None = None) -> ModelSize:
+def model_size(model: Model, request: str, tree: Tree | None = None, category: str | None = None) -> SizeUsed:
     """The size that `--size` asks for.
 
     request : `file` (the file's own metres), `height=0.9` (also `length=`, `width=`, metres), or `prior` (the median
     height of the category in the tree). Raises InputError for anything else.
     """
     if request == "file":
-        return ModelSize(1.0, "file", _plausible(model))
+        return SizeUsed(1.0, "file", _plausible(model))
     if request == "prior":
         return _prior_size(model, tree, category)
     stated = _STATED.match(request)
@@ -53,7 +53,7 @@ def model_size(model: Model, request: str, tree: Tree | None = None, category: s
         metres = float("nan")
     if not 0 < metres <= LARGEST_M:
         raise InputError(f"--size {stated[1]}: expected metres above 0, {LARGEST_M:g} at most; found {stated[2]!r}")
-    return ModelSize(metres / _extent(model, stated[1]), request)
+    return SizeUsed(metres / _extent(model, stated[1]), request)
 
 
 def _extent(model: Model, name: str) -> float:
@@ -72,7 +72,7 @@ def _plausible(model: Model) -> tuple[str, ...]:
     )
 
 
-def _prior_size(model: Model, tree: Tree | None, category: str | None) -> ModelSize:
+def _prior_size(model: Model, tree: Tree | None, category: str | None) -> SizeUsed:
     if tree is None or category is None:
         raise InputError("--size prior: expected --category NAME, a category of the tree; found none")
     from metric_tree.tree import DETECTORS
@@ -85,6 +85,6 @@ def _prior_size(model: Model, tree: Tree | None, category: str | None) -> ModelS
             f"--size prior: expected a category with a known height, length or width; found {node.node_id}"
         )
     median_mm = float(node.prior((name,)).quantile(0.5)[0])
-    return ModelSize(
+    return SizeUsed(
         median_mm / 1000.0 / _extent(model, name), f"prior of {node.node_id}: {name} {median_mm / 1000:.3g} m"
     )

@@ -12,7 +12,7 @@ from estimator.records.scene import View
 from insertion.models.acting import Acting, acting
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
-from insertion.models.size import ModelSize, model_size
+from insertion.models.size import SizeUsed, model_size
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.stage import Stage
 from insertion.placement.free_space import Space, candidates
@@ -45,7 +45,7 @@ class Placed:
 
     request: ObjectRequest
     model: Model
-    size: ModelSize
+    size: SizeUsed
     place: Place
     front: FloatArray
     heading_deg: float
@@ -107,7 +107,7 @@ def resize(placed: Placed, times: float) -> Placed:
     return replace(placed, size=size, body=replace(placed.body, unit=placed.body.unit * times))
 
 
-def space_for(stage: Stage, model: Model, size: ModelSize, extents: FloatArray | None = None) -> Space:
+def space_for(stage: Stage, model: Model, size: SizeUsed, extents: FloatArray | None = None) -> Space:
     """The scene as places for this model are sought in it; extents : (3,) of its reach, its own without."""
     units = size.factor / stage.scale.metres_per_unit
     x, y, z = model.extents if extents is None else extents
@@ -128,7 +128,7 @@ def _place_object(stage: Stage, request: ObjectRequest, tree: Tree | None, earli
     return replace(chosen, warnings=tuple(f"{model.name}: goes through {name}" for name in through))
 
 
-def _standing(stage: Stage, request: ObjectRequest, act: Acting, size: ModelSize, place: Place) -> Placed:
+def _standing(stage: Stage, request: ObjectRequest, act: Acting, size: SizeUsed, place: Place) -> Placed:
     surface = place.surface if place.plane is None else stage.supports.surfaces[place.plane]
     walk = _walk(stage, request, place) if request.path else None
     if walk is None:

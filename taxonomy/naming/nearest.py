@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from metric_base.spelling import near_spellings
-from taxonomy.naming.nodes import PERSON, Names, NodeAnswer
+from taxonomy.naming.nodes import PERSON, NameAnswer, Names
 from taxonomy.words.senses import senses
 from taxonomy.words.spelling import plain_fold, singular_phrases
 
@@ -26,7 +26,7 @@ class Nearest:
     names : the nodes by their names; answer : what a text means.
     """
 
-    def __init__(self, names: Names, answer: Callable[[str], NodeAnswer | None]) -> None:
+    def __init__(self, names: Names, answer: Callable[[str], NameAnswer | None]) -> None:
         self._names = names
         self._answer = answer
 

@@ -11,7 +11,7 @@ from functools import cached_property
 from taxonomy.words.senses import Sense, label_votes, reviewed_meanings, senses
 from taxonomy.words.spelling import by_letters, fold_text, plain_fold
 
-__all__ = ["NEAR_RATIO", "PERSON", "Candidate", "Names", "NodeAnswer", "folded_forms", "own_names"]
+__all__ = ["NEAR_RATIO", "PERSON", "Candidate", "NameAnswer", "Names", "folded_forms", "own_names"]
 
 #: A juicer is an appliance before it is somebody.
 PERSON = "person.n.01"
@@ -49,7 +49,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True)
-class NodeAnswer:
+class NameAnswer:
     """What a text means: the likeliest candidate first; `how` it was reached; `margin` to the next that is not kin.
 
     `form` is the name that answered; `note` says what of the text it leaves out, if anything.

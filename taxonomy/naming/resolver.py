@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from taxonomy.naming.nearest import Nearest
-from taxonomy.naming.nodes import NEAR_RATIO, PERSON, Candidate, Names, NodeAnswer, folded_forms
+from taxonomy.naming.nodes import NEAR_RATIO, PERSON, Candidate, NameAnswer, Names, folded_forms
 from taxonomy.words.phrases import (
     after_counts,
     container_and_content,
@@ -28,7 +28,7 @@ from taxonomy.words.phrases import (
 from taxonomy.words.senses import coded_node, head_trust, is_english, other_names, senses
 from taxonomy.words.spelling import fold_text, one_edit, plain_fold, singular_phrases, singulars, written_forms
 
-__all__ = ["NEAR_RATIO", "NodeAnswer", "Resolver"]
+__all__ = ["NEAR_RATIO", "NameAnswer", "Resolver"]
 
 #: What words in brackets add to a candidate that they name: more than anything else does.
 HINT_RATIO = 10.0
@@ -81,14 +81,14 @@ class Resolver:
         self._names = names
         self._nearest = Nearest(names, self.answer)
 
-    def answer(self, text: str) -> NodeAnswer | None:
+    def answer(self, text: str) -> NameAnswer | None:
         """What a text means, with a note of what is left out of it; None if nothing of the tree is meant."""
         answer = self._answer(text) or self._misspelt(text)
         if answer is None or answer.note or answer.how in {"id", "code"}:
             return answer
         return replace(answer, note=self._note(text, answer))
 
-    def _note(self, text: str, answer: NodeAnswer) -> str | None:
+    def _note(self, text: str, answer: NameAnswer) -> str | None:
         """What an answer leaves out of a text, or that it stands for a kind that the tree lacks."""
         name = self._names.shown(answer.node_id)
         if not answer.form:
@@ -103,7 +103,7 @@ class Resolver:
         verb = "is" if len(left) == 1 else "are"
         return f"taken as {name}: {', '.join(map(repr, left))} {verb} not in the tree" if left else None
 
-    def _answer(self, text: str) -> NodeAnswer | None:
+    def _answer(self, text: str) -> NameAnswer | None:
         if text in self._names:
             return _certain(text, "id")
         if _CODE.match(text):
@@ -134,7 +134,7 @@ class Resolver:
         """Known names that may help with an unknown text: of near spelling, a broader kind, the head noun; or none."""
         return self._nearest.names(text, count)
 
-    def _written(self, text: str) -> NodeAnswer | None:
+    def _written(self, text: str) -> NameAnswer | None:
         """The answer for a text that is a name as it is, in brackets, counted, plural, or without its spaces."""
         hint = _BRACKETS.search(text)
         bare = _BRACKETS.sub("", text) if hint else text
@@ -147,7 +147,7 @@ class Resolver:
                     return answer
         return None
 
-    def _other_name(self, text: str) -> NodeAnswer | None:
+    def _other_name(self, text: str) -> NameAnswer | None:
         """The answer for the name of a norm, or for a name in another language that English does not have."""
         form = plain_fold(text)
         named = next(filter(None, map(other_names, (form, *singular_phrases(form)))), {})
@@ -159,9 +159,9 @@ class Resolver:
         language = _LANGUAGES.get(known[most[0]])
         note = f"taken as {self._names.shown(most[0])}: {language} {text.strip()!r}" if language else None
         candidates = tuple(Candidate(node, 0.0, "other name") for node in most)
-        return NodeAnswer(candidates, "other name", 0.0 if rival else math.inf, form, note)
+        return NameAnswer(candidates, "other name", 0.0 if rival else math.inf, form, note)
 
-    def _misspelt(self, text: str) -> NodeAnswer | None:
+    def _misspelt(self, text: str) -> NameAnswer | None:
         """The answer for a text whose one word is a letter off that of a name, if all such names mean one node."""
         form = plain_fold(text)
         if not form.replace(" ", "").isalpha() or senses(form):
@@ -184,7 +184,7 @@ class Resolver:
             unlike[0][0] in self._names.words or is_english(unlike[0][0])
         )
 
-    def _of_form(self, form: str, hint: str | None = None) -> NodeAnswer | None:
+    def _of_form(self, form: str, hint: str | None = None) -> NameAnswer | None:
         """The answer for a folded form: as it is, singular, without its spaces."""
         for written in written_forms(form, lambda: self._names.letters) if form else ():
             if candidates := self._names.candidates(written):
@@ -192,7 +192,7 @@ class Resolver:
                 return answer and replace(answer, form=written if " " in form or written != form else form)
         return None
 
-    def _best(self, candidates: Sequence[Candidate], how: str | None, hint: str | None = None) -> NodeAnswer | None:
+    def _best(self, candidates: Sequence[Candidate], how: str | None, hint: str | None = None) -> NameAnswer | None:
         """The likeliest of several candidates, as an answer; None of none."""
         if not candidates:
             return None
@@ -201,7 +201,7 @@ class Resolver:
         best = candidates[0]
         rival = next((one for one in candidates[1:] if not self._same(best.node_id, one.node_id)), None)
         margin = best.score - rival.score if rival else math.inf
-        return NodeAnswer(tuple(candidates), how or best.how, margin)
+        return NameAnswer(tuple(candidates), how or best.how, margin)
 
     def _order_by_hint(self, candidates: Sequence[Candidate], hint: str) -> list[Candidate]:
         """Candidates whose kinds the words in brackets name come first (`bow (weapon)`)."""
@@ -218,7 +218,7 @@ class Resolver:
     def _same(self, one: str, other: str) -> bool:
         return one == other or self._names.kin(one, other)
 
-    def _compound_answer(self, text: str) -> NodeAnswer | None:
+    def _compound_answer(self, text: str) -> NameAnswer | None:
         """The answer for dotted paths and inverted names (`table, dining`)."""
         if "." in text.strip(".") and " " not in text.strip():
             *_, before, last = ["", *filter(None, text.split("."))]
@@ -230,14 +230,14 @@ class Resolver:
             return next((answer for answer in tried if answer is not None), None)
         return None
 
-    def _common_answer(self, parts: Sequence[str]) -> NodeAnswer | None:
+    def _common_answer(self, parts: Sequence[str]) -> NameAnswer | None:
         """The one answer of several alternatives, or None where they disagree."""
         answers = [answer for part in parts if (answer := self.answer(part)) is not None]
         first = answers[0] if len(answers) == len(parts) else None
         same = first is not None and all(self._same(first.node_id, one.node_id) for one in answers)
         return first if same else None
 
-    def _phrase(self, text: str) -> NodeAnswer | None:
+    def _phrase(self, text: str) -> NameAnswer | None:
         """The answer for a phrase: what it counts, what comes before `with`, its kind in WordNet, its bare name."""
         plain = text.replace("_", " ").replace("-", " ") if " " not in text.strip() else text
         if holding := container_and_content(plain):
@@ -259,7 +259,7 @@ class Resolver:
             return answer
         return self._bare(words) if not led else None
 
-    def _bare(self, words: Sequence[str]) -> NodeAnswer | None:
+    def _bare(self, words: Sequence[str]) -> NameAnswer | None:
         """The answer for a name after its modifiers are taken away, one by one from the left."""
         living, copy = False, _COPIES & set(words[:-1])
         while len(words) > 1 and (leading := modifiers(words)):
@@ -277,7 +277,7 @@ class Resolver:
                 return None
         return None if copy else self._head(words)
 
-    def _head(self, words: Sequence[str]) -> NodeAnswer | None:
+    def _head(self, words: Sequence[str]) -> NameAnswer | None:
         """The answer for the head noun, if the compounds that end in it are such items."""
         if not 1 < len(words) <= LONGEST_COMPOUND or word_list("alienating") & set(words[:-1]):
             return None
@@ -291,7 +291,7 @@ class Resolver:
         trusted = compounds >= HEAD_COMPOUNDS and kinds / compounds >= HEAD_TRUST
         return replace(answer, form=head) if trusted or head in word_list("containers") else None
 
-    def _of_wordnet(self, form: str) -> NodeAnswer | None:
+    def _of_wordnet(self, form: str) -> NameAnswer | None:
         """The nearest kind in the tree of a word that the tree lacks."""
         forms = (form, *singular_phrases(form), form.replace(" ", ""))
         known = next(filter(None, map(senses, forms)), ())
@@ -312,7 +312,7 @@ class Resolver:
         broad = depth < LEAST_NAMED or (depth < LEAST_DEPTH and not named)
         return broad and node != PERSON and self._names.has_kinds(node)
 
-    def _misleads(self, form: str, answer: NodeAnswer) -> bool:
+    def _misleads(self, form: str, answer: NameAnswer) -> bool:
         """Whether WordNet knows a whole name as something that lives, and what is left of it does not, or the reverse.
 
         A blue tit is a bird and not a blue tit.
@@ -353,6 +353,6 @@ def _left_out(text: str, form: str) -> list[str]:
     return left
 
 
-def _certain(node: str, how: str) -> NodeAnswer:
+def _certain(node: str, how: str) -> NameAnswer:
     """The answer that is one node."""
-    return NodeAnswer((Candidate(node, math.inf if how == "id" else 0.0, how),), how, math.inf)
+    return NameAnswer((Candidate(node, math.inf if how == "id" else 0.0, how),), how, math.inf)

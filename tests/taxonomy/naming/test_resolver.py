@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taxonomy.naming.nodes import Names
-from taxonomy.naming.resolver import NodeAnswer, Resolver
+from taxonomy.naming.resolver import NameAnswer, Resolver
 from taxonomy.words import senses as tables
 from taxonomy.words.phrases import after_counts, container_and_content, leading_phrase, without_numbers
 from taxonomy.words.spelling import fold_text, plain_fold, singular_phrases
@@ -51,7 +51,7 @@ def resolver() -> Resolver:
 RESOLVER = resolver()
 
 
-def answer(text: str) -> NodeAnswer:
+def answer(text: str) -> NameAnswer:
     found = RESOLVER.answer(text)
     assert found is not None, text
     return found

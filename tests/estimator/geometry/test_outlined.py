@@ -13,6 +13,8 @@ from estimator.outlines.sight_errors import point_covariances
 from tests.synthetic.rooms.few_points import FewPointsWorld, few_points_world
 from tests.synthetic.shapes import orbit
 
+UP = np.array([0.0, 0.0, 1.0])
+
 
 @pytest.fixture(scope="module")
 def world() -> FewPointsWorld:
@@ -61,8 +63,8 @@ def test_an_edge_behind_a_nearer_mask_is_not_free(world: FewPointsWorld) -> None
         first, id="cover", mask=np.ones((height, 20), dtype=bool), origin=(first.origin[0] + width, first.origin[1])
     )
     solid = replace(first, mask=np.ones_like(first.mask))
-    alone = mask_reaches(world.scene, [solid], np.array([5.0]))
+    alone = mask_reaches(world.scene, [solid], np.array([5.0]), UP)
     for depth, free in ((4.0, False), (6.0, True)):
-        covered = mask_reaches(world.scene, [solid, beside], np.array([5.0, depth]))
+        covered = mask_reaches(world.scene, [solid, beside], np.array([5.0, depth]), UP)
         assert covered.free[0, 2] == (free and alone.free[0, 2])
         assert covered.free[0, 0] == alone.free[0, 0]

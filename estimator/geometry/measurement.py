@@ -41,6 +41,9 @@ __all__ = ["PAPER", "MeasurementOptions", "Measurements", "measure_objects"]
 MIN_OBJECT_POINTS = 16
 # Points this many height bins below the floor are not on a thing: twice the half thickness of a level surface.
 BELOW_FLOOR_BINS = 5.0
+# Beside the outlines an edge of n points is less sure by this over n, as a share of the extent: masks take in points of
+# neighbours and of what is behind, and of few points one is an edge.
+EDGE_STRAYS = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -354,7 +357,8 @@ def _point_edges(item: MeasuredObject, shape: _Shape, sides: Sides | None, basis
         return None
     axes = box.axes @ basis.T
     open_ends = sides.truncated
-    sigma = box.edge_sigma.T * box.extents[:, None]  # (3, 2)
+    strays = EDGE_STRAYS / max(len(box.rows), 1)
+    sigma = np.hypot(box.edge_sigma.T, strays) * box.extents[:, None]  # (3, 2)
     # a side that the points do not show to its end may go on by the size of the whole
     beyond = np.where(open_ends, np.sqrt(box.extents[0] * box.extents[2]), sigma)
     kept = np.array([0, 1, 2, 3, 5] if item.unsupported_height is not None else range(6))

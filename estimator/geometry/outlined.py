@@ -25,7 +25,8 @@ __all__ = ["OutlineData", "outline_data", "outlined_object"]
 
 # The dense cloud is taken for an object from here on; below, whichever cloud holds more.
 MIN_DENSE_POINTS = 100
-# Below this many points the result says that the outlines measured the object.
+# Below this many points the result says that the outlines measured the object; from here on its points enter the fit
+# by the edges of their box alone, and not each by its line of sight as well.
 MANY_POINTS = 150
 # Boxes bound an object only where several of them cross: two leave a wedge that is open behind it.
 MIN_BOX_VIEWS = 3
@@ -37,7 +38,7 @@ SIGMA_TIMES, OWN_SIGMA = 2.2, (0.09, 0.13, 0.06)
 BOX_CENTRE_SD = 0.5
 # Errors of the log extents are so many times what the fit states, beside a part of their own: objects are no solids,
 # and edges err alike in neighbouring views. Chosen for a coverage of .85 to .9 in hard synthetic rooms, seeds 1000 and
-# 1001 (`benchmarks.estimator.few_points --rooms`).
+# 1001, masks with dense points and with sparse points alone.
 FIT_TIMES, SHAPE_SIGMA = 1.25, (0.03, 0.04, 0.02)
 # The height of a support plane under an object is good to this share of the object's height, and to this share of the
 # plane's own thickness.
@@ -108,6 +109,8 @@ def outlined_object(item: MeasuredObject, edges: PointEdges | None, data: Outlin
     middle = _middle(points, outlines, foot)
     if middle is None:
         return replace(item, skipped="no points, and no floor under it, say how far away it is")
+    if edges is not None and item.points >= MANY_POINTS:
+        points = None  # the edges of their box say what they say
     cuboid = fit_cuboid(outlines, middle, _yaw(item, data.basis), foot, points, edges=edges)
     if item.unsupported_height is None and data.standing(item.category) is not False:
         plane = _contact_plane(cuboid, data)

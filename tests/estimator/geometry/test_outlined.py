@@ -28,7 +28,7 @@ def test_heights_of_small_far_and_half_hidden_objects(world: FewPointsWorld) -> 
     assert min(item.points for item in objects) < 5
     sizes = np.array([world.sizes[int(world.instances[item.members[0]].track or 0)] for item in objects])
     error = np.log(np.array([item.extents for item in objects]) / sizes)
-    assert np.median(np.abs(error), axis=0) == pytest.approx([0, 0, 0], abs=0.2)
+    assert np.median(np.abs(error), axis=0) == pytest.approx([0, 0, 0], abs=0.22)
     assert abs(np.median(error[:, 2])) < 0.05
     assert (np.abs(error) < 2 * np.array([item.sigma for item in objects])).mean() > 0.8
     for item in objects:

@@ -42,7 +42,7 @@ HALF_EDGE, HALF_FOOT = 2.5, 10.0
 # by `CENTRE_SD` distances, which only says that it is somewhere ahead. Of a round object length and width are alike.
 SIDE_SD, CENTRE_SD, YAW_SD, ROUND_SD = (0.6, 0.6, 0.5), 0.7, 2.0, 0.15
 # Steps of the fit, the change at which it ends, and its damping at the start and at most.
-STEPS, ENOUGH, DAMPING, MOST_DAMPING = 40, 1e-4, 1e-2, 1e3
+STEPS, ENOUGH, DAMPING, MOST_DAMPING = 40, 1e-7, 1e-2, 1e3
 # Furthest that one step goes, in sizes, natural logs and radians.
 MOST_STEP = 0.4
 # No start is worse than the best by more than this: it has no weight then.

@@ -65,7 +65,8 @@ def entry_depths(
 
     start = local(eyes - parameters[:, None, :3])
     ray = local(np.broadcast_to(rays, start.shape))
-    ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
+    least = 1e-9 * np.abs(ray).max(axis=2, keepdims=True)
+    ray = np.where(np.abs(ray) < least, least, ray)
     one, two = (-1 - start) / ray, (1 - start) / ray
     first, last = np.minimum(one, two), np.maximum(one, two)
     if shape != "round":

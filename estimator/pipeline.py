@@ -43,7 +43,7 @@ def estimate_scale(
     up: Sequence[float] | None = None,
     where: Where | Mapping[str, Any] | str | None = None,
 ) -> ScaleResult:
-    """The scale of a scene, in metres per scene unit, from the sizes of the things that its instances show.
+    """The scale of a scene, in metres per scene unit, from the sizes of the objects that its instances show.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def estimate_scale(
     method : `default`, or a baseline: `height`, `paper`, `sucar`
     up : the vertical of the scene's axes where it is known from outside (an inertial unit), of any length; it replaces
         what the cameras and level surfaces show, and a warning says if they contradict it
-    where : region and year of the things, `{"region": "europe", "year": 2011}`, either or both, for `default` and
+    where : region and year of the objects, `{"region": "europe", "year": 2011}`, either or both, for `default` and
         `height`
 
     Returns

@@ -27,7 +27,7 @@ _HORIZONTAL = ("length", "width", "depth")
 #: Relative difference below which two stated horizontal sizes are one size said twice.
 SAME_SIZE_SHARE = 0.005
 
-#: A height over so many of the shorter side is that of a thing which lies flat by nature and stood on its edge: a
+#: A height over so many of the shorter side is that of an object which lies flat by nature and stood on its edge: a
 #: record in a rack, a magazine in its holder.
 MIN_STANDING_RATIO = 1.5
 
@@ -43,7 +43,7 @@ class Sizes:
 
 
 def sizes_from_words(words: Mapping[str, float | None], extents: Sequence[float] | None, pose: str) -> Sizes | None:
-    """The sizes of one thing from its source's axis words, or None where nothing is stated or four numbers are.
+    """The sizes of one object from its source's axis words, or None where nothing is stated or four numbers are.
 
     Parameters
     ----------

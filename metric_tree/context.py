@@ -1,4 +1,4 @@
-"""Where and when: how far things of a region and a year lie from their class, and how well that is known.
+"""Where and when: how far objects of a region and a year lie from their class, and how well that is known.
 
 The mean ln size m_j of the rows of one source, region and span of years lies off the class's centre by
 

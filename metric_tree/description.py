@@ -1,4 +1,4 @@
-"""A category in words: how large such things are, and what is known of it by kind of evidence and licence."""
+"""A category in words: how large such objects are, and what is known of it by kind of evidence and licence."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_CHILDREN = 8
 
 _AXES = {"height": "high", "length": "long", "width": "wide"}
 
-#: Last words of names that have no singular: a pair of scissors is one thing.
+#: Last words of names that have no singular: a pair of scissors is one object.
 _PLURALS = (
     "binoculars bellows earbuds earphones glasses goggles handcuffs headphones jeans leggings loppers pajamas pants "
     "pliers scales scissors shears shorts skis spectacles stairs sunglasses suspenders tights tongs trousers tweezers"
@@ -43,7 +43,7 @@ def everyday_sentence(name: str, prior: Prior) -> str:
 
     Parameters
     ----------
-    name : what the thing is called.
+    name : what the object is called.
     prior : its sizes in mm.
     """
     axis = "height" if "height" in prior.dims else prior.dims[0]

@@ -159,7 +159,7 @@ class Node:
         """The size prior over `dims` (`node.dims` by default), in that order.
 
         It is the exact row, else the marginal of the smallest row that contains them. One name may stand alone.
-        With `where` (`{"region": "europe", "year": 2011}`, either or both) it is that of things there and then, as far
+        With `where` (`{"region": "europe", "year": 2011}`, either or both) it is that of objects there and then, as far
         as the release knows; its `note` says what that changed.
 
         Raises

@@ -70,8 +70,8 @@ class Prior:
 
     dims : names of the d axes; weights : (k,); means : (k, d); covariances : (k, d, d) within a source;
     shared_covariance : (d, d) between sources. The density of a new object of unknown source is the mixture
-    with covariances + shared_covariance. sameness : share of the variance within a source that the things of one room
-    have in common, 0 to 1, with its standard deviation; None in a release that does not say. contexts : how things of
+    with covariances + shared_covariance. sameness : share of the variance within a source that the objects of one room
+    have in common, 0 to 1, with its standard deviation; None in a release that does not say. contexts : how objects of
     some regions and years differ, for `in_context`; note : what that did. tier : what the size rests on, one of
     `metric_tree.tiers.TIERS`, by the row's shares where a release is too old to say; evidence : the counts behind it;
     norm : the document and clause that fix the size.
@@ -147,7 +147,7 @@ class Prior:
         )
 
     def in_context(self, where: Where, model: ContextModel | None) -> Prior:
-        """The prior of things of a region and a year: moved by what is known of these, B left with what is not.
+        """The prior of objects of a region and a year: moved by what is known of these, B left with what is not.
 
         Its interval is never narrower than B allows without the shares of region and year; without data near the
         context it is this prior. `note` says which.

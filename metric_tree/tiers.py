@@ -26,7 +26,7 @@ BORROWED_SHARE = 0.5
 #: A judged range with more than this share of the fit is what the size rests on.
 JUDGED_SHARE = 0.5
 
-#: Kinds of rows that count as real things; those of models; those of a judged range, also as older releases call it.
+#: Kinds of rows that count as real objects; those of models; those of a judged range, also as older releases call it.
 _REAL = ("product", "measured", "standard", "statistic")
 _MODELS = ("asset", "museum", "default")
 _JUDGED = ("judged", "curated")

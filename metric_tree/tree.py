@@ -39,7 +39,7 @@ DETECTORS = "detectors"
 #: As many rivals as an ambiguous name's message lists.
 MAX_LISTED_NAMES = 4
 
-#: Characters of a name; a longer text is no name of a thing.
+#: Characters of a name; a longer text is no name of an object.
 LONGEST_NAME = 300
 
 

@@ -51,7 +51,7 @@ def streets_outcomes(tables: Path, tree: Tree, seed: int) -> Iterator[Outcome]:
 
 
 def _scenes(tables: Path, generator: np.random.Generator) -> Iterator[tuple[str, list[Thing]]]:
-    """A set's name and the things of a scene: those of a drive where the set says so, else drawn from one city."""
+    """A set's name and the objects of a scene: those of a drive where the set says so, else drawn from one city."""
     for name in ("waymo_motion_samples", "nuplan_samples"):
         drives: dict[str, list[Thing]] = defaultdict(list)
         for row, thing in _things(tables, name):

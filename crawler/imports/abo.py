@@ -27,7 +27,7 @@ _FILES = "listings_*.json*"
 _AXES = ("length", "width", "height")
 _BOUNDS_MM = (2.0, 6000.0)
 
-#: Codes of departments and of what is sold by volume: they name no kind of thing.
+#: Codes of departments and of what is sold by volume: they name no kind of object.
 _NO_THING = frozenset(
     {
         "ACCESSORY", "BABY_PRODUCT", "BEAUTY", "GROCERY", "HARDWARE", "HEALTH_PERSONAL_CARE", "HOME",

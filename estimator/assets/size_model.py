@@ -1,6 +1,6 @@
 """The density of the extents that a true-sized model of a category has: the size prior, widened by what artists do.
 
-A model is an artist's object: its size differs from that of the things it shows by an error common to its three sides
+A model is an artist's object: its size differs from that of the objects it shows by an error common to its three sides
 and by one of each side. A share of the models, larger where the prior rests on less, shows something unlike the prior.
 With x = ln of the extents in mm and a component k of the prior,
 

@@ -1,4 +1,4 @@
-"""Two masks on one thing in one picture: one of them stays, or none where nothing says which is right."""
+"""Two masks on one object in one picture: one of them stays, or none where nothing says which is right."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from metric_base.arrays import IntArray
 
 __all__ = ["distinct_rows", "overlap"]
 
-# Masks of one thing by one detector share nine tenths of their union; a thing and what stands before it under a half.
+# Masks of one object by one detector share nine tenths of their union; an object and one before it under a half.
 SAME_THING = 0.7
 
 
 def distinct_rows(instances: Sequence[Instance]) -> IntArray:
-    """Rows (k,) of the instances that are left when each thing of a picture has one mask at most.
+    """Rows (k,) of the instances that are left when each object of a picture has one mask at most.
 
     Of two masks whose intersection is 0.7 of their union or more, the one with the better score stays; of equal scores
     the first, but neither where they name different categories.
@@ -52,7 +52,7 @@ def overlap(one: Instance, two: Instance) -> float:
 
 
 def _worse(instances: Sequence[Instance], better: int, other: int) -> set[int]:
-    """Which of two masks of one thing go, `better` having the better score or an equal one."""
+    """Which of two masks of one object go, `better` having the better score or an equal one."""
     alike = instances[better].category == instances[other].category
     sure = instances[better].score > instances[other].score
     return {other} if alike or sure else {better, other}

@@ -18,7 +18,7 @@ from metric_base.arrays import FloatArray
 
 __all__ = ["MaskAgreement", "mask_agreement", "mask_contradictions", "track_agreement", "track_contradictions"]
 
-# Both measures are 1 for masks that fit and 0 for masks that agree by chance alone. A detector that misses most things
+# Both measures are 1 for masks that fit and 0 for masks that agree by chance alone. A detector that misses most objects
 # lowers the first and not the second, so both have to be low. Masks of the right pictures have 0.97 of both in made
 # rooms; turned over, mirrored, or of a video played backwards, at most 0.3 and 0.6.
 DOUBTFUL_COVER, DOUBTFUL_NAMES = 0.6, 0.8

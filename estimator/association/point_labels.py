@@ -22,10 +22,10 @@ from metric_base.arrays import BoolArray, FloatArray, IntArray
 __all__ = ["PointLabels", "dense_labels", "point_votes", "sparse_labels", "view_labels"]
 
 # What lies in a mask but this many diagonals of the mask before or behind the middle of what else does is a stray or
-# the wall seen through the thing: few things are three times as deep as they look wide, and those are seen from
+# the wall seen through the object: few objects are three times as deep as they look wide, and those are seen from
 # elsewhere too.
 DEPTH_DIAGONALS = 1.5
-# The part of a box's width and height where the thing is rather than what is behind it, and the reach in depth about
+# The part of a box's width and height where the object is rather than what is behind it, and the reach in depth about
 # its middle, in diagonals of the box.
 BOX_CENTRE = 0.5
 BOX_DIAGONALS = 1.0
@@ -170,10 +170,10 @@ def _matrices(
 
 
 def _at_depth(depth: FloatArray, pixels: FloatArray, instance: Instance, camera: Camera) -> BoolArray:
-    """(n,) whether points of a mask, at depths (n,) and pixels (n, 2), are near the middle of the thing.
+    """(n,) whether points of a mask, at depths (n,) and pixels (n, 2), are near the middle of the object.
 
     The middle of a mask is its median depth. Of a box half is background, so there it is the median of the inner half,
-    where the thing is.
+    where the object is.
     """
     if not depth.size:
         return np.ones(depth.shape, dtype=bool)

@@ -1,4 +1,4 @@
-"""Objects across frames: which masks of different frames show one thing (paper section 4.1, Algorithm 1).
+"""Objects across frames: which masks of different frames show one object (paper section 4.1, Algorithm 1).
 
 Two ways are kept. `shared_tracks`, the default, joins masks by the points they share among those both views see; it
 needs no length and never joins two masks of one frame. `incremental_tracks` is the paper's Algorithm 1 with its two
@@ -23,10 +23,10 @@ from metric_base.arrays import BoolArray, FloatArray, IntArray
 
 __all__ = ["Track", "incremental_tracks", "shared_tracks", "voted_category"]
 
-# Two masks of one thing share most of the points that both views see; masks of neighbours share those along a border
+# Two masks of one object share most of the points that both views see; masks of neighbours share those along a border
 # and some that shine through. Half way between none and all.
 JOIN_SHARE = 0.5
-# Two labels of one thing (bucket and cup) are joined only on stronger evidence: a poster lies within its cabinet's
+# Two labels of one object (bucket and cup) are joined only on stronger evidence: a poster lies within its cabinet's
 # mask, but its points are a small part of the cabinet's, and share is taken over the union.
 JOIN_SHARE_ACROSS_CATEGORIES = 0.7
 # Masks that share fewer points than this are told apart by chance.
@@ -45,7 +45,7 @@ MAX_MASK_POINTS = 1000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """One thing: rows of the instances that show it, at most one per view, and the category most of them name."""
+    """One object: rows of the instances that show it, at most one per view, and the category most of them name."""
 
     members: tuple[int, ...]
     category: str
@@ -58,7 +58,7 @@ def shared_tracks(
 
     The affinity of two groups is the points their masks share over the points that either holds among those the other's
     view sees, summed over all pairs of their masks and over the clouds in `labels`. For masks of one category "either"
-    is the smaller, since a mask cut by the image or by another thing holds a part of the whole; groups of different
+    is the smaller, since a mask cut by the image or by another object holds a part of the whole; groups of different
     categories are joined afterwards by the union of both, so that a poster does not join its cabinet.
 
     stated : groups that the file gives one track are joined too, unless the views contradict it.
@@ -234,7 +234,7 @@ def _merge_by_place(
 ) -> list[list[int]]:
     """Groups of one category after joining those in one place, nearest first, unless the views contradict it.
 
-    A thing whose views share no points (a mask cut to a corner, a camera that came back) falls apart by points alone.
+    An object whose views share no points (a mask cut to a corner, a camera that came back) falls apart by points alone.
     Boxes hold background and say nothing about place. clouds : points (k, 3) of each mask; shared, total : (m, m) what
     two masks share, and their total.
     """

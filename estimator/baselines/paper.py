@@ -102,7 +102,7 @@ def fit_mixture(dims: tuple[str, ...], sizes_mm: FloatArray) -> PaperMixture:
 def authors_lists(folder: Path, tree: Tree) -> dict[str, tuple[tuple[str, ...], FloatArray]]:
     """The authors' own lists by node id: dims and (n, d) sizes in mm.
 
-    One file per class, without header: three columns are two sides and the height, two columns a lying thing's
+    One file per class, without header: three columns are two sides and the height, two columns a lying object's
     sides, one column a height; dining chairs are in inches. Which category a file is, the declaration
     of the same source among our data says.
     """

@@ -101,7 +101,7 @@ def _of_the_focal_length(report: dict[str, Any], stated_by: str) -> list[str]:
 
 
 def _of_the_motion(report: dict[str, Any]) -> list[str]:
-    """What a smear, or things that move, leave in a model that can be used."""
+    """What a smear, or objects that move, leave in a model that can be used."""
     low, high = report["pairs"]["edges"]
     if low is not None and low < SMEARED[0] and high < SMEARED[1]:
         return ["the frames are smeared, and lengths may be wrong by some per cent; move more slowly, in more light"]

@@ -1,4 +1,4 @@
-"""A page on which a person draws round the things in a few frames and names them; offline, on loopback alone."""
+"""A page on which a person draws round the objects in a few frames and names them; offline, on loopback alone."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ __all__ = ["SCHEMA", "Drawing", "Estimator", "MaskPage", "frames_to_draw", "inst
 
 #: Of what was drawn so far.
 SCHEMA = "metric-tree/drawing/1"
-#: Frames to draw in: fewer leave things measured from one side, more tire.
+#: Frames to draw in: fewer leave objects measured from one side, more tire.
 FRAMES = 5
-#: Longest name of a thing, and what is said of a longer one.
+#: Longest name of an object, and what is said of a longer one.
 LONGEST_NAME = 200
 UNNAMED = {"known": False, "says": f"a name has 1 to {LONGEST_NAME} characters", "offers": []}
 
@@ -33,7 +33,7 @@ UNNAMED = {"known": False, "says": f"a name has 1 to {LONGEST_NAME} characters",
 Estimator = Callable[[dict[str, Any]], tuple[dict[str, Any], bytes]]
 #: Says of a name whether it is known, a sentence, and which others to offer.
 LookUp = Callable[[str], dict[str, Any]]
-#: Things by the file name of a frame, each `{"name", "kind", "points"}`; kind is `box` or `polygon`, points are pixels.
+#: Objects by the file name of a frame, each `{"name", "kind", "points"}`; kind is `box` or `polygon`, points pixels.
 Drawing = dict[str, list[dict[str, Any]]]
 
 

@@ -1,4 +1,4 @@
-"""What a person's name for a thing means in the tree, while it is typed."""
+"""What a person's name for an object means in the tree, while it is typed."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from metric_base.arrays import FloatArray, IntArray
 __all__ = ["CanonicalFrame", "SortedScene", "canonical_frame", "sorted_scene"]
 
 # Most pairs of a view and a dense point that are looked at. A cloud that has more is thinned evenly, so that memory and
-# time are bounded: 500 views look at 60,000 of two million points, and a thing of a thousandth of the cloud keeps 60.
+# time are bounded: 500 views look at 60,000 of two million points, and an object of a thousandth of the cloud keeps 60.
 MAX_PAIRS = 30_000_000
 
 # A mean gaze shorter than this, of unit gazes, has no direction worth the name: the cameras look all around.
@@ -72,7 +72,7 @@ class CanonicalFrame:
 class SortedScene:
     """A scene in its own frame, with everything in an order that follows from its content.
 
-    points, dense : (n,) rows of the given scene's clouds; instances : the masks, at most one on a thing in a view;
+    points, dense : (n,) rows of the given scene's clouds; instances : the masks, at most one on an object in a view;
     rows : (m,) which of the given ones they are.
     """
 

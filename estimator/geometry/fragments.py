@@ -1,4 +1,4 @@
-"""Fragments: a thing that another one of its category contains is a part of it, and not a second thing."""
+"""Fragments: an object that another one of its category contains is a part of it, and not a second object."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from estimator.records.measured_object import Box, MeasuredObject
 
 __all__ = ["without_fragments"]
 
-# A thing is a fragment when so much of its box is within the box of another of its category that more views show, which
-# is taken a little larger: boxes of neighbours touch, and nothing stands within another chair.
+# An object is a fragment when so much of its box is within the box of another of its category that more views show,
+# which is taken a little larger: boxes of neighbours touch, and nothing stands within another chair.
 CONTAINED_SHARE, LARGER = 0.6, 1.1
 # Points along each side of a box that say how much of it is within another.
 GRID = 5

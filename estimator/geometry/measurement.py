@@ -39,7 +39,7 @@ __all__ = ["PAPER", "MeasurementOptions", "Measurements", "measure_objects"]
 
 # An object with fewer points has no shape: eight corners and as many again for outliers.
 MIN_OBJECT_POINTS = 16
-# Points this many height bins below the floor are not on a thing: twice the half thickness of a level surface.
+# Points this many height bins below the floor are not on an object: twice the half thickness of a level surface.
 BELOW_FLOOR_BINS = 5.0
 # Beside the outlines an edge of n points is less sure by this over n, as a share of the extent: masks take in points of
 # neighbours and of what is behind, and of few points one is an edge.
@@ -110,7 +110,7 @@ def measure_objects(
     >>> from estimator import measure_objects, read_instances, read_scene
     >>> scene = read_scene("data/scenes/demo_room")
     >>> objects = measure_objects(scene, read_instances("data/scenes/demo_room/instances.json", scene)).objects
-    >>> next(thing.extents.shape for thing in objects if thing.category == "couch")  # length, width, height
+    >>> next(object.extents.shape for object in objects if object.category == "couch")  # length, width, height
     (3,)
     """
     options = options or MeasurementOptions()

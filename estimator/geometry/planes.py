@@ -1,4 +1,4 @@
-"""Support planes: the level surfaces that things stand on (floor, desk tops, road), found together with up.
+"""Support planes: the level surfaces that objects stand on (floor, desk tops, road), found together with up.
 
 Walls spread evenly over heights, level surfaces pile up at one: the right vertical is the one whose histogram of
 heights is most peaked, and its peaks are the planes. Points are first thinned to one per cell of space, so that a

@@ -2,7 +2,7 @@
 
 Legs are thin, castors dark and sills low, so clouds end above the foot and heights come out short. The surface is
 looked for in the cloud around the object's footprint; under it lies what the object hides. How far a gap is filled is
-decided by the masks where they show the foot, and by the category where it settles the matter: things that hang are
+decided by the masks where they show the foot, and by the category where it settles the matter: objects that hang are
 never dropped to the floor.
 """
 
@@ -33,21 +33,21 @@ WALL_TIMES = 2.0
 # the extent rule is not surer than that.
 CONTACT_SHARE = 0.06
 # A gap up to this share of the points' height is filled where neither the masks nor the category tell: legs of cabinets
-# and bags of shopping; things on a wall hang a whole height or more above what is below them.
+# and bags of shopping; objects on a wall hang a whole height or more above what is below them.
 GAP_SHARE = 0.35
-# A gap this small is filled in any case: what hides the foot of a thing hides it in the masks too.
+# A gap this small is filled in any case: what hides the foot of an object hides it in the masks too.
 SURE_GAP_SHARE = 0.12
 # A mask that goes more than half of the way down to the surface shows a foot there; one that does not is evidence
 # against.
 REACH_SHARE = 0.5
-# A desk of which only the top is seen is a tenth to a sixth of its height; a gap of more is another thing.
+# A desk of which only the top is seen is a tenth to a sixth of its height; a gap of more is another object.
 FLOOR_GAP_SHARE = 12.0
 # The height of a level is known to a part of its roughness.
 LEVEL_SIGMA_SHARE = 0.3
 # What filling a gap adds to the log height's standard deviation, per share of the height that was filled: feet end a
 # little above or below the surface, and sometimes it is the wrong one.
 FILLED_SIGMA = 0.05
-# A floor-standing thing flatter than this without a floor is a table top without legs.
+# A floor-standing object flatter than this without a floor is a table top without legs.
 SLAB_SHARE = 0.35
 # What carries a table top lies below it by at least this share of the slab's thickness; nearer levels are its own.
 SLAB_CLEARANCE = 0.5
@@ -125,7 +125,7 @@ def level_below(
     sectors = np.floor(np.arctan2(along[around, 1], along[around, 0]) / (np.pi / 4)).astype(np.int64) + 4
     level = _ring_level(heights, sectors, highest, ground.bin)
     touching = level is not None and bottom - level.height <= _contact(height, ground.bin)
-    # a thing that stands on floors has no business on whatever else lies below it
+    # an object that stands on floors has no business on whatever else lies below it
     if level is not None and (touching or stands is not True or ground.floor is None):
         return level
     if ground.floor is not None and ground.floor < highest:
@@ -167,7 +167,7 @@ def _contact(height: float, roughness: float) -> float:
 
 
 def _is_slab(low: FloatArray, high: FloatArray, stands: bool | None) -> bool:
-    """Whether a floor-standing thing, from `low` (3,) to `high` (3,), is so flat that its legs are missing."""
+    """Whether a floor-standing object, from `low` (3,) to `high` (3,), is so flat that its legs are missing."""
     return stands is True and float(high[2] - low[2]) < SLAB_SHARE * float((high - low)[:2].min())
 
 

@@ -37,7 +37,7 @@ SEEN_SINE = 0.3
 # How far a mask goes beyond the points is told apart from other axes only when it is seen nearly across.
 TOLD_SINE = 0.7
 # A side that faces away from the camera is still outlined by the top, if what lies next to it is the top: half of the
-# points in the outer eighth lie in the upper quarter. A round thing's wall is at all heights there.
+# points in the outer eighth lie in the upper quarter. A round object's wall is at all heights there.
 END_BAND, TOP_BAND, TOP_SHARE = 0.125, 0.25, 0.5
 # What hides an object lies nearer than it by at least this share of its diagonal, and above its foot: the table in
 # front is no cover.

@@ -24,9 +24,9 @@ ROLL_DEG = 2.0
 # Neighbouring frames of a video lean together: about four make one independent reading.
 FRAMES_PER_READING = 4.0
 # Beyond this the vertical from x axes is worse than the mean camera up with a level surface: a height of a metre-wide
-# thing is then off by a tenth.
+# object is then off by a tenth.
 OBSERVABLE_DEG = 6.0
-# Pitch of hand-held cameras: they look down on things by some 15 degrees, and the mean camera up leans by as much.
+# Pitch of hand-held cameras: they look down on objects by some 15 degrees, and the mean camera up leans by as much.
 PITCH_DEG = 15.0
 # However many points a level surface has, reconstructions bend by about a hundredth of their width, and floors slope a
 # little.

@@ -2,7 +2,7 @@
 
 The signature is that of torchvision's export: one picture (3, H, W), RGB from 0 to 1, in; boxes (n, 4) of x1, y1, x2,
 y2 pixels, labels (n,), scores (n,) and masks (n, 1, H, W) from 0 to 1 out. The graphs of the ONNX Model Zoo differ in
-two things and are read too: their input is BGR from 0 to 255 less Caffe's means (`input = "caffe"`), and their masks
+two objects and are read too: their input is BGR from 0 to 255 less Caffe's means (`input = "caffe"`), and their masks
 are small pictures of the boxes (n, 1, 28, 28). Other detectors hand over COCO results (docs/how-to/detectors.md).
 """
 

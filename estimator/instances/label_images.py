@@ -1,7 +1,7 @@
 """Instances as OpenSfM keeps them: `instances/<image>.png`, one value a pixel, named by `instances/categories.json`.
 
 `categories.json` maps values to names, `{"1": "chair", "2": "chair", "3": "table"}`; 0 is the background unless it
-is named, and values without a name are background. Which of two things a value means is read off that map:
+is named, and values without a name are background. Which of two objects a value means is read off that map:
 
 - a name that stands at several values means that **values are objects**: each value is one instance in a picture;
 - where every name stands once, **values are categories**: two chairs of one picture share the value, so each

@@ -84,7 +84,7 @@ class _Numbers:
         return part
 
     def whole(self, field: str) -> int:
-        """The next number, a count of things that the rest of the file has room for."""
+        """The next number, a count of objects that the rest of the file has room for."""
         value = float(self.take(1, field)[0])
         if not (value.is_integer() and 0 <= value <= len(self.values)):
             raise FieldError(field, "a count that the file has room for", value)

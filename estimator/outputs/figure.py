@@ -258,7 +258,7 @@ def _scale_ticks(axes: Axes, low: float, high: float) -> None:
 
 
 def _caption(result: ScaleResult, rows: Sequence[_Row]) -> str:
-    """What the rows are, and how many things spoke or did not."""
+    """What the rows are, and how many objects spoke or did not."""
     verdicts = [item.verdict for item in result.objects if item.dimensions]
     verdicts += [item.verdict for item in result.evidence]
     counts = {name: verdicts.count(name) for name in ("used", "outlier", "skipped")}

@@ -1,4 +1,4 @@
-"""Where to put labels so that each is near its thing, and none lies over another or over what it speaks of."""
+"""Where to put labels so that each is near its object, and none lies over another or over what it speaks of."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from metric_base.arrays import FloatArray
 
 __all__ = ["label_places"]
 
-#: Rings of places tried around the middle of a thing; further out a label no longer belongs to it.
+#: Rings of places tried around the middle of an object; further out a label no longer belongs to it.
 _RINGS, _PER_RING = 16, 24
 #: Distance between rings in pixels, and how much wider than high they are, as labels are.
 _STEP_PX, _FLATTENED = 24.0, 1.6
-#: What it costs beside a pixel of distance: a pixel of overlap with another label, and a thing that is wholly covered.
+#: What it costs beside a pixel of distance: a pixel of overlap with another label, and an object wholly covered.
 _OVERLAP_COST, _COVER_COST = 3.0, 110.0
 
 
@@ -28,9 +28,9 @@ def label_places(
 ) -> FloatArray:
     """(n, 2) upper left corners of labels on a canvas (width, height).
 
-    things : (n, 4) left, top, right, bottom of what each label speaks of; sizes : (n, 2) width and height of the
-    labels. Greedy, the largest label first: of the places on rings around the thing, `step` pixels
-    apart, the one that costs least; `cover_cost` is what it costs to cover a whole thing.
+    objects : (n, 4) left, top, right, bottom of what each label speaks of; sizes : (n, 2) width and height of the
+    labels. Greedy, the largest label first: of the places on rings around the object, `step` pixels
+    apart, the one that costs least; `cover_cost` is what it costs to cover a whole object.
     """
     corners = np.zeros((len(sizes), 2))
     taken: list[FloatArray] = []
@@ -49,7 +49,7 @@ def label_places(
 
 
 def _candidates(thing: FloatArray, size: FloatArray, canvas: tuple[float, float], step: float) -> FloatArray:
-    """(c, 2) corners that centre the label on rings around the thing, kept inside the canvas."""
+    """(c, 2) corners that centre the label on rings around the object, kept inside the canvas."""
     angles = np.linspace(-np.pi / 2, 1.5 * np.pi, _PER_RING, endpoint=False)
     around = np.column_stack([_FLATTENED * np.cos(angles), np.sin(angles)])
     radii = step * np.arange(_RINGS)

@@ -1,7 +1,7 @@
 """How the measured extents of one object may be its prior's axes, and what each way says about sides that are cut.
 
 Which axis is which: with the vertical known both horizontal sides are sorted and the order matters only
-where one is cut or noisy; with the vertical unknown, or for a thing that also stands or lies otherwise, the density
+where one is cut or noisy; with the vertical unknown, or for an object that also stands or lies otherwise, the density
 is the sum over the assignments that the pose allows. A cut side is more often short than long: its log extent is
 shifted by a mixture of amounts, of which one is wide.
 """
@@ -28,15 +28,15 @@ LOG_BOX = math.log(50.0)
 TRUNCATION_SHIFTS = ((0.6, 0.05, 0.15), (0.4, 0.3, 0.8))
 
 #: Of a dimension that is neither cut nor flagged: the probability that it is grossly wrong all the same (points of the
-#: thing behind, a part that was not reconstructed, a thing that leans), and its error then, one standard deviation of
-#: ln(true / measured): a third. At most one dimension of an object; two make it an outlier.
+#: object behind, a part that was not reconstructed, an object that leans), and its error then, one standard deviation
+#: of ln(true / measured): a third. At most one dimension of an object; two make it an outlier.
 #: In `benchmarks/estimator/simulation.py` with 20 % of dimensions off by up to a half it brings the 90th percentile
 #: of the error
 #: from 8.7 to 7.6 % and the coverage from 85 to 88 %, and costs nothing where none is.
 GROSS_ERROR_SHARE, GROSS_ERROR_SD_LOG = 0.1, 0.4
 
 #: Probability that each axis of the prior (length, width, height) is the vertical one, by the node's ordinary pose.
-#: `flat`: one such thing in five stands on an edge (a book in a row, a phone on its stand); `any`: no pose is usual.
+#: `flat`: one such object in five stands on an edge (a book in a row, a phone on its stand); `any`: no pose is usual.
 VERTICAL = {"upright": (0.0, 0.0, 1.0), "flat": (0.1, 0.1, 0.8), "any": (1 / 3, 1 / 3, 1 / 3)}
 
 #: Weight of each of the six orders of a free box by how many of its extents are missing. None missing: the density

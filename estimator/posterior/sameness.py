@@ -8,7 +8,7 @@ have in common, a scene's class is one of
     related    x_i ~ sum_k w_k N(m_k + e, (1 - rho) S_k),  e ~ N(0, B + rho sum_k w_k S_k),   rho = 0.5
     one kind   x_i ~ N(m_k + e, (1 - rho) S_k),            e ~ N(0, B + rho S_k),             rho = 0.9, k ~ w
     foreign    x_i ~ N(m + e, (1 - rho) S),                e ~ N(0, B + 0.7^2 I),  rho = 0 or 0.9, and m, S the
-               moments of the mixture: the label means another thing in this scene
+               moments of the mixture: the label means another object in this scene
     displaced  x_i ~ sum_k w_k N(m_k + e, (1 - rho) S_k),  e ~ N(0, 5 B + 0.1^2 h h' + rho sum_k w_k S_k),
                rho = 0.5, h one on length and width: sources disagree more than B says, above all in the footprint
 
@@ -41,7 +41,7 @@ KIND_WEIGHTS = (0.3, 0.4, 0.3)
 #: Shares of the spread within a source that a scene's objects have in common.
 RELATED_SHARE, ALIKE_SHARE = 0.5, 0.9
 
-#: Probability that a label with several objects means another thing in this scene, or that its prior is not of what
+#: Probability that a label with several objects means another object in this scene, or that its prior is not of what
 #: rooms hold, and by how far sizes are then off, one standard deviation of the natural log: a factor of two. Chosen on
 #: rooms of a source that the priors had not seen (docs/evidence/results.md). A class of one dimension has no
 #: proportions that could show it, and with as large a share a scene of persons alone would have no answer.
@@ -53,7 +53,7 @@ FOREIGN_SHARE, FOREIGN_SHARE_OF_HEIGHTS, FOREIGN_SD_LOG = 0.2, 0.03, 0.7
 #: (docs/evidence/results.md).
 DISPLACED_SHARE, DISPLACED_FACTOR, FOOTPRINT_SD_LOG = 0.3, 5.0, 0.1
 
-#: Kinds of rows that show things where they stand, and their sides there.
+#: Kinds of rows that show objects where they stand, and their sides there.
 IN_PLACE, FOOTPRINT = ("measured", "statistic"), ("length", "width")
 
 #: A scene's one kind is one of so many: components of a prior are merged to at most this number.
@@ -68,7 +68,7 @@ class Hypothesis:
     """One way in which a class's objects are alike.
 
     prior : what each object adds of its own; error : what all share; log_weight : of the hypothesis; reading : which of
-    the three sorted extents is vertical, -1 where each object decides; foreign : the label means another thing here;
+    the three sorted extents is vertical, -1 where each object decides; foreign : the label means another object here;
     displaced : B is too small here.
     """
 
@@ -136,7 +136,7 @@ def _assorted_hypotheses(prior: Prior) -> list[Hypothesis]:
 
 
 def _foreign(prior: Prior) -> list[Hypothesis]:
-    """The label means another thing in this scene: things as unlike as the class's, or all alike."""
+    """The label means another object in this scene: objects as unlike as the class's, or all alike."""
     whole = reduce_mixture(Mixture(prior.weights, prior.means, prior.covariances), 1)
     error = _error(prior, prior.disagreement() + FOREIGN_SD_LOG**2 * np.eye(len(prior.dims)))
     return [

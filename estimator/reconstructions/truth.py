@@ -52,7 +52,7 @@ def _number(stated: Any) -> float | None:
 def _dimensions(stated: Mapping[str, float | None]) -> dict[str, float]:
     """Length, width and height of what a person measured, whose words are edge, diameter, depth and thickness too.
 
-    The longer horizontal size is the length whatever it was called; a thing without a height lies flat, so that
+    The longer horizontal size is the length whatever it was called; an object without a height lies flat, so that
     its thickness is its height; a ball has its diameter in every direction.
     """
     known = {name: value for name, value in stated.items() if value is not None}

@@ -117,11 +117,6 @@ class ScaleResult:
     object_curves: Mapping[str, FloatArray] = field(default_factory=dict)
 
     @property
-    def exit_code(self) -> int:
-        """0 resolved or uncertain, 3 unresolved."""
-        return 3 if self.status == "unresolved" else 0
-
-    @property
     def best_scale(self) -> float | None:
         """The scale, or of an unresolved one the highest mode, for what is drawn of it; None where nothing spoke."""
         if self.scale is not None or not self.modes:

@@ -32,7 +32,7 @@ class Options:
     """What the caller asks of an estimate.
 
     evidence : beside the objects; trust_known_length : a known length that contradicts the objects is believed;
-    up : the vertical in the scene's axes where it is known from outside; where : region and year of the things, which
+    up : the vertical in the scene's axes where it is known from outside; where : region and year of the objects, which
     the baselines do not use.
     """
 

@@ -1,4 +1,4 @@
-"""The view as a picture, drawn without a display or a graphics card: from in front and above, far things first."""
+"""The view as a picture, drawn without a display or a graphics card: from in front and above, far objects first."""
 
 from __future__ import annotations
 

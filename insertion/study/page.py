@@ -21,7 +21,7 @@ JPEG_QUALITY = 92
 
 
 def study_page(pictures: Mapping[int, NDArray[np.uint8]], title: str, thing: str, repeats: int) -> str:
-    """The page. pictures : (h, w, 3) RGB by step in per cent; thing : what the inserted object is called."""
+    """The page. pictures : (h, w, 3) RGB by step in per cent; object : what the inserted object is called."""
     shown = [{"step": step, "data": _data(picture)} for step, picture in sorted(pictures.items())]
     study = {
         "schema": ANSWERS_SCHEMA,

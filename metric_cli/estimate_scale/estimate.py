@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["main", "parser"]
 
-#: The exit status of a scale that is unresolved, and with `--strict` of an uncertain one.
+#: The exit status of a scale that is unresolved, with `--strict` of an uncertain one, and of a capture without a model.
 UNRESOLVED = 3
 
 #: Where a user says how many threads NumPy's BLAS takes.
@@ -64,14 +64,15 @@ def _answer(options: argparse.Namespace) -> int:
     result = replace(result, warnings=(*_cautions(options), *result.warnings))
     for line in () if options.quiet else result.warnings:
         warn(line, PROGRAM)
-    if result.exit_code == 0:
+    if result.status != "unresolved":
         for option, file in (("--output", options.output), ("--work", options.work and options.work / RESULT)):
             if file is not None:
                 result.save(file, option)
     else:
         _withhold_files(options)
     _print(result, options)
-    return UNRESOLVED if options.strict and result.status != "resolved" else result.exit_code
+    refused = {"unresolved", "uncertain"} if options.strict else {"unresolved"}
+    return UNRESOLVED if result.status in refused else 0
 
 
 def _withhold_files(options: argparse.Namespace) -> None:
@@ -96,7 +97,7 @@ def _capture_status(options: argparse.Namespace) -> int | None:
     sys.stderr.write(f"{PROGRAM}: {failure.code}: {failure.message}\n")
     if options.json:
         sys.stdout.write(failure_json(failure) + "\n")
-    return 3
+    return UNRESOLVED
 
 
 def _cautions(options: argparse.Namespace) -> tuple[str, ...]:

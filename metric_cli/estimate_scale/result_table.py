@@ -174,9 +174,9 @@ def _has_size(item: ObjectReport) -> bool:
 
 
 def _unmeasured_lines(result: ScaleResult) -> list[str]:
-    """One line for each reason why things have no size.
+    """One line for each reason why objects have no size.
 
-    It counts masks: those of one thing that hold no points of the cloud cannot be joined to one object.
+    It counts masks: those of one object that hold no points of the cloud cannot be joined to one object.
     """
     masks: dict[str, Counter[str]] = {}
     for item in result.objects:

@@ -23,7 +23,7 @@ __all__ = ["HELP", "add_arguments", "run"]
 
 HELP = "Four views of each item's textured model, with exact foreground, where `build` looks for pictures."
 
-#: Longest diagonal of a model in pixels: a picture is some 3 kB, and a thing can be recognised.
+#: Longest diagonal of a model in pixels: a picture is some 3 kB, and an object can be recognised.
 PIXELS = 256
 #: WebP quality at which edges show no blocks at this size.
 QUALITY = 70

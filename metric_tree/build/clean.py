@@ -50,7 +50,7 @@ REFUSALS = {
 class NodeClass:
     """Of one leaf: moments in the axes of its pose, then by extents; items by source, rows by kind, kind by source.
 
-    sameness : what the things of one room have in common, where rooms are known; cells : means by source, region and
+    sameness : what the objects of one room have in common, where rooms are known; cells : means by source, region and
     years, in the axes of the pose; norm : document and clause of the standards that fix the size.
     """
 

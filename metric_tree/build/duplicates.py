@@ -1,4 +1,4 @@
-"""Rows that say the same thing twice: of one source, and of one product in two sources."""
+"""Rows that say the same object twice: of one source, and of one product in two sources."""
 
 from __future__ import annotations
 

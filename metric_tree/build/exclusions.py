@@ -22,7 +22,7 @@ class BadExclusion(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Exclusions:
-    """Rows of one source that are not the plain thing: by node, by a word of the title, or both.
+    """Rows of one source that are not the plain object: by node, by a word of the title, or both.
 
     rules : by source, pairs of a node (empty: any) and a pattern of the title (None: any)
     """

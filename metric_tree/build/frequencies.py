@@ -1,8 +1,8 @@
 """How often people mean which child by a plain name (`data/curated/frequencies.csv`).
 
-`stated` is what a reviewer said. Where `count` says how many things ScanNet's and Matterport3D's annotators gave the
-child's name (the plain name of the leaf of plain things), `weight` is their share with the reviewer's word as fifty
-things more; else it is the reviewer's word.
+`stated` is what a reviewer said. Where `count` says how many objects ScanNet's and Matterport3D's annotators gave the
+child's name (the plain name of the leaf of plain objects), `weight` is their share with the reviewer's word as fifty
+objects more; else it is the reviewer's word.
 """
 
 from __future__ import annotations

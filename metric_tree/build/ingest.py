@@ -57,13 +57,13 @@ MAX_REMEMBERED_MATCHES = 200_000
 RANGE_SD = 1.645
 
 #: A person's range is stated from memory: narrow ones are too narrow and wide ones too wide. With s the stated standard
-#: deviation of ln size, that of the things about the typical size is WIDENING s^WIDENING_POWER: least squares over the
+#: deviation of ln size, that of the objects about the typical size is WIDENING s^WIDENING_POWER: least squares over the
 #: 118 axes that have a judged range and fifteen items or more of products, measurements and norms, of two sources or
 #: more. No range is taken for more than `MOST_WIDENING` times as wide as was said.
 #: A norm's tolerance is what it says.
 WIDENING, WIDENING_POWER, MOST_WIDENING = 0.76, 0.71, 1.7
 
-#: Flags of raw items that no build takes: sizes found in prose or typed into a form, and toys of the thing.
+#: Flags of raw items that no build takes: sizes found in prose or typed into a form, and toys of the object.
 UNUSED_FLAGS = ("low_trust", "placeholder", "toy_replica")
 
 #: Raw files of a folder; beside them lie what `metric-tree import` refused and the pictures of a crawl.
@@ -304,7 +304,7 @@ def _shards(factory: Callable[[], Taxonomy]) -> dict[str, int]:
 
 
 def _range_sd(item: RawItem, stated: Sizes) -> list[float] | None:
-    """Standard deviation of ln size of each extent that an item states of many things: a norm, a range, a statistic."""
+    """Standard deviation of ln size of each extent that an item states of many objects: norm, range, statistic."""
     if item.relative_sd is not None:
         return [item.relative_sd] * len(stated.extents)
     if not item.ranges_mm:
@@ -324,7 +324,7 @@ def stated_spread(low: float, high: float) -> float:
 
 
 def believed_spread(low: float, high: float) -> float:
-    """Standard deviation of ln size of the things of which a person states a range.
+    """Standard deviation of ln size of the objects of which a person states a range.
 
     >>> round(believed_spread(500, 1000), 3), round(believed_spread(100, 2000), 3), round(believed_spread(99, 101), 3)
     (0.252, 0.711, 0.01)

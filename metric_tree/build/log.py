@@ -21,7 +21,7 @@ __all__ = ["disagreements", "is_mixed", "leaf_sizes", "report"]
 #: Ashman's D above which two Gaussians are cleanly parted (Ashman, Bird and Zepf 1994 give 2).
 MIN_ASHMAN_D = 2.0
 
-#: A second kind of thing makes up at least this share of a mixed class.
+#: A second kind of object makes up at least this share of a mixed class.
 MIN_COMPONENT_SHARE = 0.1
 
 #: Two kinds of one category differ by half in size or more; cutlery for fish and meat is no mixed class.
@@ -99,7 +99,7 @@ def disagreements(classes: Sequence[NodeClass], priors: Mapping[str, Prior]) -> 
 
 
 def is_mixed(prior: Prior) -> bool:
-    """Whether two components of a prior are cleanly parted: two kinds of thing under one name."""
+    """Whether two components of a prior are cleanly parted: two kinds of object under one name."""
     if len(prior.weights) < 2:
         return False
     centre = prior.means.mean(axis=1)  # ln of the geometric mean size

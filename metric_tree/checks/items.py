@@ -26,7 +26,7 @@ PLAUSIBLE_MM = (0.01, 5e6)
 #: Rounding of axes that were sorted in another unit.
 ORDER_TOLERANCE = 1e-6
 
-#: Two sources of one node whose medians differ by this factor are not about the same things.
+#: Two sources of one node whose medians differ by this factor are not about the same objects.
 SOURCE_FACTOR = 1.5
 
 #: More than this share of identical rows is a list copied into itself.

@@ -22,7 +22,7 @@ BACKENDS: tuple[str, ...] = get_args(BackendName)
 class Foreground:
     """What a backend found.
 
-    alpha : (h, w) uint8, 255 on the thing; method : how, as it stands in `images.parquet`; refused : why the backend
+    alpha : (h, w) uint8, 255 on the object; method : how, as it stands in `images.parquet`; refused : why the backend
     itself does not vouch for it (`not_plain`, `no_weights`), else None.
     """
 
@@ -44,7 +44,7 @@ class Settings:
     """A backend by name and the network it takes: a rembg model's name or the path of an ONNX file.
 
     weights : whether the network's weights are available; without them `auto` leaves what is not plain; drawn : guides
-    of persons, which say of their pictures where the thing is.
+    of persons, which say of their pictures where the object is.
     """
 
     name: BackendName = "auto"

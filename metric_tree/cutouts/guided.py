@@ -13,7 +13,7 @@ __all__ = ["METHOD", "guided_foreground"]
 
 METHOD = "guided"
 
-#: The guide's edge is off by this share of the thing's shorter side: between its shrunken and its grown outline the
+#: The guide's edge is off by this share of the object's shorter side: between its shrunken and its grown outline the
 #: picture decides.
 BAND = 0.09
 
@@ -58,7 +58,7 @@ def _state(guide: Guide, shape: tuple[int, int]) -> NDArray[np.uint8]:
     state = np.full(shape, cv2.GC_BGD, np.uint8)
     state[cv2.dilate(area, kernel) > 0] = cv2.GC_PR_BGD
     state[area > 0] = cv2.GC_PR_FGD
-    if guide.box is None:  # a box touches the thing at its sides alone: nothing inside is certain
+    if guide.box is None:  # a box touches the object at its sides alone: nothing inside is certain
         state[cv2.erode(area, kernel, borderValue=0) > 0] = cv2.GC_FGD
     for strokes, label in ((guide.thing, cv2.GC_FGD), (guide.ground, cv2.GC_BGD)):
         for stroke in strokes:
@@ -67,7 +67,7 @@ def _state(guide: Guide, shape: tuple[int, int]) -> NDArray[np.uint8]:
 
 
 def _largest(mask: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The largest part of a mask (h, w), its holes filled: a thing that is drawn round is one."""
+    """The largest part of a mask (h, w), its holes filled: an object that is drawn round is one."""
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=4)
     if len(stats) < 2:
         return mask

@@ -1,7 +1,7 @@
-"""Guides for cutting pictures, drawn by a person: where the thing is.
+"""Guides for cutting pictures, drawn by a person: where the object is.
 
 A file of guides has one JSON object a line: `picture` (sha256), one of `polygon` ([[x, y], ...]) and `box` ([x, y,
-width, height]), and `thing` and `ground` (strokes, lists of points), in pixels of the upright picture; `verdict` is
+width, height]), and `object` and `ground` (strokes, lists of points), in pixels of the upright picture; `verdict` is
 what its reviewer says of the cut: `good`, or `poor` with `why`.
 """
 
@@ -20,7 +20,7 @@ Point = tuple[float, float]
 
 
 class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Where the thing is in one picture, by whom, and what the reviewer says of the cut."""
+    """Where the object is in one picture, by whom, and what the reviewer says of the cut."""
 
     picture: str
     polygon: tuple[Point, ...] = ()

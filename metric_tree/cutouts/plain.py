@@ -33,7 +33,7 @@ MIN_LAB_DISTANCE = 5.0
 #: In standard deviations of the border's own noise, beside `MIN_LAB_DISTANCE`.
 NOISE_FACTOR = 4.0
 
-#: A border is plain where this share of it follows the plane; the rest is room for a thing that leaves the picture.
+#: A border is plain where this share of it follows the plane; the rest is room for an object that leaves the picture.
 PLAIN_SHARE = 0.75
 
 #: And where the noise about the plane (Lab) is no more than film grain: wallpaper and wood have 5 and more.
@@ -45,7 +45,7 @@ REFITS = 2
 #: Shadows keep the hue within this Lab distance and lose no more than this share of lightness.
 SHADOW_HUE, SHADOW_LOSS = 5.0, 0.45
 
-#: Lightness a pixel of the small copy within a shadow; an edge of a thing is steeper.
+#: Lightness a pixel of the small copy within a shadow; an edge of an object is steeper.
 SHADOW_STEP = 5.0
 
 #: Longer side of the copy that grabCut works on, in pixels, and its rounds.
@@ -192,7 +192,7 @@ def _shadow(lab: Floats, plane: Floats, outside: Mask) -> Mask:
 
 
 def _settle(picture: RGB, small: Mask, shadow: Mask) -> Mask:
-    """(h, w) GrabCut from what is known: outside is background, shadow (h, w) probably, the rest probably the thing."""
+    """(h, w) GrabCut from what is known: outside is background, shadow (h, w) probably, the rest perhaps the object."""
     thing = small & ~shadow
     state = np.full(small.shape, cv2.GC_BGD, np.uint8)
     near = cv2.dilate(small.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0

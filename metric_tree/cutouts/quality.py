@@ -27,10 +27,10 @@ REASONS = {
 #: Foreground shares outside which nothing was found, or everything.
 MIN_FOREGROUND_SHARE, MAX_FOREGROUND_SHARE = 0.005, 0.97
 
-#: Share of the picture's border that a thing may cover: more is a detail, cut off on several sides.
+#: Share of the picture's border that an object may cover: more is a detail, cut off on several sides.
 MAX_BORDER_SHARE = 0.6
 
-#: A second part of this share of the largest is a second thing, not a loose handle.
+#: A second part of this share of the largest is a second object, not a loose handle.
 SECOND_PART_SHARE = 0.35
 
 #: Below it a mask is doubtful.

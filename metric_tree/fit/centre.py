@@ -1,4 +1,4 @@
-"""Where a class lies and how far a scene's things may lie from there, from what its sources state."""
+"""Where a class lies and how far a scene's objects may lie from there, from what its sources state."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 The order of a fit: one Gaussian by EM over all rows (which resolves missing axes and hidden axis order), the sources'
 means, the centre from all of them by what their kinds are worth, the rows less their source's predicted effect, a
-mixture of one to four components, moved onto the centre. Ranges and means of many things speak as sources for the
+mixture of one to four components, moved onto the centre. Ranges and means of many objects speak as sources for the
 centre, and their spread takes the place of what is believed of the parent's children.
 """
 

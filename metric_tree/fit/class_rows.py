@@ -71,7 +71,7 @@ class ClassRows:
 
     @property
     def evidence(self) -> Evidence:
-        """The counts behind the class's tier: published means count as the real things that they are of."""
+        """The counts behind the class's tier: published means count as the real objects that they are of."""
         kinds = np.asarray(self.kinds)
         real = np.isin(kinds, sorted(STRONG | {"statistic"}))
         first = self.x[np.searchsorted(self.owner, np.arange(len(self.sources)))]

@@ -24,7 +24,7 @@ __all__ = ["ContextCell", "cells_of", "class_contexts", "inner_contexts", "learn
 #: Years of one span: a car model lives for six, and fewer rows say less.
 YEAR_SPAN = 5
 
-#: Kinds of things in use today where they were measured, sold or required.
+#: Kinds of objects in use today where they were measured, sold or required.
 KINDS = frozenset({"product", "measured", "standard", "statistic"})
 
 #: Contexts of a class that take part in the model, those of most rows.
@@ -138,7 +138,7 @@ def inner_contexts(
     Parameters
     ----------
     children : priors over the node's dimensions; share : (c,) their weights, sum 1; shared : (d,) variances of B;
-    plain : the prior of the leaf of things called by the plain name alone, over the node's dimensions
+    plain : the prior of the leaf of objects called by the plain name alone, over the node's dimensions
     """
     whole = plain.contexts if plain is not None else ()
     told = {(one.source, one.region) for one in whole}

@@ -25,10 +25,10 @@ __all__ = ["CERTAIN_ROWS", "Disagreement", "disagreement", "no_disagreement", "w
 #: sources is about a third to a half of the spread within, so that a handful of rows already places a source.
 MEAN_HALF = 5.0
 
-#: Kinds whose disagreement is that of the sizes of things in the world.
+#: Kinds whose disagreement is that of the sizes of objects in the world.
 WORLD_KINDS = frozenset({"product", "measured", "standard", "statistic"})
 
-#: Rows that a statement about many things stands for: its mean has no sampling error worth the name.
+#: Rows that a statement about many objects stands for: its mean has no sampling error worth the name.
 CERTAIN_ROWS = 1e6
 
 #: Rows of a source from which its own spread is known.
@@ -93,7 +93,7 @@ def disagreement(
 
 
 def with_statements(one: Disagreement, names: Sequence[str], kinds: Sequence[str], means: FloatArray) -> Disagreement:
-    """With sources that state sizes of many things: norms, ranges, means; means (s, d) in ln mm, NaN unstated."""
+    """With sources that state sizes of many objects: norms, ranges, means; means (s, d) in ln mm, NaN unstated."""
     if not len(names):
         return one
     rows = np.where(np.isnan(means), 0.0, CERTAIN_ROWS)

@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 #: Weight of one row by kind, for the shape of a class's distribution; where its centre lies is decided by
-#: `metric_tree.fit.kinds`. A maker's figure, a measurement and a norm are sizes of real things. An artist's model is
+#: `metric_tree.fit.kinds`. A maker's figure, a measurement and a norm are sizes of real objects. An artist's model is
 #: plausible, not measured, and a museum keeps what is rare or old: about a third of a row. A category value says what
 #: someone finds typical: a tenth. Ranges and means are no rows.
 KIND_WEIGHT = {
@@ -40,20 +40,20 @@ KIND_WEIGHT = {
 #: The kind of a range that a reviewer or a program wrote, and that of a size that a standard fixes.
 JUDGED, NORM = "judged", "norm"
 
-#: Kinds of statements about many things at once.
+#: Kinds of statements about many objects at once.
 STATEMENTS = frozenset({JUDGED, NORM, "statistic"})
 
-#: Kinds that are likenesses of things, rare things, or what someone finds typical.
+#: Kinds that are likenesses of objects, rare objects, or what someone finds typical.
 MODELS = ("asset", "museum", "default")
 
 #: Rows at which a source has half of its largest possible weight in a class. More rows of one shop tell of the shop:
 #: fifty already know its mean to a seventh of the spread, less than the disagreement between sources.
 SOURCE_HALF = 50.0
 
-#: Kinds that are sizes of things as they are sold, used and measured.
+#: Kinds that are sizes of objects as they are sold, used and measured.
 STRONG = frozenset({"product", "measured", "standard"})
 
-#: Kinds that are sizes of things one can put a rule to; a museum's are real, if rare or old.
+#: Kinds that are sizes of objects one can put a rule to; a museum's are real, if rare or old.
 PHYSICAL = STRONG | {"museum"}
 
 #: Sets of kinds by which a release is counted; a judged range, a norm and a mean are none of them.

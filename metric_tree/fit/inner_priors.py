@@ -66,7 +66,7 @@ def inner_priors(
     Parameters
     ----------
     children : the priors of each child, (c,); weights : how common each is; axes : of the frame; plain : the priors of
-        the leaf of things called by the plain name alone, wherever it is below
+        the leaf of objects called by the plain name alone, wherever it is below
 
     A joint prior says as much as it has axes times the weight of the children that have them all: a measured height of
     all people goes before a judged box of some.

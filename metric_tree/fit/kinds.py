@@ -8,7 +8,7 @@ What an object in a scene is like is the target. With m_s the mean of ln size of
 W is the class's variance within a source and n_s the effective rows of the source. A family is a node of level 2.
 Measurements, norms and statistics of measurements have no bias: they are the target. The class means mu_c are
 integrated out under a flat prior; b has a Gaussian prior around zero, family by family around its kind's own; share,
-spread and the excesses maximise the restricted likelihood, in which a few classes are two things under one name; ln g
+spread and the excesses maximise the restricted likelihood, in which a few classes are two objects under one name; ln g
 has a Gaussian prior around zero.
 """
 
@@ -28,11 +28,11 @@ from metric_tree.fit.disagreement import Disagreement
 
 __all__ = ["TARGET_KINDS", "KindModel", "learn_kinds", "shipped_model"]
 
-#: Kinds that are sizes of things in the world: they define the target and have no bias.
+#: Kinds that are sizes of objects in the world: they define the target and have no bias.
 TARGET_KINDS = frozenset({"measured", "standard", "statistic", "norm"})
 
-#: Prior standard deviation of a kind's bias (ln size). A shop's figure is of a real thing and may differ from the
-#: things in use by what people buy and keep, a few per cent; the others may be anything within a third.
+#: Prior standard deviation of a kind's bias (ln size). A shop's figure is of a real object and may differ from the
+#: objects in use by what people buy and keep, a few per cent; the others may be anything within a third.
 BIAS_SD: Mapping[str, float] = {"product": 0.05, "asset": 0.3, "museum": 0.3, "judged": 0.2, "default": 0.3}
 
 #: Prior standard deviation of a family's bias around its kind's: half of what the kinds themselves are allowed.
@@ -41,10 +41,10 @@ FAMILY_SD: Mapping[str, float] = {kind: sd / 2 for kind, sd in BIAS_SD.items()}
 #: Kinds whose sources may lie further apart than those of products and measurements.
 EXCESS_KINDS = ("statistic", "judged", "asset", "museum", "default")
 
-#: Kinds whose things are not what is sold, used and measured today.
+#: Kinds whose objects are not what is sold, used and measured today.
 WEAK_KINDS = frozenset({"asset", "museum", "default"})
 
-#: Share of classes that are two things under one name, and the disagreement (ln size) that they are allowed.
+#: Share of classes that are two objects under one name, and the disagreement (ln size) that they are allowed.
 MIXED_SHARE, MIXED_SD = 0.05, 1.0
 
 #: Below this many classes with two sources the shipped model holds as it is.
@@ -229,7 +229,7 @@ def _restricted_likelihood(means: FloatArray, variances: FloatArray, present: Fl
 
 
 def _plain_and_mixed(means: FloatArray, variances: FloatArray, present: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n,) log of share times likelihood of each line, as one thing under its name and as two.
+    """(n,) log of share times likelihood of each line, as one object under its name and as two.
 
     means : (n, s) ln mm of the sources, less their biases; variances : (n, s); present : (n, s), 1 where there is a
     source, else 0.

@@ -1,7 +1,7 @@
 """How common the children of a node are, and which of them people mean by its plain name.
 
-Children count by how common the things are, not by pages. Where a reviewer has stated how often people mean which child
-by the plain name (`data/curated/frequencies.csv`), that holds. Else the leaf of things that are called by the plain
+Children count by how common the objects are, not pages. Where a reviewer has stated how often people mean which child
+by the plain name (`data/curated/frequencies.csv`), that holds. Else the leaf of objects that are called by the plain
 name alone has at least `PLAIN_SHARE`, and every source is one witness of the shares of the others among its own items,
 whether it lists a hundred or a hundred thousand, so that one shop's range does not drown what others show.
 """
@@ -21,17 +21,17 @@ __all__ = ["REAL_WITNESS", "WITNESS", "commonness", "is_called", "is_part", "pla
 #: Items below a node at which a source has half of a witness's weight: shares among ten are known to a sixth.
 WITNESS_HALF = 10.0
 
-#: Weight of the leaf `<id>/other` in its node: of the things of 97 kinds that have thirty labels or more in ScanNet and
+#: Weight of the leaf `<id>/other` in its node: of objects of 97 kinds that have thirty labels or more in ScanNet and
 #: Matterport3D, annotators give 79 % the plain name, on average over the kinds (half of the kinds: 97 % and more).
 PLAIN_SHARE = 0.8
 
-#: Last words of the names of parts, and of things for another thing: a toilet seat, a knife set, a mirror cabinet.
+#: Last words of the names of parts, and of objects for another object: a toilet seat, a knife set, a mirror cabinet.
 PART_WORDS = frozenset({
     "cab", "cabinet", "cover", "frame", "front", "handle", "holder", "insert", "leg", "lid", "part", "piece", "seat",
     "set", "stand", "tank", "tool", "topper", "trailer", "tray",
 })  # fmt: skip
 
-#: How far a source of a kind is a witness of how common things are. Rooms and streets that were measured show it, shops
+#: How far a source of a kind is a witness of how common objects are. Measured rooms and streets show it, shops
 #: show what is bought, artists what they like to draw; what a museum keeps is rare.
 WITNESS = {
     "measured": 1.0,
@@ -55,13 +55,13 @@ EQUAL_SHARE = 0.1
 #: common on a street.
 EQUAL_WITNESS = 0.5
 
-#: How far a child that only this kind of evidence speaks of is a thing of today, in what all children share alike. What
-#: a museum alone keeps is not what people mean.
+#: How far a child that only this kind of evidence speaks of is an object of today, in what all children share
+#: alike. What a museum alone keeps is not what people mean.
 PRESENCE = {"museum": 0.02, "default": 0.3, "asset": 0.5}
 
 
 def presence(children: Sequence[Sequence[Prior]]) -> FloatArray:
-    """How far each child is a thing of today, (c,), by the kinds of evidence in its prior (`PRESENCE`)."""
+    """How far each child is an object of today, (c,), by the kinds of evidence in its prior (`PRESENCE`)."""
     shares = (own[0].share_by_kind if own else {} for own in children)
     return np.array([sum(PRESENCE.get(kind, 1.0) * part for kind, part in one.items()) or 1.0 for one in shares])
 
@@ -100,7 +100,7 @@ def plain_weights(
     Parameters
     ----------
     common : (c,) how common each child is; stated : a reviewer's weights by child, which hold where there are any
-    kinds : (c,) whether the child is called by the plain name; where things of the plain name have a leaf, the others
+    kinds : (c,) whether the child is called by the plain name; where objects of the plain name have a leaf, the others
         weigh nothing: an ironing board hangs on `iron`, and nobody calls it so
     """
     if stated and (total := sum(stated.get(child, 0.0) for child in children)) > 0:
@@ -121,7 +121,7 @@ def plain_weights(
 
 
 def is_part(child_id: str, node_id: str) -> bool:
-    """Whether a child is a part of the node, or a thing for it, by its name: a toilet seat is no toilet.
+    """Whether a child is a part of the node, or an object for it, by its name: a toilet seat is no toilet.
 
     >>> is_part("toilet_seat.n.01", "toilet.n.02"), is_part("flush_toilet.n.01", "toilet.n.02")
     (True, False)

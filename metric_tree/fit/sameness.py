@@ -1,12 +1,12 @@
-"""Sameness: the share of a class's variance that the things of one room have in common, from rooms that are known.
+"""Sameness: the share of a class's variance that the objects of one room have in common, from rooms that are known.
 
 One-way random effects on ln size, ln x_ri = mu + a_r + e_ri over rooms r, sameness t = Var(a) / (Var(a) + Var(e)). With
-the mean squares between and within rooms and n_0 the effective things of a room (Searle, Casella and McCulloch 1992),
+the mean squares between and within rooms and n_0 the effective objects of a room (Searle, Casella and McCulloch 1992),
 
     t = (MSB - MSW) / (MSB + (n_0 - 1) MSW)
     Var(t) = 2 (N - 1) (1 - t)^2 (1 + (n_0 - 1) t)^2 / (n_0^2 (N - k) (k - 1))
 
-for N things in k rooms (Swiger and others 1964). Classes are shrunk towards each other by how much they differ.
+for N objects in k rooms (Swiger and others 1964). Classes are shrunk towards each other by how much they differ.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from metric_base.statistics import robust_sigma
 
 __all__ = ["Sameness", "class_sameness", "shrunk_sameness"]
 
-#: Rooms with two things or more below which a class says nothing of its own.
+#: Rooms with two objects or more below which a class says nothing of its own.
 LEAST_ROOMS = 8
 
 #: Robust deviations at which a size is cut: a box that swallowed a wall is no evidence of variety.
@@ -46,7 +46,7 @@ def class_sameness(x: FloatArray, source: NDArray[np.str_], scene: NDArray[np.st
     Parameters
     ----------
     x : (n, d) ln size, NaN where unstated; source, scene : (n,) names, a scene empty where unknown. Only the source of
-        most things in known rooms counts: sets that measured the same rooms hold the same things twice.
+        most objects in known rooms counts: sets that measured the same rooms hold the same objects twice.
     """
     known = scene != ""
     if not known.any():
@@ -58,7 +58,7 @@ def class_sameness(x: FloatArray, source: NDArray[np.str_], scene: NDArray[np.st
         return None
     precision = np.array([1 / part.sd**2 for part in parts])
     share = float(precision @ [part.share for part in parts] / precision.sum())
-    return Sameness(share, float(np.sqrt(1 / precision.max())))  # the axes of one thing are no independent witnesses
+    return Sameness(share, float(np.sqrt(1 / precision.max())))  # the axes of one object are no independent witnesses
 
 
 def shrunk_sameness(classes: Mapping[str, Sameness]) -> tuple[dict[str, Sameness], Sameness]:

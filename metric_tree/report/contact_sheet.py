@@ -1,7 +1,7 @@
 """Contact sheet of a node's pictures, all to one scale, with a size bar: appearance and size together.
 
 The longer side of a cut-out's box is drawn as long as the longest stated extent of its item. That is exact where the
-picture looks square at that side, as most shop pictures do; a thing seen over its corner is drawn up to three tenths
+picture looks square at that side, as most shop pictures do; an object seen over its corner is drawn up to three tenths
 too small, one seen along its longest side too large.
 """
 
@@ -24,16 +24,16 @@ from metric_tree.tree import Node
 
 __all__ = ["Tile", "bar_length", "picture_rows", "tiles", "write_sheet"]
 
-#: Sheet in pixels: width, margin, gap between things, height of the two lines under a thing.
+#: Sheet in pixels: width, margin, gap between objects, height of the two lines under an object.
 WIDTH, MARGIN, GAP, LABEL = 1600, 40, 30, 46
 
-#: Pixels of the largest thing's longer side, and the least that a thing keeps, so that it is seen at all.
+#: Pixels of the largest object's longer side, and the least that an object keeps, so that it is seen at all.
 LARGEST, LEAST = 340, 3
 
 #: Pixels of a line of credits, and letters that fit into it.
 CREDIT_HEIGHT, CREDIT_LETTERS = 20, 190
 
-#: Columns that a label needs, however small its thing.
+#: Columns that a label needs, however small its object.
 COLUMN_PX = 150
 
 
@@ -41,7 +41,7 @@ COLUMN_PX = 150
 class Tile:
     """A picture to be drawn: its file, whether that is a cut-out, what its scale is known by, the label and the credit.
 
-    `pixels_per_mm` is known of a rendered picture; the longer side of any other counts as the thing's longest extent.
+    `pixels_per_mm` is known of a rendered picture; the longer side of any other counts as the object's longest extent.
     """
 
     path: Path

@@ -121,7 +121,7 @@ def disagreements(tree: Tree) -> list[tuple[str, int, int, float]]:
 
 
 def mixed_leaves(tree: Tree) -> list[tuple[str, int, str]]:
-    """Leaves that look like two kinds of thing under one name: path, items, medians of the parts; most items first.
+    """Leaves that look like two kinds of object under one name: path, items, medians of the parts; most items first.
 
     The part sizes are geometric means over the dimensions, in mm.
     """

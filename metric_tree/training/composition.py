@@ -2,7 +2,7 @@
 
 One scale (pixels per millimetre) holds for the whole picture, set by its first object; every other object takes its
 size from the tree and that scale, times a jitter that stands for its distance. What would be too small to see or would
-fill the picture is not placed: so a mouse is seen beside a keyboard and a car beside a person. Nearer things are
+fill the picture is not placed: so a mouse is seen beside a keyboard and a car beside a person. Nearer objects are
 larger, lower, and in front. Cut-outs are pasted with several borders (Dwibedi, Misra, Hebert 2017, "Cut, Paste and
 Learn"), lest a detector learn the seam.
 """
@@ -35,7 +35,7 @@ MAX_TRIES = 12
 FIRST_SHARE = (0.15, 0.75)
 #: Sides in pixels that are placed: COCO's small objects begin under 32, and beyond the picture nothing is recognised.
 LEAST_SIDE_PX, MOST_SIDE_SHARE = 24, 0.9
-#: One sigma of the log of an object's distance: things of one scene stand up to some 40 % nearer or farther.
+#: One sigma of the log of an object's distance: objects of one scene stand up to some 40 % nearer or farther.
 DISTANCE_SD = 0.18
 #: An object of which less is visible is taken out again: nobody would annotate it.
 LEAST_VISIBLE_SHARE, LEAST_VISIBLE_PX = 0.2, 100

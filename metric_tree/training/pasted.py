@@ -1,4 +1,4 @@
-"""The cut-outs of a release as things to paste: a file, a class, and a true size from the tree."""
+"""The cut-outs of a release as objects to paste: a file, a class, and a true size from the tree."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Cutout:
 def cutouts_of(classes: Classes, seed: int) -> list[Cutout]:
     """The cut-outs of the classes' nodes, in the order of their items and images.
 
-    A shop photographs an upright thing from the front: its picture's height is the thing's. What lies flat is shown
+    A shop photographs an upright object from the front: its picture's height is the object's. What lies flat is shown
     from above and what has no pose from any side: there the longest side of the picture is the longest extent.
     """
     cutouts = []

@@ -20,10 +20,10 @@ LEAST_AREA, LEAST_BORDER = 60, 40
 BORDER = 9
 #: Depths lie on a plane within this share.
 TOLERANCE = 0.012
-#: Depths that differ by more than this share are of another thing.
+#: Depths that differ by more than this share are of another object.
 ELSEWHERE = 0.05
 #: Of the border, the share on the plane at least, and the share behind it at most: a plane hides what is behind it,
-#: while things in front of it may stand at its border.
+#: while objects in front of it may stand at its border.
 ON_PLANE, BEHIND = 0.5, 0.1
 #: Planes that are tried through three points of the border.
 TRIALS = 60
@@ -36,7 +36,7 @@ def fill_planes(depth: FloatPicture, grey: FloatPicture) -> FloatPicture:
 
     A plane of the world is linear in inverse depth over the picture: 1 / z = a x + b y + c. It is drawn only within the
     convex hull of the border's pixels that it fits, and not where the nearest pixel with known depth is of another
-    thing: one in front may be as plain as what is behind it.
+    object: one in front may be as plain as what is behind it.
     """
     import cv2
 
@@ -80,7 +80,7 @@ def _plane_depth(inside: BoolArray, depth: FloatPicture, generator: np.random.Ge
 
 
 def _nearest_elsewhere(drawn: FloatPicture, depth: FloatPicture) -> BoolArray:
-    """(h, w) whether the nearest pixel with known depth (h, w) is of another thing than the drawn plane (h, w)."""
+    """(h, w) whether the nearest pixel with known depth (h, w) is of another object than the drawn plane (h, w)."""
     import cv2
 
     known = np.isfinite(depth)

@@ -19,14 +19,14 @@ FloatPicture = NDArray[np.float32]
 PLANES = 96
 #: Side of the window in which pictures are compared, by normalised cross-correlation.
 WINDOW = 7
-#: Of the sources the best two count: a thing hidden in the others costs nothing.
+#: Of the sources the best two count: an object hidden in the others costs nothing.
 BEST = 2
 #: Costs of a step of one plane, and of any other step, between neighbours; correlation costs 0 to 2.
 SMALL_STEP, LARGE_STEP = 0.06, 0.45
 #: Correlation below which a pixel has no depth, and variance of grey levels below which it has none to correlate.
 LEAST_CORRELATION = 0.5
 LEAST_VARIANCE = 4.0
-#: Depths within a window that differ by this factor are of two things.
+#: Depths within a window that differ by this factor are of two objects.
 EDGE = 1.04
 
 
@@ -60,7 +60,7 @@ def swept_depth(view: PinholeView, sources: Sequence[PinholeView], nearest: floa
 
 
 def _fattening_mask(depth: FloatArray) -> NDArray[np.bool_]:
-    """(h, w) pixels near the edge of a nearer thing: the window makes it wider by half of itself."""
+    """(h, w) pixels near the edge of a nearer object: the window makes it wider by half of itself."""
     import cv2
 
     behind = cv2.dilate(depth.astype(np.float32), np.ones((WINDOW, WINDOW), np.uint8))

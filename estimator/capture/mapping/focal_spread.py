@@ -22,7 +22,7 @@ def focal_spread(scene: Scene) -> float | None:
     """Standard deviation over the frames of the logarithm of each one's own focal length, beyond what noise explains.
 
     Every frame's pose and focal length are fitted to the points of the model, which stay. A zoom that one shared focal
-    length had to explain, or things that moved, leave the frames at odds; the residuals hardly show it. None with fewer
+    length had to explain, or objects that moved, leave frames at odds; the residuals hardly show it. None with fewer
     than three frames that see enough points.
     """
     rows = [_focal_factor(scene, view) for view in scene.views if len(view.point_index) >= LEAST_POINTS]

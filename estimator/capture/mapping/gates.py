@@ -43,7 +43,7 @@ FOCAL_RANGE = (0.3, 8.0)
 #: A stated focal length widens that range to itself and so much more: what it is stated of may be cropped.
 STATED_MARGIN = 1.25
 #: `focal_deviation` from which the video does not determine the focal length. Synthetic videos of 320 pixels: walks
-#: round things 0.008 to 0.009, straight ahead or sideways with a hand that sways by 2 degrees 0.02, by 0.3 degrees
+#: round objects 0.008 to 0.009, straight ahead or sideways with a hand that sways by 2 degrees 0.02, by 0.3 degrees
 #: 0.07, with none 0.5 and more. The errors are as large: 0.003, 0.01, 0.07, and 0.4 to 0.8.
 UNDETERMINED = 0.1
 #: `focal_spread` from which a video was zoomed. Videos without a zoom have 0.0007 at most, real hand-held ones 0.001; a

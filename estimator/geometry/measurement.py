@@ -28,7 +28,6 @@ from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, groun
 from estimator.geometry.truncation import Outline, Sides, outline, side_evidence
 from estimator.geometry.up import Up, camera_up, given_up, up_contradiction
 from estimator.geometry.upright_box import Dimensions, dimensions, inliers
-from estimator.outlines.cuboid_fit import PointEdges
 from estimator.outlines.sight_errors import point_covariances
 from estimator.records.measured_object import Box, MeasuredObject
 from estimator.records.scene import Instance, Scene
@@ -41,9 +40,6 @@ __all__ = ["PAPER", "MeasurementOptions", "Measurements", "measure_objects"]
 MIN_OBJECT_POINTS = 16
 # Points this many height bins below the floor are not on an object: twice the half thickness of a level surface.
 BELOW_FLOOR_BINS = 5.0
-# Beside the outlines an edge of n points is less sure by this over n, as a share of the extent: masks take in points of
-# neighbours and of what is behind, and of few points one is an edge.
-EDGE_STRAYS = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +164,7 @@ def _measure(
         eyes = np.array([view.centre for view in scene.views])
         seen_from = [eyes[_views_of(track, instances)] for track in tracks]
         above = [_above_ground(cloud, rows, ground, basis) for cloud, rows in zip(clouds, votes, strict=True)]
-        shapes = _shapes(clouds, above, noise, covariances, seen_from, basis, options)
+        shapes = _shapes(clouds, above, noise, seen_from, basis, options)
     with _stopwatch(timings, "truncation"):
         views = scene.views
         outlines = [outline(i, views[i.view].camera.width, views[i.view].camera.height) for i in instances]
@@ -181,10 +177,7 @@ def _measure(
         )
         if options.cuboids:
             data = outline_data(scene, instances, clouds, covariances, noise[-1], basis, up, planes, options.standing)
-            edges = [
-                _point_edges(item, shape, seen, basis) for item, shape, seen in zip(objects, shapes, sides, strict=True)
-            ]
-            objects = tuple(outlined_object(item, own, data) for item, own in zip(objects, edges, strict=True))
+            objects = tuple(outlined_object(item, data) for item in objects)
         if not options.fragments:
             objects = without_fragments(objects)
     return Measurements(objects, up, planes, tracks, warnings=(*doubts, *tilted), errors=(*errors, *fallen))
@@ -230,15 +223,11 @@ def _shapes(
     clouds: Sequence[PointLabels],
     votes: Sequence[Sequence[IntArray]],
     noise: Sequence[float],
-    covariances: FloatArray,
     seen_from: Sequence[FloatArray],
     basis: FloatArray,
     options: MeasurementOptions,
 ) -> list[_Shape]:
-    """The points and box of each track.
-
-    noise : of each cloud; covariances : (n, 3, 3) of the sparse points; seen_from : camera centres (v, 3) of each track
-    """
+    """The points and box of each track; `noise` of each cloud; `seen_from`: camera centres (v, 3) of each track."""
     shapes = []
     for number, eyes in enumerate(seen_from):
         cloud, rows = _cloud_of([vote[number] for vote in votes])
@@ -247,9 +236,6 @@ def _shapes(
         if len(own) >= MIN_OBJECT_POINTS:
             left = inliers(own, basis, options.outliers)
             blur = _blur(eyes, left.level.mean(axis=0) @ basis, noise[cloud])
-            if cloud == 0:
-                # what the rays leave open; a few points of two near views are worse, and no part of the surface
-                blur = blur + np.median(covariances[clouds[0].rows[rows]], axis=0)
             box = dimensions(left, basis, blur, options.robust_footprint)
         shapes.append(_Shape("dense" if cloud else "sparse", own, clouds[cloud].rows[rows], box))
     return shapes
@@ -345,27 +331,6 @@ def _object(
         box=Box((low + box.high) / 2 @ box.axes, box.axes, box.high - low),
         notes=("reaches down to the surface below it",) if foot.filled else (),
     )
-
-
-def _point_edges(item: MeasuredObject, shape: _Shape, sides: Sides | None, basis: FloatArray) -> PointEdges | None:
-    """The sides of the box of an object's points, but for a foot that stands on a level; None without a box.
-
-    basis : (3, 3) rows two horizontal axes and up
-    """
-    box = shape.box
-    if box is None or sides is None or item.box is None:
-        return None
-    axes = box.axes @ basis.T
-    open_ends = sides.truncated
-    strays = EDGE_STRAYS / max(len(box.rows), 1)
-    sigma = np.hypot(box.edge_sigma.T, strays) * box.extents[:, None]  # (3, 2)
-    # a side that the points do not show to its end may go on by the size of the whole
-    beyond = np.where(open_ends, np.sqrt(box.extents[0] * box.extents[2]), sigma)
-    kept = np.array([0, 1, 2, 3, 5] if item.unsupported_height is not None else range(6))
-    directions = np.stack([-axes, axes], axis=1).reshape(6, 3)
-    reach = np.stack([-box.low, box.high], axis=1).reshape(6)
-    solid = np.array([*(basis @ item.box.centre), np.arctan2(axes[0, 1], axes[0, 0]), *np.log(item.box.extents)])
-    return PointEdges(directions[kept], reach[kept], sigma.reshape(6)[kept], beyond.reshape(6)[kept], solid)
 
 
 def _score(masks: Sequence[Instance], category: str) -> float:

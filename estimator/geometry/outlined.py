@@ -14,7 +14,7 @@ import numpy as np
 from estimator.association.point_labels import PointLabels
 from estimator.geometry.planes import SupportPlane, floor_of
 from estimator.geometry.up import Up
-from estimator.outlines.cuboid_fit import BOX_BODIES, Cuboid, PointEdges, Sightings, fit_cuboid
+from estimator.outlines.cuboid_fit import Cuboid, Sightings, fit_cuboid
 from estimator.outlines.reaches import Outlines, Reaches, mask_reaches
 from estimator.records.measured_object import Box, MeasuredObject
 from estimator.records.scene import Instance, Scene
@@ -25,8 +25,7 @@ __all__ = ["OutlineData", "outline_data", "outlined_object"]
 
 # The dense cloud is taken for an object from here on; below, whichever cloud holds more.
 MIN_DENSE_POINTS = 100
-# Below this many points the result says that the outlines measured the object; from here on its points enter the fit
-# by the edges of their box alone, and not each by its line of sight as well.
+# From this many points on, an object is measured by its points, and by its outlines where these are cut.
 MANY_POINTS = 150
 # Boxes bound an object only where several of them cross: two leave a wedge that is open behind it.
 MIN_BOX_VIEWS = 3
@@ -36,18 +35,16 @@ MIN_BOX_VIEWS = 3
 SIGMA_TIMES, OWN_SIGMA = 2.2, (0.09, 0.13, 0.06)
 # Before the fit the centre of boxes is at the middle of the points within half a size.
 BOX_CENTRE_SD = 0.5
-# Errors of the log extents are so many times what the fit states, beside a part of their own: objects are no solids,
-# and edges err alike in neighbouring views. Chosen for a coverage of .85 to .9 in hard synthetic rooms, seeds 1000 and
-# 1001, masks with dense points and with sparse points alone.
-FIT_TIMES, SHAPE_SIGMA = 1.25, (0.03, 0.04, 0.02)
+# The same for masks.
+MASK_SIGMA = (0.08, 0.14, 0.06)
 # The height of a support plane under an object is good to this share of the object's height, and to this share of the
 # plane's own thickness.
 FOOT_SHARE, PLANE_SHARE = 0.03, 0.3
-# No foot is known better than to this share of the height.
-LEAST_FOOT = 0.01
 # An object whose outlines end within this share of its height of a support plane stands on it.
 CONTACT_SHARE, CONTACT_SIGMAS = 0.15, 1.5
-# Outlines less sure than this do not show a side that the points do not show to its end.
+# Borders of the masks of one object are too wide or too narrow in all views alike: what that adds to an extent.
+BORDER_PX = 1.0
+# Outlines less sure than this do not stand in for a side that many points do not show to its end.
 MOST_SIGMA = 0.2
 # Points of one object that are looked at.
 MAX_POINTS = 60
@@ -87,50 +84,42 @@ def outline_data(
 ) -> OutlineData:
     """The data of the fits, with the outlines of all masks; arrays as in `OutlineData`, covariances (n, 3, 3)."""
     depths = np.array([_median_depth(scene, instance, labels, row) for row, instance in enumerate(instances)])
-    reaches = mask_reaches(scene, instances, depths, basis[2])
+    reaches = mask_reaches(scene, instances, depths)
     floor = floor_of(planes, labels[-1].points)
     return OutlineData(scene, instances, labels, reaches, covariances, noise, basis, up, planes, floor, standing)
 
 
-def outlined_object(item: MeasuredObject, edges: PointEdges | None, data: OutlineData) -> MeasuredObject:
-    """The object with the sizes of the solid that its outlines frame, together with its points and the box of these.
+def outlined_object(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
+    """The object with the sizes of the cuboid that its outlines frame, together with those of its points.
 
-    edges : the sides of the box of its points, None without one. The object is the same where it was skipped for
-    another reason than few points, and skipped where nothing says how far away it is.
+    The same where many dense points measure it, where it was skipped for another reason than few points, or where
+    nothing says how far away it is.
     """
     masks = [data.instances[row] for row in item.members]
     if all(mask.from_box for mask in masks):
         return _box_object(item, data)
-    if any(mask.from_box for mask in masks):
+    whole = item.skipped is None and not np.any(item.truncated)
+    if any(mask.from_box for mask in masks) or (item.points >= MANY_POINTS and whole):
         return item
     outlines = data.reaches.of(item.members, data.instances, data.scene, data.basis)
     points = _sightings(item, data)
-    foot = _known_foot(item, edges, data)
+    stands = data.standing(item.category)
+    foot = _on_plane(data.floor, data, 0.0, None) if stands and data.floor is not None else None
     middle = _middle(points, outlines, foot)
     if middle is None:
         return replace(item, skipped="no points, and no floor under it, say how far away it is")
-    if edges is not None and item.points >= MANY_POINTS:
-        points = None  # the edges of their box say what they say
-    cuboid = fit_cuboid(outlines, middle, _yaw(item, data.basis), foot, points, edges=edges)
-    if item.unsupported_height is None and data.standing(item.category) is not False:
+    filled = item.unsupported_height is not None and bool(item.notes)
+    if filled:
+        foot = None
+    cuboid = fit_cuboid(outlines, middle, _yaw(item, data.basis), foot, points)
+    if not filled and stands is not False:
         plane = _contact_plane(cuboid, data)
         if plane is not None:
             foot = _on_plane(plane, data, float(cuboid.extents[2]), cuboid.centre)
-            cuboid = fit_cuboid(outlines, cuboid.centre, cuboid.yaw, foot, points, edges=edges)
-    return _with_sizes_of(item, cuboid, data, outlines.cut_sides(foot is not None))
-
-
-def _known_foot(item: MeasuredObject, edges: PointEdges | None, data: OutlineData) -> tuple[float, float] | None:
-    """Height and sigma of what the object stands on: by its points, else the floor where its category stands on it."""
-    if item.unsupported_height is not None and item.box is not None and edges is not None:
-        height = float(item.box.extents[2])
-        bottom = float(item.box.centre @ data.basis[2]) - height / 2
-        # the sigma of the height is that of the foot and of the top, which is the last of the edges
-        below = (float(item.sigma[2]) * height) ** 2 - float(edges.sigma[-1]) ** 2
-        return bottom, float(np.sqrt(max(below, (LEAST_FOOT * height) ** 2)))
-    if data.standing(item.category) and data.floor is not None:
-        return _on_plane(data.floor, data, 0.0, None)
-    return None
+            cuboid = fit_cuboid(outlines, cuboid.centre, cuboid.yaw, foot, points)
+    away = float(np.median((outlines.rotation @ cuboid.centre + outlines.translation)[:, 2]))
+    pixel = away / float(data.scene.views[masks[0].view].camera.params[0])
+    return _outline_sizes(item, cuboid, data, filled, outlines.cut_sides(foot is not None), pixel)
 
 
 def _box_object(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
@@ -145,7 +134,7 @@ def _box_object(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
         foot = (bottom, FOOT_SHARE * float(item.extents[2]))
     outlines = data.reaches.of(item.members, data.instances, data.scene, data.basis)
     spread = BOX_CENTRE_SD * float(np.sqrt(item.extents[0] * item.extents[2]))
-    cuboid = fit_cuboid(outlines, middle, _yaw(item, data.basis), foot, centre_sd=spread, bodies=BOX_BODIES)
+    cuboid = fit_cuboid(outlines, middle, _yaw(item, data.basis), foot, centre_sd=spread)
     stated = SIGMA_TIMES * np.sqrt(np.diag(cuboid.covariance)) * max(cuboid.misfit, 0.5) / max(cuboid.misfit, 1.0)
     return replace(
         item,
@@ -157,30 +146,48 @@ def _box_object(item: MeasuredObject, data: OutlineData) -> MeasuredObject:
     )
 
 
-def _with_sizes_of(item: MeasuredObject, cuboid: Cuboid, data: OutlineData, cut: BoolArray) -> MeasuredObject:
-    """The object with the sizes of its cuboid; cut : (3,) extents to whose ends no outline goes.
+def _outline_sizes(
+    item: MeasuredObject, cuboid: Cuboid, data: OutlineData, filled: bool, cut: BoolArray, pixel: float
+) -> MeasuredObject:
+    """The object by its outlines, or its points' box with what the outlines say of the sides that it lacks.
 
-    A side is truncated that neither the outlines nor the points show to its end.
+    filled : it reaches down to a plane, so that its height is that of the box; cut : (3,) extents to whose ends no
+    outline goes; pixel : the size of a pixel at the object.
     """
+    border = BORDER_PX * pixel / cuboid.extents
+    covariance = cuboid.covariance + np.diag(np.square(MASK_SIGMA) + border**2)
+    kept = np.array([False, False, filled])
+    if item.points >= MANY_POINTS and item.skipped is None:
+        unsure = np.sqrt(np.diag(covariance)) > MOST_SIGMA
+        kept = ~np.asarray(item.truncated, dtype=bool) | cut | unsure | (cuboid.extents < item.extents)
+    if kept.all():
+        return item
     box = _box(cuboid, data.basis)
-    truncated = cut
-    if item.box is not None:
-        across = abs(float(item.box.axes[0] @ box.axes[0])) < np.sqrt(0.5)
-        unsure = np.diag(cuboid.covariance) > MOST_SIGMA**2
-        truncated = (cut | unsure) & np.asarray(item.truncated, dtype=bool)[[1, 0, 2] if across else [0, 1, 2]]
-    covariance = FIT_TIMES**2 * cuboid.covariance + np.diag(np.square(SHAPE_SIGMA))
-    # a truncated side is weighed by itself
-    covariance = np.where(truncated | truncated[:, None], np.diag(np.diag(covariance)), covariance)
+    extents, truncated = cuboid.extents.copy(), cut
+    if kept.any() and item.box is not None:
+        extents = np.where(kept, item.extents, extents)
+        truncated = np.where(kept, item.truncated, cut)
+        covariance[kept] = covariance[:, kept] = 0
+        covariance[kept, kept] = item.sigma[kept] ** 2
+        box = item.box if kept[:2].any() else replace(box, centre=_at_z(box.centre, item.box.centre, data.basis[2]))
+    order = [0, 1, 2] if extents[0] >= extents[1] else [1, 0, 2]
+    extents, covariance = extents[order], covariance[np.ix_(order, order)]
     return replace(
         item,
-        extents=cuboid.extents,
+        extents=extents,
         sigma=np.sqrt(np.diag(covariance)),
         covariance=covariance,
-        truncated=truncated,
-        box=box,
+        truncated=truncated[order],
+        unsupported_height=item.unsupported_height if kept[2] else None,
+        box=replace(box, extents=extents, axes=box.axes[order]),
         skipped=None,
-        notes=item.notes if item.points >= MANY_POINTS else (*item.notes, "measured by its outlines"),
+        notes=(*item.notes, "measured by its outlines"),
     )
+
+
+def _at_z(centre: FloatArray, other: FloatArray, up: FloatArray) -> FloatArray:
+    """The centre (3,) at the height of another one."""
+    return np.asarray(centre + (other - centre) @ up * up)
 
 
 def _box(cuboid: Cuboid, basis: FloatArray) -> Box:

@@ -1,75 +1,52 @@
-"""The upright solid that fits an object's outlines in all views and its points: one likelihood.
+"""The upright cuboid whose projection fits an object's outlines in all views, and its few points.
 
-Outlines show where an object ends in each direction, points where its surfaces are. Of many points the edges of their
-own box say most, and of few or none the outlines: each counts by its standard deviation. The depth comes from the
-points, each as good as its rays make it, from the surface that the object stands on, and from the parallax of the
-outlines themselves.
+Points are few on small, far and half-hidden objects, and of a box most points are background. Outlines say more: each
+is where the object ends in that direction. A cuboid seen from several sides has to fit them all, so that its sides come
+with the spread that the views leave. Its depth comes from the points, each as good as its rays make it, from the
+surface that it stands on, and from the parallax of the outlines themselves. Outlines and points are one likelihood.
 
-An outline at the border of a picture, or behind another object, is not used; elsewhere it may lie inside the object's,
-where something hides the rest, rather than outside it. A footprint may be a rectangle or an ellipse: both are fitted,
-and where both explain the data the result is of both.
+Edges at the border of a picture, or behind another object, are not used; elsewhere an edge may lie inside the object's
+outline, where something hides the rest, rather than outside it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.outlines.reaches import DIRECTIONS, Outlines
-from estimator.outlines.solids import Shape, entry_depths, projected_reaches, supports
-from metric_base.arrays import BoolArray, FloatArray
+from metric_base.arrays import FloatArray
 
-__all__ = ["BOX_BODIES", "Cuboid", "PointEdges", "Sightings", "fit_cuboid"]
+__all__ = ["Cuboid", "Sightings", "entry_depths", "fit_cuboid"]
 
-# Towards a corner the outline may stay inside the solid's by so many times more than it may elsewhere.
+# Towards a corner the outline may stay inside the cuboid's by so many times more than it may elsewhere.
 CORNER_TIMES = 3.0
 DIAGONAL = np.arange(len(DIRECTIONS)) >= 4
-# Residuals, in standard deviations, at which a point counts half, before the solid's face and behind it: masks take in
-# a piece of the wall behind.
+# Residuals, in standard deviations, at which an edge counts half: inside the outline, where objects may be hidden, and
+# outside.
+HALF_INSIDE, HALF_OUTSIDE = 1.5, 2.5
+# The same for a point before the cuboid's face and behind it: masks take in a piece of the wall behind.
 HALF_BEFORE, HALF_BEHIND = 2.5, 1.5
 # A point may lie behind the face where its ray enters by this share of the way to the other side: objects have hollows.
 HOLLOW_SHARE = 0.3
 # Points of one object err together where they share their views: all of them count as at most so many.
 MAX_INDEPENDENT_POINTS = 8
-# Neighbouring views err alike, by the same bulge that no solid has: all views count as at most so many, and of more
-# than so many an even choice is used.
-MAX_INDEPENDENT_VIEWS, MAX_VIEWS = 4, 16
-# The same for edges of the points' box, and for the foot: nothing goes below what it stands on.
-HALF_EDGE, HALF_FOOT = 2.5, 10.0
-# What is known of an object before: its sides within a factor of 1.8 of what single outlines show. The centre is open
-# by `CENTRE_SD` distances, which only says that it is somewhere ahead. Of a round object length and width are alike.
-SIDE_SD, CENTRE_SD, YAW_SD, ROUND_SD = (0.6, 0.6, 0.5), 0.7, 2.0, 0.15
+# Neighbouring views err alike, by the same bulge that no cuboid has: all views count as at most so many.
+MAX_INDEPENDENT_VIEWS = 4
+# Footprints are between a rectangle and an ellipse: an octagon with corners cut off from this share of half a side.
+CORNER = 0.75
+# What is known of a cuboid before: its sides within a factor of 1.8 of what single outlines show. The centre is open by
+# `CENTRE_SD` distances, which only says that it is somewhere ahead.
+SIDE_SD, CENTRE_SD, YAW_SD = (0.6, 0.6, 0.5), 0.7, 2.0
+# Length and width that a fit starts from, over what the outlines are wide: they show the one or the other.
+START_LENGTH, START_WIDTH = 1.25, 0.75
 # Steps of the fit, the change at which it ends, and its damping at the start and at most.
-STEPS, ENOUGH, DAMPING, MOST_DAMPING = 40, 1e-7, 1e-2, 1e3
+STEPS, ENOUGH, DAMPING, MOST_DAMPING = 40, 1e-6, 1e-2, 1e3
 # Furthest that one step goes, in sizes, natural logs and radians.
 MOST_STEP = 0.4
-# No start is worse than the best by more than this: it has no weight then.
-MOST_COST = 200.0
-
-
-@dataclass(frozen=True, slots=True)
-class Body:
-    """What an object may be like.
-
-    shape : of its footprint; length, width : what a fit starts from, over what the outlines are wide: they show the one
-    or the other; headings : that a fit starts from; half_inside, half_outside : residuals, in standard deviations, at
-    which an outline counts half that stays inside the solid's, since objects do not fill their solid or something hides
-    them, and one that goes beyond.
-    """
-
-    shape: Shape
-    length: float
-    width: float
-    headings: int
-    half_inside: float
-    half_outside: float
-
-
-#: Of objects with masks: full boxes and full cylinders. Of boxes alone, which say less: something between.
-BODIES = (Body("box", 1.25, 0.75, 4, 0.5, 1.2), Body("round", 1.0, 1.0, 1, 0.5, 1.2))
-BOX_BODIES = (Body("octagon", 1.25, 0.75, 4, 1.5, 2.5),)
+# Starts whose cost is higher by this much are no explanation of the outlines.
+WORSE_COST = 12.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,22 +60,6 @@ class Sightings:
     rays: FloatArray
     depths: FloatArray
     sigma: FloatArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PointEdges:
-    """The sides of the box of an object's points.
-
-    directions : (m, 3) unit outward normals in the level basis; reach : (m,) how far the box goes along them from the
-    origin; sigma, beyond : (m,) one standard deviation where the object ends before that, and where it goes further: a
-    side that the points do not show to its end may go on. box : (7,) the whole as a solid, where a fit may start.
-    """
-
-    directions: FloatArray
-    reach: FloatArray
-    sigma: FloatArray
-    beyond: FloatArray
-    box: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,22 +78,11 @@ class Cuboid:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Data:
-    """All that a fit is of: outlines, points, the edges of their box, height and standard deviation of the foot."""
+    """All that a fit is of: outlines, points, height and standard deviation of the foot."""
 
     outlines: Outlines
     points: Sightings | None
-    edges: PointEdges | None
     foot: tuple[float, float] | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Fits:
-    """Fits from k starts: cost (k,), parameters (k, 7), their covariance (k, 7, 7), misfit (k,)."""
-
-    cost: FloatArray
-    at: FloatArray
-    covariance: FloatArray
-    misfit: FloatArray
 
 
 def fit_cuboid(
@@ -142,12 +92,10 @@ def fit_cuboid(
     foot: tuple[float, float] | None = None,
     points: Sightings | None = None,
     centre_sd: float | None = None,
-    edges: PointEdges | None = None,
-    bodies: Sequence[Body] = BODIES,
 ) -> Cuboid:
-    """The cuboid round the solid that fits best, by damped least squares with weights 1 / (1 + r^2 / c^2).
+    """The cuboid that fits best, by damped least squares with weights 1 / (1 + r^2 / c^2) from four headings.
 
-    Where several headings or shapes explain the data, the extents and their covariance are of all of them together.
+    Where several headings explain the outlines, the extents and their covariance are of all of them together.
 
     Parameters
     ----------
@@ -156,153 +104,143 @@ def fit_cuboid(
     foot : height and standard deviation of what it stands on, scene units
     points : its points, each as good as its rays
     centre_sd : one standard deviation of `middle` in scene units, where nothing else says how far away the object is
-    edges : the sides of its points' box, where there are points enough for one
-    bodies : what it may be like
     """
     depth = (outlines.rotation @ middle + outlines.translation)[:, 2]
     near = depth > 0
     spans = (outlines.reach[:, :2] + outlines.reach[:, 2:4])[near] * depth[near, None]  # (k, 2) width and height
     across, tall = np.maximum(np.median(spans, axis=0), np.finfo(float).tiny) if near.any() else (1.0, 1.0)
     away = float(np.median(np.linalg.norm(outlines.rotation @ middle + outlines.translation, axis=1)))
-    data = _Data(outlines.some(MAX_VIEWS), points, edges, foot)
+    data = _Data(outlines, points, foot)
     fits = []
-    for body in bodies:
-        turns = np.arange(body.headings) * np.pi / 4
-        logs = np.log([body.length * across, body.width * across, tall])
-        starts = np.array([[*middle, yaw + turn, *logs] for turn in turns])
-        if edges is not None:
-            starts = np.vstack([starts, edges.box])
-        fits.append(_fit(data, body, starts, float(np.sqrt(across * tall)), centre_sd or CENTRE_SD * away))
+    for turn in np.arange(4) * np.pi / 4:
+        start = np.array(
+            [*middle, yaw + turn, np.log(START_LENGTH * across), np.log(START_WIDTH * across), np.log(tall)]
+        )
+        fits.append(_fit(data, start, float(np.sqrt(across * tall)), centre_sd or CENTRE_SD * away))
     return _join(fits)
 
 
-def _fit(data: _Data, body: Body, starts: FloatArray, size: float, centre_sd: float) -> _Fits:
-    """The fits of one body from starts (k, 7), all at once."""
+def entry_depths(parameters: FloatArray, sight: Sightings) -> tuple[FloatArray, FloatArray]:
+    """(k, n) depth at which each ray enters k cuboids, parameters (k, 7), and how long it stays inside.
+
+    A ray that misses enters and leaves where it comes nearest to doing both.
+    """
+    half = np.exp(parameters[:, None, 4:]) / 2  # (k, 1, 3)
+    c, s = np.cos(parameters[:, 3, None]), np.sin(parameters[:, 3, None])
+
+    def local(vectors: FloatArray) -> FloatArray:
+        """(k, n, 3) vectors in each cuboid's own axes."""
+        return np.stack(
+            [c * vectors[..., 0] + s * vectors[..., 1], c * vectors[..., 1] - s * vectors[..., 0], vectors[..., 2]], -1
+        )
+
+    start = local(sight.eyes - parameters[:, None, :3])
+    ray = local(np.broadcast_to(sight.rays, start.shape))
+    ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
+    one, two = (-half - start) / ray, (half - start) / ray
+    enter, leave = np.minimum(one, two).max(axis=2), np.maximum(one, two).min(axis=2)
+    missed = enter > leave
+    middle = (enter + leave) / 2
+    return np.where(missed, middle, enter), np.where(missed, 0.0, leave - enter)
+
+
+def _reaches(outlines: Outlines, parameters: FloatArray) -> FloatArray:
+    """(k, v, 8) how far k cuboids reach in each picture, parameters (k, 7): centre, yaw, log extents."""
+    ring = np.array([(1, CORNER), (CORNER, 1)])
+    signs = np.array([(1, 1), (-1, 1), (1, -1), (-1, -1)])
+    flat = (ring[:, None] * signs).reshape(-1, 2) / 2
+    unit = np.array([[*at, z] for at in flat for z in (-0.5, 0.5)])  # (16, 3)
+    local = unit * np.exp(parameters[:, None, 4:])  # (k, 16, 3)
+    c, s = np.cos(parameters[:, 3, None]), np.sin(parameters[:, 3, None])
+    turned = [c * local[..., 0] - s * local[..., 1], s * local[..., 0] + c * local[..., 1], local[..., 2]]
+    world = np.stack(turned, axis=-1) + parameters[:, None, :3]
+    camera = np.einsum("vij,knj->kvin", outlines.rotation, world) + outlines.translation[:, :, None]  # (k, v, 3, 16)
+    # what is behind the camera is far to the side
+    at = camera[:, :, :2] / np.maximum(camera[:, :, 2:], 1e-3 * np.abs(camera).max())
+    return np.asarray(np.einsum("di,kvin->kvdn", DIRECTIONS, at).max(axis=3))
+
+
+def _fit(data: _Data, start: FloatArray, size: float, centre_sd: float) -> tuple[float, FloatArray, FloatArray, float]:
+    """Cost, parameters (7,), covariance (7, 7) of them, and misfit of one start."""
     unit = np.array([size, size, size, 1, 1, 1, 1])
     step = 1e-3 * unit
-    weight = np.diag(np.array([*[centre_sd] * 3, YAW_SD, *SIDE_SD]) ** -2.0)
-    if body.shape == "round":
-        weight[4:6, 4:6] += np.array([[1, -1], [-1, 1]]) / ROUND_SD**2
-    count = len(starts)
-    at, best = starts.copy(), starts.copy()
-    damping, cost, misfit = np.full(count, DAMPING), np.full(count, np.inf), np.ones(count)
-    normal, pull = np.tile(weight, (count, 1, 1)), np.zeros((count, 7))
-    active = np.ones(count, dtype=bool)
+    prior_sd = np.array([*[centre_sd] * 3, YAW_SD, *SIDE_SD])
+    at = start.copy()
+    damping, cost, centre = DAMPING, np.inf, start
+    normal, pull, misfit = np.diag(prior_sd**-2), np.zeros(7), 1.0
     for _ in range(STEPS):
-        rows, weights, residual, loss = _residuals(data, body, at[active], step)
-        off = at[active] - starts[active]
-        now = loss + np.einsum("ki,ij,kj->k", off, weight, off)
-        live = np.flatnonzero(active)
-        better = now < cost[live]
-        gain = cost[live] - now
-        won = live[better]
-        weighted = rows[better] * weights[better, :, None]
-        normal[won] = rows[better].transpose(0, 2, 1) @ weighted + weight
-        pull[won] = np.einsum("kmi,km->ki", weighted, residual[better]) + off[better] @ weight
-        total = np.maximum(weights[better].sum(axis=1), 1.0)
-        misfit[won] = np.sqrt((weights[better] * residual[better] ** 2).sum(axis=1) / total)
-        cost[won], best[won] = now[better], at[won]
-        damping[live] = np.where(better, damping[live] / 3, damping[live] * 10)
-        active[live] = np.where(better, gain >= ENOUGH * np.maximum(now, 1.0), damping[live] <= MOST_DAMPING)
-        if not active.any():
+        rows, weight, residual, loss = _residuals(data, at, step)
+        now = loss + float((((at - start) / prior_sd) ** 2).sum())
+        if now < cost:
+            done = cost - now < ENOUGH * max(now, 1.0)
+            cost, centre, damping = now, at, damping / 3
+            normal = rows.T @ (rows * weight[:, None]) + np.diag(prior_sd**-2)
+            pull = rows.T @ (weight * residual) + (at - start) / prior_sd**2
+            misfit = float(np.sqrt((weight * residual**2).sum() / max(float(weight.sum()), 1.0)))
+        else:
+            done, damping = damping > MOST_DAMPING, damping * 10
+        if done:
             break
-        at[active] = best[active] + _steps(normal[active], pull[active], damping[active], MOST_STEP * unit)
-    return _Fits(cost, best, np.asarray(np.linalg.inv(normal), dtype=np.float64), misfit)
+        change = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), pull)
+        at = centre + np.clip(change, -MOST_STEP * unit, MOST_STEP * unit)
+    return cost, centre, np.asarray(np.linalg.inv(normal)), misfit
 
 
-def _steps(normal: FloatArray, pull: FloatArray, damping: FloatArray, most: FloatArray) -> FloatArray:
-    """(k, 7) damped steps of the normal equations (k, 7, 7) with right sides (k, 7), none further than `most` (7,)."""
-    diagonal = np.einsum("kii->ki", normal)
-    damped = normal + (damping[:, None] * diagonal)[:, :, None] * np.eye(7)
-    return np.clip(-np.linalg.solve(damped, pull[:, :, None])[..., 0], -most, most)
-
-
-def _residuals(
-    data: _Data, body: Body, at: FloatArray, step: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Slopes (k, m, 7), weights (k, m), residuals (k, m) of all that is fitted at (k, 7), and robust costs (k,)."""
-    count = len(at)
-    trial = (at[:, None] + np.vstack([np.zeros(7), np.diag(step)])).reshape(-1, 7)
-    parts = [_outline_residuals(data.outlines, projected_reaches(data.outlines, trial, body.shape), body, count)]
+def _residuals(data: _Data, at: FloatArray, step: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Slopes (m, 7), weights (m,) and residuals (m,) of all that is fitted, and its robust cost."""
+    trial = at + np.vstack([np.zeros(7), np.diag(step)])
+    outlines = data.outlines
+    reaches = _reaches(outlines, trial) / outlines.sigma
+    residual = (reaches[0] - outlines.reach / outlines.sigma).ravel()
+    slope = ((reaches[1:] - reaches[0]).reshape(7, -1) / step[:, None]).T
+    # objects do not fill the corners of their cuboid
+    loose = np.where((residual.reshape(-1, len(DIRECTIONS)) > 0) & DIAGONAL, 1 / CORNER_TIMES, 1.0).ravel()
+    residual, slope = residual * loose, slope * loose[:, None]
+    half = np.where(residual > 0, HALF_INSIDE, HALF_OUTSIDE)
+    share = min(1.0, MAX_INDEPENDENT_VIEWS / len(outlines.reach))
+    parts = [(slope, residual, half, share * outlines.free.ravel())]
     if data.points is not None and len(data.points.depths):
-        enter, inside = entry_depths(trial, data.points.eyes, data.points.rays, body.shape)
-        parts.append(_point_residuals(data.points, enter.reshape(count, 8, -1), inside.reshape(count, 8, -1)[:, 0]))
-    if data.edges is not None:
-        parts.append(
-            _edge_residuals(data.edges, supports(trial, data.edges.directions, body.shape).reshape(count, 8, -1))
-        )
+        parts.append(_point_residuals(data.points, trial, step))
     if data.foot is not None:
-        bottom = (trial[:, 2] - np.exp(trial[:, 6]) / 2).reshape(count, 8, 1)
-        off = (bottom - data.foot[0]) / data.foot[1]
-        parts.append((off, np.full((count, 1), HALF_FOOT), np.ones((count, 1))))
-    values, halves, counts = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
-    residual = values[:, 0]
-    slope = ((values[:, 1:] - values[:, :1]) / step[:, None]).transpose(0, 2, 1)
-    square = (residual / halves) ** 2
-    return slope, counts / (1 + square), residual, (counts * halves**2 * np.log1p(square)).sum(axis=1)
-
-
-def _view_share(outlines: Outlines) -> float:
-    """What one view counts."""
-    return min(1.0, MAX_INDEPENDENT_VIEWS / len(outlines.reach))
-
-
-def _outline_residuals(
-    outlines: Outlines, reaches: FloatArray, body: Body, count: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Residuals (k, 8, m), half-weight residuals (k, m) and counts (k, m) of the projections (8 k, v, 8)."""
-    residual = ((reaches - outlines.reach) / outlines.sigma).reshape(count, 8, -1)
-    outside = residual[:, 0] > 0
-    # objects do not fill the corners of their solid
-    loose = np.where(outside & np.tile(DIAGONAL, len(outlines.reach)), 1 / CORNER_TIMES, 1.0)
-    counts = np.broadcast_to(_view_share(outlines) * outlines.free.ravel(), outside.shape)
-    return residual * loose[:, None], np.where(outside, body.half_inside, body.half_outside), counts
+        height = np.exp(at[6])
+        own = np.array([[0, 0, 1, 0, 0, 0, -height / 2]]) / data.foot[1]
+        off = np.array([(at[2] - height / 2 - data.foot[0]) / data.foot[1]])
+        parts.append((own, off, np.array([HALF_OUTSIDE]), np.ones(1)))
+    rows, residuals, halves, counts = (np.concatenate(each) for each in zip(*parts, strict=True))
+    weight = counts / (1 + (residuals / halves) ** 2)
+    return rows, weight, residuals, float((counts * halves**2 * np.log1p((residuals / halves) ** 2)).sum())
 
 
 def _point_residuals(
-    points: Sightings, enter: FloatArray, inside: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same for the points, whose rays enter at depths (k, 8, n) and stay inside for (k, n)."""
-    behind: BoolArray = points.depths > enter[:, 0]
-    sigma = np.hypot(points.sigma, np.where(behind, HOLLOW_SHARE * inside, 0.0))
-    counts = np.full(behind.shape, min(1.0, MAX_INDEPENDENT_POINTS / len(points.sigma)))
+    points: Sightings, trial: FloatArray, step: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Slopes (n, 7), residuals (n,), half-weight residuals (n,) and counts (n,) of the points against the faces."""
+    enter, inside = entry_depths(trial, points)
+    behind = points.depths > enter[0]
+    sigma = np.hypot(points.sigma, np.where(behind, HOLLOW_SHARE * inside[0], 0.0))
+    residual = (enter[0] - points.depths) / sigma
+    slope = ((enter[1:] - enter[0]) / (sigma * step[:, None])).T
     half = np.where(behind, HALF_BEHIND, HALF_BEFORE)
-    return (enter - points.depths) / sigma[:, None], half, counts
+    return slope, residual, half, np.full(len(sigma), min(1.0, MAX_INDEPENDENT_POINTS / len(sigma)))
 
 
-def _edge_residuals(edges: PointEdges, reach: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """The same for the edges of the points' box, which the solids pass by `reach` (k, 8, m) from the origin."""
-    further = reach[:, 0] > edges.reach
-    sigma = np.where(further, edges.beyond, edges.sigma)
-    half = np.full(further.shape, HALF_EDGE)
-    return (reach - edges.reach) / sigma[:, None], half, np.ones(further.shape)
-
-
-def _join(parts: list[_Fits]) -> Cuboid:
-    """The cuboid of the fits of several bodies: each body by its best cost, the starts of one share its weight."""
-    cost, at, covariance, misfit = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("cost", "at", "covariance", "misfit")
-    )
-    finite = np.isfinite(cost)
-    # wild cameras make no sense of any heading
-    least = float(cost[finite].min()) if finite.any() else 0.0
-    chance = np.where(finite, np.exp(-np.minimum(np.where(finite, cost, np.inf) - least, MOST_COST) / 2), 0.0)
-    if not finite.any():
-        chance[0] = 1.0
-    body = np.repeat(np.arange(len(parts)), [len(part.cost) for part in parts])
-    best, total = np.zeros(len(parts)), np.zeros(len(parts))
-    np.maximum.at(best, body, chance)
-    np.add.at(total, body, chance)
-    weights = chance * (best / np.maximum(total, np.finfo(float).tiny))[body]
+def _join(fits: list[tuple[float, FloatArray, FloatArray, float]]) -> Cuboid:
+    """The cuboid of several fits (cost, (7,), (7, 7), misfit), each with the weight of its cost."""
+    fits = [fit for fit in fits if np.isfinite(fit[0])] or fits[:1]  # wild cameras make no sense of any heading
+    least = min(fit[0] for fit in fits)
+    kept = [fit for fit in fits if not fit[0] - least >= WORSE_COST]
+    weights = np.array([np.exp(-(fit[0] - least) / 2) if np.isfinite(least) else 1.0 for fit in kept])
     weights /= weights.sum()
-    swapped = at[:, 4] < at[:, 5]
-    order = np.where(swapped[:, None], [5, 4, 6], [4, 5, 6])
-    logs = np.take_along_axis(at, order, axis=1)
-    own = np.array([each[np.ix_(rows, rows)] for each, rows in zip(covariance, order, strict=True)])
-    own *= np.maximum(misfit, 1.0)[:, None, None] ** 2
-    mean = weights @ logs
-    off = logs - mean
-    spread = np.einsum("k,kij->ij", weights, own + off[:, :, None] * off[:, None, :])
-    top = int(weights.argmax())
-    yaw = float(at[top, 3] + (np.pi / 2 if swapped[top] else 0.0))
-    return Cuboid(at[top, :3], yaw, np.exp(mean), spread, float(misfit[top]))
+    logs, covariances, centres, yaws = [], [], [], []
+    for _, at, covariance, misfit in kept:
+        order = [4, 5, 6] if at[4] >= at[5] else [5, 4, 6]
+        logs.append(at[order])
+        covariances.append(covariance[np.ix_(order, order)] * max(misfit, 1.0) ** 2)
+        centres.append(at[:3])
+        yaws.append(at[3] + (0.0 if order[0] == 4 else np.pi / 2))
+    mean = weights @ np.array(logs)
+    off = np.array(logs) - mean
+    spread = np.einsum("k,kij->ij", weights, np.array(covariances) + off[:, :, None] * off[:, None, :])
+    best = int(weights.argmax())
+    extents = np.exp(mean)
+    return Cuboid(centres[best], float(yaws[best]), extents, spread, kept[best][3])

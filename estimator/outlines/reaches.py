@@ -15,7 +15,7 @@ from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["DIRECTIONS", "Outlines", "Reaches", "mask_reaches"]
 
-# Left, top, right, bottom, then between them, where up is that of the world at the object.
+# Left, top, right, bottom, then between them.
 DIRECTIONS = np.array([[-1, 0], [0, -1], [1, 0], [0, 1], [-1, -1], [1, -1], [1, 1], [-1, 1]]) / np.sqrt(
     [[1]] * 4 + [[2]] * 4
 )
@@ -23,8 +23,6 @@ BOX_DIRECTIONS = 4
 # A detector's edge is good to so many pixels and to this share of its box's side; a mask's border to less.
 EDGE_PX, EDGE_SHARE = 2.0, 0.03
 MASK_PX, MASK_SHARE = 1.5, 0.03
-# Seen this steeply from above, a sine of the angle to the vertical, the picture has no vertical at an object.
-LEAST_SINE = 0.1
 # Edges nearer to the border of the picture are cut there.
 BORDER_PX = 2.0
 # How far beyond the outline another mask is looked for that may hide a part, in pixels and as a share of the diagonal.
@@ -35,11 +33,11 @@ OUTER_SHARE, CUT_SHARE = 0.08, 0.25
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outlines:
-    """The outlines of one object in v views, at unit depth, in pictures that are turned until the vertical is upright.
+    """The outlines of one object in v views, at unit depth.
 
     reach : (v, 8) furthest that the outline goes towards each of the `DIRECTIONS`; sigma : (v, 8) one standard
     deviation of it; free : (v, 8) whether it ends there, rather than at the border of the picture or behind another
-    object; rotation : (v, 3, 3) and translation : (v, 3) from the level basis to the turned cameras.
+    object; rotation : (v, 3, 3) and translation : (v, 3) from the level basis to the cameras.
     """
 
     reach: FloatArray
@@ -47,12 +45,6 @@ class Outlines:
     free: BoolArray
     rotation: FloatArray
     translation: FloatArray
-
-    def some(self, most: int) -> Outlines:
-        """An even choice of at most so many views."""
-        rows = np.linspace(0, len(self.reach) - 1, min(most, len(self.reach))).astype(np.int64)
-        reach, sigma, free = self.reach[rows], self.sigma[rows], self.free[rows]
-        return Outlines(reach, sigma, free, self.rotation[rows], self.translation[rows])
 
     def cut_sides(self, standing: bool) -> BoolArray:
         """(3,) whether no view shows both ends of length and width, of height; standing : its foot is known."""
@@ -63,15 +55,11 @@ class Outlines:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reaches:
-    """How far each of m masks reaches: `reach`, `sigma` and `free`, (m, 8) as in `Outlines`.
-
-    turns : (m, 2, 2) rotation of each picture that brings the vertical upright there.
-    """
+    """How far each of m masks reaches: `reach`, `sigma` and `free`, (m, 8) as in `Outlines`."""
 
     reach: FloatArray
     sigma: FloatArray
     free: BoolArray
-    turns: FloatArray
 
     def of(self, members: Sequence[int], instances: Sequence[Instance], scene: Scene, basis: FloatArray) -> Outlines:
         """The outlines of the object that the masks `members` show; `basis` (3, 3) has up as its last row."""
@@ -79,13 +67,11 @@ class Reaches:
         views = [scene.views[instances[row].view] for row in rows]
         rotation = np.array([view.rotation for view in views]) @ basis.T
         translation = np.array([view.translation for view in views])
-        rotation[:, :2] = self.turns[rows] @ rotation[:, :2]
-        translation[:, :2] = np.einsum("vij,vj->vi", self.turns[rows], translation[:, :2])
         return Outlines(self.reach[rows], self.sigma[rows], self.free[rows], rotation, translation)
 
 
-def mask_reaches(scene: Scene, instances: Sequence[Instance], depths: FloatArray, up: FloatArray) -> Reaches:
-    """The reaches of all masks; depths : (m,) median depth of the points of each, NaN without; up : (3,) the vertical.
+def mask_reaches(scene: Scene, instances: Sequence[Instance], depths: FloatArray) -> Reaches:
+    """The reaches of all masks; depths : (m,) median depth of the points of each, NaN without points.
 
     Of two masks that touch, the nearer hides the other: by the depths of their points, else the one that goes lower.
     """
@@ -94,26 +80,11 @@ def mask_reaches(scene: Scene, instances: Sequence[Instance], depths: FloatArray
         by_view[instance.view].append(row)
     shape = (len(instances), len(DIRECTIONS))
     reach, sigma, free = np.zeros(shape), np.ones(shape), np.zeros(shape, dtype=bool)
-    turns = np.array([_upright(scene, instance, up) for instance in instances]).reshape(-1, 2, 2)
     for rows in by_view.values():
         for row in rows:
             others = [other for other in rows if other != row and _is_nearer(instances, depths, other, row)]
-            nearer = [instances[k] for k in others]
-            reach[row], sigma[row], free[row] = _reaches(scene, instances[row], nearer, turns[row])
-    return Reaches(reach, sigma, free, turns)
-
-
-def _upright(scene: Scene, instance: Instance, up: FloatArray) -> FloatArray:
-    """(2, 2) rotation of the picture that turns the vertical (3,) upright at a mask; none for a box, or from above."""
-    view, (height, width) = scene.views[instance.view], instance.mask.shape
-    middle = view_rays(view.camera, np.array(instance.origin, dtype=float)[None] + [width / 2, height / 2])[0]
-    vertical = view.rotation @ up
-    along = vertical[:2] - vertical[2] * middle[:2] / middle[2]
-    length = float(np.linalg.norm(along))
-    if instance.from_box or not length > LEAST_SINE:
-        return np.eye(2)
-    x, y = along / length
-    return np.array([[-y, x], [-x, -y]])
+            reach[row], sigma[row], free[row] = _reaches(scene, instances[row], [instances[k] for k in others])
+    return Reaches(reach, sigma, free)
 
 
 def _is_nearer(instances: Sequence[Instance], depths: FloatArray, one: int, other: int) -> bool:
@@ -124,13 +95,8 @@ def _is_nearer(instances: Sequence[Instance], depths: FloatArray, one: int, othe
     return bool(bottoms[0] > bottoms[1])
 
 
-def _reaches(
-    scene: Scene, instance: Instance, nearer: Sequence[Instance], turn: FloatArray
-) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """(8,) reach, sigma, free of one mask; nearer : masks of its view that may hide it.
-
-    turn : (2, 2) rotation of the picture.
-    """
+def _reaches(scene: Scene, instance: Instance, nearer: Sequence[Instance]) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """(8,) reach, sigma, free of one mask; nearer : masks of its view that may hide it."""
     camera = scene.views[instance.view].camera
     focal = float(camera.params[0])  # the first parameter of every camera model is a focal length in pixels
     (height, width), origin = instance.mask.shape, np.array(instance.origin, dtype=float)
@@ -145,11 +111,9 @@ def _reaches(
             return np.zeros(8), np.ones(8), np.zeros(8, dtype=bool)
         # the contour runs through the outermost pixels, whose far side is half a pixel on
         pixels, count = np.concatenate(contours)[:, 0].astype(float) + origin + 0.5, len(DIRECTIONS)
-    directions = DIRECTIONS @ turn  # in the picture as it is
-    along = pixels @ directions.T  # (n, 8)
+        sigma = np.full(8, (MASK_PX + MASK_SHARE * float(np.hypot(width, height))) / focal)
+    along = pixels @ DIRECTIONS.T  # (n, 8)
     furthest = along.max(axis=0)
-    if not instance.from_box:
-        sigma = (MASK_PX + MASK_SHARE * (furthest - along.min(axis=0))) / focal
     half = 0.0 if instance.from_box else 0.5 / focal
     outer = along >= furthest - OUTER_SHARE * (furthest - along.min(axis=0))
     far = np.array([camera.width, camera.height]) - BORDER_PX
@@ -158,12 +122,12 @@ def _reaches(
     if not instance.from_box:
         step = BESIDE_PX + BESIDE_SHARE * float(np.hypot(width, height))
         for other in nearer:
-            stopped |= _within(other, pixels[:, None] + step * directions)
+            stopped |= _within(other, pixels[:, None] + step * DIRECTIONS)
     else:
         outer = np.eye(BOX_DIRECTIONS, 8, dtype=bool)
     free: BoolArray = (stopped & outer).sum(axis=0) <= CUT_SHARE * outer.sum(axis=0)
     free[count:] = False
-    reach = (view_rays(camera, pixels)[:, :2] @ directions.T).max(axis=0) + half
+    reach = (view_rays(camera, pixels)[:, :2] @ DIRECTIONS.T).max(axis=0) + half
     return reach, sigma, free
 
 

@@ -13,8 +13,6 @@ from estimator.outlines.sight_errors import point_covariances
 from tests.synthetic.rooms.few_points import FewPointsWorld, few_points_world
 from tests.synthetic.shapes import orbit
 
-UP = np.array([0.0, 0.0, 1.0])
-
 
 @pytest.fixture(scope="module")
 def world() -> FewPointsWorld:
@@ -28,7 +26,7 @@ def test_heights_of_small_far_and_half_hidden_objects(world: FewPointsWorld) -> 
     assert min(item.points for item in objects) < 5
     sizes = np.array([world.sizes[int(world.instances[item.members[0]].track or 0)] for item in objects])
     error = np.log(np.array([item.extents for item in objects]) / sizes)
-    assert np.median(np.abs(error), axis=0) == pytest.approx([0, 0, 0], abs=0.22)
+    assert np.median(np.abs(error), axis=0) == pytest.approx([0, 0, 0], abs=0.2)
     assert abs(np.median(error[:, 2])) < 0.05
     assert (np.abs(error) < 2 * np.array([item.sigma for item in objects])).mean() > 0.8
     for item in objects:
@@ -63,8 +61,8 @@ def test_an_edge_behind_a_nearer_mask_is_not_free(world: FewPointsWorld) -> None
         first, id="cover", mask=np.ones((height, 20), dtype=bool), origin=(first.origin[0] + width, first.origin[1])
     )
     solid = replace(first, mask=np.ones_like(first.mask))
-    alone = mask_reaches(world.scene, [solid], np.array([5.0]), UP)
+    alone = mask_reaches(world.scene, [solid], np.array([5.0]))
     for depth, free in ((4.0, False), (6.0, True)):
-        covered = mask_reaches(world.scene, [solid, beside], np.array([5.0, depth]), UP)
+        covered = mask_reaches(world.scene, [solid, beside], np.array([5.0, depth]))
         assert covered.free[0, 2] == (free and alone.free[0, 2])
         assert covered.free[0, 0] == alone.free[0, 0]

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.outlines.cuboid_fit import BOX_BODIES, PointEdges, Sightings, fit_cuboid
+from estimator.outlines.cuboid_fit import Sightings, entry_depths, fit_cuboid
 from estimator.outlines.reaches import Outlines, mask_reaches
-from estimator.outlines.solids import entry_depths
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import FloatArray
@@ -49,16 +48,17 @@ def _boxes(views: tuple[View, ...], size: FloatArray = SIZE, yaw: float = 0.3) -
 def box_edges(boxes: list[Instance], views: tuple[View, ...], basis: FloatArray) -> Outlines:
     """The outlines of one object's boxes, each in its own view."""
     scene = Scene(Path("memory"), "memory", tuple(views), np.empty((0, 3)))
-    reaches = mask_reaches(scene, boxes, np.full(len(boxes), np.nan), basis[2])
+    reaches = mask_reaches(scene, boxes, np.full(len(boxes), np.nan))
     return reaches.of(range(len(boxes)), boxes, scene, basis)
 
 
-def test_sides_and_height_of_a_cylinder() -> None:
+def test_sides_of_a_cylinder_are_a_seventh_short_and_its_height_is_right() -> None:
+    # the fit takes footprints for something between a rectangle and an ellipse
     views = orbit(10, 3.0, 1.4)
     edges = box_edges(_boxes(views), views, np.eye(3))
     cuboid = fit_cuboid(edges, MIDDLE, 0.0)
     sides = np.sort(cuboid.extents[:2])[::-1]
-    assert np.abs(np.log(sides / SIZE[:2])).max() < 0.15
+    assert np.abs(np.log(sides / SIZE[:2])).max() < 0.17
     assert abs(np.log(cuboid.extents[2] / SIZE[2])) < 0.02
     assert np.linalg.norm(cuboid.centre - MIDDLE) < 0.05
 
@@ -66,11 +66,11 @@ def test_sides_and_height_of_a_cylinder() -> None:
 def test_one_hidden_edge_and_a_wild_one_do_not_decide() -> None:
     views = orbit(10, 3.0, 1.4)
     boxes = _boxes(views)
-    plain = fit_cuboid(box_edges(boxes, views, np.eye(3)), MIDDLE, 0.0, bodies=BOX_BODIES)
+    plain = fit_cuboid(box_edges(boxes, views, np.eye(3)), MIDDLE, 0.0)
     hidden = boxes[3].mask[: boxes[3].mask.shape[0] // 2]
     wild = np.ones((boxes[7].mask.shape[0], boxes[7].mask.shape[1] + 60), dtype=bool)
     changed = [replace(box, mask={3: hidden, 7: wild}.get(row, box.mask)) for row, box in enumerate(boxes)]
-    other = fit_cuboid(box_edges(changed, views, np.eye(3)), MIDDLE, 0.0, bodies=BOX_BODIES)
+    other = fit_cuboid(box_edges(changed, views, np.eye(3)), MIDDLE, 0.0)
     assert np.abs(np.log(np.sort(other.extents) / np.sort(plain.extents))).max() < 0.04
 
 
@@ -89,12 +89,12 @@ def test_sigma_grows_where_views_are_few() -> None:
     all_round = fit_cuboid(box_edges(_boxes(views), views, np.eye(3)), MIDDLE, 0.0)
     near = views[:3]
     few = fit_cuboid(box_edges(_boxes(near), near, np.eye(3)), MIDDLE, 0.0)
-    assert few.covariance.max() > 1.5 * all_round.covariance.max()
+    assert few.covariance.max() > 2 * all_round.covariance.max()
 
 
 def test_a_ray_enters_where_the_near_face_is_and_a_miss_lies_between() -> None:
-    eyes, rays = np.array([[-5.0, 0, 0], [-5, 3, 0]]), np.array([[1.0, 0, 0]] * 2)
-    enter, inside = entry_depths(np.array([[0.0, 0, 0, 0.0, *np.log([2.0, 1.0, 1.0])]]), eyes, rays)
+    sight = Sightings(np.array([[-5.0, 0, 0], [-5, 3, 0]]), np.array([[1.0, 0, 0]] * 2), np.ones(2), np.ones(2))
+    enter, inside = entry_depths(np.array([[0.0, 0, 0, 0.0, *np.log([2.0, 1.0, 1.0])]]), sight)
     assert enter[0, 0] == pytest.approx(4.0)
     assert inside[0].tolist() == pytest.approx([2.0, 0.0])
 
@@ -120,20 +120,3 @@ def test_unit_of_the_scene_has_no_part(unit: float) -> None:
     scaled = tuple(replace(view, translation=unit * view.translation) for view in views)
     other = fit_cuboid(box_edges(boxes, scaled, np.eye(3)), unit * MIDDLE, 0.0)
     assert other.extents / unit == pytest.approx(plain.extents, rel=1e-6)
-
-
-def test_edges_of_many_points_decide_and_open_ones_leave_it_to_the_outlines() -> None:
-    views, turn = orbit(10, 3.0, 1.4), 0.3
-    outlines = box_edges(_boxes(views, yaw=turn), views, np.eye(3))
-    c, s = np.cos(turn), np.sin(turn)
-    axes = np.array([[c, s, 0], [-s, c, 0], [0, 0, 1.0]])
-    normals, half = np.vstack([-axes, axes]), np.array([0.43, 0.27, 0.45])
-    reach = np.concatenate([half, half]) + normals @ MIDDLE
-    sure, solid = np.full(6, 0.02), np.array([*MIDDLE, turn, *np.log(2 * half)])
-    closed = fit_cuboid(outlines, MIDDLE, turn, edges=PointEdges(normals, reach, sure, sure, solid))
-    alone = fit_cuboid(outlines, MIDDLE, turn)
-    assert np.abs(np.log(closed.extents / (2 * half))).max() < 0.1
-    assert np.diag(closed.covariance).max() < 0.5 * np.diag(alone.covariance).max()
-    short, beyond = reach - np.array([0, 0, 0, 0, 0, 0.3]), np.array([*sure[:5], 1.0])
-    opened = fit_cuboid(outlines, MIDDLE, turn, edges=PointEdges(normals, short, sure, beyond, solid))
-    assert abs(np.log(opened.extents[2] / SIZE[2])) < 0.05

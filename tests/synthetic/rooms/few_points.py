@@ -212,7 +212,7 @@ def _masks(view: int, ids: IntArray, objects: list[Thing], random: np.random.Gen
         outer = cv2.distanceTransform((~whole).astype(np.uint8), cv2.DIST_L2, 5)
         noise = cv2.GaussianBlur(random.normal(0, 1, whole.shape), (0, 0), 5)
         shift = BORDER_PX * (noise / max(float(noise.std()), 1e-9)) + random.normal(0, 0.5)
-        mask = np.where(whole, inner - 0.5, 0.5 - outer) > shift * 0.7
+        mask = (inner - outer) > np.where(whole, 0, -1) + shift * 0.7
         if mask.sum() < LEAST_PIXELS // 2:
             continue
         found.append(

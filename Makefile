@@ -43,8 +43,8 @@ check: .venv/.dev ## lint and types
 hunt: .venv/.dev ## the property tests on new random examples
 	HYPOTHESIS_PROFILE=hunt $(BIN)/python -m pytest -n 2 -m hypothesis
 
-coverage: .venv/.dev ## the tests with the share of lines they run
-	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --cov --cov-report=term:skip-covered --cov-report=xml:out/coverage.xml
+coverage: .venv/.dev ## the tests with the share of lines and branches they run; 90 % is the floor
+	$(BIN)/python -m pytest -n 4 --dist loadfile --no-loadscope-reorder --cov --cov-fail-under=90 --cov-report=term:skip-covered --cov-report=xml:out/coverage.xml
 
 reference: .venv/.dev ## write the generated pages of the reference
 	$(BIN)/python docs/generate.py

@@ -24,7 +24,7 @@ __all__ = ["EFFECTIVE_OBJECTS", "JointTerms", "LoneTerms", "Ways", "joint_classe
 EFFECTIVE_OBJECTS = 25
 
 #: A hypothesis with this much less evidence (natural log) than the likeliest of its class is left out.
-MAX_EVIDENCE_LOSS_LOG = 8.0
+MAX_EVIDENCE_LOSS_LOG = 12.0
 
 #: Which of the sorted extents is the vertical one is not learned from more objects than this.
 READING_OBJECTS = 3
@@ -42,9 +42,6 @@ MAX_DEPTH_UNDER_PEAK_LOG = 18.0
 
 #: Numbers in a row from which `reduceat` over the rows takes longer than a loop, thrice as long at five hundred.
 WIDE = 128
-
-#: The first look at where a product matters takes every so many points of the common grid.
-FIRST_LOOK = 3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,10 +149,10 @@ def joint_classes(components: DimensionRows, ways: Ways, u: FloatArray) -> Joint
     """
     of_row = ways.entry[components.object]
     nodes = lines(components, of_row, np.array([way.error.across for way in ways.hypotheses]), ways.power[of_row])
-    seen = np.linspace(u[0], u[-1], max(len(u) // FIRST_LOOK, OWN_POINTS))
-    common = np.broadcast_to(seen, (len(ways.hypotheses), len(seen)))
-    log_first = _log_products(components, nodes.middle(), ways, common)[0][:, 0]  # (w, f)
-    middle, half = _spans(log_first, seen)  # (w,)
+    # all points of the grid: products of a hundred objects are narrow, and a missed peak costs its hypothesis
+    common = np.broadcast_to(u, (len(ways.hypotheses), len(u)))
+    log_first = _log_products(components, nodes.middle(), ways, common)[0][:, 0]  # (w, g)
+    middle, half = _spans(log_first, u)  # (w,)
     kept = _plausible(ways, log_first.max(axis=1), half)
     if not kept.all():
         components, ways, nodes = components.of(np.flatnonzero(kept[ways.entry])), ways.of(kept), nodes.of(kept)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from metric_base.arrays import FloatArray
+from metric_base.arrays import FloatArray, IntArray
 
-__all__ = ["GroupPlaces", "relative_distance"]
+__all__ = ["MIN_PLACE_POINTS", "GroupPlaces", "NearbyGroups", "relative_distance"]
 
 # The paper's threshold is a length in an unknown unit. Two views of one object leave gaps of a few point spacings
 # between their clouds; two touching objects of one kind lie a whole width apart. The threshold is this share of the
@@ -19,14 +19,19 @@ DISTANCE_SHARE = 0.15
 SAME_PLACE = 1e-9
 # Distances between clouds are averages; a few hundred points give them to a few per cent.
 MAX_DISTANCE_POINTS = 400
+# Clouds of fewer points have a spacing as large as themselves, and lie anywhere.
+MIN_PLACE_POINTS = 10
+# Fewer points than this are in a place by chance.
+MIN_LYING_POINTS = 3
 
 
 @dataclass(slots=True, eq=False)
 class GroupPlace:
-    """Where a group lies: its thinned points (n, 3), and their box (2, 3)."""
+    """Where a group lies: its thinned points (n, 3), their box (2, 3), and the count of all its points."""
 
     points: FloatArray
     box: FloatArray
+    count: int
     _spacing: float | None = None
 
     @property
@@ -46,19 +51,61 @@ class GroupPlace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroupPlaces:
-    """The places of groups of masks, each made once from the masks' clouds."""
+    """The places of groups of masks, each measured once; cloud : the points (n, 3) of a mask by its row."""
 
-    clouds: Sequence[FloatArray]
+    cloud: Callable[[int], FloatArray]
     _known: dict[tuple[int, ...], GroupPlace] = field(default_factory=dict)
 
     def of(self, group: tuple[int, ...]) -> GroupPlace:
         """The place of the masks in `group`."""
         if group not in self._known:
-            points = np.concatenate([self.clouds[member] for member in group])
-            points = points[:: max(-(-len(points) // MAX_DISTANCE_POINTS), 1)]
-            box = np.array([points.min(axis=0), points.max(axis=0)]) if len(points) else np.zeros((2, 3))
-            self._known[group] = GroupPlace(points, box)
+            points = np.concatenate([self.cloud(member) for member in group])
+            count = len(points)
+            points = points[:: max(-(-count // MAX_DISTANCE_POINTS), 1)]
+            box = np.array([points.min(axis=0), points.max(axis=0)]) if count else np.zeros((2, 3))
+            self._known[group] = GroupPlace(points, box, count)
         return self._known[group]
+
+    def forget(self, *groups: tuple[int, ...]) -> None:
+        """Free the memory of groups that are no more."""
+        for group in groups:
+            self._known.pop(group, None)
+
+
+class NearbyGroups:
+    """Which of k groups may lie in one place, by their boxes and numbers of points; an empty group lies nowhere."""
+
+    def __init__(self, places: GroupPlaces, groups: Sequence[tuple[int, ...]]) -> None:
+        self._places = places
+        self._boxes = np.zeros((len(groups), 2, 3))
+        self._diagonals = np.zeros(len(groups))
+        self._counts = np.zeros(len(groups), dtype=np.int64)
+        for number, group in enumerate(groups):
+            self.replace(number, group)
+
+    def replace(self, number: int, group: tuple[int, ...]) -> None:
+        """Another group in the place of group `number`."""
+        self._counts[number] = 0
+        if group:
+            place = self._places.of(group)
+            self._boxes[number], self._diagonals[number] = place.box, place.diagonal
+            self._counts[number] = place.count
+
+    def of(self, one: int) -> IntArray:
+        """(k,) other groups whose boxes are within reach, of which one has the points to say where it is.
+
+        The spacing of points is at most their box's diagonal, so that no pair is missed.
+        """
+        if self._counts[one] < MIN_LYING_POINTS:
+            return np.empty(0, dtype=np.int64)
+        known = np.maximum(self._counts, self._counts[one]) >= MIN_PLACE_POINTS
+        may = known & (np.minimum(self._counts, self._counts[one]) >= MIN_LYING_POINTS)
+        may[one] = False
+        others = np.flatnonzero(may)
+        low, high = self._boxes[others, 0], self._boxes[others, 1]
+        apart = np.maximum(np.maximum(low - self._boxes[one, 1], self._boxes[one, 0] - high), 0)
+        reach = np.maximum(np.maximum(self._diagonals[others], self._diagonals[one]), SAME_PLACE)
+        return np.asarray(others[np.linalg.norm(apart, axis=1) <= reach])
 
 
 def relative_distance(one: GroupPlace, two: GroupPlace) -> float:

@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
+from heapq import heapify, heappop, heappush
 
 import numpy as np
-from scipy.sparse import csr_array
 
+from estimator.association.mask_overlap import MaskOverlap, linked_parts
 from estimator.association.point_labels import PointLabels
-from estimator.association.proximity import GroupPlaces, relative_distance
+from estimator.association.proximity import MIN_PLACE_POINTS, GroupPlaces, NearbyGroups, relative_distance
 from estimator.records.scene import Instance
 from estimator.visibility.sights import row_members
 from metric_base.arrays import BoolArray, FloatArray, IntArray
@@ -31,14 +32,9 @@ JOIN_SHARE = 0.5
 JOIN_SHARE_ACROSS_CATEGORIES = 0.7
 # Masks that share fewer points than this are told apart by chance.
 MIN_SHARED_POINTS = 3
-# Of two masks that see little of each other's points the few they share prove little: this share of the smaller mask's
-# own points is added below the line, so that a full tenth of them must be in common before it counts half.
-DOUBT_SHARE = 0.1
 # Groups that lie in one place are joined too, unless the views say otherwise: where they see enough of each other's
 # points, this share at least must be common.
 NOT_CONTRADICTED_SHARE = 0.2
-# Clouds of fewer points have a spacing as large as themselves, and lie anywhere.
-MIN_PLACE_POINTS = 10
 # Points of one mask that say where it is.
 MAX_MASK_POINTS = 1000
 
@@ -64,26 +60,18 @@ def shared_tracks(
     stated : groups that the file gives one track are joined too, unless the views contradict it.
     """
     views = np.array([instance.view for instance in instances], dtype=np.int64)
-    overlaps = [_Overlap.of(cloud, views) for cloud in labels]
+    names, kinds = np.unique([instance.category for instance in instances], return_inverse=True)
+    overlap = MaskOverlap.of(labels, views)
+    own, across = overlap.joinable(kinds, JOIN_SHARE, JOIN_SHARE_ACROSS_CATEGORIES)
+    joined: list[list[list[int]]] = [[] for _ in names]
+    for part in linked_parts(len(instances), own):
+        joined[kinds[part[0]]] += _merge_part(part, overlap)
+    places = GroupPlaces(lambda row: _mask_points(labels, row))
     groups: list[list[int]] = []
-    for category in sorted({instance.category for instance in instances}):
-        rows = np.array([row for row, instance in enumerate(instances) if instance.category == category])
-        tables = overlaps[0].within(rows)
-        for overlap in overlaps[1:]:
-            tables += overlap.within(rows)
-        shared, smaller, doubt = tables
-        alone = [[number] for number in range(len(rows))]
-        joined = _merge_by_points(alone, views[rows], shared, smaller + doubt, JOIN_SHARE)
-        shared += doubt
-        smaller += doubt
-        own = [instances[row] for row in rows]
-        clouds = [_mask_points(labels, row) for row in rows]
-        near = _merge_by_place(joined, own, clouds, shared, smaller)
-        if stated:
-            near = _merge_by_statement(near, own, shared, smaller)
-        groups += [[int(rows[k]) for k in group] for group in near]
-    shared, union = np.sum([overlap.between(groups) for overlap in overlaps], axis=0)
-    return _tracks(_merge_by_points(groups, views, shared, union, JOIN_SHARE_ACROSS_CATEGORIES), instances)
+    for alike in joined:
+        near = _merge_by_place(sorted(alike), instances, places, overlap)
+        groups += _merge_by_statement(near, instances, overlap) if stated else near
+    return _tracks(_merge_across(groups, overlap, across), instances)
 
 
 def incremental_tracks(instances: Sequence[Instance], labels: PointLabels) -> tuple[Track, ...]:
@@ -92,11 +80,11 @@ def incremental_tracks(instances: Sequence[Instance], labels: PointLabels) -> tu
     Equation: D(A, B) = mean over a in A of min over b in B of |a - b|, A the smaller cloud. Pairs are joined nearest
     first while D is under `DISTANCE_SHARE` of the larger one's diagonal; all unmatched objects, old and new, are kept.
     """
-    clouds = [labels.points[row_members(labels.membership, row)] for row in range(len(instances))]
     groups: list[list[int]] = []
     for category in sorted({instance.category for instance in instances}):
         known: list[list[int]] = []
-        places, by_view = GroupPlaces(clouds), defaultdict(list)
+        places = GroupPlaces(lambda row: labels.points[row_members(labels.membership, row)])
+        by_view = defaultdict(list)
         for row, instance in enumerate(instances):
             if instance.category == category:
                 by_view[instance.view].append(row)
@@ -126,54 +114,27 @@ def _mask_points(labels: Sequence[PointLabels], row: int) -> FloatArray:
     return np.concatenate([cloud.points[own] for cloud, own in zip(labels, thin, strict=True)])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Overlap:
-    """What m masks share in one cloud.
-
-    both : (m, m) sparse, points that two masks share; seen : (m, v) points of a mask that a view sees; views : (m,) the
-    view of each mask; held : (m,) points of each mask.
-    """
-
-    both: csr_array
-    seen: FloatArray
-    views: IntArray
-    held: FloatArray
-
-    @classmethod
-    def of(cls, cloud: PointLabels, views: IntArray) -> _Overlap:
-        """The overlap of the masks of a cloud; views (m,) of the masks."""
-        members = cloud.membership
-        seen = (members @ cloud.visibility.T).toarray()
-        return cls((members @ members.T).tocsr(), seen, views, np.diff(members.indptr).astype(np.float32))
-
-    def within(self, rows: IntArray) -> FloatArray:
-        """(3, k, k) of masks `rows` (k,): points two share; the fewer they hold that both views see; doubt."""
-        seen = self.seen[np.ix_(rows, self.views[rows])]
-        tables: FloatArray = np.empty((3, len(rows), len(rows)), dtype=np.float32)
-        self.both[rows][:, rows].toarray(out=tables[0])
-        np.minimum(seen, seen.T, out=tables[1])
-        np.minimum.outer(DOUBT_SHARE * self.held[rows], DOUBT_SHARE * self.held[rows], out=tables[2])
-        return tables
-
-    def between(self, groups: Sequence[Sequence[int]]) -> FloatArray:
-        """(2, k, k) sums over the pairs of masks of k groups: points shared; the union of what both views see."""
-        lengths = [len(group) for group in groups]
-        rows = np.fromiter((row for group in groups for row in group), dtype=np.int64, count=sum(lengths))
-        ends = np.concatenate([[0], np.cumsum(lengths)])
-        chosen = csr_array((np.ones(len(rows)), rows, ends), shape=(len(groups), len(self.views)))
-        shared = (chosen @ self.both @ chosen.T).toarray()
-        counts = np.zeros((len(groups), self.seen.shape[1]))
-        np.add.at(counts, (np.repeat(np.arange(len(groups)), lengths), self.views[rows]), 1)
-        # sum over masks j of a group of what the view of j sees of i
-        seen = (chosen @ self.seen) @ counts.T
-        return np.array([shared, seen + seen.T - shared])
+def _merge_part(part: IntArray, overlap: MaskOverlap) -> list[list[int]]:
+    """Groups of the masks (k,) of one category, joined by the points they share."""
+    shared, smaller, doubt = overlap.tables(part, part)
+    alone = [[number] for number in range(len(part))]
+    merged = _merge_by_points(alone, overlap.views[part], shared, smaller + doubt, JOIN_SHARE)
+    return [[int(part[k]) for k in group] for group in merged]
 
 
-def _sums(groups: Sequence[Sequence[int]], table: FloatArray) -> FloatArray:
-    """(k, k) sums of a table (m, m) over the pairs of k groups of its rows."""
-    order = np.concatenate([np.asarray(group, dtype=np.int64) for group in groups])
-    starts = np.concatenate([[0], np.cumsum([len(group) for group in groups])[:-1]])
-    return np.asarray(np.add.reduceat(np.add.reduceat(table[np.ix_(order, order)], starts, axis=0), starts, axis=1))
+def _merge_across(groups: list[list[int]], overlap: MaskOverlap, links: IntArray) -> list[list[int]]:
+    """Groups of all categories after joining those that share most of their points; links (2, e) of masks."""
+    owner: IntArray = np.empty(len(overlap.views), dtype=np.int64)
+    for number, group in enumerate(groups):
+        owner[group] = number
+    merged: list[list[int]] = []
+    for part in linked_parts(len(groups), owner[links]):
+        own = [groups[number] for number in part]
+        if len(own) > 1:
+            shared, union = overlap.between(own)
+            own = _merge_by_points(own, overlap.views, shared, union, JOIN_SHARE_ACROSS_CATEGORIES)
+        merged += own
+    return merged
 
 
 def _share_a_view(groups: Sequence[Sequence[int]], views: IntArray) -> BoolArray:
@@ -226,76 +187,73 @@ def _renew(affinity: FloatArray, partner: IntArray, best: FloatArray, row: Float
 
 
 def _merge_by_place(
-    groups: list[list[int]],
-    instances: Sequence[Instance],
-    clouds: Sequence[FloatArray],
-    shared: FloatArray,
-    total: FloatArray,
+    groups: list[list[int]], instances: Sequence[Instance], places: GroupPlaces, overlap: MaskOverlap
 ) -> list[list[int]]:
     """Groups of one category after joining those in one place, nearest first, unless the views contradict it.
 
     An object whose views share no points (a mask cut to a corner, a camera that came back) falls apart by points alone.
-    Boxes hold background and say nothing about place. clouds : points (k, 3) of each mask; shared, total : (m, m) what
-    two masks share, and their total.
+    Boxes hold background and say nothing about place.
     """
-    views = np.array([instance.view for instance in instances])
-    merged: list[tuple[int, ...]] = [tuple(group) for group in groups]
-    places = GroupPlaces(clouds)
-    over, under = _sums(merged, shared), _sums(merged, total)
-    barred = _share_a_view(merged, views)
-    boxed = np.array([any(instances[row].from_box for row in group) for group in merged])
-    barred |= boxed[:, None] | boxed[None, :]
+    merged = [tuple(group) for group in groups]
+    nearby = NearbyGroups(places, [() if any(instances[row].from_box for row in group) else group for group in merged])
+    shown = np.zeros((len(merged), int(overlap.views.max(initial=0)) + 1), dtype=bool)
+    for number, group in enumerate(merged):
+        shown[number, overlap.views[list(group)]] = True
+    age = [0] * len(merged)
 
-    def distances(one: int) -> FloatArray:
-        """(k,) distance of group `one` from each other group that it may join, infinite for the rest."""
-        may = ~barred[one] & (over[one] >= NOT_CONTRADICTED_SHARE * under[one])
-        row = np.full(len(merged), np.inf)
-        for two in np.flatnonzero(may):
-            if two != one and _is_place_known(merged[one], merged[two], clouds):
-                row[two] = relative_distance(places.of(merged[one]), places.of(merged[two]))
-        return row
+    def distances(one: int) -> list[tuple[float, int]]:
+        """Groups that `one` may join, with the distance of each."""
+        near = nearby.of(one)
+        near = near[~(shown[near] & shown[one]).any(axis=1)]
+        if not len(near):
+            return []
+        over, under = overlap.sums(merged[one], [merged[two] for two in near])
+        near = near[over >= NOT_CONTRADICTED_SHARE * under]
+        apart = ((relative_distance(places.of(merged[one]), places.of(merged[two])), int(two)) for two in near)
+        return [(distance, two) for distance, two in apart if distance < 1]
 
-    apart = np.array([distances(number) for number in range(len(merged))])
-    while apart.size and apart.min() < 1:
-        first, second = sorted(divmod(int(apart.argmin()), len(merged)))
+    # of equal distances the first pair; one whose group has grown since is passed over
+    waiting = [(apart, one, two, 0, 0) for one in range(len(merged)) for apart, two in distances(one)]
+    heapify(waiting)
+    while waiting:
+        _, one, two, *ages = heappop(waiting)
+        if ages != [age[one], age[two]]:
+            continue
+        first, second = sorted((one, two))
+        places.forget(merged[first], merged[second])
         merged[first] += merged[second]
         merged[second] = ()
-        for table in (over, under, barred):
-            table[first] += table[second]
-            table[:, first] = table[first]
-        barred[second] = barred[:, second] = True
-        apart[second] = apart[:, second] = np.inf
-        apart[first] = apart[:, first] = distances(first)
+        shown[first] |= shown[second]
+        age[first], age[second] = age[first] + 1, -1
+        nearby.replace(first, merged[first])
+        nearby.replace(second, ())
+        for apart, other in distances(first):
+            heappush(waiting, (apart, first, other, age[first], age[other]))
+            heappush(waiting, (apart, other, first, age[other], age[first]))
     return [list(group) for group in merged if group]
 
 
 def _merge_by_statement(
-    groups: list[list[int]], instances: Sequence[Instance], shared: FloatArray, total: FloatArray
+    groups: list[list[int]], instances: Sequence[Instance], overlap: MaskOverlap
 ) -> list[list[int]]:
     """Groups of one category after joining those whose masks have one track in the file, the largest first.
 
     Views that see enough of each other's points and hardly share any contradict it, and so do two masks in one view.
-    shared, total : (m, m) what two masks share, and their total.
     """
     by_track: dict[str | None, list[list[int]]] = defaultdict(list)
     for group in sorted(groups, key=len, reverse=True):
         names = Counter(track for row in group if (track := instances[row].track) is not None)
         name = names.most_common(1)[0][0] if names else None
         for other in by_track[name] if name is not None else ():
-            apart = {instances[row].view for row in group}.isdisjoint(instances[row].view for row in other)
-            over, under = (float(table[np.ix_(group, other)].sum()) for table in (shared, total))
-            if apart and (under < MIN_PLACE_POINTS or over >= NOT_CONTRADICTED_SHARE * under):
+            if not {instances[row].view for row in group}.isdisjoint(instances[row].view for row in other):
+                continue
+            over, under = overlap.sums(group, [other])[:, 0]
+            if under < MIN_PLACE_POINTS or over >= NOT_CONTRADICTED_SHARE * under:
                 other.extend(group)
                 break
         else:
             by_track[name].append(list(group))
     return [group for merged in by_track.values() for group in merged]
-
-
-def _is_place_known(one: Sequence[int], two: Sequence[int], clouds: Sequence[FloatArray]) -> bool:
-    """Whether, of two groups with clouds (n, 3), one has enough points to say where it is, the other to lie there."""
-    few, many = sorted(sum(len(clouds[row]) for row in group) for group in (one, two))
-    return many >= MIN_PLACE_POINTS and few >= MIN_SHARED_POINTS
 
 
 def _affinity(shared: FloatArray, total: FloatArray, barred: BoolArray) -> FloatArray:

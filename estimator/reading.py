@@ -11,10 +11,11 @@ import numpy as np
 
 from estimator.instances.arrays import MasksByImage, instances_of_masks
 from estimator.instances.forms import holds_instances, read_instance_files
-from estimator.reconstructions.cameras import pixels_in_view, projected_views
+from estimator.reconstructions.cameras import pixels_in_view
 from estimator.reconstructions.colmap import colmap_folder, model_suffix, read_colmap
 from estimator.reconstructions.ply import dense_file, read_dense_cloud
 from estimator.records.scene import DenseCloud, Instance, Scene
+from estimator.visibility.depth_buffer import views_by_depth
 from metric_base.arrays import FloatArray, IntArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import folder_entries
@@ -67,7 +68,7 @@ def read_scene(source: Path | str | Reconstruction, dense: Path | str | None = N
     """
     if isinstance(source, Path | str):
         path = Path(source)
-        scene = _sparse_scene(path)
+        scene = _with_observations(_sparse_scene(path))
     else:
         from estimator.reconstructions.pycolmap_scene import scene_of_reconstruction
 
@@ -127,7 +128,7 @@ def _sparse_scene(path: Path) -> Scene:
         path = path.parent
     folder = colmap_folder(path)
     if folder is not None:
-        return _with_observations(read_colmap(folder, path))
+        return read_colmap(folder, path)
     if (path / RECONSTRUCTION).is_file():
         from estimator.reconstructions.opensfm import read_opensfm  # reads tracks with pyarrow, which COLMAP needs not
 
@@ -147,12 +148,11 @@ def _sparse_scene(path: Path) -> Scene:
 
 
 def _with_observations(scene: Scene) -> Scene:
-    """The scene; where no view states an observation (learned reconstructions), points are projected into the views."""
+    """The scene; where no view states an observation, depth order decides which points each view sees."""
     if not len(scene.points) or any(len(view.point_index) for view in scene.views):
         return scene
-    warning = f"{scene.path}: it states no observations, so points are projected into every view that could see them"
-    views = projected_views(scene.views, scene.points)
-    return replace(scene, views=views, warnings=(*scene.warnings, warning))
+    warning = f"{scene.path}: it states no observations, so points are projected where no nearer point hides them"
+    return replace(scene, views=views_by_depth(scene.views, scene.points), warnings=(*scene.warnings, warning))
 
 
 def default_instances(scene: Scene) -> Path | None:

@@ -19,7 +19,7 @@ from estimator.other_programs.posed_views import (
     points_beside,
     posed_view,
 )
-from estimator.reconstructions.cameras import make_camera, projected_views
+from estimator.reconstructions.cameras import make_camera
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
 from metric_base.arrays import FloatArray
@@ -67,13 +67,8 @@ def read_meshroom(file: Path) -> Scene:
         points = points if len(points) else points_beside(file, PLY_FILES)
         seen = _observations(landmarks, row_of)
     points = np.clip(points, -MAX_COORDINATE / 2, MAX_COORDINATE / 2)
-    warnings: tuple[str, ...] = ()
-    if len(seen):
-        placed = observed_views(views, seen[:, 0].astype(np.int64), seen[:, 1].astype(np.int64), seen[:, 2:])
-    else:
-        placed = projected_views(views, points)
-        warnings = (f"{file}: it states no observations, so points are projected into every view that could see them",)
-    return Scene(file.parent, "meshroom", placed, points, None, warnings, file.parent)
+    placed = observed_views(views, seen[:, 0].astype(np.int64), seen[:, 1].astype(np.int64), seen[:, 2:])
+    return Scene(file.parent, "meshroom", placed, points, model_path=file.parent)
 
 
 def _entries(document: dict[str, Any], part: str) -> list[dict[str, Any]]:

@@ -12,7 +12,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from estimator.other_programs.posed_views import brown_camera, matrix_of, points_beside, posed_view
-from estimator.reconstructions.cameras import make_camera, projected_views
+from estimator.reconstructions.cameras import make_camera
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, at_field, in_file
@@ -56,10 +56,10 @@ def read_metashape(file: Path) -> Scene:
         if not views:
             raise FieldError("cameras", "at least one that is aligned", n_cameras)
     points = points_beside(file, (f"{file.stem}.ply", *PLY_FILES))
-    warnings = [f"{file}: it states no observations, so points are projected into every view that could see them"]
+    warnings = []
     if lost := n_cameras - len(views):
         warnings.append(f"{file}: {lost} of {n_cameras} cameras are not aligned and left out")
-    return Scene(file.parent, "metashape", projected_views(views, points), points, None, tuple(warnings), file.parent)
+    return Scene(file.parent, "metashape", tuple(views), points, None, tuple(warnings), file.parent)
 
 
 def _root(text: str) -> ET.Element:

@@ -21,7 +21,7 @@ from estimator.other_programs.posed_views import (
     points_beside,
     posed_view,
 )
-from estimator.reconstructions.cameras import make_camera, projected_views
+from estimator.reconstructions.cameras import make_camera
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.records.scene import Camera, Scene, View
 from metric_base.arrays import FloatArray
@@ -46,7 +46,7 @@ _DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4")
 
 
 def read_nerfstudio(file: Path) -> Scene:
-    """The scene of a `transforms.json`; every point counts as seen wherever it projects, which a warning says.
+    """The scene of a `transforms.json`, which states no observations.
 
     Raises
     ------
@@ -65,8 +65,7 @@ def read_nerfstudio(file: Path) -> Scene:
     stated = document.get("ply_file_path")
     points = points_beside(file, ([stated] if isinstance(stated, str) else []) + list(PLY_FILES))
     points = (points - world[:, 3]) @ world[:, :3]  # R^-1 (x - t), R a rotation
-    warning = f"{file}: it states no observations, so points are projected into every view that could see them"
-    return Scene(file.parent, "nerfstudio", projected_views(views, points), points, None, (warning,), file.parent)
+    return Scene(file.parent, "nerfstudio", tuple(views), points, model_path=file.parent)
 
 
 def _world(document: dict[str, Any]) -> FloatArray:

@@ -19,7 +19,6 @@ from estimator.other_programs.posed_views import (
     points_beside,
     posed_view,
 )
-from estimator.reconstructions.cameras import projected_views
 from estimator.reconstructions.csv_records import csv_records
 from estimator.records.scene import Scene, View
 from metric_base.errors import FieldError, at_field, in_file
@@ -62,8 +61,7 @@ def read_realitycapture(file: Path) -> Scene:
         if not views:
             raise FieldError("lines", "at least one camera", 0)
     points = points_beside(file, (f"{file.stem}.ply", *PLY_FILES))
-    warning = f"{file}: it states no observations, so points are projected into every view that could see them"
-    return Scene(file.parent, "realitycapture", projected_views(views, points), points, None, (warning,), file.parent)
+    return Scene(file.parent, "realitycapture", tuple(views), points, model_path=file.parent)
 
 
 def _view(file: Path, row: dict[str, str]) -> View:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -13,7 +11,7 @@ from estimator.records.scene import Camera, View
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted
 
-__all__ = ["CAMERA_MODELS", "PINHOLES", "make_camera", "pixels_in_view", "project", "projected_views", "view_rays"]
+__all__ = ["CAMERA_MODELS", "PINHOLES", "make_camera", "pixels_in_view", "project", "view_rays"]
 
 #: COLMAP's camera models by name: number in binary files, parameters in file order (colmap/sensor/models.h).
 CAMERA_MODELS: dict[str, tuple[int, tuple[str, ...]]] = {
@@ -130,16 +128,6 @@ def _pinhole_pixels(camera: Camera, points: FloatArray) -> FloatArray:
         hidden = np.flatnonzero(~((z > 0) & np.isfinite(pixels[0]) & np.isfinite(pixels[1])))
     pixels[:, hidden] = np.nan
     return pixels.T
-
-
-def projected_views(views: Iterable[View], points: FloatArray) -> tuple[View, ...]:
-    """The views with every point (n, 3) that falls inside their pictures, walls notwithstanding."""
-    projected = []
-    for view in views:
-        pixels, _ = pixels_in_view(view, points)
-        rows = np.flatnonzero(np.isfinite(pixels[:, 0]))
-        projected.append(replace(view, keypoints=pixels[rows], point_index=rows))
-    return tuple(projected)
 
 
 def _raw_projected(camera: Camera, points: FloatArray) -> FloatArray:

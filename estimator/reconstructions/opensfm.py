@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from estimator.reconstructions.cameras import make_camera, projected_views
+from estimator.reconstructions.cameras import make_camera
 from estimator.reconstructions.checked_files import json_array, json_object
 from estimator.reconstructions.opensfm_tracks import read_observations
 from estimator.records.scene import MAX_COORDINATE, Camera, Scene, View
@@ -57,8 +57,7 @@ def read_opensfm(folder: Path) -> Scene:
     if tracks.is_file():
         views = _with_observations(tracks, views, names)
     else:
-        views = projected_views(views, points)
-        warnings = (*warnings, f"{folder}: no {TRACKS}, so points are projected into every view that could see them")
+        warnings = (*warnings, f"{folder}: no {TRACKS}")
     return Scene(folder, "opensfm", views, points, warnings=warnings, model_path=folder)
 
 

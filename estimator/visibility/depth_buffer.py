@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -11,7 +12,7 @@ from estimator.records.scene import Camera, Scene, View
 from estimator.visibility.sights import Sight, row_members, sight_of
 from metric_base.arrays import FloatArray
 
-__all__ = ["Surroundings", "unhidden"]
+__all__ = ["Surroundings", "unhidden", "views_by_depth"]
 
 # A cell of the depth buffer should hold several points of a surface, else what lies behind shines through its gaps:
 # with 8 points expected a cell is empty once in 3,000 (Poisson).
@@ -22,16 +23,20 @@ CELLS_ALONG_SIDE = (24, 320)
 # A point is hidden when it lies this share behind the nearest point of its cell. Surfaces seen at 20 degrees change
 # depth by about this much within a cell; objects stand further than this in front of the wall.
 DEPTH_TOLERANCE = 0.03
+# Cotangent of the slant up to which one surface fills a cell, 20 degrees: in the coarse cells of a few thousand points
+# an object's own far side is deeper than `DEPTH_TOLERANCE` and would be hidden by its near side.
+SLANT = 2.75
 # Cells of a depth picture along the image's width; holes in it are read as nothing there.
 DEPTH_CELLS = 160
 MAX_DEPTH_POINTS = 20_000
 
 
-def unhidden(view: View, points: FloatArray) -> Sight:
+def unhidden(view: View, points: FloatArray, slant: float = 0.0) -> Sight:
     """The points (n, 3) that the view sees by a depth buffer of the cloud itself.
 
     The buffer's cells are as large as the cloud's density asks for; a point is kept when it lies within
-    `DEPTH_TOLERANCE` of the nearest depth in its cell.
+    `DEPTH_TOLERANCE` of the nearest depth in its cell, or within what a surface of that slant (the cotangent of its
+    angle to the line of sight) rises by across the cell.
     """
     sight = sight_of(view, points)
     if sight.rows.size == 0:
@@ -44,7 +49,15 @@ def unhidden(view: View, points: FloatArray) -> Sight:
     near = sight.depths.astype(np.float32)
     nearest = np.full(int(cells.max()) + 1, np.inf, dtype=np.float32)
     np.minimum.at(nearest, cells, near)
-    return sight.some(np.flatnonzero(near <= nearest[cells] * np.float32(1 + DEPTH_TOLERANCE)))
+    # the first parameter of every camera model is a focal length in pixels
+    tolerance = max(DEPTH_TOLERANCE, slant * cell / float(view.camera.params[0]))
+    return sight.some(np.flatnonzero(near <= nearest[cells] * np.float32(1 + tolerance)))
+
+
+def views_by_depth(views: Iterable[View], points: FloatArray) -> tuple[View, ...]:
+    """The views of a reconstruction without observations, each observing the points (n, 3) that none hides from it."""
+    sights = ((view, unhidden(view, points, SLANT)) for view in views)
+    return tuple(replace(view, keypoints=sight.pixels, point_index=sight.rows) for view, sight in sights)
 
 
 @dataclass(slots=True, eq=False)

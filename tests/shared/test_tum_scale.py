@@ -12,8 +12,10 @@ from typing import Any
 
 import pytest
 
+from estimator.reading import read_scene
 from metric_cli.estimate_scale.estimate import main
 from metric_tree.releases import releases
+from tests.synthetic.exports import write_export
 
 pytestmark = [
     pytest.mark.shared,
@@ -64,6 +66,16 @@ def test_sparse_alone_and_in_opensfm_form_agree(office: Path, capsys: pytest.Cap
     _, opensfm = _estimate(capsys, office / "opensfm", "--instances", office / "instances.json", "--dense", "none")
     assert colmap["status"] == opensfm["status"] == "resolved"
     assert opensfm["scale"] == pytest.approx(colmap["scale"], rel=0.03)
+
+
+@pytest.mark.parametrize("name", ["tum_office", "red_kitchen"])
+def test_without_observations(name: str, shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """nerfstudio's files state none: what is behind an object is no part of it all the same."""
+    scene = shared / "data" / "scenes" / name
+    export = write_export(read_scene(scene, "none"), "nerfstudio", tmp_path / "export")
+    _, observed = _estimate(capsys, scene, "--dense", "none")
+    _, bare = _estimate(capsys, export, "--instances", scene / "instances.json")
+    assert bare["scale"] == pytest.approx(observed["scale"], rel=0.03)
 
 
 def test_detector_boxes_are_uncertain_and_near(office: Path, truth: float, capsys: pytest.CaptureFixture[str]) -> None:

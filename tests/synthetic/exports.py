@@ -68,8 +68,10 @@ def _rays(view: View) -> np.ndarray[Any, Any]:
 
 
 def _opencv(view: View) -> dict[str, float]:
-    """OpenCV's numbers of a SIMPLE_RADIAL or OPENCV camera."""
+    """OpenCV's numbers of a PINHOLE, SIMPLE_RADIAL or OPENCV camera."""
     params = view.camera.params.tolist()
+    if view.camera.model == "PINHOLE":
+        return {**dict(zip(("fx", "fy", "cx", "cy"), params, strict=True)), "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0}
     if view.camera.model == "SIMPLE_RADIAL":
         focal, cx, cy, k1 = params
         return {"fx": focal, "fy": focal, "cx": cx, "cy": cy, "k1": k1, "k2": 0.0, "p1": 0.0, "p2": 0.0}

@@ -114,15 +114,15 @@ def test_equals_the_colmap_model_it_was_made_from(small: Path) -> None:
         np.testing.assert_allclose(ours, theirs)
 
 
-def test_without_tracks_points_are_projected(small: Path, tmp_path: Path) -> None:
+def test_without_tracks_depth_decides_what_a_view_sees(small: Path, tmp_path: Path) -> None:
     (tmp_path / "reconstruction.json").write_bytes((small / "opensfm" / "reconstruction.json").read_bytes())
     whole, bare = read_scene(small / "opensfm"), read_scene(tmp_path)
     assert any("tracks.csv" in warning for warning in bare.warnings)
     for view, other in zip(whole.views, bare.views, strict=True):
-        assert set(view.point_index) <= set(other.point_index)
-        shared = np.isin(other.point_index, view.point_index)
-        order = np.argsort(view.point_index)
-        np.testing.assert_allclose(other.keypoints[shared], view.keypoints[order], atol=1e-4)
+        _, here, there = np.intersect1d(view.point_index, other.point_index, return_indices=True)
+        # the points fill a volume, so that some that were observed lie behind others
+        assert len(here) > 0.7 * len(view.point_index)
+        np.testing.assert_allclose(other.keypoints[there], view.keypoints[here], atol=1e-4)
 
 
 def test_the_largest_of_several_is_taken_with_a_warning(small: Path, tmp_path: Path) -> None:

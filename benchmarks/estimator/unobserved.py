@@ -1,0 +1,93 @@
+"""Scenes with and without observations: `python -m benchmarks.estimator.unobserved [--seeds FIRST END] [SCENE ...]`.
+
+Each room, or each named scene with its `instances.json`, is estimated as it is and from a nerfstudio export of its
+points, which states no observations: of the sparse points, and of the dense cloud where there is one. Prints how far
+the scale moves. Rooms have the errors of real depth; those of seeds 1100 and 1101 are for development.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from estimator.pipeline import estimate_scale
+from estimator.reading import read_instances, read_scene
+from estimator.records.result import ScaleResult
+from estimator.records.scene import Instance, Scene
+from tests.synthetic.exports import write_export
+from tests.synthetic.rooms.furnish import furnished_room
+from tests.synthetic.rooms.kinds import KINDS
+from tests.synthetic.rooms.knobs import HARD, with_knobs
+from tests.synthetic.rooms.quick import quick_scene
+
+__all__ = ["main"]
+
+#: Points of a dense cloud that an export holds at most: as many as splats of a room have.
+MOST_POINTS = 50_000
+VIEWS = 16
+
+
+def main() -> None:
+    """The command."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, nargs=2, default=(1102, 1104), metavar=("FIRST", "END"))
+    parser.add_argument("scenes", nargs="*", type=Path)
+    options = parser.parse_args()
+    moves: dict[str, list[float]] = {}
+    print("| scene | points | with observations | without | moved by |\n|---|---|---|---|---|")
+    for name, scene, instances in _named(options.scenes) if options.scenes else _rooms(*options.seeds):
+        for points, given in _clouds(scene):
+            own = estimate_scale(given, instances)
+            bare = estimate_scale(_unobserved(given), instances)
+            moved = float(np.log(bare.scale / own.scale)) if own.scale and bare.scale else np.nan
+            moves.setdefault(points, []).append(moved)
+            print(f"| {name} | {points} | {_shown(own)} | {_shown(bare)} | {moved:+.1%} |", flush=True)
+    for points, own_moves in moves.items():
+        sizes = np.abs(own_moves)
+        within = f"{(sizes < 0.03).sum()} of {len(sizes)} within 3 %"
+        print(f"{points}: median {np.nanmedian(sizes):.1%}, largest {np.nanmax(sizes):.1%}, {within}")
+
+
+def _named(places: list[Path]) -> Iterator[tuple[str, Scene, tuple[Instance, ...]]]:
+    for place in places:
+        scene = read_scene(place)
+        yield place.name, scene, read_instances(None, scene)
+
+
+def _rooms(first: int, end: int) -> Iterator[tuple[str, Scene, tuple[Instance, ...]]]:
+    knobs = with_knobs(HARD, views=VIEWS)
+    for seed in range(first, end):
+        for kind in KINDS:
+            made = quick_scene(furnished_room(kind, seed, knobs), knobs, seed=seed)
+            yield f"{kind} {seed}", made.scene, made.instances
+
+
+def _clouds(scene: Scene) -> Iterator[tuple[str, Scene]]:
+    """The scene with its sparse points alone, and with its dense cloud."""
+    yield "sparse", replace(scene, dense=None)
+    if scene.dense is not None:
+        yield "dense", scene
+
+
+def _unobserved(scene: Scene) -> Scene:
+    """The scene as nerfstudio's files give it; of a dense cloud at most `MOST_POINTS`."""
+    if scene.dense is not None:
+        step = -(-len(scene.dense.points) // MOST_POINTS)
+        scene = replace(scene, points=scene.dense.points[::step], dense=None)
+    with TemporaryDirectory() as folder:
+        return read_scene(write_export(scene, "nerfstudio", Path(folder)))
+
+
+def _shown(result: ScaleResult) -> str:
+    if result.scale is None or result.interval is None:
+        return result.status
+    return f"{result.scale:.4g} ({result.interval.low:.4g} to {result.interval.high:.4g})"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,8 +1,9 @@
-"""Scenes with and without observations: `python -m benchmarks.estimator.unobserved [--seeds FIRST END] [SCENE ...]`.
+"""Scenes with and without observations: `python -m benchmarks.estimator.unobserved [SCENE ...]`.
 
 Each room, or each named scene with its `instances.json`, is estimated as it is and from a nerfstudio export of its
 points, which states no observations: of the sparse points, and of the dense cloud where there is one. Prints how far
-the scale moves. Rooms have the errors of real depth; those of seeds 1100 and 1101 are for development.
+the scale moves; with `--projected` every point counts as seen wherever it projects, for comparison.
+Rooms have the errors of real depth; those of seeds 1100 and 1101 are for development.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from estimator.pipeline import estimate_scale
 from estimator.reading import read_instances, read_scene
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
+from estimator.visibility.sights import sight_of
 from tests.synthetic.exports import write_export
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
@@ -36,6 +38,7 @@ def main() -> None:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, nargs=2, default=(1102, 1104), metavar=("FIRST", "END"))
+    parser.add_argument("--projected", action="store_true", help="no depth order")
     parser.add_argument("scenes", nargs="*", type=Path)
     options = parser.parse_args()
     moves: dict[str, list[float]] = {}
@@ -43,14 +46,15 @@ def main() -> None:
     for name, scene, instances in _named(options.scenes) if options.scenes else _rooms(*options.seeds):
         for points, given in _clouds(scene):
             own = estimate_scale(given, instances)
-            bare = estimate_scale(_unobserved(given), instances)
+            bare = estimate_scale(_unobserved(given, options.projected), instances)
             moved = float(np.log(bare.scale / own.scale)) if own.scale and bare.scale else np.nan
             moves.setdefault(points, []).append(moved)
             print(f"| {name} | {points} | {_shown(own)} | {_shown(bare)} | {moved:+.1%} |", flush=True)
     for points, own_moves in moves.items():
         sizes = np.abs(own_moves)
+        moved_by = f"median {np.nanmedian(sizes):.1%}, largest {np.nanmax(sizes):.1%}"
         within = f"{(sizes < 0.03).sum()} of {len(sizes)} within 3 %"
-        print(f"{points}: median {np.nanmedian(sizes):.1%}, largest {np.nanmax(sizes):.1%}, {within}")
+        print(f"{points}: {moved_by}, {within}, {np.isnan(sizes).sum()} unresolved")
 
 
 def _named(places: list[Path]) -> Iterator[tuple[str, Scene, tuple[Instance, ...]]]:
@@ -74,13 +78,18 @@ def _clouds(scene: Scene) -> Iterator[tuple[str, Scene]]:
         yield "dense", scene
 
 
-def _unobserved(scene: Scene) -> Scene:
+def _unobserved(scene: Scene, projected: bool) -> Scene:
     """The scene as nerfstudio's files give it; of a dense cloud at most `MOST_POINTS`."""
     if scene.dense is not None:
         step = -(-len(scene.dense.points) // MOST_POINTS)
         scene = replace(scene, points=scene.dense.points[::step], dense=None)
     with TemporaryDirectory() as folder:
-        return read_scene(write_export(scene, "nerfstudio", Path(folder)))
+        bare = read_scene(write_export(scene, "nerfstudio", Path(folder)))
+    if not projected:
+        return bare
+    sights = ((view, sight_of(view, bare.points)) for view in bare.views)
+    views = tuple(replace(view, keypoints=sight.pixels, point_index=sight.rows) for view, sight in sights)
+    return replace(bare, views=views)
 
 
 def _shown(result: ScaleResult) -> str:

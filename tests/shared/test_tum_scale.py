@@ -70,7 +70,7 @@ def test_sparse_alone_and_in_opensfm_form_agree(office: Path, capsys: pytest.Cap
 
 @pytest.mark.parametrize("name", ["tum_office", "red_kitchen"])
 def test_without_observations(name: str, shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """nerfstudio's files state none: what is behind an object is no part of it all the same (3 % in synthetic rooms)."""
+    """nerfstudio's files state none: what is behind an object is no part of it (3 % in synthetic rooms)."""
     scene = shared / "data" / "scenes" / name
     export = write_export(read_scene(scene, "none"), "nerfstudio", tmp_path / "export")
     _, observed = _estimate(capsys, scene, "--dense", "none")

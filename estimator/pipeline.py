@@ -18,16 +18,16 @@ from estimator.records.result import ScaleResult, UpReport
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import Options
+from estimator.results.reports import EstimateOptions
 from estimator.results.scene_estimate import SceneEstimate
 from metric_base.errors import InputError
 from metric_tree.context import Where, where_of
 from metric_tree.tree import Tree
 
 if TYPE_CHECKING:
+    from estimator.detectors.detector import Detector
     from estimator.evidence.source import EvidenceSource
     from estimator.geometry.up import Up
-    from estimator.instances.detector import Detector
 
 __all__ = ["estimate_scale", "objects_result", "scene_estimate"]
 
@@ -85,12 +85,12 @@ def estimate_scale(
     ready = tuple(item for item in evidence if isinstance(item, ScaleEvidence))
     sources = tuple(item for item in evidence if not isinstance(item, ScaleEvidence))
     asked = None if where is None else where_of(where)
-    options = Options(method=method, level=level, evidence=ready, up=up, where=asked)
+    options = EstimateOptions(method=method, level=level, evidence=ready, up=up, where=asked)
     return _estimate(scene, instances, tree, options, sources).result
 
 
 def objects_result(
-    objects: Sequence[MeasuredObject], tree: Tree, options: Options, paper_lists: Path | None = None
+    objects: Sequence[MeasuredObject], tree: Tree, options: EstimateOptions, paper_lists: Path | None = None
 ) -> ScaleResult:
     """The scale from sizes measured elsewhere, by the methods `default`, `height` and `paper`."""
     if options.method == "paper":
@@ -105,7 +105,7 @@ def objects_result(
 def scene_estimate(
     source: Path | Scene,
     tree: Tree,
-    options: Options,
+    options: EstimateOptions,
     *,
     instances: Path | None = None,
     categories: Path | None = None,
@@ -130,7 +130,7 @@ def scene_estimate(
     started = time.perf_counter()
     scene = source if isinstance(source, Scene) else read_scene(source, dense)
     if images is not None and detector is not None:
-        from estimator.instances.detection import detect_instances
+        from estimator.detectors.detection import detect_instances
 
         masks, warnings = detect_instances(scene, images, detector)
     elif instances is None and (options.evidence or sources) and default_instances(scene) is None:
@@ -146,7 +146,7 @@ def _estimate(
     scene: Scene,
     instances: Sequence[Instance],
     tree: Tree,
-    options: Options,
+    options: EstimateOptions,
     sources: Sequence[EvidenceSource] = (),
     warnings: Sequence[str] = (),
     seconds: Mapping[str, float] | None = None,
@@ -164,7 +164,7 @@ def _estimate(
     return replace(estimate, result=_result_of(estimate.result, options, of))
 
 
-def _result_of(result: ScaleResult, options: Options, of: Mapping[str, str | None]) -> ScaleResult:
+def _result_of(result: ScaleResult, options: EstimateOptions, of: Mapping[str, str | None]) -> ScaleResult:
     """The result with the digests of what it is of, and of what was asked for."""
     rows = [(row.kind, row.id, row.scale, row.sd_log) for row in result.evidence]
     up = None if options.up is None else [float(value) for value in options.up]
@@ -176,7 +176,7 @@ def _estimate_of(
     scene: Scene,
     instances: Sequence[Instance],
     tree: Tree,
-    options: Options,
+    options: EstimateOptions,
     sources: Sequence[EvidenceSource] = (),
     warnings: Sequence[str] = (),
     seconds: Mapping[str, float] | None = None,

@@ -29,8 +29,8 @@ from explorer.content.answers import (
     releases_answer,
     vocabulary_answer,
 )
-from explorer.content.catalogue import Catalogue
 from explorer.content.name_index import name_index, size_index
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.content.tables import items_csv, items_parquet, vocabulary_csv
 from explorer.pages.change_page import change_page
 from explorer.pages.list_pages import source_page, sources_page, vocabularies_page, vocabulary_page
@@ -55,7 +55,7 @@ _TYPES = {
 }
 
 #: Pages of the whole release.
-_PAGES: dict[str, Callable[[Catalogue], bytes]] = {
+_PAGES: dict[str, Callable[[ReleaseCatalogue], bytes]] = {
     "index.html": home_page,
     "tree.html": tree_page,
     "about.html": about_page,
@@ -71,13 +71,13 @@ _PAGES: dict[str, Callable[[Catalogue], bytes]] = {
 _ASSETS = ("style.css", "page.js", "search.js", "compare.js", "scale.js", "view3d.js", "icon.svg")
 
 
-def _prior(catalogue: Catalogue, node: Node) -> bytes | None:
+def _prior(catalogue: ReleaseCatalogue, node: Node) -> bytes | None:
     prior = catalogue.prior(node)
     return None if prior is None else msgspec.json.encode(prior_answer(catalogue, node, prior))
 
 
 #: What there is of each node, by the end of its address after `v1/nodes/SLUG`.
-_NODE_FILES: dict[str, Callable[[Catalogue, Node], bytes | None]] = {
+_NODE_FILES: dict[str, Callable[[ReleaseCatalogue, Node], bytes | None]] = {
     ".json": lambda catalogue, node: msgspec.json.encode(node_answer(catalogue, node)),
     "/prior.json": _prior,
     "/items.json": lambda catalogue, node: msgspec.json.encode(items_answer(catalogue, node)),
@@ -87,7 +87,7 @@ _NODE_FILES: dict[str, Callable[[Catalogue, Node], bytes | None]] = {
 }
 
 #: Pages and files of label lists: folder and ending.
-_LISTS: dict[tuple[str, str], Callable[[Catalogue, str], bytes]] = {
+_LISTS: dict[tuple[str, str], Callable[[ReleaseCatalogue, str], bytes]] = {
     ("vocabularies", "html"): vocabulary_page,
     ("vocabularies", "csv"): vocabulary_csv,
     ("v1/vocabularies", "json"): lambda catalogue, name: msgspec.json.encode(vocabulary_answer(catalogue, name)),
@@ -107,7 +107,7 @@ class Answer:
     media_type: str
 
 
-def answer(catalogue: Catalogue, address: str) -> Answer | None:
+def answer(catalogue: ReleaseCatalogue, address: str) -> Answer | None:
     """What is at an address of a release; None if nothing is.
 
     Parameters
@@ -118,7 +118,7 @@ def answer(catalogue: Catalogue, address: str) -> Answer | None:
     return None if body is None else Answer(body, _TYPES[address.rpartition(".")[2]])
 
 
-def site_addresses(catalogue: Catalogue) -> Iterator[str]:
+def site_addresses(catalogue: ReleaseCatalogue) -> Iterator[str]:
     """Every address of the static site but the pictures; those of the nodes last."""
     yield from _PAGES
     yield from (f"assets/{name}" for name in _ASSETS)
@@ -130,14 +130,14 @@ def site_addresses(catalogue: Catalogue) -> Iterator[str]:
         yield from _node_addresses(catalogue, node.node_id)
 
 
-def picture_paths(catalogue: Catalogue) -> list[str]:
+def picture_paths(catalogue: ReleaseCatalogue) -> list[str]:
     """The pictures that pages show, relative to the release, on disk and in the site alike."""
     table = catalogue.tree.release.table("images")
     named = [path for column in ("cutout_path", "path") for path in table[column].to_pylist() if path]
     return [path for path in dict.fromkeys(named) if path.startswith(f"{FOLDER}/") and ".." not in path]
 
 
-def _node_addresses(catalogue: Catalogue, node_id: str) -> Iterator[str]:
+def _node_addresses(catalogue: ReleaseCatalogue, node_id: str) -> Iterator[str]:
     node, rows = catalogue.nodes[node_id], len(catalogue.rows(catalogue.nodes[node_id]))
     yield from (page_of(node_id), json_of(node_id), items_of(node_id), images_of(node_id))
     if catalogue.prior(node) is not None:
@@ -149,7 +149,7 @@ def _node_addresses(catalogue: Catalogue, node_id: str) -> Iterator[str]:
         yield parquet_of(node_id)
 
 
-def _body(catalogue: Catalogue, address: str) -> bytes | None:
+def _body(catalogue: ReleaseCatalogue, address: str) -> bytes | None:
     if address in _PAGES:
         return _PAGES[address](catalogue)
     folder, _, name = address.partition("/")
@@ -167,7 +167,7 @@ def _asset(name: str) -> bytes:
     return files("explorer.pages").joinpath("assets", name).read_bytes()
 
 
-def _named(catalogue: Catalogue, folder: str, name: str, kind: str) -> bytes | None:
+def _named(catalogue: ReleaseCatalogue, folder: str, name: str, kind: str) -> bytes | None:
     if folder == "nodes":
         return node_page(catalogue, catalogue.node(name)) if kind == "html" and name in catalogue.by_slug else None
     if folder == "sources":

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
 
-from explorer.content.catalogue import Catalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.renderer import answer, picture_paths, site_addresses
 from metric_base.errors import InputError
 from metric_base.files import whole_folder
@@ -52,7 +52,7 @@ def write_site(out: Path, trees: Sequence[Tree], workers: int | None = None) -> 
 
 
 def _write_release(folder: Path, trees: Sequence[Tree], place: int, workers: int) -> None:
-    catalogue = Catalogue(trees, place)
+    catalogue = ReleaseCatalogue(trees, place)
     addresses = list(site_addresses(catalogue))
     for parent in {(folder / address).parent for address in addresses}:
         parent.mkdir(parents=True, exist_ok=True)
@@ -72,11 +72,11 @@ def _write_release(folder: Path, trees: Sequence[Tree], place: int, workers: int
             done.result()
 
 
-_worker: dict[str, Catalogue] = {}
+_worker: dict[str, ReleaseCatalogue] = {}
 
 
 def _start_worker(directories: Sequence[Path], place: int) -> None:
-    _worker["catalogue"] = Catalogue([open_tree(directory) for directory in directories], place)
+    _worker["catalogue"] = ReleaseCatalogue([open_tree(directory) for directory in directories], place)
 
 
 def _write(folder: Path, addresses: Sequence[str]) -> None:

@@ -17,10 +17,10 @@ from metric_base.progress import ProgressCallback, silent
 
 if TYPE_CHECKING:
     from estimator.geometry.up import Up
-    from insertion.pipeline.stage import Stage
+    from insertion.pipeline.prepared_scene import PreparedScene
     from metric_tree.tree import Tree
 
-__all__ = ["Insertion", "insert_into", "insert_objects", "open_stage"]
+__all__ = ["Insertion", "insert_into", "insert_objects", "open_prepared_scene"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,10 +89,12 @@ def insert_objects(
     ['height', 'length', 'width']
     """
     used = scale_of_result(scale) if isinstance(scale, ScaleResult) else read_scale(Path(scene), scale)
-    stage = open_stage(Path(scene), used, images=images, instances=instances, moving=moving, dense=dense, up=up)
+    prepared = open_prepared_scene(
+        Path(scene), used, images=images, instances=instances, moving=moving, dense=dense, up=up
+    )
     requests = [item if isinstance(item, ObjectRequest) else ObjectRequest(Path(item)) for item in objects]
     return insert_into(
-        stage,
+        prepared,
         requests,
         Path(out),
         tree=tree,
@@ -106,7 +108,7 @@ def insert_objects(
     )
 
 
-def open_stage(
+def open_prepared_scene(
     folder: Path,
     scale: ScaleUsed,
     *,
@@ -115,12 +117,12 @@ def open_stage(
     moving: Path | None = None,
     dense: str | None = None,
     up: Up | None = None,
-) -> Stage:
+) -> PreparedScene:
     """The scene of a folder, ready for insertion; arguments as of `insert_objects`."""
     from estimator.reading import read_instances, read_scene
     from insertion.footage.footage import PictureFootage, Stills
     from insertion.footage.video_footage import video_footage
-    from insertion.pipeline.stage import make_stage
+    from insertion.pipeline.prepared_scene import prepare_scene
     from insertion.scene.moving_masks import moving_masks
 
     scene = read_scene(folder, dense)
@@ -130,12 +132,12 @@ def open_stage(
     default = any((folder / name).exists() for name in ("instances.json", "instances"))
     masks = read_instances(instances, scene) if instances or default else ()
     scale.check(scene, masks if instances is None else None)
-    stage = make_stage(scene, stills, footage, masks, scale, up)
-    return stage if moving is None else replace(stage, moving=moving_masks(moving, scene, footage.shots))
+    prepared = prepare_scene(scene, stills, footage, masks, scale, up)
+    return prepared if moving is None else replace(prepared, moving=moving_masks(moving, scene, footage.shots))
 
 
 def insert_into(
-    stage: Stage,
+    prepared: PreparedScene,
     requests: Sequence[ObjectRequest],
     out: Path,
     *,
@@ -148,7 +150,7 @@ def insert_into(
     codec: str | None = None,
     progress: ProgressCallback = silent,
 ) -> Insertion:
-    """As `insert_objects`, into a stage."""
+    """As `insert_objects`, into a prepared."""
     from insertion.blender.tracing import export_blend, traced_layers
     from insertion.exports.compositing import CompositingLayers
     from insertion.exports.write import LayerWriter, write_exports
@@ -157,16 +159,16 @@ def insert_into(
     from insertion.pipeline import frames as drawing
     from insertion.pipeline.objects import place_objects
 
-    if show_interval and stage.scale.low is None:
+    if show_interval and prepared.scale.low is None:
         raise InputError("--show-interval: expected a scale with an interval, as SCENE/result.json has; found --scale")
-    video = stage.footage if isinstance(stage.footage, VideoFootage) else None
+    video = prepared.footage if isinstance(prepared.footage, VideoFootage) else None
     source, turned = (video.source, video.turned_deg) if video is not None else (None, 0)
-    placed = place_objects(stage, requests, tree)
+    placed = place_objects(prepared, requests, tree)
     moving = next((item.model.name for item in placed if item.moves), None)
     if renderer == "blender" and moving is not None:
         how = "objects that stand still (--at-time SECONDS or --clip none stops an animation)"
         raise InputError(f"--renderer blender: expected {how}; found {moving}, which moves")
-    stage = stage if frames is None else stage.with_frames(frames)
+    prepared = prepared if frames is None else prepared.with_frames(frames)
     with (
         picture_writer(out, source, turned, codec) as write,
         _whole(export, "--export") as folder,
@@ -174,11 +176,11 @@ def insert_into(
     ):
         sinks: list[drawing.LayerSink] = []
         if folder is not None:
-            sinks.append(LayerWriter(folder, stage.footage.shots, stage.scale.metres_per_unit))
+            sinks.append(LayerWriter(folder, prepared.footage.shots, prepared.scale.metres_per_unit))
         if compositing is not None:
-            sinks.append(CompositingLayers(compositing, stage, placed))
+            sinks.append(CompositingLayers(compositing, prepared, placed))
         results = drawing.insert_objects(
-            stage,
+            prepared,
             placed,
             write,
             show_interval=show_interval,
@@ -189,7 +191,7 @@ def insert_into(
         )
         warnings: list[str] = []
         if folder is not None:
-            warnings = [*write_exports(folder, stage, placed, results), *export_blend(folder, stage, placed)]
+            warnings = [*write_exports(folder, prepared, placed, results), *export_blend(folder, prepared, placed)]
             warnings += [f"{item.model.name}: stands in the export as at first" for item in placed if item.moves]
     return Insertion(tuple(results), out, tuple(warnings))
 

@@ -6,6 +6,7 @@ import json
 import re
 import secrets
 import threading
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -23,7 +24,7 @@ POLL_SECONDS = 0.05
 LOOPBACK = "127.0.0.1"
 
 
-class LocalPage:
+class LocalPage(ABC):
     """A page with what it asks for; `answer` and `receive` say what is served.
 
     url : where to open it; a secret part of it keeps other users of the machine and other pages out.
@@ -55,13 +56,13 @@ class LocalPage:
         """End the page."""
         self._finished.set()
 
+    @abstractmethod
     def answer(self, path: str) -> tuple[str, bytes] | None:
         """Content type and body for a path below the secret one, or None."""
-        raise NotImplementedError
 
+    @abstractmethod
     def receive(self, path: str, body: bytes) -> tuple[int, dict[str, Any]] | None:
         """Take what the page sends to a path; status and words of the answer, or None where there is no such path."""
-        raise NotImplementedError
 
     def below(self, path: str, host: str | None) -> str | None:
         """The path below the secret one, None where the request is not for this page."""

@@ -19,10 +19,10 @@ from typing import Any, NamedTuple, NoReturn, TextIO, TypeVar
 
 from metric_base.errors import InputError
 from metric_base.escaping import visible, visible_json
-from metric_base.extras import missing_extra
 from metric_base.files import WRITE_ERRORS
 from metric_base.spelling import advice, near_spellings
 from metric_cli.arguments import check_paths
+from metric_cli.extras import missing_extra
 from metric_cli.signals import INTERRUPTED, Terminated, orderly_termination
 
 __all__ = [

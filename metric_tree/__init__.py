@@ -15,8 +15,7 @@ from metric_tree.tree import AmbiguousName, Node, NoPrior, Tree, UnknownName
 from metric_tree.tree import open_tree as open  # noqa: A004 - as in gzip.open
 
 if TYPE_CHECKING:
-    from metric_tree.build.steps import Build, build_release
-    from metric_tree.build.steps import Options as BuildOptions
+    from metric_tree.build.steps import Build, BuildOptions, build_release
 
 __all__ = [
     "AmbiguousName",
@@ -33,10 +32,10 @@ __all__ = [
 ]
 
 #: The name in its module of what is imported when it is first used, so that a query stays light.
-_LATE = {"Build": "Build", "BuildOptions": "Options", "build_release": "build_release"}
+_LATE = ("Build", "BuildOptions", "build_release")
 
 
 def __getattr__(name: str) -> object:
     if name not in _LATE:
         raise AttributeError(f"module 'metric_tree' has no attribute {name!r}")
-    return getattr(import_module("metric_tree.build.steps"), _LATE[name])
+    return getattr(import_module("metric_tree.build.steps"), name)

@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Protocol
 
 from metric_base.errors import in_file
 from metric_base.folders import taxonomy_directory
@@ -30,7 +29,7 @@ from taxonomy.levels import (
     table_rows,
 )
 
-__all__ = ["OTHER", "Catalogue", "Concepts", "Leaf", "SynsetTable", "default_catalogue"]
+__all__ = ["OTHER", "Catalogue", "Leaf", "SynsetTable", "default_catalogue"]
 
 #: Ends the id of a leaf that holds what a source names no closer than an inner node.
 OTHER = "/other"
@@ -41,16 +40,6 @@ _LABELLING_LISTS = ("coco_80", "lvis_v1", "openimages_601", "objects365_v2", "su
 _LEAVES = ("node_id", "name", "parent_id", "hypernym", "pose", "dims", "aliases", "placed_by")
 _SYNSETS = ("synset", "parents", "lemmas")
 _ALIASES = ("node_id", "alias", "action")
-
-
-class Concepts(Protocol):
-    """Names and hypernyms of concepts, WordNet's and inserted ones (`taxonomy.matching.lexicon.Lexicon`)."""
-
-    def hypernyms(self, concept: str) -> tuple[str, ...]:
-        """All concepts above it, nearest first, each once; not the concept itself."""
-
-    def name(self, concept: str) -> str:
-        """The plain name that people use."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -163,30 +152,6 @@ class Catalogue:
             return (*self.wordnet_path(leaf.removesuffix(OTHER)), leaf)
         above = self.leaves[leaf].hypernym if leaf in self.leaves else None
         return self._words.path(leaf) if above is None else (*self.wordnet_path(above), leaf)
-
-    def with_placed(self, concepts: Iterable[str], words: Concepts) -> Catalogue:
-        """The catalogue with a leaf by the rule for every concept that has no place and finds a kind.
-
-        Parameters
-        ----------
-        concepts : synsets and insertions, in any order
-        words : names and hypernyms of concepts that the tree has not used.
-        """
-        new = {c for c in concepts if self.leaf_of(c) is None and c not in self.levels.nodes}
-        fresh = [
-            Leaf(node_id=concept, name=words.name(concept), parent_id=kind, hypernym=_above(concept, words))
-            for concept in sorted(new)
-            if (kind := self.levels.kind_of(concept, words.hypernyms(concept)))
-        ]
-        return Catalogue(
-            self.levels,
-            (*self.leaves.values(), *fresh),
-            self._words,
-            self.successors,
-            self._inserted,
-            self._labels,
-            self._reviewed_aliases,
-        )
 
     @cached_property
     def categories(self) -> tuple[Category, ...]:
@@ -320,11 +285,6 @@ def _leaf_rows(file: Path) -> Iterator[Leaf]:
                 "aliases": list(filter(None, row["aliases"].split("; "))),
             }
             yield record_of(row | cells, Leaf, cells=True)
-
-
-def _above(concept: str, words: Concepts) -> str | None:
-    """What a reviewer put an insertion under."""
-    return words.hypernyms(concept)[0] if concept.startswith(PREFIX) else None
 
 
 def _source_words(node: InnerNode) -> str:

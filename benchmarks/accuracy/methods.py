@@ -16,7 +16,7 @@ from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import Options
+from estimator.results.reports import EstimateOptions
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
 
@@ -54,7 +54,7 @@ def scene_outcomes(part: str, case: Case, tree: Tree, methods: Sequence[str] = M
     theirs = measure_objects(case.scene, case.instances, PAPER).objects if _any_paper(methods) else ()
     for method in methods:
         if method == "sucar":
-            result = sucar_result(case.scene, case.instances, tree, Options(method="sucar", level=LEVEL))
+            result = sucar_result(case.scene, case.instances, tree, EstimateOptions(method="sucar", level=LEVEL))
             tall = box_heights(case.scene, case.instances, prescribed_down(case.scene))
             tracks = [item.track for item in case.instances]
         else:
@@ -89,7 +89,7 @@ def _result(method: str, objects: Sequence[MeasuredObject], tree: Tree) -> Scale
     if method.endswith("all dimensions"):
         nothing = np.full(3, np.nan), np.zeros(3, dtype=bool)
         objects = [replace(entry, confidence=nothing[0], truncated=nothing[1]) for entry in objects]
-    options = Options(method=name, level=LEVEL)
+    options = EstimateOptions(method=name, level=LEVEL)
     return paper_result(objects, tree, options) if name == "paper" else scale_of_objects(objects, tree, options)
 
 

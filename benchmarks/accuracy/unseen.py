@@ -18,7 +18,7 @@ from estimator.records.measured_object import MeasuredObject
 from estimator.results.categories import meanings
 from estimator.results.estimate import scale_of_objects
 from metric_base.arrays import FloatArray
-from metric_tree.build.steps import Options, build_release, shipped_curated, shipped_taxonomy
+from metric_tree.build.steps import BuildOptions, build_release, shipped_curated, shipped_taxonomy
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic.rooms.held_out import held_out_pool, pool_at
 from tests.synthetic.rooms.sizes import Sizes, drawn_sizes
@@ -49,7 +49,7 @@ def tree_without(sources: Sequence[str], raw: Path, out: Path) -> Tree:
     """A tree built as the release is, norms and judged ranges with it, without some sources and without one fold."""
     if not out.exists():
         out.parent.mkdir(parents=True, exist_ok=True)
-        options = Options(version="0.0.0", created="2026-11-22", name="accuracy", fold_out=FOLD, heldout=False)
+        options = BuildOptions(version="0.0.0", created="2026-11-22", name="accuracy", fold_out=FOLD, heldout=False)
         build_release(_files(raw, sources), out, options, curated=shipped_curated())
     return open_tree(out)
 

@@ -21,12 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.assets.asset import Asset, AssetBody, Word
+from estimator.asset_files.asset import Asset, AssetBody, Word
 from estimator.assets.category_words import named_category
 from estimator.assets.check import AssetCheck, check_body
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
-from metric_tree.build.steps import Options, build_release
+from metric_tree.build.steps import BuildOptions, build_release
 from metric_tree.tree import Tree, open_tree
 
 #: Sources that hold these models or their sizes.
@@ -83,7 +83,7 @@ def _tree(raw: Path | None, work: Path) -> Tree:
             if not any(word in path.name for word in ("quarantine", "pictures"))
             and path.name.split(".")[0] not in OWN_SOURCES
         ]
-        build_release(files, work, Options(version="0.0.0", created="2026-11-22", name="assets", heldout=False))
+        build_release(files, work, BuildOptions(version="0.0.0", created="2026-11-22", name="assets", heldout=False))
     return open_tree(work)
 
 

@@ -33,7 +33,7 @@ from estimator.reading import read_scene
 from estimator.records.result import ScaleResult
 from estimator.records.scale_evidence import DOUBT
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import Options
+from estimator.results.reports import EstimateOptions
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
 from tests.synthetic.evidence import KINDS, RIG_M, objects_of
@@ -68,7 +68,7 @@ def kind_rows(tree: Tree, folder: Path) -> Iterator[Row]:
             "right, four objects half their size": (true, small),
         }
         for case, (evidence, objects) in cases.items():
-            result = scale_of_objects(objects, tree, Options(evidence=(evidence,)))
+            result = scale_of_objects(objects, tree, EstimateOptions(evidence=(evidence,)))
             (row,) = result.evidence
             said = (evidence.scale or math.nan) / walk.scale
             yield name, case, f"{said:.2f}", *_answer(result, walk), f"{row.weight:.2f}", row.verdict

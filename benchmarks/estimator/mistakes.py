@@ -25,7 +25,7 @@ from estimator.evidence.gps import Gps
 from estimator.pipeline import scene_estimate
 from estimator.reading import read_instances, read_scene
 from estimator.records.result import ScaleResult
-from estimator.results.reports import Options
+from estimator.results.reports import EstimateOptions
 from metric_base.errors import InputError
 from tests.synthetic.rooms.furnish import furnished_room
 from tests.synthetic.rooms.kinds import KINDS
@@ -79,7 +79,7 @@ def answer(case: Case, tree: metric_tree.Tree) -> ScaleResult | str:
         try:
             masks = None if case.dataset is None else file
             scene = replace(case.scene, path=Path(folder))  # beside the real one are its own masks
-            return scene_estimate(scene, tree, Options(up=case.up), instances=masks, sources=sources).result
+            return scene_estimate(scene, tree, EstimateOptions(up=case.up), instances=masks, sources=sources).result
         except InputError as error:
             return re.sub(r"\S*/(?=\w)", "", str(error))
         except Exception as error:  # noqa: BLE001 - what the command calls an internal error

@@ -105,7 +105,7 @@ def run(work: Path, model: Path, *words: str) -> tuple[float, float, dict[str, l
 
 def drawing_cost(work: Path, model: Path) -> tuple[float, float]:
     """CPU seconds a frame of the renderer alone, and of all that is drawn, without decoding and encoding."""
-    from insertion.insert import open_stage
+    from insertion.insert import open_prepared_scene
     from insertion.pipeline import frames
     from insertion.pipeline.objects import place_objects
     from insertion.pipeline.request import ObjectRequest
@@ -123,14 +123,14 @@ def drawing_cost(work: Path, model: Path) -> tuple[float, float]:
 
         return run_it
 
-    stage = open_stage(work, read_scale(work, None))
-    placed = place_objects(stage, [ObjectRequest(model)])
+    prepared = open_prepared_scene(work, read_scale(work, None))
+    placed = place_objects(prepared, [ObjectRequest(model)])
     with (
         mock.patch.object(ObjectRenderer, "image", clocked(ObjectRenderer.image, "alone")),
         mock.patch.object(frames, "_draw_objects", clocked(frames._draw_objects, "whole")),
     ):
-        frames.insert_objects(stage, placed, lambda *_: None, video=True)
-    count = len(stage.footage.shots)
+        frames.insert_objects(prepared, placed, lambda *_: None, video=True)
+    count = len(prepared.footage.shots)
     return spent["alone"] / count, spent["whole"] / count
 
 

@@ -17,8 +17,8 @@ from estimator.reading import read_instances, read_scene
 from estimator.records.scene import Instance
 from insertion.colour.encoding import linear_to_srgb
 from insertion.composite.match import look_of
-from insertion.scene.box import Box, mask_in_box
 from insertion.scene.cloud import Cloud, FrontPoints
+from insertion.scene.pixel_box import PixelBox, mask_in_box
 
 #: A mask is in front where it hides this share of the object's own pixels in it.
 IN_FRONT = 0.97
@@ -64,7 +64,7 @@ def _frame(options: argparse.Namespace, name: str, layer: str, masks: list[Insta
     changed = (frame != before).any(axis=-1)
     own = read_exr(options.layers / "depth" / layer)[..., 0] > 0
     hidden = read_exr(options.layers / "occlusion" / layer)[..., 0]
-    whole = Box(0, 0, frame.shape[1], frame.shape[0])
+    whole = PixelBox(0, 0, frame.shape[1], frame.shape[0])
     inside = fronts = 0
     for item in masks:
         mask = mask_in_box(item, whole)

@@ -27,8 +27,8 @@ from insertion.models.gltf import read_model
 from insertion.models.size import SizeUsed
 from insertion.pipeline.frames import insert_objects
 from insertion.pipeline.objects import Placed, place_objects, space_for
+from insertion.pipeline.prepared_scene import PreparedScene, prepare_scene
 from insertion.pipeline.request import ObjectRequest
-from insertion.pipeline.stage import Stage, make_stage
 from insertion.placement.free_space import candidates
 from insertion.placement.locate import plane_coordinates
 from insertion.scene.rays import camera_rays
@@ -140,17 +140,17 @@ def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
     _bare_pictures(world, room, out)
     if trace_only:
         return {}
-    stage = _stage(made, to_scene, out)
-    placed = _placed(stage, write_glb(solid(room.thing, np.array(room.size)), out / "object.glb", room.colour))
+    prepared = _prepared(made, to_scene, out)
+    placed = _placed(prepared, write_glb(solid(room.thing, np.array(room.size)), out / "object.glb", room.colour))
     ours: list[NDArray[np.uint8]] = []
-    results = insert_objects(stage, [placed], lambda _, picture: ours.append(picture))
+    results = insert_objects(prepared, [placed], lambda _, picture: ours.append(picture))
     boxes = [frame.silhouette for frame in results[0].frames]
     shown = [
         0.0 if box is None else box[3] * frame.visible for box, frame in zip(boxes, results[0].frames, strict=True)
     ]
     judged = sorted(np.argsort(shown)[::-1][:JUDGED].tolist())
-    truth = _true_pictures(world, room, out, stage, placed, to_scene, judged)
-    return _compared(stage, placed, judged, [ours[row] for row in judged], truth, out)
+    truth = _true_pictures(world, room, out, prepared, placed, to_scene, judged)
+    return _compared(prepared, placed, judged, [ours[row] for row in judged], truth, out)
 
 
 def _room_files(world: World, room: TracedRoom, folder: Path) -> list[dict[str, Any]]:
@@ -277,20 +277,20 @@ def _developed(file: Path, out: Path) -> NDArray[np.uint8]:
     return np.rint(linear_to_srgb(linear * EXPOSED / np.mean(bare))).astype(np.uint8)
 
 
-def _stage(made: SyntheticScene, to_scene: Similarity, out: Path) -> Stage:
+def _prepared(made: SyntheticScene, to_scene: Similarity, out: Path) -> PreparedScene:
     views = tuple(_named(view) for view in made.scene.views)
     scene = replace(made.scene, path=out, views=views)
     stills = Stills(scene)
     scale = ScaleUsed(1 / to_scene.scale, None, None, "option")
-    return make_stage(scene, stills, PictureFootage(stills), made.instances, scale)
+    return prepare_scene(scene, stills, PictureFootage(stills), made.instances, scale)
 
 
-def _placed(stage: Stage, model: Path) -> Placed:
+def _placed(prepared: PreparedScene, model: Path) -> Placed:
     """The object at the best free place of the floor."""
-    space = space_for(stage, read_model(model), SizeUsed(1.0, "file"))
+    space = space_for(prepared, read_model(model), SizeUsed(1.0, "file"))
     place = next(one for one in candidates(space) if one.plane == 0)
-    x, y = plane_coordinates(space, place) * stage.scale.metres_per_unit
-    return place_objects(stage, [ObjectRequest(model, plane=0, xy_m=(float(x), float(y)), facing=30.0)])[0]
+    x, y = plane_coordinates(space, place) * prepared.scale.metres_per_unit
+    return place_objects(prepared, [ObjectRequest(model, plane=0, xy_m=(float(x), float(y)), facing=30.0)])[0]
 
 
 def _named(view: View) -> View:
@@ -298,10 +298,16 @@ def _named(view: View) -> View:
 
 
 def _true_pictures(
-    world: World, room: TracedRoom, out: Path, stage: Stage, placed: Placed, to_scene: Similarity, rows: Sequence[int]
+    world: World,
+    room: TracedRoom,
+    out: Path,
+    prepared: PreparedScene,
+    placed: Placed,
+    to_scene: Similarity,
+    rows: Sequence[int],
 ) -> list[NDArray[np.uint8]]:
     """The pictures with the object in the room."""
-    frame = metric_frame([placed], stage.scale.metres_per_unit)
+    frame = metric_frame([placed], prepared.scale.metres_per_unit)
     matrix = _to_world(frame, to_scene) @ object_matrix(placed, frame)
     traced = out / "with"
     traced.mkdir(exist_ok=True)
@@ -321,7 +327,7 @@ def _to_world(frame: MetricFrame, to_scene: Similarity) -> NDArray[np.float64]:
 
 
 def _compared(
-    stage: Stage,
+    prepared: PreparedScene,
     placed: Placed,
     rows: Sequence[int],
     ours: Sequence[NDArray[np.uint8]],
@@ -335,12 +341,12 @@ def _compared(
     dark: list[list[NDArray[np.float32]]] = [[], []]
     ways = np.zeros((2, 3))  # sums of x, y and weight
     for row, one, two in zip(rows, ours, truth, strict=True):
-        bare, mask = stage.stills.picture(row), _object_mask(stage, placed, row)
+        bare, mask = prepared.stills.picture(row), _object_mask(prepared, placed, row)
         inner = cv2.erode(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
         outside = ~(cv2.dilate(mask.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0)
         ratios = [cv2.GaussianBlur(_ratio(picture, bare), (0, 0), 1.0) for picture in (one, two)]
         shaded = outside & (ratios[1] < 0.93)
-        floor, near = _floor_places(stage, placed, row)
+        floor, near = _floor_places(prepared, placed, row)
         for k, picture in enumerate((one, two)):
             inside[k].append(srgb_to_linear(picture)[inner])
             dark[k].append(ratios[k][shaded])
@@ -368,14 +374,14 @@ def _compared(
     }
 
 
-def _floor_places(stage: Stage, placed: Placed, row: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+def _floor_places(prepared: PreparedScene, placed: Placed, row: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(h, w, 2) place of each pixel on the floor about the object's foot in its heights, and whether it is near."""
-    view, basis = stage.scene.views[row], placed.place.basis
+    view, basis = prepared.scene.views[row], placed.place.basis
     rays = np.dstack([camera_rays(view.camera), np.ones(SIZE[::-1])]) @ view.rotation @ basis.T
     start = basis @ (view.centre - placed.place.position)
     with np.errstate(divide="ignore", invalid="ignore"):
         flat = start[:2] + rays[..., :2] * np.where(rays[..., 2] < 0, -start[2] / rays[..., 2], np.nan)[..., None]
-    flat = np.nan_to_num(flat / (placed.size_m["height"] / stage.scale.metres_per_unit), nan=1e6)
+    flat = np.nan_to_num(flat / (placed.size_m["height"] / prepared.scale.metres_per_unit), nan=1e6)
     return flat, np.asarray(np.linalg.norm(flat, axis=-1) < 2.5)
 
 
@@ -385,18 +391,18 @@ def _ratio(after: NDArray[np.uint8], before: NDArray[np.uint8]) -> NDArray[np.fl
     )
 
 
-def _object_mask(stage: Stage, placed: Placed, row: int) -> NDArray[np.bool_]:
+def _object_mask(prepared: PreparedScene, placed: Placed, row: int) -> NDArray[np.bool_]:
     """Pixels of the object that nothing hides, by our own renderer's outline."""
     from insertion.light.environment import HEIGHT, WIDTH, Environment
     from insertion.render.boxes import window_behind
     from insertion.render.context import gl_context
     from insertion.render.renderer import ObjectRenderer
-    from insertion.scene.box import Box
+    from insertion.scene.pixel_box import PixelBox
 
-    view = stage.scene.views[row]
+    view = prepared.scene.views[row]
     ones = np.ones((HEIGHT, WIDTH, 3), np.float32)
     renderer = ObjectRenderer(gl_context(), placed.body, Environment(ones, placed.place.basis, ones[..., 0]))
-    window = window_behind(view.camera, Box(0, 0, view.camera.width, view.camera.height))
+    window = window_behind(view.camera, PixelBox(0, 0, view.camera.width, view.camera.height))
     alpha = renderer.outline(window, view.rotation, view.translation, 1.0)
     y, x = -window.y0, -window.x0
     return np.asarray(alpha[y : y + SIZE[1], x : x + SIZE[0]] > 0.99)

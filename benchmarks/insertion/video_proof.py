@@ -38,9 +38,9 @@ from insertion.footage.video_footage import VideoFootage, video_footage
 from insertion.models.gltf import read_model
 from insertion.pipeline.frames import insert_objects
 from insertion.pipeline.objects import Placed, place_objects, resize
+from insertion.pipeline.prepared_scene import PreparedScene, prepare_scene
 from insertion.pipeline.request import ObjectRequest
 from insertion.pipeline.result import FrameReport
-from insertion.pipeline.stage import Stage, make_stage
 from insertion.render.body import body_of
 from insertion.scene.scale import ScaleUsed
 from metric_base.arrays import BoolArray
@@ -101,14 +101,14 @@ def video_row(condition: Condition, folder: Path) -> dict[str, Any]:
     folder.mkdir(parents=True, exist_ok=True)
     video = synthetic_video(KIND, SEED, FRAMES, condition, folder / "bare.mp4")
     poses, to_scene = video.reconstruction(folder / "work", RECONSTRUCTED)
-    stage = stage_of_work(folder / "work", 1 / to_scene.scale)
-    placed, truth = painted_twin(video, stage, to_scene, folder)
+    prepared = stage_of_work(folder / "work", 1 / to_scene.scale)
+    placed, truth = painted_twin(video, prepared, to_scene, folder)
     layers = Layers()
     with picture_writer(folder / "ours.mp4", video.file, condition.turned_deg) as write:
-        (result,) = insert_objects(stage, [placed], write, video=True, layers=[layers])
+        (result,) = insert_objects(prepared, [placed], write, video=True, layers=[layers])
     ratios = {1.0: _height_ratio(result.frames, truth)}
     for error in SCALE_ERRORS:
-        (wrong,) = insert_objects(_thinned(stage, 4), [resize(placed, 1 / error)], lambda *_: None)
+        (wrong,) = insert_objects(_thinned(prepared, 4), [resize(placed, 1 / error)], lambda *_: None)
         ratios[error] = _height_ratio(wrong.frames, truth)
     return {
         "condition": condition.name,
@@ -118,12 +118,12 @@ def video_row(condition: Condition, folder: Path) -> dict[str, Any]:
     }
 
 
-def stage_of_work(work: Path, scale: float) -> Stage:
-    """The stage of a work folder at a scale in metres per unit, as `insert-object WORK --scale` makes it."""
+def stage_of_work(work: Path, scale: float) -> PreparedScene:
+    """The prepared scene of a work folder at a scale in metres per unit, as `insert-object WORK --scale` makes it."""
     scene = read_scene(work)
     footage = video_footage(work, scene)
     assert footage is not None  # the folder was made from a video
-    return make_stage(
+    return prepare_scene(
         scene,
         Stills(scene, work / "frames"),
         footage,
@@ -132,18 +132,20 @@ def stage_of_work(work: Path, scale: float) -> Stage:
     )
 
 
-def painted_twin(video: SyntheticVideo, stage: Stage, to_scene: Similarity, folder: Path) -> tuple[Placed, Standing]:
+def painted_twin(
+    video: SyntheticVideo, prepared: PreparedScene, to_scene: Similarity, folder: Path
+) -> tuple[Placed, Standing]:
     """The object at its place, painted as the room's renderer paints it there, and the video with it really there.
 
     The place is one that is free, or where furniture hides a part of the object, as the video's condition says.
     """
     mesh = solid(WHAT, np.array(SIZE))
-    (plain,) = place_objects(stage, [ObjectRequest(write_glb(mesh, folder / "plain.glb"))])
+    (plain,) = place_objects(prepared, [ObjectRequest(write_glb(mesh, folder / "plain.glb"))])
     position, front = plain.place.position, plain.front
     if video.condition.hidden:
         place, toward, _ = hiding_place(replace(video.world, poses=video.world.poses[::3]), mesh)
         position, front = to_scene(place[None])[0], to_scene.rotation @ toward
-    floor = stage.supports.surfaces[plain.place.plane or 0].plane
+    floor = prepared.supports.surfaces[plain.place.plane or 0].plane
     position = position + (floor.height - position @ floor.basis[2]) * floor.basis[2]
     front = front - (front @ floor.basis[2]) * floor.basis[2]
     place = to_scene.inverse(position[None])[0] * [1, 1, 0]  # the true object stands on the floor itself
@@ -152,19 +154,19 @@ def painted_twin(video: SyntheticVideo, stage: Stage, to_scene: Similarity, fold
         mesh, world.objects[-1].mesh, folder / "painted.glb", len(world.objects), video.world.seed
     )
     model, front = read_model(painted), front / np.linalg.norm(front)
-    body = body_of(model, position, floor.basis, front, 1 / stage.scale.metres_per_unit)
+    body = body_of(model, position, floor.basis, front, 1 / prepared.scale.metres_per_unit)
     placed = replace(plain, model=model, place=replace(plain.place, position=position), front=front, body=body)
     return placed, true_video(video, world, folder / "true.mp4")
 
 
-def _thinned(stage: Stage, step: int) -> Stage:
-    """The stage with every so manieth frame of its video."""
-    footage = stage.footage
+def _thinned(prepared: PreparedScene, step: int) -> PreparedScene:
+    """The prepared scene with every so manieth frame of its video."""
+    footage = prepared.footage
     assert isinstance(footage, VideoFootage)
     thin = VideoFootage.__new__(VideoFootage)
     thin.__dict__.update(footage.__dict__)
     thin.shots = footage.shots[::step]
-    return replace(stage, footage=thin)
+    return replace(prepared, footage=thin)
 
 
 def _height_ratio(frames: Sequence[FrameReport], truth: Standing) -> float:

@@ -33,7 +33,7 @@ from metric_base.progress import silent
 from metric_cli.terminal import print_table
 from metric_tree.build.clean import Cleaned, NodeClass
 from metric_tree.build.ingest import block_of, blocks, raw_files
-from metric_tree.build.steps import Options, Steps, shipped_curated, shipped_taxonomy
+from metric_tree.build.steps import BuildOptions, Steps, shipped_curated, shipped_taxonomy
 from metric_tree.build.tables import Hierarchy, kept_categories
 from metric_tree.build.work_folder import BuildFolder
 from metric_tree.fit.class_prior import class_prior
@@ -61,7 +61,7 @@ def clean_rows(raw: Sequence[Path], work: Path) -> None:
     work.mkdir(parents=True, exist_ok=True)
     declared = {source.id: source for source in sources()}
     with ProcessPoolExecutor(WORKERS, mp_context=get_context("spawn")) as pool:
-        options = Options(version="0.0.0", created="")
+        options = BuildOptions(version="0.0.0", created="")
         steps = Steps(options, shipped_taxonomy, declared, None, pool, silent, BuildFolder(work))
         steps.ingest([*blocks(raw_files(raw)), block_of(shipped_curated(), "curated ranges")])
         steps.clean()

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from estimator.assets.asset import Word
+from estimator.asset_files.asset import Word
 from metric_base.errors import InputError
 from metric_tree.tree import DETECTORS, Node, Tree
 

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.assets.asset import AXES, AssetBody, Up
+from estimator.asset_files.asset import AXES, AssetBody, Up
 from estimator.assets.size_model import SizeModel
 from metric_base.arrays import FloatArray, IntArray
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.assets.asset import AXES, AssetBody, Up
+from estimator.asset_files.asset import AXES, AssetBody, Up
 from estimator.assets.hypotheses import ordered_sizes
 from estimator.assets.size_model import SizeModel
 from metric_base.arrays import FloatArray

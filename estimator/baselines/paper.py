@@ -21,7 +21,7 @@ from estimator.baselines.candidates import candidate_scales, estimate_on
 from estimator.records.measured_object import ETA_THRESHOLD, MeasuredObject
 from estimator.records.result import ScaleResult, UpReport
 from estimator.results.categories import LabelMeaning, meanings
-from estimator.results.reports import Options, ScaleAnswer, result_of
+from estimator.results.reports import EstimateOptions, ScaleAnswer, result_of
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError, Unquoted
 from metric_base.folders import data_folder
@@ -64,7 +64,7 @@ class PaperMixture:
 def paper_result(
     objects: Sequence[MeasuredObject],
     tree: Tree,
-    options: Options,
+    options: EstimateOptions,
     lists: Path | None = None,
     up: UpReport | None = None,
     heard: Sequence[str] = (),
@@ -196,7 +196,7 @@ def _answer(
     objects: Sequence[MeasuredObject],
     by_name: Mapping[str, LabelMeaning],
     mixtures: Mapping[str, PaperMixture],
-    options: Options,
+    options: EstimateOptions,
 ) -> ScaleAnswer:
     places, used, reasons, sizes = [], [], [], []
     for place, item in enumerate(objects):

@@ -21,7 +21,7 @@ from estimator.records.result import ScaleResult, UpReport
 from estimator.records.scene import Instance, Scene, View
 from estimator.results.categories import LabelMeaning, meanings
 from estimator.results.estimate import HEIGHT
-from estimator.results.reports import Options, ScaleAnswer, result_of
+from estimator.results.reports import EstimateOptions, ScaleAnswer, result_of
 from metric_base.arrays import FloatArray
 from metric_tree.prior import Prior
 from metric_tree.tree import Tree
@@ -39,7 +39,7 @@ def sucar_result(
     scene: Scene,
     instances: Sequence[Instance],
     tree: Tree,
-    options: Options,
+    options: EstimateOptions,
     heard: Sequence[str] = (),
     seconds: Mapping[str, float] | None = None,
 ) -> ScaleResult:
@@ -122,7 +122,9 @@ def _object(number: int, item: Instance, height: float) -> MeasuredObject:
     )
 
 
-def _answer(boxes: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning], options: Options) -> ScaleAnswer:
+def _answer(
+    boxes: Sequence[MeasuredObject], by_name: Mapping[str, LabelMeaning], options: EstimateOptions
+) -> ScaleAnswer:
     reasons = [box.skipped or by_name[box.category].reason for box in boxes]
     places = [place for place, reason in enumerate(reasons) if reason is None]
     if not places:

@@ -52,8 +52,8 @@ def detect_stage(
 
     model, labels : as `load_detector` takes them; notice : is called with each warning.
     """
-    from estimator.instances.detection import detect_instances
-    from estimator.instances.detector import MAX_LABEL_BYTES, load_detector
+    from estimator.detectors.detection import detect_instances
+    from estimator.detectors.detector import MAX_LABEL_BYTES, load_detector
     from estimator.reconstructions.colmap import read_colmap
 
     def make(part: Path) -> None:

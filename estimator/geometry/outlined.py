@@ -15,7 +15,7 @@ from estimator.association.point_labels import PointLabels
 from estimator.geometry.planes import SupportPlane, floor_of
 from estimator.geometry.up import Up
 from estimator.outlines.cuboid_fit import Cuboid, Sightings, fit_cuboid
-from estimator.outlines.reaches import Outlines, Reaches, mask_reaches
+from estimator.outlines.object_outlines import Outlines, Reaches, mask_reaches
 from estimator.records.measured_object import Box, MeasuredObject
 from estimator.records.scene import Instance, Scene
 from estimator.visibility.sights import row_members

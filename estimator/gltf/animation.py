@@ -13,7 +13,7 @@ from metric_base.arrays import FloatArray
 from metric_base.errors import Unquoted, at_field
 from metric_base.schema import expect
 
-__all__ = ["Animation", "Channel", "moved_nodes", "read_animation"]
+__all__ = ["Channel", "GltfAnimation", "moved_nodes", "read_animation"]
 
 #: Numbers of each property of a node that may move; the weights of morph targets are as many as the mesh has.
 _COLUMNS = {"translation": 3, "rotation": 4, "scale": 3}
@@ -55,7 +55,7 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Animation:
+class GltfAnimation:
     """An animation by its name; duration_s : the time of the last key of all channels."""
 
     name: str
@@ -63,14 +63,14 @@ class Animation:
     duration_s: float
 
 
-def read_animation(header: dict[str, Any], accessors: Accessors, number: int) -> Animation:
+def read_animation(header: dict[str, Any], accessors: Accessors, number: int) -> GltfAnimation:
     """An animation of a file. FieldError where its keys are not those of the standard."""
     row = header["animations"][number]
     with at_field(f"animations[{number}]"):
         channels = [_channel(header, accessors, row, stated) for stated in row.get("channels", [])]
     kept = tuple(channel for channel in channels if channel is not None)
     last = max((float(channel.times[-1]) for channel in kept), default=0.0)
-    return Animation(str(row.get("name") or f"animation {number}"), kept, last)
+    return GltfAnimation(str(row.get("name") or f"animation {number}"), kept, last)
 
 
 def _channel(
@@ -97,7 +97,7 @@ def _channel(
     return Channel(node, path, kind, times, values.reshape(shape))
 
 
-def moved_nodes(nodes: Sequence[Mapping[str, Any]], animation: Animation, time_s: float) -> list[Mapping[str, Any]]:
+def moved_nodes(nodes: Sequence[Mapping[str, Any]], animation: GltfAnimation, time_s: float) -> list[Mapping[str, Any]]:
     """The records of the nodes with what the animation moves at a time; `weights` are those of morph targets."""
     moved = [dict(node) for node in nodes]
     for channel in animation.channels:

@@ -1,1 +1,1 @@
-"""Instance masks from COCO files, label images or a detector."""
+"""Instance masks from files: COCO, label images, YOLO, labelme, arrays."""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.outlines.reaches import DIRECTIONS, Outlines
+from estimator.outlines.object_outlines import DIRECTIONS, Outlines
 from metric_base.arrays import FloatArray
 
 __all__ = ["Cuboid", "Sightings", "entry_depths", "fit_cuboid"]

@@ -17,7 +17,7 @@ from estimator.records.scale_evidence import EvidenceReport, ScaleEvidence
 from estimator.results.categories import BROADER_SCORE, LabelMeaning, meanings
 from estimator.results.contradiction import Contradiction, contradiction_of
 from estimator.results.narrowing import helps
-from estimator.results.reports import Options, ScaleAnswer, names_of, result_of
+from estimator.results.reports import EstimateOptions, ScaleAnswer, names_of, result_of
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree
 
@@ -30,7 +30,7 @@ HEIGHT = ("height",)
 def scale_of_objects(
     objects: Sequence[MeasuredObject],
     tree: Tree,
-    options: Options | None = None,
+    options: EstimateOptions | None = None,
     up: UpReport | None = None,
     warnings: Sequence[str] = (),
     seconds: Mapping[str, float] | None = None,
@@ -55,7 +55,7 @@ def scale_of_objects(
     >>> 1.6 < result.modes[0].scale < 2.4
     True
     """
-    options = options or Options()
+    options = options or EstimateOptions()
     dims = HEIGHT if options.method == "height" else None
     by_name = meanings(tree, {item.category for item in objects}, dims, options.where)
     started = time.perf_counter()
@@ -106,7 +106,7 @@ def evidence_of(
     return stated, reasons
 
 
-def _context_warnings(by_name: Mapping[str, LabelMeaning], options: Options) -> list[str]:
+def _context_warnings(by_name: Mapping[str, LabelMeaning], options: EstimateOptions) -> list[str]:
     """A line for classes of which the release does not know how they differ by region or year."""
     if options.where is None:
         return []
@@ -122,7 +122,7 @@ def _table(lines: Sequence[ScaleEvidence]) -> FloatArray:
 
 
 def _evidence_rows(
-    options: Options, estimate: Posterior | None, lines: Sequence[ScaleEvidence], clash: Contradiction | None
+    options: EstimateOptions, estimate: Posterior | None, lines: Sequence[ScaleEvidence], clash: Contradiction | None
 ) -> tuple[EvidenceReport, ...]:
     """The rows of all evidence, in the order given."""
     weights = dict(zip(map(id, lines), [] if estimate is None else estimate.line_weight.tolist(), strict=True))

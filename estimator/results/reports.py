@@ -19,7 +19,7 @@ from metric_base.arrays import BoolArray, FloatArray
 from metric_tree.context import Where
 from metric_tree.tree import Tree
 
-__all__ = ["Options", "ScaleAnswer", "named_values", "names_of", "result_of"]
+__all__ = ["EstimateOptions", "ScaleAnswer", "named_values", "names_of", "result_of"]
 
 # One outlier of two is the usual case of a scene of two objects; the interval says so itself.
 MIN_OUTLIERS = 2
@@ -28,7 +28,7 @@ LONGEST_NAME = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Options:
+class EstimateOptions:
     """What the caller asks of an estimate.
 
     evidence : beside the objects; trust_known_length : a known length that contradicts the objects is believed;
@@ -65,7 +65,7 @@ def result_of(
     tree: Tree,
     by_name: Mapping[str, LabelMeaning],
     answer: ScaleAnswer,
-    options: Options,
+    options: EstimateOptions,
     up: UpReport | None,
     warnings: Sequence[str],
     seconds: Mapping[str, float],

@@ -20,7 +20,6 @@ from explorer.content.addresses import (
     prior_of,
     slug,
 )
-from explorer.content.catalogue import QUANTILES, Catalogue
 from explorer.content.records import (
     ImagesAnswer,
     ItemsAnswer,
@@ -36,6 +35,7 @@ from explorer.content.records import (
     VocabularyAnswer,
     VocabularyRow,
 )
+from explorer.content.release_catalogue import QUANTILES, ReleaseCatalogue
 from metric_base.arrays import FloatArray
 from metric_base.errors import InputError
 from metric_tree.description import node_sentence
@@ -74,7 +74,7 @@ def shown_name(node: Node) -> str:
     return node.name.partition(" (")[0]
 
 
-def reference(catalogue: Catalogue, node: Node) -> NodeRef:
+def reference(catalogue: ReleaseCatalogue, node: Node) -> NodeRef:
     """A node as it is in lists."""
     medians = catalogue.quantiles(node)[2]
     sizes = {dim: _rounded(value) for dim, value in zip(catalogue.dims(node), medians, strict=True)}
@@ -89,13 +89,13 @@ def quantile_table(dims: tuple[str, ...], table: FloatArray, quantiles: tuple[fl
     }
 
 
-def sentence(catalogue: Catalogue, node: Node) -> str:
+def sentence(catalogue: ReleaseCatalogue, node: Node) -> str:
     """A node's main size in words."""
     prior = catalogue.prior(node)
     return node_sentence(node, shown_name(node), prior) if prior else "Nothing is known of its size."
 
 
-def node_answer(catalogue: Catalogue, node: Node) -> NodeAnswer:
+def node_answer(catalogue: ReleaseCatalogue, node: Node) -> NodeAnswer:
     """What is known of a category."""
     prior = catalogue.prior(node)
     rows = catalogue.rows(node)
@@ -133,7 +133,7 @@ def node_answer(catalogue: Catalogue, node: Node) -> NodeAnswer:
 
 
 def prior_answer(
-    catalogue: Catalogue,
+    catalogue: ReleaseCatalogue,
     node: Node,
     prior: Prior,
     quantiles: tuple[float, ...] = QUANTILES,
@@ -188,7 +188,7 @@ def page_of_cursor(token: str) -> int:
     return int(text[1:])
 
 
-def items_answer(catalogue: Catalogue, node: Node, page: int = 1) -> ItemsAnswer:
+def items_answer(catalogue: ReleaseCatalogue, node: Node, page: int = 1) -> ItemsAnswer:
     """A page of the shipped items at or below a node, from 1."""
     rows = catalogue.rows(node)
     own = rows[(page - 1) * PAGE_ROWS : page * PAGE_ROWS]
@@ -204,14 +204,14 @@ def items_answer(catalogue: Catalogue, node: Node, page: int = 1) -> ItemsAnswer
     )
 
 
-def images_answer(catalogue: Catalogue, node: Node) -> ImagesAnswer:
+def images_answer(catalogue: ReleaseCatalogue, node: Node) -> ImagesAnswer:
     """The pictures of items at or below a node."""
     images = catalogue.images(node)
     reference_ = tree_reference(catalogue.tree)
     return ImagesAnswer(tree=reference_, node=node.node_id, n_images=len(images), images=images[:MOST_IMAGES])
 
 
-def search_answer(catalogue: Catalogue, query: str, limit: int) -> SearchAnswer:
+def search_answer(catalogue: ReleaseCatalogue, query: str, limit: int) -> SearchAnswer:
     """Nodes for what a person types, the likeliest first."""
     hits = []
     for node in catalogue.tree.search(query, limit):
@@ -222,7 +222,7 @@ def search_answer(catalogue: Catalogue, query: str, limit: int) -> SearchAnswer:
     return SearchAnswer(tree=tree_reference(catalogue.tree), query=query, hits=hits)
 
 
-def releases_answer(catalogue: Catalogue) -> ReleasesAnswer:
+def releases_answer(catalogue: ReleaseCatalogue) -> ReleasesAnswer:
     """The releases of the site: that at its root, and the others under `releases/VERSION/`."""
     return ReleasesAnswer(
         releases=[
@@ -238,7 +238,7 @@ def releases_answer(catalogue: Catalogue) -> ReleasesAnswer:
     )
 
 
-def vocabulary_answer(catalogue: Catalogue, name: str) -> VocabularyAnswer:
+def vocabulary_answer(catalogue: ReleaseCatalogue, name: str) -> VocabularyAnswer:
     """Each label of a list with its node and the node's size."""
     rows = []
     for label in catalogue.vocabularies[name]:
@@ -252,7 +252,7 @@ def vocabulary_answer(catalogue: Catalogue, name: str) -> VocabularyAnswer:
     return VocabularyAnswer(tree=tree_reference(catalogue.tree), vocabulary=name, labels=rows)
 
 
-def outside_links(catalogue: Catalogue, node: Node) -> dict[str, str]:
+def outside_links(catalogue: ReleaseCatalogue, node: Node) -> dict[str, str]:
     """WordNet and Wikidata: the synset and the item themselves where their codes are known, else a search."""
     codes = catalogue.codes.get(node.node_id, [])
     offset = next((code for code in codes if code.startswith("n")), None)
@@ -268,7 +268,7 @@ def outside_links(catalogue: Catalogue, node: Node) -> dict[str, str]:
     return links
 
 
-def _links(catalogue: Catalogue, node: Node, n_shipped: int) -> dict[str, str]:
+def _links(catalogue: ReleaseCatalogue, node: Node, n_shipped: int) -> dict[str, str]:
     own = {
         "self": json_of(node.node_id),
         "page": page_of(node.node_id),

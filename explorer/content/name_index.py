@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 
 from explorer.content.addresses import slug
-from explorer.content.catalogue import Catalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.content.tiers import MEANINGS
 from metric_tree.tree import Node
 from taxonomy.words.spelling import plain_fold
@@ -17,7 +17,7 @@ from taxonomy.words.spelling import plain_fold
 __all__ = ["name_index", "size_index"]
 
 
-def name_index(catalogue: Catalogue) -> bytes:
+def name_index(catalogue: ReleaseCatalogue) -> bytes:
     """Nodes with their names and labels, names of several nodes, label lists, sources.
 
     `nodes` has a line for each node: slug, name where the slug does not spell it, tier, items, its parent's place.
@@ -46,7 +46,7 @@ def name_index(catalogue: Catalogue) -> bytes:
     return f"var MT_NAMES={json.dumps(content, separators=(',', ':'), ensure_ascii=False)};\n".encode()
 
 
-def size_index(catalogue: Catalogue) -> bytes:
+def size_index(catalogue: ReleaseCatalogue) -> bytes:
     """For pages that compare nodes: dimensions and quantiles in mm of all nodes, by slug, to three digits."""
     rows = {
         slug(node.node_id): [
@@ -63,14 +63,14 @@ def size_index(catalogue: Catalogue) -> bytes:
     return f"var MT_SIZES={json.dumps(rows, separators=(',', ':'), ensure_ascii=False)};\n".encode()
 
 
-def _line(catalogue: Catalogue, node: Node, tiers: list[str], places: dict[str, int]) -> str:
+def _line(catalogue: ReleaseCatalogue, node: Node, tiers: list[str], places: dict[str, int]) -> str:
     own = node.node_id.removeprefix("mt:").partition(".")[0].replace("_", " ")
     name = "" if node.name == own else node.name
     above = places[node.parent_id] if node.parent_id else ""
     return f"{slug(node.node_id)}\t{name}\t{tiers.index(catalogue.tier(node))}\t{node.n_items or ''}\t{above}"
 
 
-def _labels(catalogue: Catalogue, node_id: str, lists: list[str]) -> str:
+def _labels(catalogue: ReleaseCatalogue, node_id: str, lists: list[str]) -> str:
     """The labels of a node, each with a letter for each of its lists."""
     found: dict[str, str] = {}
     own = plain_fold(catalogue.nodes[node_id].name)

@@ -10,26 +10,26 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from explorer.content.answers import vocabulary_answer
-from explorer.content.catalogue import Catalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from metric_tree.tree import Node
 
 __all__ = ["csv_text", "items_csv", "items_parquet", "vocabulary_csv"]
 
 
-def items_csv(catalogue: Catalogue, node: Node) -> bytes:
+def items_csv(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     """The shipped items at or below a node; lists are joined by spaces."""
     table = catalogue.items.take(catalogue.rows(node))
     return csv_text(table.column_names, (row.values() for row in table.to_pylist()))
 
 
-def items_parquet(catalogue: Catalogue, node: Node) -> bytes:
+def items_parquet(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     """The same as Parquet, with the units in the columns' metadata."""
     sink = io.BytesIO()
     pq.write_table(catalogue.items.take(catalogue.rows(node)), sink, compression="zstd", store_schema=False)
     return sink.getvalue()
 
 
-def vocabulary_csv(catalogue: Catalogue, name: str) -> bytes:
+def vocabulary_csv(catalogue: ReleaseCatalogue, name: str) -> bytes:
     """A label list: label, node, tier, items, and for each dimension the 5 %, 50 % and 95 % quantile in mm."""
     dims = ("length", "width", "height", "extent1", "extent2", "extent3")
     columns = [f"{dim}_q{q}_mm" for dim in dims for q in ("05", "50", "95")]

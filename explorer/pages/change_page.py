@@ -7,7 +7,7 @@ from typing import Any
 from markupsafe import Markup, escape
 
 from explorer.content.addresses import page_of
-from explorer.content.catalogue import Catalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.content.units import length_text
 from explorer.pages.templating import page_bytes
 from metric_tree.diff import MovedPrior, release_diff
@@ -22,7 +22,7 @@ _MOVED_HEAD = ("category", "dimension", "median before", "now", "median", "inter
 MOST_ROWS = 200
 
 
-def change_page(catalogue: Catalogue, other: Tree) -> bytes:
+def change_page(catalogue: ReleaseCatalogue, other: Tree) -> bytes:
     """What changed from another release to this one."""
     diff = release_diff(other, catalogue.tree)
 

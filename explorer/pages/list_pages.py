@@ -9,7 +9,7 @@ import numpy as np
 
 from explorer.content.addresses import page_of
 from explorer.content.answers import vocabulary_answer
-from explorer.content.catalogue import AXES, Catalogue
+from explorer.content.release_catalogue import AXES, ReleaseCatalogue
 from explorer.content.tiers import TIERS
 from explorer.pages.templating import page_bytes, web_address
 from metric_base.arrays import IntArray
@@ -21,14 +21,14 @@ __all__ = ["source_page", "sources_page", "vocabularies_page", "vocabulary_page"
 LEAST_ROWS = 3
 
 
-def sources_page(catalogue: Catalogue) -> bytes:
+def sources_page(catalogue: ReleaseCatalogue) -> bytes:
     """All sources, the largest first."""
     rows = sorted(catalogue.sources.values(), key=lambda row: -int(row.get("n_fit") or 0))
     shown = [{"kind": "", "n_fit": 0, "n_rows": 0, "licence": "", **row} for row in rows]
     return page_bytes(catalogue, "sources.html", "../", "Sources", rows=shown)
 
 
-def source_page(catalogue: Catalogue, source_id: str) -> bytes:
+def source_page(catalogue: ReleaseCatalogue, source_id: str) -> bytes:
     """What a source is, its categories, and how far it lies from the others."""
     empty = {"kind": "", "licence": "", "attribution": "", "noncommercial": False, "withheld": False}
     source = {**empty, "n_fit": 0, "n_rows": 0, "url": "", **catalogue.sources[source_id]}
@@ -46,7 +46,7 @@ def source_page(catalogue: Catalogue, source_id: str) -> bytes:
     )
 
 
-def vocabularies_page(catalogue: Catalogue) -> bytes:
+def vocabularies_page(catalogue: ReleaseCatalogue) -> bytes:
     """All label lists with the tiers of their labels."""
     rows = []
     for name, labels in catalogue.vocabularies.items():
@@ -57,13 +57,13 @@ def vocabularies_page(catalogue: Catalogue) -> bytes:
     return page_bytes(catalogue, "vocabularies.html", "../", "Labels", rows=rows)
 
 
-def vocabulary_page(catalogue: Catalogue, name: str) -> bytes:
+def vocabulary_page(catalogue: ReleaseCatalogue, name: str) -> bytes:
     """Each label of a list, its node, its tier and its size."""
     labels = vocabulary_answer(catalogue, name).labels
     return page_bytes(catalogue, "vocabulary.html", "../", name, name=name, labels=labels)
 
 
-def _classes(catalogue: Catalogue, rows: IntArray) -> list[dict[str, Any]]:
+def _classes(catalogue: ReleaseCatalogue, rows: IntArray) -> list[dict[str, Any]]:
     """The nodes of a source's rows, those of most rows first."""
     names = np.array(catalogue.items["node_id"].take(rows).to_pylist(), dtype=object)
     found = []
@@ -75,7 +75,7 @@ def _classes(catalogue: Catalogue, rows: IntArray) -> list[dict[str, Any]]:
     return found
 
 
-def _off(catalogue: Catalogue, node: Node, rows: IntArray) -> float | None:
+def _off(catalogue: ReleaseCatalogue, node: Node, rows: IntArray) -> float | None:
     """The median of rows over that of the prior, less one; the geometric mean over the dimensions that both have."""
     dims = catalogue.dims(node)
     sizes = catalogue.sizes[rows][:, [AXES.index(dim) for dim in dims]]

@@ -21,7 +21,7 @@ from explorer.content.addresses import (
     slug,
 )
 from explorer.content.answers import node_answer, outside_links, shown_name
-from explorer.content.catalogue import AXES, QUANTILES, Catalogue
+from explorer.content.release_catalogue import AXES, QUANTILES, ReleaseCatalogue
 from explorer.content.units import length_text
 from explorer.drawings.distributions import KINDS, distribution
 from explorer.drawings.scatter import scatter
@@ -51,7 +51,7 @@ LEAST_POINTS = 5
 ISSUES = "https://github.com/metric-tree/metric-tree/issues/new"
 
 
-def node_page(catalogue: Catalogue, node: Node) -> bytes:
+def node_page(catalogue: ReleaseCatalogue, node: Node) -> bytes:
     """The page of a node."""
     answer = node_answer(catalogue, node)
     prior, rows = catalogue.prior(node), catalogue.rows(node)
@@ -172,7 +172,7 @@ def _year_steps(first: float, last: float) -> list[float]:
     return [float(year) for year in years]
 
 
-def _source_row(catalogue: Catalogue, name: str, n: int) -> dict[str, Any]:
+def _source_row(catalogue: ReleaseCatalogue, name: str, n: int) -> dict[str, Any]:
     record = catalogue.sources.get(name, {})
     return {
         "id": name,
@@ -183,7 +183,7 @@ def _source_row(catalogue: Catalogue, name: str, n: int) -> dict[str, Any]:
     }
 
 
-def _facts(catalogue: Catalogue, rows: IntArray, regions: dict[str, int]) -> str:
+def _facts(catalogue: ReleaseCatalogue, rows: IntArray, regions: dict[str, int]) -> str:
     years = [year for year in catalogue.items["year"].take(rows).to_pylist() if year is not None]
     parts = []
     if years:
@@ -203,7 +203,7 @@ def _spread(rows: IntArray, sizes: FloatArray) -> IntArray:
     return spread
 
 
-def _item(catalogue: Catalogue, row: int) -> dict[str, Any]:
+def _item(catalogue: ReleaseCatalogue, row: int) -> dict[str, Any]:
     (item,) = catalogue.items.slice(int(row), 1).to_pylist()
     sizes: Sequence[float | None] = [item[f"{dim}_mm"] for dim in ("length", "width", "height")]
     if not any(sizes):
@@ -211,7 +211,7 @@ def _item(catalogue: Catalogue, row: int) -> dict[str, Any]:
     return {**item, "sizes": sizes, "url": web_address(item["url"]), "title": (item["title"] or item["item_id"])[:90]}
 
 
-def _pictures(catalogue: Catalogue, node: Node) -> list[dict[str, Any]]:
+def _pictures(catalogue: ReleaseCatalogue, node: Node) -> list[dict[str, Any]]:
     """Cut-out pictures with their items' sizes, all to one scale."""
     found: list[tuple[dict[str, Any], dict[str, Any], str, float]] = []
     for image in catalogue.images(node):
@@ -241,6 +241,6 @@ def _picture(image: dict[str, Any], item: dict[str, Any], path: str, share: floa
     }
 
 
-def _report(catalogue: Catalogue, node: Node) -> str:
+def _report(catalogue: ReleaseCatalogue, node: Node) -> str:
     body = f"Node: {node.node_id}\nRelease: {catalogue.tree.version}\n\nWhat is wrong:\n\nA source:\n"
     return f"{ISSUES}?title={quote(f'{node.name}: ')}&body={quote(body)}"

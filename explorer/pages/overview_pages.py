@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from explorer.content.addresses import page_of
 from explorer.content.answers import sentence, shown_name
-from explorer.content.catalogue import Catalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.content.tiers import MEANINGS, TIERS
 from explorer.drawings.icicle import icicle
 from explorer.pages.templating import page_bytes
@@ -33,7 +33,7 @@ EXAMPLE = {
 }
 
 
-def home_page(catalogue: Catalogue) -> bytes:
+def home_page(catalogue: ReleaseCatalogue) -> bytes:
     """The first page."""
     nodes = [catalogue.nodes[node_id] for node_id in TYPICAL if node_id in catalogue.nodes]
     counts = dict(catalogue.of_tier())
@@ -65,29 +65,29 @@ def home_page(catalogue: Catalogue) -> bytes:
     )
 
 
-def tree_page(catalogue: Catalogue) -> bytes:
+def tree_page(catalogue: ReleaseCatalogue) -> bytes:
     """The outline of the five levels, and the tree as areas."""
     root = catalogue.tree.root
     areas = Markup(icicle(root, catalogue.tier))
     return page_bytes(catalogue, "tree.html", "", "The tree", top=root, tier=catalogue.tier, areas=areas)
 
 
-def about_page(catalogue: Catalogue) -> bytes:
+def about_page(catalogue: ReleaseCatalogue) -> bytes:
     """What the sizes and the tiers mean."""
     return page_bytes(catalogue, "about.html", "", "About these sizes")
 
 
-def compare_page(catalogue: Catalogue) -> bytes:
+def compare_page(catalogue: ReleaseCatalogue) -> bytes:
     """Up to six nodes on one axis; the browser draws them from `assets/sizes.js`."""
     return page_bytes(catalogue, "compare.html", "", "Compare")
 
 
-def scale_page(catalogue: Catalogue) -> bytes:
+def scale_page(catalogue: ReleaseCatalogue) -> bytes:
     """Results and measured objects, read in the browser."""
     return page_bytes(catalogue, "scale.html", "", "The scale of a scene", example=EXAMPLE)
 
 
-def _releases(catalogue: Catalogue) -> list[dict[str, Any]]:
+def _releases(catalogue: ReleaseCatalogue) -> list[dict[str, Any]]:
     here: dict[str, Any] = {"name": label(catalogue.tree), "href": "index.html", "changes": None}
     others = [
         {

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from explorer.content.addresses import page_of, slug
-from explorer.content.catalogue import Catalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.drawings.axis import LogAxis
 from explorer.pages.templating import main_dimension
 from metric_tree.tree import Node
@@ -21,7 +21,7 @@ MOST_ROWS = 9
 MOSTLY = 0.8
 
 
-def multiples(catalogue: Catalogue, nodes: Sequence[Node], beside: Node) -> dict[str, Any] | None:
+def multiples(catalogue: ReleaseCatalogue, nodes: Sequence[Node], beside: Node) -> dict[str, Any] | None:
     """The rows, the axis and how many nodes were left out; None where there is nothing to show.
 
     nodes : those with most items come first; beside : the node of the page, which is always among those shown, and
@@ -47,7 +47,7 @@ def multiples(catalogue: Catalogue, nodes: Sequence[Node], beside: Node) -> dict
     }
 
 
-def _common(catalogue: Catalogue, nodes: Sequence[Node]) -> list[str]:
+def _common(catalogue: ReleaseCatalogue, nodes: Sequence[Node]) -> list[str]:
     """Dimensions by how many of the nodes have them, the height first among those of most."""
     counts: dict[str, int] = {}
     for node in nodes:
@@ -57,7 +57,7 @@ def _common(catalogue: Catalogue, nodes: Sequence[Node]) -> list[str]:
     return [dim for dim, count in counts.items() if count >= MOSTLY * most]
 
 
-def _span(catalogue: Catalogue, node: Node, dim: str) -> tuple[float, float, float] | None:
+def _span(catalogue: ReleaseCatalogue, node: Node, dim: str) -> tuple[float, float, float] | None:
     dims = catalogue.dims(node)
     if dim not in dims:
         return None
@@ -66,7 +66,9 @@ def _span(catalogue: Catalogue, node: Node, dim: str) -> tuple[float, float, flo
     return float(low), float(middle), float(high)
 
 
-def _row(catalogue: Catalogue, node: Node, span: tuple[float, float, float] | None, axis: LogAxis) -> dict[str, Any]:
+def _row(
+    catalogue: ReleaseCatalogue, node: Node, span: tuple[float, float, float] | None, axis: LogAxis
+) -> dict[str, Any]:
     return {
         "node": node.node_id,
         "name": node.name,

@@ -9,14 +9,14 @@ from urllib.parse import urlsplit
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from explorer.content.addresses import page_of, slug
-from explorer.content.catalogue import Catalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.content.tiers import MEANINGS
 from explorer.content.units import length_text
 
 __all__ = ["main_dimension", "page_bytes", "web_address"]
 
 
-def page_bytes(catalogue: Catalogue, template: str, root: str, title: str, **values: Any) -> bytes:
+def page_bytes(catalogue: ReleaseCatalogue, template: str, root: str, title: str, **values: Any) -> bytes:
     """A page as UTF-8; `root` leads from its folder to that of the release (`../` or nothing)."""
     tree, created = catalogue.tree, catalogue.tree.release.manifest["created"]
     text = _environment().get_template(template).render(tree=tree, created=created, root=root, title=title, **values)

@@ -22,7 +22,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from explorer.content.addresses import slug
-from explorer.content.catalogue import QUANTILES, Catalogue
+from explorer.content.release_catalogue import QUANTILES, ReleaseCatalogue
 from explorer.renderer import Answer, answer
 from explorer.server.delivery import Delivered, Shelf, problem, response_of
 from explorer.server.openapi import description
@@ -52,13 +52,13 @@ class Explorer:
     """The releases of a server, its ready answers and its computing processes."""
 
     def __init__(self, trees: Sequence[Tree]) -> None:
-        self.catalogues = {tree.version: Catalogue(trees, place) for place, tree in enumerate(trees)}
+        self.catalogues = {tree.version: ReleaseCatalogue(trees, place) for place, tree in enumerate(trees)}
         self.main = self.catalogues[trees[0].version]
         self.jobs = {version: ScaleJobs(one.tree.release.directory) for version, one in self.catalogues.items()}
         self.shelf = Shelf()
         self.edition = _edition()
 
-    def place(self, path: str) -> tuple[Catalogue, str] | None:
+    def place(self, path: str) -> tuple[ReleaseCatalogue, str] | None:
         """The release that an address is of, and the address in it."""
         if (match := _RELEASE.fullmatch(path)) is None:
             return self.main, path
@@ -109,7 +109,7 @@ class Explorer:
             json.dumps({"status": "ok", "releases": releases}), media_type=_JSON, headers={"cache-control": "no-store"}
         )
 
-    async def _search(self, request: Request, catalogue: Catalogue) -> Response:
+    async def _search(self, request: Request, catalogue: ReleaseCatalogue) -> Response:
         _see_parameters(request, {"q", "limit"})
         query, limit = request.query_params.get("q", ""), request.query_params.get("limit", "10")
         if not limit.isascii() or not limit.isdigit() or len(limit) > 6:
@@ -117,7 +117,7 @@ class Explorer:
         key = ("search", query, int(limit))
         return await self._made(request, catalogue, key, partial(asked_search, catalogue, query, int(limit)))
 
-    async def _node(self, request: Request, catalogue: Catalogue, address: str) -> Response:
+    async def _node(self, request: Request, catalogue: ReleaseCatalogue, address: str) -> Response:
         """A node's JSON by its id or slug, with or without `.json`; with parameters a question about it."""
         if address.endswith((".csv", ".parquet")):
             return await self._file(request, catalogue, address)
@@ -145,7 +145,7 @@ class Explorer:
         _see_parameters(request, set())
         return await self._file(request, catalogue, f"v1/nodes/{slug(node.node_id)}{f'/{what}' if what else ''}.json")
 
-    async def _file(self, request: Request, catalogue: Catalogue, address: str) -> Response:
+    async def _file(self, request: Request, catalogue: ReleaseCatalogue, address: str) -> Response:
         key, etag = (catalogue.tree.version, address), self._etag(catalogue)
         found = self.shelf.get(key)
         if found is None:
@@ -157,7 +157,12 @@ class Explorer:
         return response_of(request, found, etag)
 
     async def _made(
-        self, request: Request, catalogue: Catalogue, what: object, question: Callable[[], bytes], quick: bool = False
+        self,
+        request: Request,
+        catalogue: ReleaseCatalogue,
+        what: object,
+        question: Callable[[], bytes],
+        quick: bool = False,
     ) -> Response:
         """The answer to a question, from the shelf where it was asked before.
 
@@ -170,14 +175,14 @@ class Explorer:
             self.shelf.put(key, found)
         return response_of(request, found, self._etag(catalogue))
 
-    def _picture(self, request: Request, catalogue: Catalogue, address: str) -> Response:
+    def _picture(self, request: Request, catalogue: ReleaseCatalogue, address: str) -> Response:
         path: Path = catalogue.tree.release.directory / address
         if not path.is_file():
             return problem(404, f"nothing is at /{address}", request.url.path)
         kind = {"webp": "image/webp", "jpg": "image/jpeg", "png": "image/png"}[path.suffix[1:]]
         return response_of(request, Delivered(Answer(path.read_bytes(), kind)), path.stem, PICTURE_S)
 
-    def _etag(self, catalogue: Catalogue) -> str:
+    def _etag(self, catalogue: ReleaseCatalogue) -> str:
         return f"{catalogue.etag}-{self.edition}"
 
 

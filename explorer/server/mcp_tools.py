@@ -12,8 +12,8 @@ from mcp.server import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 
 from explorer.content.answers import node_answer
-from explorer.content.catalogue import QUANTILES, Catalogue
 from explorer.content.records import ScaleRequest
+from explorer.content.release_catalogue import QUANTILES, ReleaseCatalogue
 from explorer.server.questions import asked_prior, asked_search, comparison, found_node, listed_labels
 from explorer.server.scale_jobs import scale_record
 from metric_base.errors import InputError
@@ -24,7 +24,7 @@ __all__ = ["tool_server"]
 
 def tool_server(trees: Sequence[Tree]) -> MCPServer:
     """A server of the tools search, node, prior, compare, vocabulary and scale for the first of the releases."""
-    catalogue = Catalogue(trees)
+    catalogue = ReleaseCatalogue(trees)
     tree = catalogue.tree
     server = MCPServer(
         "metric-tree",

@@ -6,7 +6,6 @@ from typing import Any
 
 import msgspec
 
-from explorer.content.catalogue import Catalogue
 from explorer.content.records import (
     ImagesAnswer,
     ItemsAnswer,
@@ -18,6 +17,7 @@ from explorer.content.records import (
     SearchAnswer,
     VocabularyAnswer,
 )
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.server.questions import MOST_HITS
 
 __all__ = ["description"]
@@ -37,7 +37,7 @@ _EXAMPLE_REQUEST = {
 }
 
 
-def description(catalogue: Catalogue) -> bytes:
+def description(catalogue: ReleaseCatalogue) -> bytes:
     """The description as JSON."""
     _, components = msgspec.json.schema_components(_RECORDS, ref_template="#/components/schemas/{name}")
     node = next(iter(catalogue.nodes.values()))

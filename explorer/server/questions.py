@@ -18,7 +18,7 @@ from explorer.content.answers import (
     search_answer,
     vocabulary_answer,
 )
-from explorer.content.catalogue import QUANTILES, Catalogue
+from explorer.content.release_catalogue import QUANTILES, ReleaseCatalogue
 from metric_base.errors import InputError
 from metric_tree.tree import LONGEST_NAME, Node
 
@@ -31,7 +31,7 @@ MOST_HITS, MOST_QUANTILES, MOST_SIZES, MOST_COMPARED = 50, 50, 100, 6
 LONGEST_LIST = 4000
 
 
-def asked_search(catalogue: Catalogue, query: str, limit: int) -> bytes:
+def asked_search(catalogue: ReleaseCatalogue, query: str, limit: int) -> bytes:
     """Nodes for a text.
 
     Raises
@@ -47,7 +47,7 @@ def asked_search(catalogue: Catalogue, query: str, limit: int) -> bytes:
 
 
 def asked_prior(
-    catalogue: Catalogue,
+    catalogue: ReleaseCatalogue,
     node: Node,
     dims: Sequence[str] = (),
     where: str | None = None,
@@ -81,21 +81,21 @@ def asked_prior(
     return msgspec.json.encode(prior_answer(catalogue, node, prior, tuple(quantiles), sizes))
 
 
-def asked_items(catalogue: Catalogue, node: Node, token: str | None) -> bytes | None:
+def asked_items(catalogue: ReleaseCatalogue, node: Node, token: str | None) -> bytes | None:
     """A page of items by its cursor; None where there is no such page."""
     page = 1 if token is None else page_of_cursor(token)
     there = page <= page_count(len(catalogue.rows(node)))
     return msgspec.json.encode(items_answer(catalogue, node, page)) if there else None
 
 
-def found_node(catalogue: Catalogue, name: str, vocabulary: str | None = None) -> Node:
+def found_node(catalogue: ReleaseCatalogue, name: str, vocabulary: str | None = None) -> Node:
     """The node of an id, a slug, or of a name as the tree reads it; UnknownName if there is none."""
     if name in catalogue.nodes or name in catalogue.by_slug:
         return catalogue.node(name)
     return catalogue.tree.find(name, vocabulary)
 
 
-def comparison(catalogue: Catalogue, names: Sequence[str]) -> bytes:
+def comparison(catalogue: ReleaseCatalogue, names: Sequence[str]) -> bytes:
     """Nodes side by side, each with its tier and quantiles in mm."""
     if not 1 <= len(names) <= MOST_COMPARED:
         raise InputError(f"nodes: expected 1 to {MOST_COMPARED} names; found {len(names)}")
@@ -107,7 +107,7 @@ def comparison(catalogue: Catalogue, names: Sequence[str]) -> bytes:
     return msgspec.json.encode({"schema": "metric-tree/comparison/1", "nodes": rows})
 
 
-def listed_labels(catalogue: Catalogue, name: str) -> bytes:
+def listed_labels(catalogue: ReleaseCatalogue, name: str) -> bytes:
     """A label list with the sizes of its labels; InputError where there is none of the name."""
     if name not in catalogue.vocabularies:
         raise InputError(f"vocabulary: expected one of {', '.join(catalogue.vocabularies)}; found {name[:60]!r}")

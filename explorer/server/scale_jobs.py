@@ -47,7 +47,7 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
     """
     from estimator.pipeline import objects_result
     from estimator.reconstructions.objects_file import parse_objects
-    from estimator.results.reports import Options
+    from estimator.results.reports import EstimateOptions
 
     if not 1 <= len(request.objects) <= MOST_OBJECTS:
         raise InputError(f"objects: expected 1 to {MOST_OBJECTS}; found {len(request.objects)}")
@@ -55,7 +55,7 @@ def scale_record(request: ScaleRequest, tree: Tree) -> dict[str, Any]:
         raise InputError(f"level: expected a number between 0 and 1; found {request.level:g}")
     objects = parse_objects(Path("request"), {"schema": request.schema, "objects": request.objects})
     where = where_of(request.where) if request.where is not None else None
-    options = Options(level=request.level, evidence=_lengths(request.known_lengths), where=where)
+    options = EstimateOptions(level=request.level, evidence=_lengths(request.known_lengths), where=where)
     record = objects_result(objects, tree, options).to_json()
     record.pop("seconds", None)  # the same request has the same bytes
     return record

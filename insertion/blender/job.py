@@ -15,7 +15,7 @@ from insertion.light.environment import Environment
 from insertion.pipeline.objects import Placed
 from insertion.render.boxes import window_behind
 from insertion.render.pinhole import Window, focal_lengths
-from insertion.scene.box import Box
+from insertion.scene.pixel_box import PixelBox
 from metric_base.arrays import FloatArray
 from metric_base.pictures import write_picture
 
@@ -31,7 +31,7 @@ SAME_LEVEL_M = 0.01
 
 def full_window(camera: Camera) -> Window:
     """The ideal picture behind the whole picture."""
-    return window_behind(camera, Box(0, 0, camera.width, camera.height))
+    return window_behind(camera, PixelBox(0, 0, camera.width, camera.height))
 
 
 def ideal_window(camera: Camera) -> Window:

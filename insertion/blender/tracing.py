@@ -17,9 +17,9 @@ from insertion.footage.footage import Shot
 from insertion.light.environment import Environment
 from insertion.light.estimate import environment_at
 from insertion.pipeline.objects import Placed
-from insertion.pipeline.stage import Stage
+from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.render.layers import through_lens
-from insertion.scene.box import Box
+from insertion.scene.pixel_box import PixelBox
 from metric_base.errors import InputError
 from metric_base.progress import ProgressCallback, silent
 
@@ -30,11 +30,11 @@ Layer = NDArray[np.float32]
 
 @contextmanager
 def traced_layers(
-    stage: Stage, objects: Sequence[Placed], environment: Environment, progress: ProgressCallback = silent
+    prepared: PreparedScene, objects: Sequence[Placed], environment: Environment, progress: ProgressCallback = silent
 ) -> Iterator[Callable[[Shot], Layer]]:
     """A function from a shot to its (h, w, 4) layer through the lens; all are rendered first, in one run."""
-    frame = metric_frame(objects, stage.scale.metres_per_unit)
-    shots = [shot for shot in stage.footage.shots if shot.view is not None]
+    frame = metric_frame(objects, prepared.scale.metres_per_unit)
+    shots = [shot for shot in prepared.footage.shots if shot.view is not None]
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
         job = insertion_job(objects, camera_keys(shots, frame), frame, environment, folder)
@@ -45,28 +45,28 @@ def traced_layers(
             assert shot.view is not None  # only shots with a pose are drawn on
             ideal = np.load(folder / f"{stems[shot.index]}.npy", allow_pickle=False).astype(np.float32)
             camera = shot.view.camera
-            return through_lens(ideal, shot.view, Box(0, 0, camera.width, camera.height))
+            return through_lens(ideal, shot.view, PixelBox(0, 0, camera.width, camera.height))
 
         yield layer
 
 
-def export_blend(folder: Path, stage: Stage, objects: Sequence[Placed]) -> list[str]:
+def export_blend(folder: Path, prepared: PreparedScene, objects: Sequence[Placed]) -> list[str]:
     """`scene.blend` in the folder if there is a Blender; what could not be written, one line each."""
     try:
         blender_program()
     except InputError:
         return [f"scene.blend is not written: there is no Blender (on PATH, or named by {VARIABLE})"]
     first = objects[0]
-    height = float(first.model.extents[1]) * first.size.factor / stage.scale.metres_per_unit
-    environment = environment_at(first.place, height, stage.cloud, stage.stills, stage.shading())
-    write_blend(folder / "scene.blend", stage, objects, environment)
+    height = float(first.model.extents[1]) * first.size.factor / prepared.scale.metres_per_unit
+    environment = environment_at(first.place, height, prepared.cloud, prepared.stills, prepared.shading())
+    write_blend(folder / "scene.blend", prepared, objects, environment)
     return []
 
 
-def write_blend(file: Path, stage: Stage, objects: Sequence[Placed], environment: Environment) -> None:
+def write_blend(file: Path, prepared: PreparedScene, objects: Sequence[Placed], environment: Environment) -> None:
     """The scene with its animated camera as a `.blend` file, which packs what it needs."""
-    frame = metric_frame(objects, stage.scale.metres_per_unit)
-    shots = stage.footage.shots
+    frame = metric_frame(objects, prepared.scale.metres_per_unit)
+    shots = prepared.footage.shots
     with tempfile.TemporaryDirectory(prefix="insert-object-") as name:
         folder = Path(name)
         job = insertion_job(objects, camera_keys(shots, frame), frame, environment, folder, ideal_window)

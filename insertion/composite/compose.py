@@ -12,7 +12,7 @@ from insertion.colour.encoding import linear_to_srgb, srgb_to_linear
 from insertion.composite.blur import REACH_PX, blur_layer
 from insertion.composite.match import Look, grain
 from insertion.render.layers import ObjectLayers
-from insertion.scene.box import Box
+from insertion.scene.pixel_box import PixelBox
 
 __all__ = ["Composite", "Joined", "behind_each_other", "compose", "compose_traced"]
 
@@ -60,7 +60,7 @@ class Composite:
     """
 
     picture: Picture
-    box: Box
+    box: PixelBox
     over: NDArray[np.float32]
     left: NDArray[np.float32]
     changed: NDArray[np.bool_]
@@ -102,7 +102,7 @@ def compose(picture: Picture, joined: Sequence[Joined], look: Look, seed: int) -
     out = frame * product of share * (1 - sum of a) + gain * sum of object * (1 - hidden).
     """
     if not joined:
-        box = Box(0, 0, 1, 1)
+        box = PixelBox(0, 0, 1, 1)
         nothing, whole = np.zeros((1, 1, 4), np.float32), np.ones((1, 1, 3), np.float32)
         return Composite(picture, box, nothing, whole, np.zeros((1, 1), bool))
     box = joined[0].layers.box
@@ -125,7 +125,7 @@ def compose_traced(
     traced : (h, w, 4) linear light, premultiplied, of the objects and their shadows on the support, through the lens.
     joined : the layers of the objects over the whole picture, whose depths say which of them each pixel shows.
     """
-    whole = Box(0, 0, picture.shape[1], picture.shape[0])
+    whole = PixelBox(0, 0, picture.shape[1], picture.shape[0])
     depth = np.full(whole.shape, np.inf, np.float32)
     # a pixel of the shadow alone is hidden where the receiver is not what it shows
     hidden = np.ones(whole.shape, np.float32)
@@ -140,7 +140,7 @@ def compose_traced(
 
 
 def _covered_picture(
-    picture: Picture, covering: NDArray[np.float32], share: NDArray[np.float32], look: Look, box: Box, seed: int
+    picture: Picture, covering: NDArray[np.float32], share: NDArray[np.float32], look: Look, box: PixelBox, seed: int
 ) -> Composite:
     """The picture (h, w, 3), 8-bit sRGB, with a layer over a box of it.
 
@@ -166,14 +166,14 @@ def _covered_picture(
     return Composite(out, box, covering, share, changed)
 
 
-def _covered_part(alpha: NDArray[np.float32]) -> Box:
+def _covered_part(alpha: NDArray[np.float32]) -> PixelBox:
     """The part of an array (h, w) that the objects cover, as far as a blur spreads them; one pixel without any."""
     rows, columns = np.flatnonzero(alpha.any(axis=1)), np.flatnonzero(alpha.any(axis=0))
     if not len(rows):
-        return Box(0, 0, 1, 1)
+        return PixelBox(0, 0, 1, 1)
     height, width = alpha.shape
     low, high = (int(columns[0]), int(rows[0])), (int(columns[-1]) + 1, int(rows[-1]) + 1)
-    return Box(
+    return PixelBox(
         max(low[0] - REACH_PX, 0), max(low[1] - REACH_PX, 0), min(high[0] + REACH_PX, width),
         min(high[1] + REACH_PX, height),
     )  # fmt: skip

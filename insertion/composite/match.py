@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from insertion.colour.encoding import srgb_to_linear
 from insertion.composite.blur import blur_of, gradients
-from insertion.scene.box import Box
 from insertion.scene.cloud import Cloud, FrontPoints
+from insertion.scene.pixel_box import PixelBox
 
 __all__ = ["Look", "Looks", "grain", "look_of"]
 
@@ -77,7 +77,7 @@ def look_of(picture: Picture, front: FrontPoints, cloud: Cloud, same_grain: Look
     return Look(gain, blur, *_grain_of(picture, grey))
 
 
-def grain(look: Look, box: Box, levels: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
+def grain(look: Look, box: PixelBox, levels: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
     """(h, w, 3) grain in levels for a box; levels : (h, w, 3) sRGB values in 0 to 255."""
     import cv2
 

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from estimator.records.scene import Instance, View
 from insertion.render.body import Body
 from insertion.render.renderer import ObjectImage
-from insertion.scene.box import Box, mask_in_box
 from insertion.scene.cloud import Cloud, FrontPoints
 from insertion.scene.moving_masks import Upright
+from insertion.scene.pixel_box import PixelBox, mask_in_box
 from metric_base.arrays import BoolArray, FloatArray
 
 __all__ = ["Occlusion", "hidden_share", "on_support"]
@@ -65,7 +65,7 @@ class Occlusion:
 
 def hidden_share(
     layer: ObjectImage,
-    box: Box,
+    box: PixelBox,
     view: View,
     instances: Sequence[Instance],
     front: FrontPoints,

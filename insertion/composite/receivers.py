@@ -17,8 +17,8 @@ from insertion.placement.surface import Surface
 from insertion.render.body import Body
 from insertion.render.boxes import CAST_SIZES
 from insertion.render.layers import ObjectLayers
-from insertion.scene.box import Box, labels_in_box
 from insertion.scene.cloud import FrontPoints
+from insertion.scene.pixel_box import PixelBox, labels_in_box
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import BoolArray, FloatArray
 
@@ -172,7 +172,7 @@ def _labels_of_plane(
 
 
 def _depths(
-    coarse: NDArray[np.int32], own: NDArray[np.int32], inside: FrontPoints, box: Box, view: View, step: int
+    coarse: NDArray[np.int32], own: NDArray[np.int32], inside: FrontPoints, box: PixelBox, view: View, step: int
 ) -> NDArray[np.float32]:
     """(a, b) depth of each cell: of the nearest points on the same object, NaN without them; coarse : (a, b) labels."""
     result = np.full(coarse.shape, np.nan, dtype=np.float32)
@@ -200,7 +200,7 @@ def _not_nearer(
     plane_depth: NDArray[np.float32],
     inside: FrontPoints,
     own: NDArray[np.int32],
-    box: Box,
+    box: PixelBox,
     step: int,
 ) -> BoolArray:
     """(a, b) whether the points around the cells `where` (a, b) are not mostly nearer than the plane there."""

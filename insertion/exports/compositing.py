@@ -20,9 +20,9 @@ from insertion.colour.encoding import srgb_to_linear
 from insertion.composite.compose import Composite, Joined
 from insertion.footage.footage import Shot
 from insertion.pipeline.objects import Placed
-from insertion.pipeline.stage import Stage
+from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.render.boxes import window_behind
-from insertion.scene.box import Box
+from insertion.scene.pixel_box import PixelBox
 from insertion.scene.rays import camera_rays
 from metric_base.files import OutputNames
 from metric_base.pictures import write_picture
@@ -49,10 +49,12 @@ LAYERS = {
 class CompositingLayers:
     """Writes the layers of each picture into an existing folder; a picture without objects has a plate alone."""
 
-    def __init__(self, folder: Path, stage: Stage, objects: Sequence[Placed]) -> None:
-        self._folder, self._metres = folder, stage.scale.metres_per_unit
+    def __init__(self, folder: Path, prepared: PreparedScene, objects: Sequence[Placed]) -> None:
+        self._folder, self._metres = folder, prepared.scale.metres_per_unit
         names = OutputNames(Path())
-        self._names = {shot.name: names.path(f"{Path(shot.name).with_suffix('')}.exr") for shot in stage.footage.shots}
+        self._names = {
+            shot.name: names.path(f"{Path(shot.name).with_suffix('')}.exr") for shot in prepared.footage.shots
+        }
         self._joined: dict[int, Joined] = {}
         self._cameras: dict[bytes, str] = {}
         self._plate: NDArray[np.uint8] = np.zeros((0, 0, 3), np.uint8)
@@ -61,7 +63,7 @@ class CompositingLayers:
             "formula": "linear(picture) = plate * shadow * (1 - object.A) + object.RGB; sRGB encoding (IEC 61966-2-1)",
             "layers": LAYERS,
             "objects": {number: item.model.name for number, item in enumerate(objects, start=1)},
-            "pictures": {shot.name: self._names[shot.name].as_posix() for shot in stage.footage.shots},
+            "pictures": {shot.name: self._names[shot.name].as_posix() for shot in prepared.footage.shots},
         }
         (folder / "layers.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
@@ -115,7 +117,7 @@ class CompositingLayers:
         """The plate (h, w, 3) without its lens; the map of a camera is written once."""
         import cv2
 
-        window = window_behind(camera, Box(0, 0, camera.width, camera.height))
+        window = window_behind(camera, PixelBox(0, 0, camera.width, camera.height))
         rays = camera_rays(camera)
         there = np.dstack([
             rays[..., 0] * window.fx + (window.cx - window.x0),

@@ -18,8 +18,8 @@ from insertion.exports.metric_frame import camera_keys, frame_rate, metric_frame
 from insertion.exports.nerfstudio import write_transforms
 from insertion.footage.footage import Shot
 from insertion.pipeline.objects import Placed
+from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.result import InsertionResult
-from insertion.pipeline.stage import Stage
 from metric_base.files import OutputNames, output_names
 from metric_base.pictures import write_picture
 
@@ -30,25 +30,25 @@ FARTHEST_MM = 65_535
 
 
 def write_exports(
-    folder: Path, stage: Stage, objects: Sequence[Placed], results: Sequence[InsertionResult]
+    folder: Path, prepared: PreparedScene, objects: Sequence[Placed], results: Sequence[InsertionResult]
 ) -> list[str]:
     """Write into an existing folder; what could not be written, one line each.
 
     `scene.glb`, `scene.usda` with `textures/`, `transforms.json` with `sparse_pc.ply`, `colmap/`, and `insertion.json`,
     which has what `--json` prints.
     """
-    frame = metric_frame(objects, stage.scale.metres_per_unit)
-    names = _picture_names(stage.footage.shots)
-    keys = [replace(key, name=names[key.name].as_posix()) for key in camera_keys(stage.footage.shots, frame)]
+    frame = metric_frame(objects, prepared.scale.metres_per_unit)
+    names = _picture_names(prepared.footage.shots)
+    keys = [replace(key, name=names[key.name].as_posix()) for key in camera_keys(prepared.footage.shots, frame)]
     write_gltf_scene(folder / "scene.glb", objects, keys, frame)
-    write_transforms(folder / "transforms.json", keys, "pictures", frame(stage.scene.points))
-    write_scaled(stage.scene, stage.scale.metres_per_unit, folder / "colmap")
+    write_transforms(folder / "transforms.json", keys, "pictures", frame(prepared.scene.points))
+    write_scaled(prepared.scene, prepared.scale.metres_per_unit, folder / "colmap")
     records = [result.to_json() for result in results]
     (folder / "insertion.json").write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
     try:
         from insertion.exports.usd_scene import write_usd_scene
 
-        write_usd_scene(folder / "scene.usda", objects, keys, frame, frame_rate(stage.footage.shots))
+        write_usd_scene(folder / "scene.usda", objects, keys, frame, frame_rate(prepared.footage.shots))
     except ModuleNotFoundError:
         return ["scene.usda is not written: pip install 'metric-tree[usd]'"]
     return []

@@ -20,8 +20,8 @@ from insertion.footage.footage import Shot
 from insertion.light.environment import Environment
 from insertion.light.estimate import environment_at
 from insertion.pipeline.objects import Placed
+from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.result import FrameReport, InsertionResult
-from insertion.pipeline.stage import Stage
 from insertion.render.body import Body
 from insertion.render.context import gl_context
 from insertion.render.layers import draw_interval, object_layers
@@ -39,7 +39,7 @@ GROUND = 0.1
 #: From a shot to its (h, w, 4) layer of linear light.
 Traced = Callable[[Shot], NDArray[np.float32]]
 #: Opens another renderer.
-Tracer = Callable[[Stage, Sequence[Placed], Environment, ProgressCallback], AbstractContextManager[Traced]]
+Tracer = Callable[[PreparedScene, Sequence[Placed], Environment, ProgressCallback], AbstractContextManager[Traced]]
 
 
 class LayerSink(Protocol):
@@ -79,7 +79,7 @@ class _Seen:
 class _Run:
     """What stays the same over the frames; start_s : when objects that move begin to."""
 
-    stage: Stage
+    prepared: PreparedScene
     objects: list[_Running]
     looks: Looks
     start_s: float = 0.0
@@ -89,7 +89,7 @@ class _Run:
 
 
 def insert_objects(
-    stage: Stage,
+    prepared: PreparedScene,
     objects: Sequence[Placed],
     write: Writer,
     *,
@@ -107,10 +107,12 @@ def insert_objects(
     """
     seconds = {"light": 0.0, "render": 0.0, "encode": 0.0}
     started = time.perf_counter()
-    with _renderers(stage, objects) as running, _open_tracer(stage, running, tracer, progress) as traced:
-        run = _Run(stage, running, Looks(smooth=video), stage.start_s, show_interval, layers, traced)
+    with _renderers(prepared, objects) as running, _open_tracer(prepared, running, tracer, progress) as traced:
+        run = _Run(prepared, running, Looks(smooth=video), prepared.start_s, show_interval, layers, traced)
         seconds["light"] = time.perf_counter() - started
-        for shot, picture in with_progress(stage.footage.pictures(), "inserting", progress, len(stage.footage.shots)):
+        for shot, picture in with_progress(
+            prepared.footage.pictures(), "inserting", progress, len(prepared.footage.shots)
+        ):
             started = time.perf_counter()
             for sink in layers:
                 sink.picture(shot, picture)
@@ -119,31 +121,31 @@ def insert_objects(
             write(shot, out)
             seconds["render"] += rendered - started
             seconds["encode"] += time.perf_counter() - rendered
-    return [_result(stage, item, seconds) for item in running]
+    return [_result(prepared, item, seconds) for item in running]
 
 
-def single_pictures(stage: Stage, variants: Sequence[Sequence[Placed]], shot: Shot) -> Iterator[Picture]:
+def single_pictures(prepared: PreparedScene, variants: Sequence[Sequence[Placed]], shot: Shot) -> Iterator[Picture]:
     """The picture (h, w, 3) of one shot with each of several sets of objects; it is decoded once.
 
     Raises LookupError if the footage has no such shot.
     """
-    picture = next((one for other, one in stage.footage.pictures() if other.index == shot.index), None)
+    picture = next((one for other, one in prepared.footage.pictures() if other.index == shot.index), None)
     if picture is None:
         raise LookupError(shot.name)
     for objects in variants:
-        with _renderers(stage, objects) as running:
-            yield _draw_objects(_Run(stage, running, Looks(smooth=False), stage.start_s), shot, picture)
+        with _renderers(prepared, objects) as running:
+            yield _draw_objects(_Run(prepared, running, Looks(smooth=False), prepared.start_s), shot, picture)
 
 
 @contextmanager
-def _renderers(stage: Stage, objects: Sequence[Placed]) -> Iterator[list[_Running]]:
+def _renderers(prepared: PreparedScene, objects: Sequence[Placed]) -> Iterator[list[_Running]]:
     """The objects with their renderers, in a context that is released at the end."""
     context = gl_context()
     try:
         bodies = [item.body for item in objects]
         moves = any(item.moves for item in objects)
         yield [
-            _Running(item, _renderer(context, stage, item, *_beside(bodies, number), moves))
+            _Running(item, _renderer(context, prepared, item, *_beside(bodies, number), moves))
             for number, item in enumerate(objects)
         ]
     finally:
@@ -151,23 +153,23 @@ def _renderers(stage: Stage, objects: Sequence[Placed]) -> Iterator[list[_Runnin
 
 
 def _open_tracer(
-    stage: Stage, running: Sequence[_Running], tracer: Tracer | None, progress: ProgressCallback
+    prepared: PreparedScene, running: Sequence[_Running], tracer: Tracer | None, progress: ProgressCallback
 ) -> AbstractContextManager[Traced | None]:
     """What gives the (h, w, 4) layer of a shot; nothing where the embedded renderer draws."""
     if tracer is None:
         return nullcontext(None)
-    return tracer(stage, [item.placed for item in running], running[0].renderer.environment, progress)
+    return tracer(prepared, [item.placed for item in running], running[0].renderer.environment, progress)
 
 
 def _renderer(
-    context: Any, stage: Stage, item: Placed, others: Sequence[Body], before: Sequence[Body], moves: bool
+    context: Any, prepared: PreparedScene, item: Placed, others: Sequence[Body], before: Sequence[Body], moves: bool
 ) -> ObjectRenderer:
-    height = float(item.model.extents[1]) * item.size.factor / stage.scale.metres_per_unit
+    height = float(item.model.extents[1]) * item.size.factor / prepared.scale.metres_per_unit
     place = item.place
     if item.walk is not None:  # lamps have their place; the rest of the light is that of the middle of the way
         place = replace(place, position=item.walk.place(item.walk.arrival_s / 2))
-    environment = environment_at(place, height, stage.cloud, stage.stills, stage.shading())
-    ground = environment_at(place, GROUND * height, stage.cloud, stage.stills, stage.shading())
+    environment = environment_at(place, height, prepared.cloud, prepared.stills, prepared.shading())
+    ground = environment_at(place, GROUND * height, prepared.cloud, prepared.stills, prepared.shading())
     return ObjectRenderer(context, item.body, environment, ground, shading=others, before=before, moves=moves)
 
 
@@ -196,13 +198,13 @@ def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:
             item.frames.append(FrameReport(shot.name, shot.time_s, None, 0.0))
         return picture
     _move_objects(run.objects, shot.clock_s - run.start_s)
-    moving = run.stage.moving.get(shot.index, ())
-    front = points_beside(front_points(view, run.stage.cloud, shot.row), moving)
-    look = run.looks.next(picture, front, run.stage.cloud)
-    masks = run.stage.masks(shot)
+    moving = run.prepared.moving.get(shot.index, ())
+    front = points_beside(front_points(view, run.prepared.cloud, shot.row), moving)
+    look = run.looks.next(picture, front, run.prepared.cloud)
+    masks = run.prepared.masks(shot)
     traced = None if run.traced is None else run.traced(shot)
     seen = _Seen(view, picture, front, masks, moving)
-    drawn = [_layers_in_frame(run.stage, item, seen, traced is not None) for item in run.objects]
+    drawn = [_layers_in_frame(run.prepared, item, seen, traced is not None) for item in run.objects]
     present = [number for number, one in enumerate(drawn) if one is not None]
     behind = behind_each_other([one for one in drawn if one is not None])
     joined = dict(zip(present, behind, strict=True))
@@ -219,13 +221,13 @@ def _draw_objects(run: _Run, shot: Shot, picture: Picture) -> Picture:
         for sink in run.layers if one is not None else ():
             sink.layers(shot, number, joined[number])
         if run.show_interval:
-            out = draw_interval(out, view, item.renderer, run.stage.scale)
+            out = draw_interval(out, view, item.renderer, run.prepared.scale)
     for sink in run.layers:
         sink.composite(shot, composite)
     return out
 
 
-def _layers_in_frame(stage: Stage, item: _Running, seen: _Seen, whole: bool) -> Joined | None:
+def _layers_in_frame(prepared: PreparedScene, item: _Running, seen: _Seen, whole: bool) -> Joined | None:
     """The layers of an object with what hides it and what it shades; None where it is out of the picture."""
     view, front = seen.view, seen.front
     layers = object_layers(item.renderer, view, whole)
@@ -233,8 +235,8 @@ def _layers_in_frame(stage: Stage, item: _Running, seen: _Seen, whole: bool) -> 
         return None
     body, surface = item.renderer.body, item.placed.surface
     sigma = 0.0 if surface is None else surface.plane.sigma
-    support = on_support(body, stage.cloud, front, sigma)
-    ground = stage.ground() if seen.moving else None
+    support = on_support(body, prepared.cloud, front, sigma)
+    ground = prepared.ground() if seen.moving else None
     people = [] if ground is None else uprights(seen.moving, view, ground)
     part = seen.picture[layers.box.slices]
     hidden = hidden_share(layers.image, layers.box, view, seen.masks, front, support, part, people)
@@ -245,15 +247,15 @@ def _layers_in_frame(stage: Stage, item: _Running, seen: _Seen, whole: bool) -> 
     return Joined(layers, hidden.share, light_share(layers, receivers, received))
 
 
-def _result(stage: Stage, item: _Running, seconds: dict[str, float]) -> InsertionResult:
+def _result(prepared: PreparedScene, item: _Running, seconds: dict[str, float]) -> InsertionResult:
     placed = item.placed
-    unposed = sum(shot.view is None for shot in stage.footage.shots)
+    unposed = sum(shot.view is None for shot in prepared.footage.shots)
     warnings = [*placed.model.warnings, *placed.size.warnings, *placed.warnings]
     if unposed:
         warnings.append(f"{unposed} frame(s) have no known pose and are left as they are")
     return InsertionResult(
         placed.model.name,
-        stage.scale,
+        prepared.scale,
         placed.size_m,
         placed.place.position,
         placed.place.basis[2],

@@ -13,8 +13,8 @@ from insertion.models.acting import Acting, acting
 from insertion.models.gltf import read_model
 from insertion.models.model import Model
 from insertion.models.size import SizeUsed, model_size
+from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.request import ObjectRequest
-from insertion.pipeline.stage import Stage
 from insertion.placement.free_space import Space, candidates
 from insertion.placement.heading import heading, turn_about
 from insertion.placement.locate import level_point, place_at_point, place_on_plane, plane_point
@@ -85,7 +85,7 @@ class Placed:
         return np.column_stack([np.cross(up, self.front), up, self.front])
 
 
-def place_objects(stage: Stage, requests: Sequence[ObjectRequest], tree: Tree | None = None) -> list[Placed]:
+def place_objects(prepared: PreparedScene, requests: Sequence[ObjectRequest], tree: Tree | None = None) -> list[Placed]:
     """Every object at its place. Raises InputError, or NoPlace with the reason.
 
     An object in free space keeps clear of those before it; of another one that goes through them, it is a warning.
@@ -93,7 +93,7 @@ def place_objects(stage: Stage, requests: Sequence[ObjectRequest], tree: Tree | 
     placed: list[Placed] = []
     for number, request in enumerate(requests, start=1):
         try:
-            placed.append(_place_object(stage, request, tree, placed))
+            placed.append(_place_object(prepared, request, tree, placed))
         except NoPlace as error:
             if len(requests) == 1:
                 raise
@@ -107,18 +107,20 @@ def resize(placed: Placed, times: float) -> Placed:
     return replace(placed, size=size, body=replace(placed.body, unit=placed.body.unit * times))
 
 
-def space_for(stage: Stage, model: Model, size: SizeUsed, extents: FloatArray | None = None) -> Space:
+def space_for(prepared: PreparedScene, model: Model, size: SizeUsed, extents: FloatArray | None = None) -> Space:
     """The scene as places for this model are sought in it; extents : (3,) of its reach, its own without."""
-    units = size.factor / stage.scale.metres_per_unit
+    units = size.factor / prepared.scale.metres_per_unit
     x, y, z = model.extents if extents is None else extents
-    return Space(stage.scene, stage.cloud, stage.supports, float(np.hypot(x, z)) / 2 * units, float(y) * units)
+    return Space(prepared.scene, prepared.cloud, prepared.supports, float(np.hypot(x, z)) / 2 * units, float(y) * units)
 
 
-def _place_object(stage: Stage, request: ObjectRequest, tree: Tree | None, earlier: Sequence[Placed]) -> Placed:
+def _place_object(
+    prepared: PreparedScene, request: ObjectRequest, tree: Tree | None, earlier: Sequence[Placed]
+) -> Placed:
     act = acting(read_model(request.model), request.clip, request.at_time_s)
     size = model_size(act.model, request.size, tree, request.category)
-    space = space_for(stage, act.model, size, act.reach[1] - act.reach[0])
-    options = [_standing(stage, request, act, size, place) for place in _places(stage, request, space, tree)]
+    space = space_for(prepared, act.model, size, act.reach[1] - act.reach[0])
+    options = [_standing(prepared, request, act, size, place) for place in _places(prepared, request, space, tree)]
     free = next((one for one in options if not any(colliding(one.body, other.body) for other in earlier)), None)
     if free is not None:
         return free
@@ -128,17 +130,19 @@ def _place_object(stage: Stage, request: ObjectRequest, tree: Tree | None, earli
     return replace(chosen, warnings=tuple(f"{model.name}: goes through {name}" for name in through))
 
 
-def _standing(stage: Stage, request: ObjectRequest, act: Acting, size: SizeUsed, place: Place) -> Placed:
-    surface = place.surface if place.plane is None else stage.supports.surfaces[place.plane]
-    walk = _walk(stage, request, place) if request.path else None
+def _standing(prepared: PreparedScene, request: ObjectRequest, act: Acting, size: SizeUsed, place: Place) -> Placed:
+    surface = place.surface if place.plane is None else prepared.supports.surfaces[place.plane]
+    walk = _walk(prepared, request, place) if request.path else None
     if walk is None:
-        front, angle = heading(place, request.facing, stage.cloud)
+        front, angle = heading(place, request.facing, prepared.cloud)
     else:
         angle = _path_turn(request)
         front = turn_about(walk.front(0.0), place.basis[2], angle)
     # metres divided by the scale, and nothing else
-    body = body_of(act.model, place.position, place.basis, front, size.factor / stage.scale.metres_per_unit, act.bounds)
-    words = [*_taken(stage, act.model, body), *_beside(walk, place, surface)]
+    body = body_of(
+        act.model, place.position, place.basis, front, size.factor / prepared.scale.metres_per_unit, act.bounds
+    )
+    words = [*_taken(prepared, act.model, body), *_beside(walk, place, surface)]
     return Placed(request, act.model, size, place, front, angle, body, surface, tuple(words), act, walk)
 
 
@@ -149,19 +153,19 @@ def _path_turn(request: ObjectRequest) -> float:
     return 0.0 if isinstance(request.facing, str) else float(request.facing)
 
 
-def _walk(stage: Stage, request: ObjectRequest, place: Place) -> Walk:
+def _walk(prepared: PreparedScene, request: ObjectRequest, place: Place) -> Walk:
     """The way from the object's place through the points of `--path`, level with the place."""
     if request.at is not None:
-        view = _view_of(stage, request.at.frame)
+        view = _view_of(prepared, request.at.frame)
         corners = [level_point(place, view, x, y) for x, y in request.path]
     elif request.plane is not None:
-        surface = stage.supports.surfaces[request.plane]
-        corners = [plane_point(surface, np.array(xy) / stage.scale.metres_per_unit) for xy in request.path]
+        surface = prepared.supports.surfaces[request.plane]
+        corners = [plane_point(surface, np.array(xy) / prepared.scale.metres_per_unit) for xy in request.path]
     else:
         raise InputError("--path: expected --at frame=...,x=...,y=... or --plane with it; found neither")
-    shots = stage.footage.shots
+    shots = prepared.footage.shots
     lasting = shots[-1].clock_s - shots[0].clock_s
-    return walk_along(np.array([place.position, *corners]), stage.scale.metres_per_unit, request.speed_m_s, lasting)
+    return walk_along(np.array([place.position, *corners]), prepared.scale.metres_per_unit, request.speed_m_s, lasting)
 
 
 def _beside(walk: Walk | None, place: Place, surface: Surface | None) -> tuple[str, ...]:
@@ -174,15 +178,15 @@ def _beside(walk: Walk | None, place: Place, surface: Surface | None) -> tuple[s
     return (words,) if outside else ()
 
 
-def _places(stage: Stage, request: ObjectRequest, space: Space, tree: Tree | None) -> list[Place]:
+def _places(prepared: PreparedScene, request: ObjectRequest, space: Space, tree: Tree | None) -> list[Place]:
     """The places that a request allows, the best first; the one that it names, or several in free space."""
     if request.at is not None:
-        return [place_at_point(space, _view_of(stage, request.at.frame), request.at.x, request.at.y)]
+        return [place_at_point(space, _view_of(prepared, request.at.frame), request.at.x, request.at.y)]
     if request.on is not None:
-        return [place_on_category(space, request.on, instances_named(stage.instances, request.on, tree))]
+        return [place_on_category(space, request.on, instances_named(prepared.instances, request.on, tree))]
     if request.plane is not None:
-        at = np.array(request.xy_m) / stage.scale.metres_per_unit
-        return [place_on_plane(space, request.plane, at, stage.scene.views[0].centre)]
+        at = np.array(request.xy_m) / prepared.scale.metres_per_unit
+        return [place_on_plane(space, request.plane, at, prepared.scene.views[0].centre)]
     options = candidates(space)
     if not options:
         how = "state --at frame=...,x=...,y=... or a smaller --size"
@@ -190,9 +194,9 @@ def _places(stage: Stage, request: ObjectRequest, space: Space, tree: Tree | Non
     return options
 
 
-def _view_of(stage: Stage, frame: str) -> View:
+def _view_of(prepared: PreparedScene, frame: str) -> View:
     """The view of a shot by its name, its name without suffix, or its number."""
-    shots = stage.footage.shots
+    shots = prepared.footage.shots
     chosen = next((s for s in shots if frame in (s.name, s.name.rsplit(".", 1)[0])), None)
     if chosen is None and frame.isdecimal() and int(frame) < len(shots):
         chosen = shots[int(frame)]
@@ -203,9 +207,9 @@ def _view_of(stage: Stage, frame: str) -> View:
     return chosen.view
 
 
-def _taken(stage: Stage, model: Model, body: Body) -> tuple[str, ...]:
+def _taken(prepared: PreparedScene, model: Model, body: Body) -> tuple[str, ...]:
     """A warning where the cloud has points in the space of the object."""
-    local = (stage.cloud.points - body.position) @ body.basis.T / body.unit
+    local = (prepared.cloud.points - body.position) @ body.basis.T / body.unit
     corners = body.corners @ body.basis.T
     low, high = corners.min(axis=0), corners.max(axis=0)
     low[2] += 0.1 * (high[2] - low[2])

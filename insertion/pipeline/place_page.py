@@ -17,8 +17,8 @@ from estimator.reconstructions.cameras import project
 from insertion.footage.footage import Shot
 from insertion.pipeline.frames import single_pictures
 from insertion.pipeline.objects import Placed, place_objects
+from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.request import ObjectRequest
-from insertion.pipeline.stage import Stage
 from insertion.placement.place import At
 from metric_base.errors import InputError
 from metric_base.local_page import LocalPage
@@ -57,14 +57,14 @@ class PlacePage(LocalPage):
 
     def __init__(
         self,
-        stage: Stage,
+        prepared: PreparedScene,
         request: ObjectRequest,
         tree: Tree | None,
         command: Callable[[ObjectRequest], str],
         port: int = 0,
     ) -> None:
-        self._kept = _some_pictures(stage)
-        self._stage, self._tree, self._command = replace(stage, footage=self._kept), tree, command
+        self._kept = _some_pictures(prepared)
+        self._prepared, self._tree, self._command = replace(prepared, footage=self._kept), tree, command
         self._request = replace(request, on=None, plane=None)
         self._lock = threading.Lock()  # one renderer at a time
         self._drawn: dict[str, bytes] = {}
@@ -124,9 +124,9 @@ class PlacePage(LocalPage):
             return _json({"refused": str(error)})
         shot = self._shot(number)
         if kind == "box":
-            return _json({"corners": _box_corners(placed, shot, self._stage.scale.metres_per_unit)})
+            return _json({"corners": _box_corners(placed, shot, self._prepared.scale.metres_per_unit)})
         with self._lock:
-            (picture,) = single_pictures(self._stage, [[placed]], shot)
+            (picture,) = single_pictures(self._prepared, [[placed]], shot)
             self._drawn = {key: _jpeg(picture)}
         size = " x ".join(f"{value:.3g}" for value in placed.size_m.values())
         says = [f"{size} m on {placed.place.support}", *placed.size.warnings, *placed.warnings]
@@ -140,17 +140,17 @@ class PlacePage(LocalPage):
         return replace(self._request, at=At(self._shot(number).name, *at), facing=float(facing))
 
     def _place(self, request: ObjectRequest) -> Placed:
-        return place_objects(self._stage, [request], self._tree)[0]
+        return place_objects(self._prepared, [request], self._tree)[0]
 
 
-def _some_pictures(stage: Stage) -> _Kept:
+def _some_pictures(prepared: PreparedScene) -> _Kept:
     """Pictures with a pose, spread over the footage. Raises InputError without any."""
-    posed = [shot for shot in stage.footage.shots if shot.view is not None]
+    posed = [shot for shot in prepared.footage.shots if shot.view is not None]
     if not posed:
         raise InputError("--place: expected a picture with a known pose; found none")
     rows = np.unique(np.linspace(0, len(posed) - 1, min(len(posed), MOST_FRAMES)).round().astype(int))
     wanted = {posed[row].index for row in rows}
-    pairs = [(shot, picture) for shot, picture in stage.footage.pictures() if shot.index in wanted]
+    pairs = [(shot, picture) for shot, picture in prepared.footage.pictures() if shot.index in wanted]
     return _Kept(tuple(shot for shot, _ in pairs), tuple(picture for _, picture in pairs))
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimator.records.scene import View
-    from insertion.pipeline.stage import Stage
+    from insertion.pipeline.prepared_scene import PreparedScene
     from metric_base.arrays import FloatArray
 
 __all__ = ["FreePlace", "free_places", "write_preview"]
@@ -47,7 +47,7 @@ class FreePlace:
         return f"--plane {self.plane} --xy {self.xy_m[0]:.3f},{self.xy_m[1]:.3f}"
 
 
-def write_preview(stage: Stage, space: Space, file: Path) -> list[FreePlace]:
+def write_preview(prepared: PreparedScene, space: Space, file: Path) -> list[FreePlace]:
     """Draw the footprint of the object at every free place, in the view that sees most of them.
 
     Raises NoPlace where there is none.
@@ -56,20 +56,22 @@ def write_preview(stage: Stage, space: Space, file: Path) -> list[FreePlace]:
     if not places:
         raise NoPlace("--preview: no free level space of this size; try a smaller --size")
     rings = [_ring(place, space.radius) for place in places]
-    row = max(stage.stills.rows, key=lambda k: sum(_inside(stage.scene.views[k], ring) for ring in rings))
-    view, picture = stage.scene.views[row], stage.stills.picture(row).copy()
+    row = max(prepared.stills.rows, key=lambda k: sum(_inside(prepared.scene.views[k], ring) for ring in rings))
+    view, picture = prepared.scene.views[row], prepared.stills.picture(row).copy()
     shown = [_inside(view, ring) for ring in rings]
     for number, ring in enumerate(rings):
         if shown[number]:
             _draw(picture, pixels_in_view(view, ring)[0], number)
     _write(picture, file)
-    return free_places(stage, space, places, shown)
+    return free_places(prepared, space, places, shown)
 
 
-def free_places(stage: Stage, space: Space, places: Sequence[Place], shown: Sequence[bool]) -> list[FreePlace]:
+def free_places(
+    prepared: PreparedScene, space: Space, places: Sequence[Place], shown: Sequence[bool]
+) -> list[FreePlace]:
     """What a person reads of the places; shown : whether each is in the picture."""
-    metres = stage.scale.metres_per_unit
-    lowest = stage.supports.surfaces[0].plane
+    metres = prepared.scale.metres_per_unit
+    lowest = prepared.supports.surfaces[0].plane
     listed = []
     for number, place in enumerate(places):
         assert place.plane is not None  # free space is on planes

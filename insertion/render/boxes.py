@@ -11,7 +11,7 @@ from estimator.records.scene import Camera, View
 from insertion.render.body import Body
 from insertion.render.pinhole import Window, focal_lengths
 from insertion.render.shadows import PlaneMap
-from insertion.scene.box import Box
+from insertion.scene.pixel_box import PixelBox
 from insertion.scene.rays import camera_rays
 from metric_base.arrays import FloatArray
 
@@ -27,12 +27,12 @@ CAST_SIZES = 3.0
 WIDEST = 3.0
 
 
-def object_box(view: View, body: Body) -> Box | None:
+def object_box(view: View, body: Body) -> PixelBox | None:
     """Pixels that the object may cover; None where it is out of the picture."""
     return _box_of(view, body.position + body.unit * body.corners)
 
 
-def shadow_box(view: View, body: Body, plane: PlaneMap) -> Box | None:
+def shadow_box(view: View, body: Body, plane: PlaneMap) -> PixelBox | None:
     """Pixels that the shadow on the support plane may cover; None where it is out of the picture."""
     flat = _shadow_places(plane)
     if not len(flat) or (view.centre - body.position) @ body.basis[2] <= 0:
@@ -40,7 +40,7 @@ def shadow_box(view: View, body: Body, plane: PlaneMap) -> Box | None:
     return _box_of(view, body.position + body.unit * flat @ body.basis[:2])
 
 
-def cast_box(view: View, body: Body, directions: FloatArray) -> Box | None:
+def cast_box(view: View, body: Body, directions: FloatArray) -> PixelBox | None:
     """Pixels that the shadow on other objects may cover, above the support plane; None where it is out of the picture.
 
     directions : (n, 3) towards the lights that cast it.
@@ -53,7 +53,7 @@ def cast_box(view: View, body: Body, directions: FloatArray) -> Box | None:
     return _box_of(view, body.position + body.unit * points)
 
 
-def window_behind(camera: Camera, box: Box) -> Window:
+def window_behind(camera: Camera, box: PixelBox) -> Window:
     """The part of the ideal (undistorted) picture that fills a box of the real one."""
     fx, fy, cx, cy = focal_lengths(camera)
     rays = camera_rays(camera)[box.slices]
@@ -73,7 +73,7 @@ def _shadow_places(plane: PlaneMap) -> FloatArray:
     return np.asarray(((cells + 0.5) / len(plane.share) * 2 - 1) * plane.radius)
 
 
-def _box_of(view: View, points: FloatArray) -> Box | None:
+def _box_of(view: View, points: FloatArray) -> PixelBox | None:
     """Pixels that points (n, 3) of the scene cover, with a margin; None where they are out of the picture."""
     local = points @ view.rotation.T + view.translation
     width, height = view.camera.width, view.camera.height
@@ -85,7 +85,7 @@ def _box_of(view: View, points: FloatArray) -> Box | None:
     if not known.any():
         return None
     if not known.all():  # part of it is behind the camera or past the lens's edge
-        return Box(0, 0, width, height)
+        return PixelBox(0, 0, width, height)
     low = np.clip(np.floor(pixels.min(axis=0)) - MARGIN_PX, 0, [width, height]).astype(int)
     high = np.clip(np.ceil(pixels.max(axis=0)) + MARGIN_PX, 0, [width, height]).astype(int)
-    return Box(int(low[0]), int(low[1]), int(high[0]), int(high[1])) if (high > low).all() else None
+    return PixelBox(int(low[0]), int(low[1]), int(high[0]), int(high[1])) if (high > low).all() else None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from estimator.records.scene import View
 from insertion.render.boxes import cast_box, object_box, shadow_box, window_behind
 from insertion.render.renderer import ObjectImage, ObjectRenderer
-from insertion.scene.box import Box
+from insertion.scene.pixel_box import PixelBox
 from insertion.scene.rays import camera_rays
 from insertion.scene.scale import ScaleUsed
 
@@ -25,7 +25,7 @@ class ObjectLayers:
     (h, w) of that plane in scene units, NaN where a pixel does not look at it.
     """
 
-    box: Box
+    box: PixelBox
     image: ObjectImage
     plane_share: NDArray[np.float32]
     plane_depth: NDArray[np.float32]
@@ -54,7 +54,7 @@ def object_layers(renderer: ObjectRenderer, view: View, whole: bool = False) -> 
     assert box is not None  # one of the two is there
     box = box.union(cast_box(view, renderer.body, renderer.casting))
     if whole:
-        box = Box(0, 0, view.camera.width, view.camera.height)
+        box = PixelBox(0, 0, view.camera.width, view.camera.height)
     image = ObjectImage(
         np.zeros((*box.shape, 3), np.float32), np.zeros(box.shape, np.float32), np.full(box.shape, np.nan, np.float32)
     )
@@ -67,7 +67,7 @@ def object_layers(renderer: ObjectRenderer, view: View, whole: bool = False) -> 
     return ObjectLayers(box, image, *shadow_layer(renderer, view, box))
 
 
-def through_lens(ideal: NDArray[np.float32], view: View, box: Box, nearest: bool = False) -> NDArray[np.float32]:
+def through_lens(ideal: NDArray[np.float32], view: View, box: PixelBox, nearest: bool = False) -> NDArray[np.float32]:
     """A layer (h, w) or (h, w, c) of the ideal window behind a box, bent by the lens; 0 beyond it.
 
     nearest : take the nearest pixel, and NaN beyond the window, as a depth needs it.
@@ -84,14 +84,16 @@ def through_lens(ideal: NDArray[np.float32], view: View, box: Box, nearest: bool
     return np.asarray(bent, dtype=np.float32)
 
 
-def object_layer(renderer: ObjectRenderer, view: View, box: Box) -> ObjectImage:
+def object_layer(renderer: ObjectRenderer, view: View, box: PixelBox) -> ObjectImage:
     """The object over the box: rendered with an ideal camera, then bent by the lens."""
     ideal = renderer.image(window_behind(view.camera, box), view.rotation, view.translation)
     bent = through_lens(np.dstack([ideal.colour, ideal.alpha]), view, box)
     return ObjectImage(bent[..., :3], bent[..., 3], through_lens(ideal.depth, view, box, nearest=True))
 
 
-def shadow_layer(renderer: ObjectRenderer, view: View, box: Box) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def shadow_layer(
+    renderer: ObjectRenderer, view: View, box: PixelBox
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(h, w, 3) share of the light that still reaches the support plane, and (h, w) the plane's depth, scene units.
 
     The share is 1 and the depth NaN where a pixel does not look at the plane.
@@ -139,6 +141,6 @@ def draw_interval(
 
 def _outline(view: View, renderer: ObjectRenderer, scale_factor: float) -> NDArray[np.uint8]:
     """(h, w) mask, 0 or 1, of the object grown by a factor about its foot, in the real picture."""
-    whole = Box(0, 0, view.camera.width, view.camera.height)
+    whole = PixelBox(0, 0, view.camera.width, view.camera.height)
     alpha = renderer.outline(window_behind(view.camera, whole), view.rotation, view.translation, scale_factor)
     return np.asarray(through_lens(alpha, view, whole) > 0.5, dtype=np.uint8)

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from estimator.geometry.planes import SupportPlane
 from estimator.records.scene import Instance, Scene, View
 from insertion.footage.footage import Shot
-from insertion.scene.box import Box, mask_in_box
 from insertion.scene.cloud import FrontPoints
+from insertion.scene.pixel_box import PixelBox, mask_in_box
 from insertion.scene.rays import camera_rays, ray_through
 from metric_base.arrays import BoolArray, FloatArray
 
@@ -38,7 +38,7 @@ class Upright:
     direction: FloatArray
     offset: float
 
-    def hides(self, box: Box, view: View, behind: NDArray[np.float32]) -> BoolArray:
+    def hides(self, box: PixelBox, view: View, behind: NDArray[np.float32]) -> BoolArray:
         """(h, w) pixels of a box in which it is nearer than `behind` (h, w)."""
         mask = mask_in_box(self.item, box)
         if mask is None:

@@ -17,7 +17,7 @@ from metric_cli.estimate_scale.options import PROGRAM, RESULT, parse_options, pa
 if TYPE_CHECKING:
     from estimator.records.result import ScaleResult
     from estimator.records.scene import Scene
-    from estimator.results.reports import Options
+    from estimator.results.reports import EstimateOptions
     from estimator.results.scene_estimate import SceneEstimate
     from metric_tree.tree import Tree
 
@@ -147,7 +147,7 @@ def _scene_estimate(options: argparse.Namespace, scene: Scene) -> SceneEstimate:
 
     detector = None
     if options.detector is not None:
-        from estimator.instances.detector import load_detector
+        from estimator.detectors.detector import load_detector
 
         detector = load_detector(options.detector, options.detector_labels)
     return scene_estimate(
@@ -234,15 +234,14 @@ def _tree(options: argparse.Namespace) -> Tree:
     return metric_tree.open(options.tree)
 
 
-def _estimate_options(options: argparse.Namespace) -> Options:
-    from estimator.evidence.lengths import known_length_evidence
-    from estimator.reconstructions.known_lengths import parse_known_lengths
-    from estimator.results.reports import Options
+def _estimate_options(options: argparse.Namespace) -> EstimateOptions:
+    from estimator.evidence.known_lengths import known_length_evidence, parse_known_lengths
+    from estimator.results.reports import EstimateOptions
     from metric_cli.estimate_scale.evidence_options import up_direction
     from metric_tree.context import where_of
 
     lengths = [length for words in options.known_length for length in parse_known_lengths(words)]
-    return Options(
+    return EstimateOptions(
         method=options.method,
         level=options.level,
         evidence=known_length_evidence(lengths),

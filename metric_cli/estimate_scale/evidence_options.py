@@ -233,7 +233,7 @@ def _recording(scene: Path) -> tuple[Path, CameraPath] | None:
 
 
 def _baselines(text: str) -> tuple[EvidenceSource, ...]:
-    from estimator.evidence.lengths import RigBaseline, rig_baselines
+    from estimator.evidence.rig_baseline import RigBaseline, rig_baselines
 
     if text.endswith(".json"):
         return rig_baselines(Path(text))

@@ -13,9 +13,9 @@ from metric_cli.arguments import OutputFile, add_overwrite, new_folder
 from metric_cli.insert_object.scene_arguments import add_scene_arguments, requests_of, stage_of, tree_of
 
 if TYPE_CHECKING:
+    from insertion.pipeline.prepared_scene import PreparedScene
     from insertion.pipeline.request import ObjectRequest
     from insertion.pipeline.result import InsertionResult
-    from insertion.pipeline.stage import Stage
     from metric_tree.tree import Tree
 
 __all__ = ["main", "parser"]
@@ -94,23 +94,23 @@ def parser() -> argparse.ArgumentParser:
 
 def _run(options: argparse.Namespace, words: Sequence[str]) -> int:
     from insertion.insert import insert_into
-    from insertion.pipeline.stage import frame_range
+    from insertion.pipeline.prepared_scene import frame_range
     from metric_cli.progress import progress_bars
     from metric_cli.terminal import warn
 
     _check_outputs(options)
     requests = requests_of(options)
-    stage = stage_of(options)
+    prepared = stage_of(options)
     tree = tree_of(options)
     if options.preview is not None:
-        _preview(stage, requests[0], tree, options)
+        _preview(prepared, requests[0], tree, options)
     if options.place is not None:
-        requests = [_place_on_page(stage, requests[0], tree, options, words)]
+        requests = [_place_on_page(prepared, requests[0], tree, options, words)]
     if options.out is None:
         return 0
     with progress_bars() as shown:
         insertion = insert_into(
-            stage,
+            prepared,
             requests,
             options.out,
             tree=tree,
@@ -153,13 +153,17 @@ def _check_outputs(options: argparse.Namespace) -> None:
 
 
 def _place_on_page(
-    stage: Stage, request: ObjectRequest, tree: Tree | None, options: argparse.Namespace, words: Sequence[str]
+    prepared: PreparedScene,
+    request: ObjectRequest,
+    tree: Tree | None,
+    options: argparse.Namespace,
+    words: Sequence[str],
 ) -> ObjectRequest:
     """The request with the place that a person has chosen on a page; what repeats it goes to standard output."""
     from insertion.pipeline.place_page import PlacePage
 
     page = PlacePage(
-        stage, request, tree, lambda asked: _command_again(asked, words, options.out is None), options.place
+        prepared, request, tree, lambda asked: _command_again(asked, words, options.out is None), options.place
     )
     sys.stderr.write(f"{PROGRAM}: put the object into the picture: {page.url}\n")
     page.serve()
@@ -189,7 +193,7 @@ def _command_again(request: ObjectRequest, words: Sequence[str], without_out: bo
     return shlex.join([PROGRAM, *kept, "--at", at, "--facing", f"{float(request.facing):.0f}", *out])
 
 
-def _preview(stage: Stage, request: ObjectRequest, tree: Tree | None, options: argparse.Namespace) -> None:
+def _preview(prepared: PreparedScene, request: ObjectRequest, tree: Tree | None, options: argparse.Namespace) -> None:
     """Draw and list the free places for the first object: on standard output if nothing else is asked for."""
     from dataclasses import asdict
 
@@ -201,7 +205,7 @@ def _preview(stage: Stage, request: ObjectRequest, tree: Tree | None, options: a
 
     model = read_model(request.model)
     size = model_size(model, request.size, tree, request.category)
-    places = write_preview(stage, space_for(stage, model, size), options.preview)
+    places = write_preview(prepared, space_for(prepared, model, size), options.preview)
     if options.json and options.out is None:
         print_json({"schema": "metric-tree/places/1", "places": [asdict(place) for place in places]})
         return

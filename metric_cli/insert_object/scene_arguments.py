@@ -12,8 +12,8 @@ from metric_cli.arguments import input_path
 
 if TYPE_CHECKING:
     from estimator.geometry.up import Up
+    from insertion.pipeline.prepared_scene import PreparedScene
     from insertion.pipeline.request import ObjectRequest
-    from insertion.pipeline.stage import Stage
 
 __all__ = ["add_scene_arguments", "requests_of", "stage_of", "tree_of"]
 
@@ -80,12 +80,12 @@ def requests_of(options: argparse.Namespace) -> list[ObjectRequest]:
     return [_request(stated) for stated in options.objects]
 
 
-def stage_of(options: argparse.Namespace) -> Stage:
+def stage_of(options: argparse.Namespace) -> PreparedScene:
     """The scene of the arguments, ready for insertion."""
-    from insertion.insert import open_stage
+    from insertion.insert import open_prepared_scene
     from insertion.scene.scale import read_scale
 
-    return open_stage(
+    return open_prepared_scene(
         options.scene,
         read_scale(options.scene, _scale(options.scale)),
         images=options.images,

@@ -67,9 +67,9 @@ def _make(options: argparse.Namespace) -> int:
     if not 1 <= options.repeats <= MAX_REPEATS:
         raise InputError(f"--repeats: expected 1 to {MAX_REPEATS}; found {options.repeats}")
     requests = requests_of(options)
-    stage = stage_of(options)
-    placed = place_objects(stage, requests, tree_of(options))
-    pictures = _pictures(stage, placed, options.frame)
+    prepared = stage_of(options)
+    placed = place_objects(prepared, requests, tree_of(options))
+    pictures = _pictures(prepared, placed, options.frame)
     with whole_file(options.out, "--out") as file:
         file.write_text(study_page(pictures, options.title, options.thing, options.repeats), encoding="utf-8")
     sys.stdout.write(f"{options.out}: {len(pictures)} sizes, each shown {options.repeats} times\n")
@@ -77,24 +77,24 @@ def _make(options: argparse.Namespace) -> int:
     return 0
 
 
-def _pictures(stage: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
+def _pictures(prepared: Any, placed: Sequence[Any], frame: str | None) -> dict[int, NDArray[np.uint8]]:
     """The chosen picture (h, w, 3) at every step: the first object grows and shrinks about its foot, the rest stays."""
     from insertion.pipeline.frames import single_pictures
     from insertion.pipeline.objects import resize
     from insertion.study.page import STEPS
     from metric_cli.progress import with_bar
 
-    chosen = _shot(stage, placed, frame)
+    chosen = _shot(prepared, placed, frame)
     variants = [[resize(placed[0], 1 + step / 100), *placed[1:]] for step in STEPS]
-    drawn = with_bar(single_pictures(stage, variants, chosen), "drawing the sizes", len(STEPS))
+    drawn = with_bar(single_pictures(prepared, variants, chosen), "drawing the sizes", len(STEPS))
     return dict(zip(STEPS, drawn, strict=True))
 
 
-def _shot(stage: Any, placed: Sequence[Any], frame: str | None) -> Any:
+def _shot(prepared: Any, placed: Sequence[Any], frame: str | None) -> Any:
     """The named shot, or the one in which the object is largest and wholly inside."""
     from estimator.reconstructions.cameras import pixels_in_view
 
-    shots = [shot for shot in stage.footage.shots if shot.view is not None]
+    shots = [shot for shot in prepared.footage.shots if shot.view is not None]
     if frame is not None:
         named = [shot for shot in shots if frame in (shot.name, Path(shot.name).stem, str(shot.index))]
         if not named:

@@ -43,14 +43,14 @@ VERBS = {
     "site": "the explorer as files",
 }
 
-#: Verbs whose module is not `verbs.VERB`.
-_MODULES = {
-    "import": "verbs.import_",
-    "list": "verbs.list_",
-    "check-asset": "verbs.check_asset",
-    "true-size": "verbs.true_size",
-    **{verb: f"explore.{verb}" for verb in ("diff", "fetch", "priors", "publish", "search", "serve", "site")},
+#: The room of each verb's module that is not in `verbs`.
+_ROOMS = {
+    **dict.fromkeys(("crawl", "extract", "import"), "collect"),
+    **dict.fromkeys(("check-asset", "render", "true-size"), "assets"),
+    **dict.fromkeys(("diff", "fetch", "priors", "publish", "search", "serve", "site"), "explore"),
 }
+#: Modules whose names would hide a keyword or a built-in type.
+_MODULES = {"import": "import_", "list": "list_"}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -68,7 +68,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parser_of(verb: str) -> argparse.ArgumentParser:
     """The argument parser of a verb."""
-    module = import_module(f"metric_cli.{_MODULES.get(verb, f'verbs.{verb}')}")
+    name = _MODULES.get(verb, verb.replace("-", "_"))
+    module = import_module(f"metric_cli.{_ROOMS.get(verb, 'verbs')}.{name}")
     parser = OneLineParser(
         prog=f"metric-tree {verb}", description=module.HELP, conflict_handler="resolve", allow_abbrev=False
     )

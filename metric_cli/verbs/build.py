@@ -23,7 +23,7 @@ from metric_cli.arguments import input_path, new_folder, output_folder
 from metric_cli.progress import progress_bars
 from metric_cli.terminal import print_json, print_table, warn
 from metric_tree.build.ingest import raw_files
-from metric_tree.build.steps import Build, Options, build_release, shipped_curated
+from metric_tree.build.steps import Build, BuildOptions, build_release, shipped_curated
 from metric_tree.release import open_release
 
 __all__ = ["HELP", "add_arguments", "executor_of", "run"]
@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Build and print what came of it."""
-    options = Options(
+    options = BuildOptions(
         version=_semantic(arguments.version),
         created=_creation_date(arguments.created),
         name=arguments.name,

@@ -58,7 +58,7 @@ from metric_tree.release import Release, publish_release
 from metric_tree.schema import IMAGES
 from taxonomy.categories import Taxonomy
 
-__all__ = ["Build", "Options", "Steps", "build_release", "shipped_curated", "shipped_taxonomy"]
+__all__ = ["Build", "BuildOptions", "Steps", "build_release", "shipped_curated", "shipped_taxonomy"]
 
 _R = TypeVar("_R")
 
@@ -70,7 +70,7 @@ CARRIED = "nodes and priors, fitted with sources whose rows are withheld; the ro
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
+class BuildOptions:
     """What a release is called and what it leaves out.
 
     created : ISO date of the release; fold_out : fold I of N of the items that the build does not see;
@@ -117,7 +117,7 @@ def shipped_curated() -> Iterable[RawItem]:
 def build_release(
     raw: Sequence[Path],
     out: Path,
-    options: Options,
+    options: BuildOptions,
     *,
     log: Path | None = None,
     taxonomy: Callable[[], Taxonomy] = shipped_taxonomy,
@@ -207,7 +207,7 @@ def _expect_private(private: Sequence[str], files: Iterable[Path]) -> None:
 class Steps:
     """The steps of one build, each over an executor, its results in a work folder."""
 
-    options: Options
+    options: BuildOptions
     taxonomy: Callable[[], Taxonomy]
     declared: Mapping[str, Source]
     carried: Release | None

@@ -10,10 +10,10 @@ import pytest
 from PIL import Image
 
 from estimator.evidence.gps import Gps
+from estimator.evidence.known_lengths import parse_known_lengths
 from estimator.geometry.measurement import measure_objects
 from estimator.reading import read_instances, read_scene
 from estimator.reconstructions.cameras import pixels_in_view
-from estimator.reconstructions.known_lengths import parse_known_lengths
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "reference" / "formats.md"
 #: A file's name in backquotes, the rest of its line, and its content in a fence.

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import uvicorn
 
-from explorer.content.catalogue import Catalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.server.application import application
 from explorer.site import write_site
 from metric_tree.tree import Tree, open_tree
@@ -40,8 +40,8 @@ def trees(tmp_path_factory: pytest.TempPathFactory) -> list[Tree]:
 
 
 @pytest.fixture(scope="session")
-def catalogue(trees: list[Tree]) -> Catalogue:
-    return Catalogue(trees)
+def catalogue(trees: list[Tree]) -> ReleaseCatalogue:
+    return ReleaseCatalogue(trees)
 
 
 @pytest.fixture(scope="session")

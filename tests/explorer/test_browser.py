@@ -15,7 +15,7 @@ import pytest
 
 import metric_tree
 from estimator.views.glb import glb_bytes
-from explorer.content.catalogue import Catalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.renderer import answer
 from tests.synthetic.browser import Browser
 from tests.synthetic.views import hand_view
@@ -190,7 +190,7 @@ def test_the_sliders_of_a_region_and_a_year(browser: Browser, tmp_path: Path) ->
     """On the shipped car: every step has sizes, the region moves them, and the screen reader hears the year."""
     (tmp_path / "nodes").mkdir()
     (tmp_path / "assets").mkdir()
-    catalogue = Catalogue([metric_tree.open()])
+    catalogue = ReleaseCatalogue([metric_tree.open()])
     for address in ("nodes/car.n.01.html", "assets/page.js", "assets/style.css"):
         made = answer(catalogue, address)
         assert made is not None

@@ -10,7 +10,7 @@ from pathlib import Path
 import httpx
 import pytest
 
-from explorer.content.catalogue import Catalogue
+from explorer.content.release_catalogue import ReleaseCatalogue
 from explorer.renderer import answer, site_addresses
 from explorer.site import write_site
 from metric_base.errors import InputError
@@ -37,7 +37,9 @@ def test_site_and_server_have_the_same_bytes(base: str, site: Path, address: str
     assert served.content == (site / prefix / address).read_bytes()
 
 
-def test_every_address_of_the_site_has_an_answer_and_every_link_leads_to_one(catalogue: Catalogue, site: Path) -> None:
+def test_every_address_of_the_site_has_an_answer_and_every_link_leads_to_one(
+    catalogue: ReleaseCatalogue, site: Path
+) -> None:
     addresses = set(site_addresses(catalogue))
     assert len(addresses) > 100
     broken = set()
@@ -54,7 +56,7 @@ def test_a_page_loads_nothing_from_outside(site: Path) -> None:
 
 
 def test_text_of_a_source_is_escaped(trees: list[Tree]) -> None:
-    catalogue = Catalogue(trees)
+    catalogue = ReleaseCatalogue(trees)
     rows = catalogue.items.to_pylist()
     rows[0]["title"], rows[0]["url"] = "<script>alert(1)</script>", "javascript:alert(1)"
     catalogue.__dict__["items"] = type(catalogue.items).from_pylist(rows, schema=catalogue.items.schema)
@@ -65,7 +67,7 @@ def test_text_of_a_source_is_escaped(trees: list[Tree]) -> None:
     assert b"&lt;script&gt;alert" in page.body
 
 
-def test_a_page_says_the_tier_then_the_size(catalogue: Catalogue) -> None:
+def test_a_page_says_the_tier_then_the_size(catalogue: ReleaseCatalogue) -> None:
     page = answer(catalogue, "nodes/swivel_chair.n.01.html")
     assert page is not None
     text = page.body.decode()
@@ -78,7 +80,7 @@ def test_a_page_says_the_tier_then_the_size(catalogue: Catalogue) -> None:
     assert len(gzip.compress(page.body)) < 60_000
 
 
-def test_the_index_of_names_means_what_the_resolver_means(catalogue: Catalogue) -> None:
+def test_the_index_of_names_means_what_the_resolver_means(catalogue: ReleaseCatalogue) -> None:
     made = answer(catalogue, "assets/names.js")
     assert made is not None
     content = json.loads(made.body.decode().removeprefix("var MT_NAMES=").rstrip(";\n"))
@@ -91,7 +93,7 @@ def test_the_index_of_names_means_what_the_resolver_means(catalogue: Catalogue) 
     assert chr(97 + content["lists"].index("coco_80")) in line.split("@")[1]
 
 
-def test_what_changed(catalogue: Catalogue) -> None:
+def test_what_changed(catalogue: ReleaseCatalogue) -> None:
     page = answer(catalogue, "changes/0.0.1.html")
     assert page is not None
     text = page.body.decode()
@@ -104,7 +106,7 @@ def test_what_changed(catalogue: Catalogue) -> None:
 @pytest.mark.parametrize(
     "address", ["nodes/none.html", "v1/nodes/none.json", "../manifest.json", "assets/../x", "v1/nodes/a/b/c.json", ""]
 )
-def test_nothing_is_elsewhere(catalogue: Catalogue, address: str) -> None:
+def test_nothing_is_elsewhere(catalogue: ReleaseCatalogue, address: str) -> None:
     assert answer(catalogue, address) is None
 
 

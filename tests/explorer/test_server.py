@@ -18,8 +18,8 @@ import schemathesis
 from hypothesis import HealthCheck, Phase, given, settings
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
-from explorer.content.catalogue import Catalogue
 from explorer.content.records import NodeAnswer, PriorAnswer, Problem, SearchAnswer
+from explorer.content.release_catalogue import ReleaseCatalogue
 
 OBJECTS = {
     "schema": "metric-tree/objects/1",
@@ -30,7 +30,7 @@ OBJECTS = {
 }
 
 
-def test_questions_answer_as_the_tree_does(base: str, catalogue: Catalogue) -> None:
+def test_questions_answer_as_the_tree_does(base: str, catalogue: ReleaseCatalogue) -> None:
     node = msgspec.json.decode(httpx.get(f"{base}/v1/nodes/mt:bar_stool").content, type=NodeAnswer)
     assert (node.node, node.level, node.n_shipped) == ("mt:bar_stool", 5, 9)
     asked = {"dims": "height,length", "quantiles": "0.1,0.9", "density_at": "760,420,700,400"}
@@ -154,7 +154,7 @@ def test_the_description_fits_the_answers(base: str) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_the_command_serves_logs_and_stops(catalogue: Catalogue) -> None:
+def test_the_command_serves_logs_and_stops(catalogue: ReleaseCatalogue) -> None:
     code = "import sys; from metric_cli.verbs import main; sys.exit(main(sys.argv[1:]))"
     words = ["serve", "--port", "0", "--tree", str(catalogue.tree.release.directory)]
     with subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True) as server:
@@ -167,7 +167,7 @@ def test_the_command_serves_logs_and_stops(catalogue: Catalogue) -> None:
     assert server.returncode == 128 + signal.SIGTERM
 
 
-def test_tools_of_the_model_context_protocol(catalogue: Catalogue) -> None:
+def test_tools_of_the_model_context_protocol(catalogue: ReleaseCatalogue) -> None:
     """By the protocol's own client, over standard input and output."""
     import asyncio
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.evidence.known_lengths import parse_known_lengths
 from estimator.instances.forms import read_instance_files
 from estimator.reading import read_scene
-from estimator.reconstructions.known_lengths import parse_known_lengths
 from estimator.reconstructions.objects_file import SCHEMA, read_objects
 from estimator.reconstructions.truth import read_truth
 from estimator.records.scene import Instance, Scene

@@ -12,9 +12,9 @@ import numpy as np
 from PIL import Image
 
 from estimator.capture.video import Video
+from estimator.detectors.detector import load_detector
 from estimator.evidence.depth_files import read_depth
 from estimator.evidence.gps import Gps
-from estimator.instances.detector import load_detector
 from estimator.reading import read_scene
 from estimator.records.scene import Scene
 from insertion.models.gltf import read_model

@@ -25,8 +25,8 @@ from insertion.exports.nerfstudio import write_transforms
 from insertion.exports.usd_scene import write_usd_scene
 from insertion.light.estimate import environment_at
 from insertion.pipeline.objects import Placed, place_objects
+from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.request import ObjectRequest
-from insertion.pipeline.stage import Stage
 from insertion.render.studio import _camera_axes
 from tests.synthetic.insertions import stage_of, video_room, write_glb
 from tests.synthetic.rooms.shapes import solid
@@ -35,11 +35,11 @@ HEIGHT = 0.8
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[Stage, Placed]:
+def scene(tmp_path_factory: pytest.TempPathFactory) -> tuple[PreparedScene, Placed]:
     room = video_room("bedroom", 1001, tmp_path_factory.mktemp("room"), views=4)
-    stage = stage_of(room)
+    prepared = stage_of(room)
     model = write_glb(solid("chair", np.array([0.4, 0.4, HEIGHT])), room.folder / "chair.glb")
-    return stage, place_objects(stage, [ObjectRequest(model, facing=30.0)])[0]
+    return prepared, place_objects(prepared, [ObjectRequest(model, facing=30.0)])[0]
 
 
 def _pixel(matrix: np.ndarray, focal: float, centre: tuple[float, float], point: np.ndarray) -> np.ndarray:
@@ -48,22 +48,22 @@ def _pixel(matrix: np.ndarray, focal: float, centre: tuple[float, float], point:
     return np.array([centre[0] + focal * local[0] / -local[2], centre[1] - focal * local[1] / -local[2]])
 
 
-def test_a_metric_camera_sees_the_foot_where_the_scene_does(scene: tuple[Stage, Placed]) -> None:
-    stage, placed = scene
-    frame = metric_frame([placed], stage.scale.metres_per_unit)
-    for shot, key in zip(stage.footage.shots, camera_keys(stage.footage.shots, frame), strict=True):
+def test_a_metric_camera_sees_the_foot_where_the_scene_does(scene: tuple[PreparedScene, Placed]) -> None:
+    prepared, placed = scene
+    frame = metric_frame([placed], prepared.scale.metres_per_unit)
+    for shot, key in zip(prepared.footage.shots, camera_keys(prepared.footage.shots, frame), strict=True):
         view = shot.view
         assert view is not None
         local = view.rotation @ placed.place.position + view.translation
         pixel = view.camera.params[0] * local[:2] / local[2] + view.camera.params[2:]
-        top = placed.place.position + placed.place.basis[2] * HEIGHT / stage.scale.metres_per_unit
+        top = placed.place.position + placed.place.basis[2] * HEIGHT / prepared.scale.metres_per_unit
         assert _pixel(key.matrix, 500.0, (320.0, 240.0), np.zeros(3)) == pytest.approx(pixel, abs=1e-6)
         assert frame(top[None])[0] == pytest.approx([0, HEIGHT, 0], abs=1e-9)
 
 
-def test_the_model_has_its_metres(scene: tuple[Stage, Placed]) -> None:
-    stage, placed = scene
-    matrix = object_matrix(placed, metric_frame([placed], stage.scale.metres_per_unit))
+def test_the_model_has_its_metres(scene: tuple[PreparedScene, Placed]) -> None:
+    prepared, placed = scene
+    matrix = object_matrix(placed, metric_frame([placed], prepared.scale.metres_per_unit))
     corners = np.concatenate([part.vertices for part in placed.model.parts]) @ matrix[:3, :3].T + matrix[:3, 3]
     assert np.linalg.det(matrix[:3, :3]) == pytest.approx(1.0)
     assert corners[:, 1].min() == pytest.approx(0, abs=1e-6)
@@ -77,12 +77,12 @@ def _header(file: Path) -> dict[str, Any]:
     return header
 
 
-def test_glb_has_an_animated_camera(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+def test_glb_has_an_animated_camera(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
     import trimesh
 
-    stage, placed = scene
-    frame = metric_frame([placed], stage.scale.metres_per_unit)
-    keys = camera_keys(stage.footage.shots, frame)
+    prepared, placed = scene
+    frame = metric_frame([placed], prepared.scale.metres_per_unit)
+    keys = camera_keys(prepared.footage.shots, frame)
     write_gltf_scene(tmp_path / "scene.glb", [placed], keys, frame)
     header = _header(tmp_path / "scene.glb")
     assert header["cameras"][0]["perspective"]["yfov"] == pytest.approx(2 * np.arctan(240 / 500))
@@ -91,14 +91,14 @@ def test_glb_has_an_animated_camera(scene: tuple[Stage, Placed], tmp_path: Path)
     assert extents[1] == pytest.approx(HEIGHT, rel=1e-4)
 
 
-def test_usd_has_the_same_camera(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+def test_usd_has_the_same_camera(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
     pxr = pytest.importorskip("pxr", reason="usd-core is not installed")
     from pxr import Usd, UsdGeom
 
     assert pxr is not None
-    stage, placed = scene
-    frame = metric_frame([placed], stage.scale.metres_per_unit)
-    keys = camera_keys(stage.footage.shots, frame)
+    prepared, placed = scene
+    frame = metric_frame([placed], prepared.scale.metres_per_unit)
+    keys = camera_keys(prepared.footage.shots, frame)
     write_usd_scene(tmp_path / "scene.usda", [placed], keys, frame, 25.0)
     usd = Usd.Stage.Open(str(tmp_path / "scene.usda"))
     assert UsdGeom.GetStageMetersPerUnit(usd) == 1.0
@@ -116,25 +116,27 @@ def test_usd_has_the_same_camera(scene: tuple[Stage, Placed], tmp_path: Path) ->
     assert bounds.ComputeAlignedRange().GetSize()[1] == pytest.approx(HEIGHT, rel=1e-4)
 
 
-def test_nerfstudio_has_the_pixels_and_the_points_of_the_scene(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+def test_nerfstudio_has_the_pixels_and_the_points_of_the_scene(
+    scene: tuple[PreparedScene, Placed], tmp_path: Path
+) -> None:
     """Read again as nerfstudio's files are read: pixels count from the corner, as in COLMAP."""
-    stage, placed = scene
-    frame = metric_frame([placed], stage.scale.metres_per_unit)
-    keys = camera_keys(stage.footage.shots, frame)
-    write_transforms(tmp_path / "transforms.json", keys, "pictures", frame(stage.scene.points))
+    prepared, placed = scene
+    frame = metric_frame([placed], prepared.scale.metres_per_unit)
+    keys = camera_keys(prepared.footage.shots, frame)
+    write_transforms(tmp_path / "transforms.json", keys, "pictures", frame(prepared.scene.points))
     again = read_nerfstudio(tmp_path / "transforms.json")
-    metres = stage.scale.metres_per_unit
-    assert np.ptp(again.points[:, 2]) == pytest.approx(np.ptp(stage.scene.points @ placed.place.basis[2]) * metres)
-    for view, shot in zip(again.views, stage.footage.shots, strict=True):
+    metres = prepared.scale.metres_per_unit
+    assert np.ptp(again.points[:, 2]) == pytest.approx(np.ptp(prepared.scene.points @ placed.place.basis[2]) * metres)
+    for view, shot in zip(again.views, prepared.footage.shots, strict=True):
         assert shot.view is not None
         pixels = pixels_in_view(view, again.points[:50])[0]
-        np.testing.assert_allclose(pixels, pixels_in_view(shot.view, stage.scene.points[:50])[0], atol=1e-2)
+        np.testing.assert_allclose(pixels, pixels_in_view(shot.view, prepared.scene.points[:50])[0], atol=1e-2)
 
 
-def test_pictures_of_two_cameras_keep_both(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
-    stage, placed = scene
-    frame = metric_frame([placed], stage.scale.metres_per_unit)
-    keys = camera_keys(stage.footage.shots, frame)
+def test_pictures_of_two_cameras_keep_both(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
+    prepared, placed = scene
+    frame = metric_frame([placed], prepared.scale.metres_per_unit)
+    keys = camera_keys(prepared.footage.shots, frame)
     other = replace(keys[1].camera, model="PINHOLE", height=640, width=480, params=np.array([400.0, 410, 240, 320]))
     keys[1] = replace(keys[1], camera=other)
     write_gltf_scene(tmp_path / "scene.glb", [placed], keys, frame)
@@ -144,7 +146,7 @@ def test_pictures_of_two_cameras_keep_both(scene: tuple[Stage, Placed], tmp_path
     assert lenses[1]["aspectRatio"] == pytest.approx((240 / 400) / (320 / 410))
     counts = [header["accessors"][row["samplers"][0]["input"]]["count"] for row in header["animations"]]
     assert counts == [len(keys) - 1, 1]
-    write_transforms(tmp_path / "transforms.json", keys, "pictures", frame(stage.scene.points))
+    write_transforms(tmp_path / "transforms.json", keys, "pictures", frame(prepared.scene.points))
     sizes = [(view.camera.width, view.camera.height) for view in read_nerfstudio(tmp_path / "transforms.json").views]
     assert sizes == [(key.camera.width, key.camera.height) for key in keys]
 
@@ -180,15 +182,17 @@ def blender(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.slow
-def test_blender_is_asked_for_the_scene_in_metres(scene: tuple[Stage, Placed], blender: Path, tmp_path: Path) -> None:
-    stage, placed = scene
-    assert export_blend(tmp_path, stage, [placed]) == []
+def test_blender_is_asked_for_the_scene_in_metres(
+    scene: tuple[PreparedScene, Placed], blender: Path, tmp_path: Path
+) -> None:
+    prepared, placed = scene
+    assert export_blend(tmp_path, prepared, [placed]) == []
     assert (tmp_path / "scene.blend").read_bytes() == b"BLENDER"
     asked = json.loads(blender.read_text())
     assert asked["words"][:3] == ["--background", "--factory-startup", "--python"]
     assert asked["words"][-2] == "--"
-    frame = metric_frame([placed], stage.scale.metres_per_unit)
-    keys = camera_keys(stage.footage.shots, frame)
+    frame = metric_frame([placed], prepared.scale.metres_per_unit)
+    keys = camera_keys(prepared.footage.shots, frame)
     for stated, key in zip(asked["job"]["keys"], keys, strict=True):
         np.testing.assert_allclose(stated["matrix"], key.matrix)
     np.testing.assert_allclose(asked["job"]["objects"][0]["matrix"], object_matrix(placed, frame))
@@ -210,12 +214,12 @@ print("SAW" + json.dumps({
 """
 
 
-def test_the_real_blender_saves_the_object_in_metres(scene: tuple[Stage, Placed], tmp_path: Path) -> None:
+def test_the_real_blender_saves_the_object_in_metres(scene: tuple[PreparedScene, Placed], tmp_path: Path) -> None:
     program = os.environ.get("METRIC_TREE_BLENDER", "")
     if "python" not in Path(program).name:
         pytest.skip("METRIC_TREE_BLENDER names no Python with bpy (pip install bpy)")
-    stage, placed = scene
-    assert export_blend(tmp_path, stage, [placed]) == []
+    prepared, placed = scene
+    assert export_blend(tmp_path, prepared, [placed]) == []
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     words = [program, "-c", OPENED, str(tmp_path / "scene.blend")]
     said = subprocess.run(words, capture_output=True, text=True, env=clean, check=True).stdout
@@ -225,11 +229,11 @@ def test_the_real_blender_saves_the_object_in_metres(scene: tuple[Stage, Placed]
     assert (saw["packed"], saw["catchers"], saw["moves"]) == ([True], 1, True)
 
 
-def test_what_blender_draws_is_in_the_picture(scene: tuple[Stage, Placed], blender: Path) -> None:
-    stage, placed = scene
-    environment = environment_at(placed.place, HEIGHT, stage.cloud, stage.stills)
-    shot = next(shot for shot in stage.footage.shots if shot.view is not None)
-    with traced_layers(stage, [placed], environment) as traced:
+def test_what_blender_draws_is_in_the_picture(scene: tuple[PreparedScene, Placed], blender: Path) -> None:
+    prepared, placed = scene
+    environment = environment_at(placed.place, HEIGHT, prepared.cloud, prepared.stills)
+    shot = next(shot for shot in prepared.footage.shots if shot.view is not None)
+    with traced_layers(prepared, [placed], environment) as traced:
         layer = traced(shot)
     assert json.loads(blender.read_text())["job"]["samples"] > 0
     assert layer.shape == (480, 640, 4)
@@ -237,11 +241,11 @@ def test_what_blender_draws_is_in_the_picture(scene: tuple[Stage, Placed], blend
 
 
 def test_without_blender_the_rest_is_exported(
-    scene: tuple[Stage, Placed], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scene: tuple[PreparedScene, Placed], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stage, placed = scene
+    prepared, placed = scene
     monkeypatch.setenv("METRIC_TREE_BLENDER", str(tmp_path / "none"))
-    (line,) = export_blend(tmp_path, stage, [placed])
+    (line,) = export_blend(tmp_path, prepared, [placed])
     assert "scene.blend is not written" in line
 
 

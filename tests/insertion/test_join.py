@@ -26,11 +26,11 @@ from insertion.render.boxes import window_behind
 from insertion.render.context import gl_context
 from insertion.render.layers import ObjectLayers, object_layers, through_lens
 from insertion.render.renderer import ObjectImage, ObjectRenderer
-from insertion.scene.box import Box
 from insertion.scene.cloud import FrontPoints
+from insertion.scene.pixel_box import PixelBox
 from tests.synthetic.rooms.shapes import solid
 
-BOX = Box(0, 0, 40, 30)
+BOX = PixelBox(0, 0, 40, 30)
 LOOK = Look(np.ones(3), np.eye(2) * 0.35**2, np.zeros((8, 3)), 0.0)
 GREY = np.full((30, 40, 3), 100, np.uint8)
 SIZE = (320, 240)
@@ -184,7 +184,7 @@ def test_a_layer_is_where_the_camera_sees_it(model: str) -> None:
     view = View(
         "0", Camera(model, 40, 30, np.array(params)), np.eye(3), np.zeros(3), np.empty((0, 2)), np.empty(0, np.int64)
     )
-    box = Box(3, 4, 33, 24)
+    box = PixelBox(3, 4, 33, 24)
     window = window_behind(view.camera, box)
     x = np.arange(window.width) + window.x0 + 0.5
     ramp = np.tile(x.astype(np.float32), (window.height, 1))
@@ -203,8 +203,8 @@ def test_layers_joined_again_by_others_are_the_picture(tmp_path: Path) -> None:
     composite = compose(plate, joined, noisy, 5)
     shot = Shot(0, "a/0.png", None, None, None)
     names = [SimpleNamespace(model=SimpleNamespace(name=name)) for name in ("one", "two")]
-    stage: Any = SimpleNamespace(scale=SimpleNamespace(metres_per_unit=2.0), footage=SimpleNamespace(shots=[shot]))
-    sink = CompositingLayers(tmp_path, stage, names)  # type: ignore[arg-type]
+    prepared: Any = SimpleNamespace(scale=SimpleNamespace(metres_per_unit=2.0), footage=SimpleNamespace(shots=[shot]))
+    sink = CompositingLayers(tmp_path, prepared, names)  # type: ignore[arg-type]
     sink.picture(shot, plate)
     for number, item in enumerate(joined):
         sink.layers(shot, number, item)
@@ -245,14 +245,14 @@ class _Footage:
             yield shot, GREY
 
 
-def _stage() -> Any:
+def _prepared() -> Any:
     return SimpleNamespace(footage=_Footage(), scale=None, start_s=0.0)
 
 
 def test_a_picture_is_decoded_once_for_all_sizes() -> None:
-    stage = _stage()
-    assert len(list(frames.single_pictures(stage, [[]] * 11, stage.footage.shots[1]))) == 11
-    assert stage.footage.decoded <= 3
+    prepared = _prepared()
+    assert len(list(frames.single_pictures(prepared, [[]] * 11, prepared.footage.shots[1]))) == 11
+    assert prepared.footage.decoded <= 3
 
 
 def test_the_context_is_released_where_writing_fails(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -263,7 +263,7 @@ def test_the_context_is_released_where_writing_fails(monkeypatch: pytest.MonkeyP
         raise OSError("disk full")
 
     with pytest.raises(OSError, match="disk full"):
-        frames.insert_objects(_stage(), [], full)
+        frames.insert_objects(_prepared(), [], full)
     assert released == [1]
 
 
@@ -282,6 +282,6 @@ def test_each_result_has_its_own_seconds(monkeypatch: pytest.MonkeyPatch) -> Non
     )
     monkeypatch.setattr(frames, "gl_context", lambda: SimpleNamespace(release=lambda: None))
     monkeypatch.setattr(frames, "_renderer", lambda *_: SimpleNamespace(environment=None))
-    one, two = frames.insert_objects(_stage(), [placed, placed], lambda *_: None)  # type: ignore[list-item]
+    one, two = frames.insert_objects(_prepared(), [placed, placed], lambda *_: None)  # type: ignore[list-item]
     one.seconds["render"] = -1.0  # type: ignore[index]
     assert two.seconds["render"] >= 0

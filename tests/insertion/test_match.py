@@ -7,8 +7,8 @@ import pytest
 
 from insertion.composite.blur import blur_layer, blur_of
 from insertion.composite.match import Look, _blend, grain, look_of
-from insertion.scene.box import Box
 from insertion.scene.cloud import Cloud, FrontPoints
+from insertion.scene.pixel_box import PixelBox
 
 SHAPE = (240, 320)
 NOTHING = FrontPoints(np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0), False)
@@ -49,7 +49,7 @@ def _look(grey: np.ndarray) -> Look:
 def test_an_object_gets_the_grain_of_the_picture(sigma: float) -> None:
     noise = np.random.default_rng(1).normal(0, sigma, SHAPE)
     look = _look(_patchwork() + noise)
-    added = grain(look, Box(0, 0, 80, 60), np.full((60, 80, 3), 120, np.float32), 7)
+    added = grain(look, PixelBox(0, 0, 80, 60), np.full((60, 80, 3), 120, np.float32), 7)
     assert added.std() == pytest.approx(sigma, rel=0.15)
 
 

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from estimator.assets.gltf_bodies import read_gltf
+from estimator.asset_files.gltf_bodies import read_gltf
 from estimator.gltf.animation import Channel
 from insertion.exports.glb import Glb
 from insertion.models.acting import acting

@@ -18,12 +18,12 @@ from insertion.composite.occlusion import _without_gaps, hidden_share
 from insertion.footage.footage import Shot
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
-from insertion.scene.box import Box
 from insertion.scene.carried_masks import MaskCarrier, _carry
 from insertion.scene.cloud import Cloud, FrontPoints, front_points
 from insertion.scene.moving_masks import moving_masks, points_beside, uprights
+from insertion.scene.pixel_box import PixelBox
 
-BOX = Box(0, 0, 160, 120)
+BOX = PixelBox(0, 0, 160, 120)
 VIEW = View(
     "0.png", Camera("PINHOLE", 640, 480, np.array([500.0, 500, 320, 240])), np.eye(3), np.zeros(3),
     np.zeros((0, 2)), np.zeros(0, np.int64),
@@ -167,7 +167,7 @@ def _walker(depth: float, columns: tuple[int, int]) -> Instance:
 
 
 def test_what_moves_hides_the_object_by_its_feet_on_the_ground() -> None:
-    box = Box(100, 100, 540, 470)
+    box = PixelBox(100, 100, 540, 470)
     behind = np.full(box.shape, 3.0, np.float32)
     for depth, hides in ((2.0, True), (2.9, True), (3.1, False), (6.0, False)):
         (one,) = uprights([_walker(depth, (300, 340))], VIEW, _ground())
@@ -193,7 +193,7 @@ def test_an_upright_object_is_seen_from_above_at_its_own_depth() -> None:
     item = Instance("walker", 0, "person", np.ones((bottom - top, 40), bool), (300, top), 1.0)
     (one,) = uprights([item], view, _ground())
     for row, depth in ((top + 2, ends[1, 2]), (bottom - 2, ends[0, 2])):
-        box = Box(315, row, 325, row + 1)
+        box = PixelBox(315, row, 325, row + 1)
         for share, hides in ((0.97, False), (1.03, True)):
             behind = np.full(box.shape, depth * share, np.float32)
             assert one.hides(box, view, behind).all() == hides

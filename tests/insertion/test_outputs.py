@@ -14,7 +14,7 @@ from insertion.footage.footage import Shot
 from insertion.footage.picture_writer import picture_writer, preview_place
 from insertion.render.layers import ObjectLayers
 from insertion.render.renderer import ObjectImage
-from insertion.scene.box import Box
+from insertion.scene.pixel_box import PixelBox
 from metric_base.errors import InputError
 
 PICTURE = np.full((8, 9, 3), 90, dtype=np.uint8)
@@ -45,7 +45,7 @@ def test_no_name_leads_out_of_an_export(tmp_path: Path, source: Path) -> None:
     layers = LayerWriter(tmp_path / "export", SHOTS, 0.5)
     ones, colours = np.ones((8, 9), np.float32), np.ones((8, 9, 3), np.float32)
     image = ObjectImage(colours, ones, ones)
-    joined = Joined(ObjectLayers(Box(0, 0, 9, 8), image, colours, ones), 0 * ones, colours)
+    joined = Joined(ObjectLayers(PixelBox(0, 0, 9, 8), image, colours, ones), 0 * ones, colours)
     for shot in SHOTS:
         layers.picture(shot, PICTURE)
         layers.layers(shot, 0, joined)

@@ -12,9 +12,9 @@ import metric_tree
 from insertion.models.gltf import read_model
 from insertion.models.size import model_size
 from insertion.pipeline.objects import Placed, place_objects, space_for
+from insertion.pipeline.prepared_scene import PreparedScene
 from insertion.pipeline.preview import write_preview
 from insertion.pipeline.request import ObjectRequest
-from insertion.pipeline.stage import Stage
 from insertion.placement.free_space import candidates
 from insertion.placement.on_objects import instances_named
 from insertion.placement.place import NoPlace
@@ -36,7 +36,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> RecordedRoom:
 
 
 @pytest.fixture(scope="module")
-def stage(room: RecordedRoom) -> Stage:
+def prepared(room: RecordedRoom) -> PreparedScene:
     return stage_of(room)
 
 
@@ -52,15 +52,15 @@ def test_up_that_is_no_direction_is_one_line(words: str) -> None:
         stage_of_arguments(options)
 
 
-def test_a_plane_just_above_a_better_one_is_not_offered(stage: Stage, cup: Path) -> None:
+def test_a_plane_just_above_a_better_one_is_not_offered(prepared: PreparedScene, cup: Path) -> None:
     model = read_model(cup)
-    space = space_for(stage, model, model_size(model, "file"))
+    space = space_for(prepared, model, model_size(model, "file"))
     plain = candidates(space)
     assert plain
-    floor = stage.supports.surfaces[0]
+    floor = prepared.supports.surfaces[0]
     thin = replace(floor.plane, height=floor.plane.height + 0.3 * floor.plane.cell, points=floor.plane.points // 3)
-    phantom = replace(floor, number=len(stage.supports.surfaces), plane=thin)
-    both = replace(space, supports=replace(space.supports, surfaces=(*stage.supports.surfaces, phantom)))
+    phantom = replace(floor, number=len(prepared.supports.surfaces), plane=thin)
+    both = replace(space, supports=replace(space.supports, surfaces=(*prepared.supports.surfaces, phantom)))
     assert phantom.number not in {place.plane for place in candidates(both)}
     assert {place.plane for place in plain} <= {place.plane for place in candidates(both)}
 
@@ -70,8 +70,8 @@ def _foot(room: RecordedRoom, placed: Placed) -> np.ndarray:
     return np.asarray(room.to_scene.inverse(placed.place.position[None])[0])
 
 
-def test_on_a_category_is_on_its_top(room: RecordedRoom, stage: Stage, cup: Path) -> None:
-    (placed,) = place_objects(stage, [ObjectRequest(cup, on="coffee table")])
+def test_on_a_category_is_on_its_top(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
+    (placed,) = place_objects(prepared, [ObjectRequest(cup, on="coffee table")])
     table = next(entry for entry in room.world.objects if entry.category == "coffee table")
     foot = _foot(room, placed)
     low, high = table.mesh.vertices.min(axis=0), table.mesh.vertices.max(axis=0)
@@ -80,19 +80,19 @@ def test_on_a_category_is_on_its_top(room: RecordedRoom, stage: Stage, cup: Path
     assert (foot[:2] < high[:2]).all()
 
 
-def test_the_last_word_of_a_category_is_enough(room: RecordedRoom, stage: Stage, cup: Path) -> None:
-    one, other = (place_objects(stage, [ObjectRequest(cup, on=name)])[0] for name in ("coffee table", "Table"))
+def test_the_last_word_of_a_category_is_enough(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
+    one, other = (place_objects(prepared, [ObjectRequest(cup, on=name)])[0] for name in ("coffee table", "Table"))
     np.testing.assert_allclose(_foot(room, one), _foot(room, other))
 
 
-def test_the_tree_knows_what_a_sofa_is(stage: Stage) -> None:
-    assert {item.category for item in instances_named(stage.instances, "sofa")} == {"couch"}
+def test_the_tree_knows_what_a_sofa_is(prepared: PreparedScene) -> None:
+    assert {item.category for item in instances_named(prepared.instances, "sofa")} == {"couch"}
 
 
-def test_a_word_is_read_as_detectors_mean_it(stage: Stage, cup: Path) -> None:
+def test_a_word_is_read_as_detectors_mean_it(prepared: PreparedScene, cup: Path) -> None:
     """By itself "bat" is an animal or a stick: the label lists of detectors decide, in `--on` and in `--size prior`."""
     tree = metric_tree.open()
-    one, other = (replace(stage.instances[0], category=name) for name in ("bat", "couch"))
+    one, other = (replace(prepared.instances[0], category=name) for name in ("bat", "couch"))
     with pytest.raises(metric_tree.UnknownName):
         tree.find("bat")
     listed = tree.find("bat", "detectors")
@@ -100,31 +100,31 @@ def test_a_word_is_read_as_detectors_mean_it(stage: Stage, cup: Path) -> None:
     assert model_size(read_model(cup), "prior", tree, "bat").source.startswith(f"prior of {listed.node_id}")
 
 
-def test_a_top_that_is_no_plane_of_the_scene(room: RecordedRoom, stage: Stage, cup: Path) -> None:
+def test_a_top_that_is_no_plane_of_the_scene(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
     """Without the plane of the table's top, the object's own points say where its top is."""
-    placed = place_objects(stage, [ObjectRequest(cup, on="coffee table")])[0].place
-    others = tuple(one for one in stage.supports.surfaces if one.number != placed.plane)
-    fewer = replace(stage, supports=replace(stage.supports, surfaces=others))
+    placed = place_objects(prepared, [ObjectRequest(cup, on="coffee table")])[0].place
+    others = tuple(one for one in prepared.supports.surfaces if one.number != placed.plane)
+    fewer = replace(prepared, supports=replace(prepared.supports, surfaces=others))
     again = place_objects(fewer, [ObjectRequest(cup, on="coffee table")])[0].place
     assert placed.plane is not None
     assert again.plane is None
     up = placed.basis[2]
-    assert (again.position - placed.position) @ up * stage.scale.metres_per_unit == pytest.approx(0, abs=0.015)
+    assert (again.position - placed.position) @ up * prepared.scale.metres_per_unit == pytest.approx(0, abs=0.015)
 
 
-def test_what_is_larger_than_everything_has_no_place(stage: Stage, cup: Path) -> None:
+def test_what_is_larger_than_everything_has_no_place(prepared: PreparedScene, cup: Path) -> None:
     with pytest.raises(NoPlace, match="--at auto: no free level space of this size"):
-        place_objects(stage, [ObjectRequest(cup, size="height=300")])
+        place_objects(prepared, [ObjectRequest(cup, size="height=300")])
 
 
-def test_the_preview_lists_the_options_of_each_place(stage: Stage, cup: Path, tmp_path: Path) -> None:
-    (placed,) = place_objects(stage, [ObjectRequest(cup)])
-    places = write_preview(stage, space_for(stage, placed.model, placed.size), tmp_path / "places.png")
+def test_the_preview_lists_the_options_of_each_place(prepared: PreparedScene, cup: Path, tmp_path: Path) -> None:
+    (placed,) = place_objects(prepared, [ObjectRequest(cup)])
+    places = write_preview(prepared, space_for(prepared, placed.model, placed.size), tmp_path / "places.png")
     assert (tmp_path / "places.png").stat().st_size > 10_000
     words = ["scene", "--scale", "1", "--model", str(cup), *places[0].options.split(), "--out", "out"]
     (request,) = requests_of(parser().parse_args(words))
-    (again,) = place_objects(stage, [request])
-    np.testing.assert_allclose(again.place.position, placed.place.position, atol=1e-3 / stage.scale.metres_per_unit)
+    (again,) = place_objects(prepared, [request])
+    np.testing.assert_allclose(again.place.position, placed.place.position, atol=1e-3 / prepared.scale.metres_per_unit)
 
 
 @pytest.mark.parametrize("words", [["--xy", "-0.5,0.2"], ["--xy=-0.5,0.2"]])
@@ -133,27 +133,29 @@ def test_metres_may_be_negative(words: list[str]) -> None:
     assert requests_of(options)[0].xy_m == (-0.5, 0.2)
 
 
-def test_on_what_is_not_there_is_refused(stage: Stage, cup: Path) -> None:
+def test_on_what_is_not_there_is_refused(prepared: PreparedScene, cup: Path) -> None:
     with pytest.raises(NoPlace, match=r"--on: expected a category of the instances \(.*couch.*\); found 'piano'"):
-        place_objects(stage, [ObjectRequest(cup, on="piano")])
+        place_objects(prepared, [ObjectRequest(cup, on="piano")])
 
 
-def test_a_plane_and_metres_along_it(room: RecordedRoom, stage: Stage, cup: Path) -> None:
+def test_a_plane_and_metres_along_it(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
     """The lowest plane is the floor, and metres are metres whatever the scene's unit is."""
-    one, other = (place_objects(stage, [ObjectRequest(cup, plane=0, xy_m=(x, 0.0))])[0] for x in (0.0, 0.3))
+    one, other = (place_objects(prepared, [ObjectRequest(cup, plane=0, xy_m=(x, 0.0))])[0] for x in (0.0, 0.3))
     feet = _foot(room, one), _foot(room, other)
     assert feet[0][2] == pytest.approx(0.0, abs=0.02)
     assert np.linalg.norm(feet[1] - feet[0]) == pytest.approx(0.3, abs=0.005)
 
 
 @pytest.mark.parametrize(("plane", "xy", "word"), [(99, (0.0, 0.0), "--plane"), (0, (50.0, 0.0), "--xy")])
-def test_no_such_plane_or_point(stage: Stage, cup: Path, plane: int, xy: tuple[float, float], word: str) -> None:
+def test_no_such_plane_or_point(
+    prepared: PreparedScene, cup: Path, plane: int, xy: tuple[float, float], word: str
+) -> None:
     with pytest.raises(NoPlace, match=word):
-        place_objects(stage, [ObjectRequest(cup, plane=plane, xy_m=xy)])
+        place_objects(prepared, [ObjectRequest(cup, plane=plane, xy_m=xy)])
 
 
-def test_facing_the_wall_is_square_to_the_room(room: RecordedRoom, stage: Stage, cup: Path) -> None:
-    (placed,) = place_objects(stage, [ObjectRequest(cup, plane=0, facing="wall")])
+def test_facing_the_wall_is_square_to_the_room(room: RecordedRoom, prepared: PreparedScene, cup: Path) -> None:
+    (placed,) = place_objects(prepared, [ObjectRequest(cup, plane=0, facing="wall")])
     front = room.to_scene.rotation.T @ placed.front
     # walls run along x and y; within ten degrees
     assert np.abs(front[:2]).max() > np.cos(np.radians(10))
@@ -163,14 +165,14 @@ def test_facing_the_wall_is_square_to_the_room(room: RecordedRoom, stage: Stage,
     assert front[axis] * inward[axis] > 0 or abs(inward[axis]) < 0.5
 
 
-def test_the_size_of_the_prior(room: RecordedRoom, stage: Stage, cup: Path, tmp_path: Path) -> None:
+def test_the_size_of_the_prior(room: RecordedRoom, prepared: PreparedScene, cup: Path, tmp_path: Path) -> None:
     import metric_tree
 
     tree = metric_tree.open(release(tmp_path / "tree").directory)
     names = [node.name for node in tree.leaves() if "height" in (node.dims or ())]
     request = replace(ObjectRequest(cup, plane=0), size="prior", category=names[0])
-    (placed,) = place_objects(stage, [request], tree)
+    (placed,) = place_objects(prepared, [request], tree)
     median = float(tree.find(names[0]).prior(("height",)).quantile(0.5)[0]) / 1000
     assert placed.size_m["height"] == pytest.approx(median, rel=1e-6)
     high = np.ptp(placed.body.corners @ placed.body.basis[2]) * placed.body.unit
-    assert high * stage.scale.metres_per_unit == pytest.approx(median, rel=1e-6)
+    assert high * prepared.scale.metres_per_unit == pytest.approx(median, rel=1e-6)

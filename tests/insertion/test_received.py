@@ -15,8 +15,8 @@ from insertion.render.body import body_of
 from insertion.render.context import gl_context
 from insertion.render.layers import object_layers
 from insertion.render.renderer import ObjectRenderer
-from insertion.scene.box import Box
 from insertion.scene.cloud import FrontPoints
+from insertion.scene.pixel_box import PixelBox
 from metric_base.arrays import BoolArray, FloatArray
 from tests.synthetic.rooms.shapes import solid
 
@@ -81,7 +81,7 @@ def renderer() -> ObjectRenderer:
 
 
 def test_the_shadow_is_on_what_stands_beside_and_not_on_what_is_in_front(renderer: ObjectRenderer) -> None:
-    view, whole = _view(), Box(0, 0, *SIZE)
+    view, whole = _view(), PixelBox(0, 0, *SIZE)
     layers = object_layers(renderer, view, whole=True)
     assert layers is not None
     share = layers.plane_share

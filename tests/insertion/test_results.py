@@ -11,7 +11,7 @@ import pytest
 
 from estimator.outputs.rescaled import write_scaled
 from estimator.reading import read_instances, read_scene
-from insertion.insert import open_stage
+from insertion.insert import open_prepared_scene
 from insertion.scene.scale import read_scale
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
@@ -31,7 +31,7 @@ def test_a_result_states_what_it_is_of(estimated: Path, tmp_path: Path) -> None:
     of = json.loads((estimated / "result.json").read_text())["of"]
     assert of["masks_from"] == "scene"
     assert all(len(of[name]) == 64 for name in ("model", "masks", "options"))
-    open_stage(estimated, read_scale(estimated, None))
+    open_prepared_scene(estimated, read_scale(estimated, None))
     for name, words in (("level", ["--level", "0.8"]), ("same", [])):
         file = tmp_path / f"{name}.json"
         assert main([str(estimated), "--output", str(file), "--quiet", *words]) == 0
@@ -60,8 +60,8 @@ def test_a_result_of_something_else_is_refused(change, what: str, estimated: Pat
     change(folder)
     for stated in (None, estimated / "result.json"):
         with pytest.raises(InputError, match=what):
-            open_stage(folder, read_scale(folder, stated))
-    open_stage(folder, read_scale(folder, 0.3))  # a number is the user's own word
+            open_prepared_scene(folder, read_scale(folder, stated))
+    open_prepared_scene(folder, read_scale(folder, 0.3))  # a number is the user's own word
 
 
 def test_a_folder_that_was_exchanged_is_not_written_at_scale(estimated: Path, tmp_path: Path) -> None:

@@ -36,11 +36,11 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> RecordedRoom:
 
 
 def _insert(room: RecordedRoom, scale_error: float = 1.0) -> Inserted:
-    stage = stage_of(room, scale_error)
+    prepared = stage_of(room, scale_error)
     model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
-    (placed,) = place_objects(stage, [ObjectRequest(model)])
+    (placed,) = place_objects(prepared, [ObjectRequest(model)])
     pictures: dict[str, np.ndarray] = {}
-    (result,) = insert_objects(stage, [placed], lambda shot, picture: pictures.update({shot.name: picture}))
+    (result,) = insert_objects(prepared, [placed], lambda shot, picture: pictures.update({shot.name: picture}))
     return Inserted(room, placed, result, pictures)
 
 
@@ -51,19 +51,21 @@ def inserted(room: RecordedRoom) -> Inserted:
 
 def test_a_model_that_walks_has_its_true_size_all_along(room: RecordedRoom) -> None:
     """A chair drawn across the floor: in each picture it is where the way says, as the same chair would stand there."""
-    stage = stage_of(room)
+    prepared = stage_of(room)
     model = write_glb(solid("chair", SIZE), room.folder / "walks.glb")
-    (stands,) = place_objects(stage, [ObjectRequest(model)])
+    (stands,) = place_objects(prepared, [ObjectRequest(model)])
     assert stands.place.plane is not None
-    x, y = plane_coordinates(space_for(stage, stands.model, stands.size), stands.place) * stage.scale.metres_per_unit
+    x, y = (
+        plane_coordinates(space_for(prepared, stands.model, stands.size), stands.place) * prepared.scale.metres_per_unit
+    )
     request = ObjectRequest(model, plane=stands.place.plane, xy_m=(x, y), path=((x + 0.4, y),))
-    (walks,) = place_objects(stage, [request])
-    some = stage.with_frames((2, 4))
+    (walks,) = place_objects(prepared, [request])
+    some = prepared.with_frames((2, 4))
     (result,) = insert_objects(some, [walks], lambda *_: None)
-    last = stage.footage.shots[-1]
+    last = prepared.footage.shots[-1]
     for shot, frame in zip(some.footage.shots, result.frames, strict=True):
-        body = walks.body_at(shot.clock_s - stage.start_s)
-        gone = np.linalg.norm(body.position - walks.place.position) * stage.scale.metres_per_unit
+        body = walks.body_at(shot.clock_s - prepared.start_s)
+        gone = np.linalg.norm(body.position - walks.place.position) * prepared.scale.metres_per_unit
         assert gone == pytest.approx(0.4 * shot.index / last.index, abs=1e-6)
         assert body.unit == pytest.approx(walks.body.unit)
         assert shot.view is not None
@@ -113,8 +115,8 @@ def test_the_silhouette_is_as_high_as_the_true_one(inserted: Inserted) -> None:
 
 @pytest.mark.parametrize("error", [0.8, 1.25])
 def test_a_wrong_scale_shows_in_full(room: RecordedRoom, inserted: Inserted, error: float) -> None:
-    stage = stage_of(room, error)
-    placed = place_objects(stage, [inserted.placed.request])[0]
+    prepared = stage_of(room, error)
+    placed = place_objects(prepared, [inserted.placed.request])[0]
     assert placed.body.unit * error == pytest.approx(inserted.placed.body.unit)
     assert placed.size_m == inserted.placed.size_m
 
@@ -137,10 +139,10 @@ def test_far_pixels_do_not_change(inserted: Inserted) -> None:
 
 
 def test_twice_the_same(inserted: Inserted) -> None:
-    stage = stage_of(inserted.room)
-    (placed,) = place_objects(stage, [inserted.placed.request])
-    shot = stage.footage.shots[2]
-    (again,) = single_pictures(stage, [[placed]], shot)
+    prepared = stage_of(inserted.room)
+    (placed,) = place_objects(prepared, [inserted.placed.request])
+    shot = prepared.footage.shots[2]
+    (again,) = single_pictures(prepared, [[placed]], shot)
     np.testing.assert_array_equal(again, inserted.pictures[shot.name])
 
 
@@ -153,11 +155,11 @@ def test_sizes_are_metres_over_scale(inserted: Inserted, tmp_path: Path) -> None
 
 def test_who_walks_before_an_object_hides_it(room: RecordedRoom) -> None:
     """A mask all over the picture whose feet are below it: somebody right before the camera."""
-    stage = stage_of(room)
+    prepared = stage_of(room)
     model = write_glb(solid("chair", SIZE), room.folder / "chair.glb")
-    placed = place_objects(stage, [ObjectRequest(model)])
-    assert stage.ground() is not None
-    some = stage.with_frames((2, 2))
+    placed = place_objects(prepared, [ObjectRequest(model)])
+    assert prepared.ground() is not None
+    some = prepared.with_frames((2, 2))
     (shot,) = some.footage.shots
     assert shot.view is not None
     camera = shot.view.camera

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from metric_base.extras import MODULES_BY_EXTRA, missing_extra
+from metric_cli.extras import MODULES_BY_EXTRA, missing_extra
 from metric_cli.terminal import exit_status
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -11,8 +11,8 @@ from estimator.reading import read_instances, read_scene
 from estimator.reconstructions.cameras import pixels_in_view
 from insertion.footage.footage import PictureFootage, Stills
 from insertion.pipeline.objects import place_objects
+from insertion.pipeline.prepared_scene import prepare_scene
 from insertion.pipeline.request import ObjectRequest
-from insertion.pipeline.stage import make_stage
 from insertion.placement.place import At
 from insertion.scene.scale import ScaleUsed
 from tests.synthetic.insertions import write_glb
@@ -29,14 +29,14 @@ def test_a_twin_is_as_high_as_the_bottle(shared: Path, tmp_path: Path) -> None:
     scene = read_scene(shared / "data" / "scenes" / "tum_office")
     instances = read_instances(None, scene)
     stills = Stills(scene)
-    stage = make_stage(scene, stills, PictureFootage(stills), instances, ScaleUsed(SCALE, None, None, "option"))
+    prepared = prepare_scene(scene, stills, PictureFootage(stills), instances, ScaleUsed(SCALE, None, None, "option"))
     bottles = [item for item in instances if item.track == TRACK]
     shown = next(item for item in bottles if scene.views[item.view].name.startswith(FRAME))
     height, width = shown.mask.shape
     # the middle of the foot is a little above its front edge
     at = At(FRAME, shown.origin[0] + width / 2, shown.origin[1] + height - 0.15 * width)
     model = write_glb(solid("bottle", SIZE), tmp_path / "bottle.glb")
-    (twin,) = place_objects(stage, [ObjectRequest(model, at=at)])
+    (twin,) = place_objects(prepared, [ObjectRequest(model, at=at)])
     ratios = []
     for item in bottles:
         pixels, _ = pixels_in_view(scene.views[item.view], twin.body.position + twin.body.unit * twin.body.corners)

@@ -14,13 +14,13 @@ from PIL import Image
 
 from estimator.evidence.camera_height import CameraHeight
 from estimator.evidence.gps import Gps
-from estimator.evidence.lengths import RigBaseline, known_length_evidence
+from estimator.evidence.known_lengths import KnownLength, known_length_evidence
 from estimator.evidence.marker import Marker
 from estimator.evidence.metric_depth import MetricDepth
+from estimator.evidence.rig_baseline import RigBaseline
 from estimator.evidence.source import EvidenceSource
 from estimator.geometry.measurement import Measurements
 from estimator.reconstructions.cameras import pixels_in_view
-from estimator.reconstructions.known_lengths import KnownLength
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene

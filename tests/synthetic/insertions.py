@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.records.scene import DenseCloud, Instance, Scene
 from insertion.footage.footage import PictureFootage, Stills
-from insertion.pipeline.stage import Stage, make_stage
+from insertion.pipeline.prepared_scene import PreparedScene, prepare_scene
 from insertion.scene.scale import ScaleUsed
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.furnish import furnished_room, turn_about_z
@@ -57,15 +57,15 @@ def video_room(kind: str, seed: int, folder: Path, views: int = 6, noise: float 
     )
 
 
-def stage_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool = True) -> Stage:
-    """The stage at the true scale times `scale_error`."""
+def stage_of(room: RecordedRoom, scale_error: float = 1.0, dense: bool = True) -> PreparedScene:
+    """The prepared scene at the true scale times `scale_error`."""
     scene = room.scene
     if not dense:
         scene = replace(scene, dense=None)
     assert dense is False or isinstance(scene.dense, DenseCloud)
     stills = Stills(scene)
     scale = ScaleUsed(scale_error / room.to_scene.scale, None, None, "option")
-    return make_stage(scene, stills, PictureFootage(stills), room.instances, scale)
+    return prepare_scene(scene, stills, PictureFootage(stills), room.instances, scale)
 
 
 def write_glb(mesh: Mesh, file: Path, colour: tuple[float, float, float] = (0.5, 0.3, 0.2)) -> Path:

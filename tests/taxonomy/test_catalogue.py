@@ -110,29 +110,6 @@ WORDS = SynsetTable(
 )
 
 
-class Lexicon:
-    """The concepts that two sources bring."""
-
-    def hypernyms(self, concept):
-        above = {"mt:office_chair": ("chair.n.01", "seat.n.03"), "mt:cloud": ("sky.n.01",)}
-        return above.get(concept) or WORDS.hypernyms(concept)
-
-    def name(self, concept):
-        return concept.partition(":")[2] or concept.partition(".")[0]
-
-
-def test_the_same_leaf_is_found_whatever_came_before():
-    concepts = ["throne.n.01", "mt:office_chair", "mt:cloud"]
-    empty = Catalogue(LEVELS, (), WORDS)
-    at_once = empty.with_placed(concepts, Lexicon())
-    one_by_one = empty
-    for concept in reversed(concepts):
-        one_by_one = one_by_one.with_placed([concept], Lexicon())
-    assert at_once.leaves == one_by_one.leaves
-    assert at_once.leaf_of("throne.n.01") == "throne.n.01"
-    assert at_once.leaf_of("mt:cloud") is None
-
-
 def test_leaves_of_one_name_say_what_kind_of_object_they_are():
     leaves = (
         Leaf(node_id="mt:a", name="swing", parent_id="chair.n.01"),

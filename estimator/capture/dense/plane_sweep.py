@@ -31,7 +31,7 @@ EDGE = 1.04
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Window:
+class _WindowMoments:
     """A picture with its mean and variance over the window about each pixel."""
 
     grey: FloatPicture
@@ -79,7 +79,7 @@ def _cost_volume(view: PinholeView, sources: Sequence[PinholeView], depths: Floa
     return volume
 
 
-def _correlation(here: _Window, view: PinholeView, source: PinholeView, depth: float) -> FloatPicture:
+def _correlation(here: _WindowMoments, view: PinholeView, source: PinholeView, depth: float) -> FloatPicture:
     """(h, w) correlation with a source if the view showed the plane at `depth`; -1 outside the source.
 
     x_source ~ K_s (R + t n^T / depth) K^-1 x, with the plane's normal n = (0, 0, 1) in the view's frame.
@@ -102,12 +102,12 @@ def _correlation(here: _Window, view: PinholeView, source: PinholeView, depth: f
     return np.asarray(score, dtype=np.float32)
 
 
-def _window(grey: FloatPicture) -> _Window:
+def _window(grey: FloatPicture) -> _WindowMoments:
     """Mean and deviation of every window of a picture (h, w)."""
     import cv2
 
     mean = cv2.boxFilter(grey, -1, (WINDOW, WINDOW))
-    return _Window(grey, mean, np.maximum(cv2.boxFilter(grey * grey, -1, (WINDOW, WINDOW)) - mean * mean, 0))
+    return _WindowMoments(grey, mean, np.maximum(cv2.boxFilter(grey * grey, -1, (WINDOW, WINDOW)) - mean * mean, 0))
 
 
 def _aggregate(cost: FloatPicture) -> FloatPicture:

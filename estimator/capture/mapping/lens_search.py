@@ -8,7 +8,7 @@ from typing import Any
 
 from estimator.capture.mapping.gates import LEAST_FRAMES
 from estimator.capture.mapping.lens import Lens, is_fisheye
-from estimator.capture.mapping.mappers import Mapped, Task, mapped_frames
+from estimator.capture.mapping.mappers import Mapped, MappingTask, mapped_frames
 from estimator.capture.mapping.time_limit import OutOfTime
 from estimator.capture.mapping.worker_process import WorkerError, start_worker, wait_for_worker
 
@@ -26,7 +26,7 @@ TIMES_THE_FIRST, SECONDS_MORE = 3.0, 30.0
 SETTLED, MOST_ROUNDS = 0.01, 2
 
 
-def with_other_lens(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
+def with_other_lens(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
     """The best mapping through other lenses, or the first where none is better.
 
     lens : of the first mapping, `mapped`. Where that can be used, other camera models are tried only if they explain
@@ -68,7 +68,7 @@ def better_mapping(one: Mapped, two: Mapped) -> Mapped:
     return one if placed > 0 or (placed == 0 and one.shape.error_px < two.shape.error_px) else two
 
 
-def _settled_mapping(task: Task, lens: Lens, mapped: Mapped, number: int, seconds: float) -> Mapped:
+def _settled_mapping(task: MappingTask, lens: Lens, mapped: Mapped, number: int, seconds: float) -> Mapped:
     """The mapping again from the lens that it ended with, until that stays."""
     for turn in range(MOST_ROUNDS):
         before = mapped.params[0]
@@ -82,7 +82,7 @@ def _settled_mapping(task: Task, lens: Lens, mapped: Mapped, number: int, second
     return mapped
 
 
-def _choice(task: Task, mapped: Mapped) -> dict[str, Any] | None:
+def _choice(task: MappingTask, mapped: Mapped) -> dict[str, Any] | None:
     """What each camera model leaves of held out observations, and the best; None of a mapping with too few frames."""
     if mapped.shape is None or len(mapped.shape.names) < LEAST_FRAMES or mapped.model is None:
         return None

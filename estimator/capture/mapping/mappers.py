@@ -16,7 +16,7 @@ from estimator.capture.mapping.time_limit import TimeLimit
 from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
 from metric_base.progress import ProgressCallback
 
-__all__ = ["Mapped", "Task", "mapped_frames"]
+__all__ = ["Mapped", "MappingTask", "mapped_frames"]
 
 #: Threads of each of the two mappers, which run at once. With one the same matches give the same model; with more the
 #: sums of the adjustment are added in another order each time, which moves a focal length by up to 1 %.
@@ -45,7 +45,7 @@ class Mapped:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Task:
+class MappingTask:
     """What every mapping of one rung starts from.
 
     part : folder to work in; matches : database of the matches; pictures; evidence : what frames and matches show;
@@ -59,14 +59,14 @@ class Task:
     progress: ProgressCallback
     limit: TimeLimit
 
-    def below(self, name: str, seconds: float) -> Task:
+    def below(self, name: str, seconds: float) -> MappingTask:
         """The same in a folder of its own, within so many seconds."""
         folder = self.part / name
         folder.mkdir()
         return replace(self, part=folder, limit=self.limit.within(seconds))
 
 
-def mapped_frames(task: Task, lens: Lens, focal_last: bool = False) -> Mapped:
+def mapped_frames(task: MappingTask, lens: Lens, focal_last: bool = False) -> Mapped:
     """Both mappers at once, and whether what they made can be used.
 
     focal_last : the focal length is held until all frames have a place. A lens that differs from the one that the
@@ -110,7 +110,7 @@ def mapped_frames(task: Task, lens: Lens, focal_last: bool = False) -> Mapped:
     return Mapped(failure, shape, disagreement, model, lens.fixed, tuple(result["camera"]), seconds)
 
 
-def _request(task: Task, step: str, lens: Lens, matches: Path) -> dict[str, Any]:
+def _request(task: MappingTask, step: str, lens: Lens, matches: Path) -> dict[str, Any]:
     part = task.part
     scratch, output, database = part / f"{step}.scratch", part / step, part / f"{step}.db"
     scratch.mkdir()

@@ -18,7 +18,7 @@ from estimator.capture.mapping.gates import (
 )
 from estimator.capture.mapping.lens import Lens
 from estimator.capture.mapping.lens_search import other_mapping_s, with_other_lens
-from estimator.capture.mapping.mappers import Mapped, Task, mapped_frames
+from estimator.capture.mapping.mappers import Mapped, MappingTask, mapped_frames
 from estimator.capture.mapping.rungs import RUNGS, Rung
 from estimator.capture.mapping.time_limit import OutOfTime, TimeLimit
 from estimator.capture.mapping.worker_process import start_worker, wait_for_worker
@@ -108,7 +108,7 @@ def make_model(
     early = early_failure(evidence)
     part = output.with_name(f"{output.name}.made")
     part.mkdir()
-    task = Task(part, matches, pictures, evidence, progress, limit)
+    task = MappingTask(part, matches, pictures, evidence, progress, limit)
     if early is not None:
         mapped = Mapped(failure=early)
     else:
@@ -120,7 +120,7 @@ def make_model(
     _write_report(output.with_name(f"{output.name}.json"), mapped, evidence)
 
 
-def _mended_mapping(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
+def _mended_mapping(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
     """What other lenses and focal lengths make of frames that one lens explains badly; what there is at the limit."""
     if mapped.failure is not None and mapped.failure.code == "too_few_frames" and not most_are_linked(task.evidence):
         return mapped  # no lens links them
@@ -136,7 +136,7 @@ def _mended_mapping(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
     return mapped
 
 
-def _map_with_focal_last(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
+def _map_with_focal_last(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
     """The mapping again with the focal length adjusted at the end, if that places the frames; else as it was.
 
     On a straight drive the first two frames say next to nothing about the focal length: one of 4 times the width came
@@ -146,7 +146,7 @@ def _map_with_focal_last(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
     return last if last.failure is None else mapped
 
 
-def _map_with_held_focal(task: Task, lens: Lens, mapped: Mapped) -> Mapped:
+def _map_with_held_focal(task: MappingTask, lens: Lens, mapped: Mapped) -> Mapped:
     """The mapping again with the stated or, to find out what was wrong, a typical focal length."""
     assert mapped.failure is not None
     stated = lens.focal_px is not None and not lens.rough

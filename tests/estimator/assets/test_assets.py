@@ -12,12 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import metric_tree
-from estimator.assets.asset import Asset, AssetBody, Word
+from estimator.asset_files.asset import Asset, AssetBody, Word
+from estimator.asset_files.formats import read_asset, read_assets
+from estimator.asset_files.mending import write_at_scale
 from estimator.assets.category_words import category_of_words
 from estimator.assets.check import check_bodies
-from estimator.assets.formats import read_asset, read_assets
 from estimator.assets.hypotheses import hypotheses
-from estimator.assets.mending import write_at_scale
 from estimator.assets.model_size import model_true_size
 from estimator.assets.size_model import size_model
 from metric_base.errors import InputError

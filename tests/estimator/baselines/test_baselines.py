@@ -17,7 +17,7 @@ from estimator.baselines.paper import PaperMixture, authors_lists, fit_mixture, 
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scene import Camera, Instance, Scene, View
-from estimator.results.reports import Options
+from estimator.results.reports import EstimateOptions
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
 from metric_tree.tree import Tree
@@ -76,7 +76,7 @@ def test_paper_drops_implausible_dimensions(mini: Tree) -> None:
         _object("2", "bar stool", (0.84, 0.80, 1.52)),
         _object("3", "bar stool", (9.0, 9.0, 9.0), (0.1, 0.1, 0.1)),
     ]
-    result = paper_result(objects, mini, Options(method="paper"))
+    result = paper_result(objects, mini, EstimateOptions(method="paper"))
     assert result.status == "resolved"
     assert result.scale == pytest.approx(0.5, rel=0.04)
     assert result.objects[0].used == ("length", "width")
@@ -89,7 +89,7 @@ def test_paper_drops_implausible_dimensions(mini: Tree) -> None:
 
 
 def test_paper_without_usable_objects_is_unresolved(mini: Tree) -> None:
-    result = paper_result([_object("1", "unicorn", (1, 1, 1))], mini, Options(method="paper"))
+    result = paper_result([_object("1", "unicorn", (1, 1, 1))], mini, EstimateOptions(method="paper"))
     assert (result.status, result.scale) == ("unresolved", None)
 
 
@@ -151,9 +151,9 @@ def test_box_without_points_has_no_height() -> None:
 def test_sucar_counts_every_frame(mini: Tree) -> None:
     """A bar stool of 760 mm that is 0.8 units high: the scale is 0.95, and each further frame narrows the interval."""
     scene, instance = _scene()
-    one = sucar_result(scene, [instance], mini, Options(method="sucar"))
+    one = sucar_result(scene, [instance], mini, EstimateOptions(method="sucar"))
     assert one.scale == pytest.approx(0.95, rel=0.03)
-    many = sucar_result(scene, [instance] * 9, mini, Options(method="sucar"))
+    many = sucar_result(scene, [instance] * 9, mini, EstimateOptions(method="sucar"))
     assert one.interval is not None
     assert many.interval is not None
     narrowed = math.log(one.interval.high / one.interval.low) / math.log(many.interval.high / many.interval.low)
@@ -182,9 +182,9 @@ def test_the_baselines_have_no_jacobian(mini: Tree, monkeypatch: pytest.MonkeyPa
     """Of one object the highest likelihood is the mean size over the measured one, however wide the class is."""
     monkeypatch.setattr(sucar, "_moments", lambda _: (1000.0, 300.0))
     scene, instance = _scene(height=0.8)
-    by_box = sucar_result(scene, [instance], mini, Options(method="sucar"))
+    by_box = sucar_result(scene, [instance], mini, EstimateOptions(method="sucar"))
     assert by_box.modes[0].scale == pytest.approx(1.25, rel=0.01)
     wide = PaperMixture(("height",), np.ones(1), np.array([[1000.0]]), np.array([[[300.0**2]]]))
     monkeypatch.setattr(paper, "_node_mixture", lambda *_: (wide, False))
-    by_paper = paper_result([_object("1", "bar stool", (0.5, 0.5, 0.8))], mini, Options(method="paper"))
+    by_paper = paper_result([_object("1", "bar stool", (0.5, 0.5, 0.8))], mini, EstimateOptions(method="paper"))
     assert by_paper.modes[0].scale == pytest.approx(1.25, rel=0.01)

@@ -15,8 +15,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from estimator.evidence.depth_files import read_depth
-from estimator.evidence.lengths import RigBaseline, rig_baselines
 from estimator.evidence.metric_depth import MetricDepth, frame_sd
+from estimator.evidence.rig_baseline import RigBaseline, rig_baselines
 from estimator.geometry.measurement import Measurements
 from estimator.reconstructions.cameras import pixels_in_view
 from metric_base.errors import InputError

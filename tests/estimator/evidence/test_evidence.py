@@ -11,14 +11,14 @@ import pytest
 import estimator
 from estimator.evidence.camera_height import CameraHeight
 from estimator.evidence.gps import Gps
-from estimator.evidence.lengths import RigBaseline
 from estimator.evidence.marker import Marker
 from estimator.evidence.metric_depth import MetricDepth
+from estimator.evidence.rig_baseline import RigBaseline
 from estimator.evidence.source import EvidenceSource
 from estimator.geometry.measurement import Measurements, measure_objects
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import Options
+from estimator.results.reports import EstimateOptions
 from metric_base.errors import InputError
 from metric_tree.tree import Tree, open_tree
 from tests.synthetic import minitree
@@ -59,15 +59,15 @@ def test_each_kind_right_wrong_and_against_the_objects(kind: str, rig: Walk, tre
     right, wrong = one(KINDS[kind].rows(rig, shown)), one(KINDS[kind].rows(rig, shown, factor=2.0))
     objects = objects_of(tree, ["swivel chair", "bar stool", "mouse", "trackball"], rig.scale)
     without = scale_of_objects(objects, tree)
-    helped = scale_of_objects(objects, tree, Options(evidence=(right,)))
+    helped = scale_of_objects(objects, tree, EstimateOptions(evidence=(right,)))
     assert helped.scale == pytest.approx(rig.scale, rel=0.03)
     assert (helped.evidence[0].verdict, helped.evidence[0].reason) == ("used", None)
     assert _width(helped) < _width(without)
 
-    alone = scale_of_objects((), tree, Options(evidence=(wrong,)))
+    alone = scale_of_objects((), tree, EstimateOptions(evidence=(wrong,)))
     assert alone.modes[0].scale == pytest.approx(2 * rig.scale, rel=0.06)
 
-    against = scale_of_objects(objects, tree, Options(evidence=(wrong,)))
+    against = scale_of_objects(objects, tree, EstimateOptions(evidence=(wrong,)))
     if kind == "known length":  # certain, so that the scale is unresolved
         assert (against.status, against.evidence[0].verdict) == ("unresolved", "used")
         assert any("contradict the objects" in line for line in against.warnings)

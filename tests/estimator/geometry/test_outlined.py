@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.geometry.measurement import MeasurementOptions, measure_objects
-from estimator.outlines.reaches import mask_reaches
+from estimator.outlines.object_outlines import mask_reaches
 from estimator.outlines.sight_errors import point_covariances
 from tests.synthetic.rooms.few_points import FewPointsWorld, few_points_world
 from tests.synthetic.shapes import orbit

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.outlines.cuboid_fit import _reaches
-from estimator.outlines.reaches import Outlines
+from estimator.outlines.object_outlines import Outlines
 
 LOG = st.floats(-1.0, 1.0)
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimator.outlines.cuboid_fit import Sightings, entry_depths, fit_cuboid
-from estimator.outlines.reaches import Outlines, mask_reaches
+from estimator.outlines.object_outlines import Outlines, mask_reaches
 from estimator.reconstructions.cameras import project
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import FloatArray

@@ -13,13 +13,13 @@ from scipy.stats import norm
 
 from estimator.posterior import grid
 from estimator.posterior.class_error import convolution, shared_error
-from estimator.posterior.definition import class_log_likelihood, hypothesis_likelihood
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import posterior
 from estimator.posterior.sameness import hypotheses
 from estimator.posterior.status import near_mass, status_of
 from estimator.records.curve import Curve, Mode
 from metric_base.arrays import FloatArray
+from tests.synthetic.class_likelihood_definition import class_log_likelihood, hypothesis_likelihood
 from tests.synthetic.priors import evidence, prior
 
 CHAIR = prior("chair.n.01", [(560, 540, 950), (700, 640, 1100)])

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.reconstructions.known_lengths import DEFAULT_SIGMA, parse_known_lengths
+from estimator.evidence.known_lengths import DEFAULT_SIGMA, parse_known_lengths
 from metric_base.errors import InputError
 
 

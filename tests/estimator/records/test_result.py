@@ -13,7 +13,7 @@ import pytest
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import Alternative, Interval, ObjectReport, ScaleResult, UpReport
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import Options
+from estimator.results.reports import EstimateOptions
 from estimator.results.verdicts import outlier_reason
 from metric_cli.estimate_scale.result_table import result_text
 from metric_tree.tree import Tree
@@ -134,7 +134,7 @@ def test_support_planes_are_reported_both_ways(mini: Tree) -> None:
 
 def test_skipped_objects_keep_their_reason(mini: Tree) -> None:
     item = MeasuredObject("1", "bar stool", np.full(3, np.nan), np.full(3, np.nan), skipped="3 points, 16 needed")
-    result = scale_of_objects([item], mini, Options(leave_one_class_out=True))
+    result = scale_of_objects([item], mini, EstimateOptions(leave_one_class_out=True))
     assert result.status == "unresolved"
     assert (result.objects[0].verdict, result.objects[0].reason) == ("skipped", "3 points, 16 needed")
     assert "unresolved: no usable object" in result.warnings

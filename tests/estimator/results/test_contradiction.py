@@ -13,7 +13,7 @@ from estimator.records.result import ScaleResult
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.results.contradiction import contradiction_of
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import Options
+from estimator.results.reports import EstimateOptions
 from metric_tree.tree import Tree
 from tests.synthetic.priors import evidence, prior
 
@@ -33,7 +33,7 @@ def answer(
         for place, (category, extents) in enumerate(objects)
     ]
     evidence = () if known is None else (length(known),)
-    return scale_of_objects(items, tree, Options(evidence=evidence, trust_known_length=trust))
+    return scale_of_objects(items, tree, EstimateOptions(evidence=evidence, trust_known_length=trust))
 
 
 @pytest.mark.parametrize("known", [5.0, 1.64, 1.27, 1.0, 0.75, 0.15, 0.05, 500.0])
@@ -87,10 +87,10 @@ def test_evidence_that_may_be_wrong_gives_way_to_the_objects(mini: Tree) -> None
         for n, (name, size) in enumerate([("swivel chair", CHAIR), ("bar stool", STOOL)] * 2)
     ]
     plain = scale_of_objects(objects, mini)
-    right = scale_of_objects(objects, mini, Options(evidence=(ScaleEvidence("gps", "csv", 0.52, 0.02),)))
-    wrong = scale_of_objects(objects, mini, Options(evidence=(ScaleEvidence("gps", "csv", 3.0, 0.02),)))
+    right = scale_of_objects(objects, mini, EstimateOptions(evidence=(ScaleEvidence("gps", "csv", 0.52, 0.02),)))
+    wrong = scale_of_objects(objects, mini, EstimateOptions(evidence=(ScaleEvidence("gps", "csv", 3.0, 0.02),)))
     mute = ScaleEvidence("gps", "csv", None, None, reason="the path is too short")
-    silent = scale_of_objects(objects, mini, Options(evidence=(mute,)))
+    silent = scale_of_objects(objects, mini, EstimateOptions(evidence=(mute,)))
     assert plain.scale is not None
     assert right.scale == pytest.approx(0.52, rel=0.02)
     assert right.evidence[0].verdict == "used"
@@ -115,7 +115,7 @@ def test_evidence_that_may_be_wrong_gives_way_to_the_objects(mini: Tree) -> None
 
 
 def test_evidence_without_objects_is_an_answer(mini: Tree) -> None:
-    result = scale_of_objects([], mini, Options(evidence=(ScaleEvidence("marker", "7", 0.4, 0.02),)))
+    result = scale_of_objects([], mini, EstimateOptions(evidence=(ScaleEvidence("marker", "7", 0.4, 0.02),)))
     assert result.scale == pytest.approx(0.4, rel=0.01)
 
 

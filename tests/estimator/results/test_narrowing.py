@@ -11,7 +11,7 @@ import metric_tree
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import Options
+from estimator.results.reports import EstimateOptions
 from metric_tree.tree import Tree
 
 VASE = MeasuredObject("1", "vase", np.array([0.2, 0.2, 0.5]), np.full(3, 0.03))
@@ -30,7 +30,7 @@ def test_a_known_height_is_worth_what_it_says(tree: Tree) -> None:
     (length,) = [one for one in alone.would_help if "known length" in one.what]
     assert length.object == "vase 1"
     line = ScaleEvidence("known_length", "1", scale=alone.modes[0].scale, sd_log=0.032, doubt=0.0)
-    known = scale_of_objects([VASE], tree, Options(evidence=(line,)))
+    known = scale_of_objects([VASE], tree, EstimateOptions(evidence=(line,)))
     assert known.interval is not None
     before, after = estimate_width(alone), np.log(known.interval.high / known.interval.low)
     assert length.narrows_by == pytest.approx(1 - after / before, abs=0.05)

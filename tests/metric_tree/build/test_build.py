@@ -15,7 +15,7 @@ from crawler.items import RawItem
 from metric_base.errors import InputError
 from metric_tree.build import steps as build_module
 from metric_tree.build.ingest import believed_spread, is_held_out
-from metric_tree.build.steps import Options, build_release
+from metric_tree.build.steps import BuildOptions, build_release
 from metric_tree.build.work_folder import sole_writer
 from metric_tree.checks.release_files import findings
 from metric_tree.fit.evidence import EVIDENCE
@@ -23,10 +23,10 @@ from metric_tree.tree import open_tree
 from tests.synthetic.raw_fixture import SOURCES, TYPICAL, synthetic_items, written
 from tests.synthetic.small_taxonomy import small_taxonomy
 
-OPTIONS = Options(version="0.0.1", created="2026-11-21", heldout=False)
+OPTIONS = BuildOptions(version="0.0.1", created="2026-11-21", heldout=False)
 
 
-def build(raw, out: Path, options: Options = OPTIONS, **more):
+def build(raw, out: Path, options: BuildOptions = OPTIONS, **more):
     return build_release([raw], out, options, taxonomy=small_taxonomy, declared=SOURCES, **more)
 
 

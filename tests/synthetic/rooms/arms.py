@@ -17,7 +17,7 @@ from estimator.geometry.measurement import PAPER, MeasurementOptions, Measuremen
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import scale_of_objects
-from estimator.results.reports import Options
+from estimator.results.reports import EstimateOptions
 from metric_tree.tree import Tree
 from tests.synthetic.rooms.scores import Score, height_error
 from tests.synthetic.rooms.truth import Truth
@@ -62,7 +62,7 @@ def scores(
         method, how = ARMS[arm]
         started = time.perf_counter()
         if how is None:
-            result = sucar_result(case.scene, case.instances, tree, Options(method=method))
+            result = sucar_result(case.scene, case.instances, tree, EstimateOptions(method=method))
             heights = box_heights(case.scene, case.instances, prescribed_down(case.scene))
             true = [item.track for item in case.instances]
             taken = None
@@ -70,7 +70,7 @@ def scores(
             if how not in measurements:
                 measurements[how] = measure_objects(case.scene, case.instances, replace(how, stated_tracks=False))
             taken = measurements[how]
-            options = Options(method=method)
+            options = EstimateOptions(method=method)
             if method == "paper":
                 result = paper_result(taken.objects, tree, options, lists if arm == AUTHORS else None)
             else:

@@ -21,16 +21,16 @@ from metric_tree.prior import Prior
 from metric_tree.tree import Node, NoPrior, Tree, UnknownName
 from taxonomy.label_lists import Label, vocabularies, vocabulary
 
-__all__ = ["AXES", "QUANTILES", "Catalogue"]
+__all__ = ["AXES", "QUANTILES", "ReleaseCatalogue"]
 
-#: Columns of `Catalogue.sizes`.
+#: Columns of `ReleaseCatalogue.sizes`.
 AXES = ("length", "width", "height", "extent1", "extent2", "extent3")
 
 #: The quantiles that every page and answer has: the ends of the 90 % interval, the quartiles and the median.
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
-class Catalogue:
+class ReleaseCatalogue:
     """One release for pages and answers, among those that the same site or server has.
 
     Parameters

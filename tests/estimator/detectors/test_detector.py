@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 from onnx import TensorProto, helper
 
-from estimator.instances.detection import detect_instances
-from estimator.instances.detector import Detector, load_detector
+from estimator.detectors.detection import detect_instances
+from estimator.detectors.detector import Detector, load_detector
+from estimator.detectors.open_detectors import RegisteredDetector, download, registry
 from estimator.instances.label_names import label_names
-from estimator.instances.registry import RegisteredDetector, download, registry
 from estimator.reading import read_instances, read_scene
 from metric_base.errors import InputError
 from metric_cli.estimate_scale.estimate import main
@@ -108,7 +108,7 @@ def test_a_file_of_the_registry_is_known_by_its_sha256(tmp_path: Path, monkeypat
         "zoo", "", ("https://example.org/a",), hashlib.sha256(graph.read_bytes()).hexdigest(), "MIT", "caffe", "coco_80"
     )
     assert (load_detector(graph).form, load_detector(graph).labels[12]) == ("torchvision", "")
-    monkeypatch.setattr("estimator.instances.registry.registry", lambda: (own,))
+    monkeypatch.setattr("estimator.detectors.open_detectors.registry", lambda: (own,))
     assert (load_detector(graph).form, load_detector(graph).labels[12]) == ("caffe", "stop sign")
 
 

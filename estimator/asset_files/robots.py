@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.assets.asset import Asset, AssetBody, Word, body_of
+from estimator.asset_files.asset import Asset, AssetBody, Word, body_of
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.input_files import read_bytes

@@ -22,16 +22,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.instances.label_names import label_names
-from estimator.instances.masks import box_mask
-from estimator.instances.one_stage import (
+from estimator.detectors.one_stage import (
     OneStageForm,
     class_names,
     one_stage_detections,
     one_stage_form,
     one_stage_inputs,
 )
-from estimator.instances.registry import RegisteredDetector, download, registry_entry, registry_entry_of
+from estimator.detectors.open_detectors import RegisteredDetector, download, registry_entry, registry_entry_of
+from estimator.instances.label_names import label_names
+from estimator.instances.masks import box_mask
 from metric_base.arrays import BoolArray, FloatArray, IntArray
 from metric_base.errors import FieldError, InputError, Unquoted, in_file
 from metric_base.input_files import read_text

@@ -16,7 +16,7 @@ from metric_cli.progress import with_bar
 from metric_cli.terminal import print_table, warn
 
 if TYPE_CHECKING:
-    from estimator.assets.asset import Asset
+    from estimator.asset_files.asset import Asset
     from estimator.assets.check import AssetCheck
     from metric_tree.tree import Tree
 
@@ -107,7 +107,7 @@ def _outcomes(arguments: argparse.Namespace, tree: Tree, done: set[str]) -> Iter
 
 
 def _assets(arguments: argparse.Namespace) -> Iterable[Asset | InputError]:
-    from estimator.assets.formats import asset_files, read_assets, read_boxes
+    from estimator.asset_files.formats import asset_files, read_assets, read_boxes
     from metric_base.input_files import read_text
 
     files = list(arguments.files)
@@ -168,7 +168,7 @@ def _print_counts(checks: list[AssetCheck]) -> None:
 
 
 def _fix(arguments: argparse.Namespace, check: AssetCheck, names: OutputNames | None) -> None:
-    from estimator.assets.mending import write_at_scale
+    from estimator.asset_files.mending import write_at_scale
 
     source = Path(check.file)
     factor: Any = check.factor if check.verdict == "wrong unit" else None

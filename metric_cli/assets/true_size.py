@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the factor with its interval; write the model where asked for."""
-    from estimator.assets.mending import write_at_scale
+    from estimator.asset_files.mending import write_at_scale
     from estimator.assets.model_size import boxes_true_size, model_true_size
     from metric_tree.tree import open_tree
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.assets.asset import Asset, AssetBody, Box, Word, body_of
+from estimator.asset_files.asset import Asset, AssetBody, Box, Word, body_of
 from estimator.gltf.accessors import Accessors
 from estimator.gltf.gltf_files import MAX_BYTES, FolderResolver, buffers_of, check_header, gltf_header
 from estimator.gltf.nodes import joint_transforms, root_nodes, skin_transforms, world_transforms

@@ -10,8 +10,8 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from estimator.instances.detector import load_detector
-from estimator.instances.one_stage import class_names
+from estimator.detectors.detector import load_detector
+from estimator.detectors.one_stage import class_names
 from metric_base.errors import InputError
 
 SIDE = 64

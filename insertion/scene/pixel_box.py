@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from estimator.records.scene import Instance
 
-__all__ = ["Box", "labels_in_box", "mask_in_box"]
+__all__ = ["PixelBox", "labels_in_box", "mask_in_box"]
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class PixelBox:
     """Pixels x0 .. x1, y0 .. y1 of a picture, the ends not included."""
 
     x0: int
@@ -32,18 +32,18 @@ class Box:
         """For arrays (h, w, ...)."""
         return slice(self.y0, self.y1), slice(self.x0, self.x1)
 
-    def union(self, other: Box | None) -> Box:
+    def union(self, other: PixelBox | None) -> PixelBox:
         """The box about both."""
         if other is None:
             return self
-        return Box(min(self.x0, other.x0), min(self.y0, other.y0), max(self.x1, other.x1), max(self.y1, other.y1))
+        return PixelBox(min(self.x0, other.x0), min(self.y0, other.y0), max(self.x1, other.x1), max(self.y1, other.y1))
 
-    def overlap(self, other: Box) -> Box | None:
+    def overlap(self, other: PixelBox) -> PixelBox | None:
         """What both have in common; None without any pixel."""
-        part = Box(max(self.x0, other.x0), max(self.y0, other.y0), min(self.x1, other.x1), min(self.y1, other.y1))
+        part = PixelBox(max(self.x0, other.x0), max(self.y0, other.y0), min(self.x1, other.x1), min(self.y1, other.y1))
         return part if part.x0 < part.x1 and part.y0 < part.y1 else None
 
-    def within(self, outer: Box) -> tuple[slice, slice]:
+    def within(self, outer: PixelBox) -> tuple[slice, slice]:
         """Slices of this box in an array over `outer`, which contains it."""
         return (
             slice(self.y0 - outer.y0, self.y1 - outer.y0),
@@ -51,11 +51,11 @@ class Box:
         )
 
 
-def mask_in_box(item: Instance, box: Box) -> NDArray[np.bool_] | None:
+def mask_in_box(item: Instance, box: PixelBox) -> NDArray[np.bool_] | None:
     """(h, w) the instance's mask over the box, None where they do not meet."""
     x, y = item.origin
     height, width = item.mask.shape
-    own = Box(x, y, x + width, y + height)
+    own = PixelBox(x, y, x + width, y + height)
     common = own.overlap(box)
     if common is None:
         return None
@@ -64,7 +64,7 @@ def mask_in_box(item: Instance, box: Box) -> NDArray[np.bool_] | None:
     return mask
 
 
-def labels_in_box(instances: Sequence[Instance], box: Box) -> NDArray[np.int32]:
+def labels_in_box(instances: Sequence[Instance], box: PixelBox) -> NDArray[np.int32]:
     """(h, w) one plus the row of the last instance whose mask has the pixel, 0 without one."""
     labels = np.zeros(box.shape, dtype=np.int32)
     for number, item in enumerate(instances, start=1):

@@ -1,9 +1,8 @@
-"""Known lengths, and baselines between the cameras of a rig, as evidence."""
+"""The distance between the cameras of a rig, such as a stereo pair, as evidence."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,6 @@ import numpy as np
 
 from estimator.evidence.source import silent
 from estimator.reconstructions.checked_files import json_array, json_object
-from estimator.reconstructions.known_lengths import KnownLength
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import Scene
 from metric_base.arrays import FloatArray
@@ -23,18 +21,10 @@ from metric_base.statistics import robust_sigma
 if TYPE_CHECKING:
     from estimator.geometry.measurement import Measurements
 
-__all__ = ["RigBaseline", "known_length_evidence", "rig_baselines"]
+__all__ = ["RigBaseline", "rig_baselines"]
 
 #: A rig's baseline is stated to a millimetre or so, and the reconstruction's is no better: natural log.
 LEAST_SD = 0.005
-
-
-def known_length_evidence(lengths: Sequence[KnownLength]) -> tuple[ScaleEvidence, ...]:
-    """Each length as evidence without doubt: the user says so. The result says what contradicts it."""
-    return tuple(
-        ScaleEvidence("known_length", str(number), math.exp(length.log_scale), length.sigma, doubt=0.0)
-        for number, length in enumerate(lengths, 1)
-    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from estimator.detectors.detector import MIN_SCORE, Detections, Detector, Picture
 from estimator.instances.crops import mask_crop
-from estimator.instances.detector import MIN_SCORE, Detections, Detector, Picture
 from estimator.instances.image_files import image_file
 from estimator.records.scene import Instance, Scene, View
 from metric_base.errors import InputError, Unquoted, in_file

@@ -23,11 +23,11 @@ from insertion.scene.patches import plane_patches
 from insertion.scene.scale import ScaleUsed
 from metric_base.errors import InputError
 
-__all__ = ["Stage", "frame_range", "make_stage"]
+__all__ = ["PreparedScene", "frame_range", "prepare_scene"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
+class PreparedScene:
     """Everything about the scene that does not depend on an object; shading is found when it is first asked for.
 
     moving : by the number of a shot, the masks of what moves in it.
@@ -55,8 +55,8 @@ class Stage:
         whole = self.footage.whole if isinstance(self.footage, FrameRange) else self.footage
         return whole.shots[0].clock_s if whole.shots else 0.0
 
-    def with_frames(self, frames: tuple[int, int]) -> Stage:
-        """The stage with the shots from the first to the last number of `frames`. Raises InputError without any."""
+    def with_frames(self, frames: tuple[int, int]) -> PreparedScene:
+        """It with the shots from the first to the last number of `frames`. Raises InputError if there are none."""
         footage = FrameRange(self.footage, *frames)
         if not footage.shots:
             last = len(self.footage.shots) - 1
@@ -72,22 +72,22 @@ class Stage:
         return self.carrier.masks(shot.row if own else None, shot.view)
 
 
-def make_stage(
+def prepare_scene(
     scene: Scene,
     stills: Stills,
     footage: Footage,
     instances: Sequence[Instance],
     scale: ScaleUsed,
     up: Up | None = None,
-) -> Stage:
-    """The stage of a scene; reads the stills once for the cloud's colours. up : if it is known."""
+) -> PreparedScene:
+    """The prepared scene of a scene; reads the stills once for the cloud's colours. up : if it is known."""
     by_view: dict[int, list[Instance]] = defaultdict(list)
     for item in instances:
         if not item.from_box:  # a box has no edge to hide behind
             by_view[item.view].append(item)
     cloud = coloured_cloud(scene, stills)
     supports = supports_of(scene, cloud, up)
-    return Stage(
+    return PreparedScene(
         scene,
         stills,
         footage,

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from estimator.assets.asset import Asset, joined_body
-from estimator.assets.formats import GLTF_SUFFIXES, ROBOT_SUFFIXES, USD, read_asset
-from estimator.assets.gltf_baking import bake
+from estimator.asset_files.asset import Asset, joined_body
+from estimator.asset_files.formats import GLTF_SUFFIXES, ROBOT_SUFFIXES, USD, read_asset
+from estimator.asset_files.gltf_baking import bake
 from estimator.gltf.gltf_files import MAX_BYTES, gltf_header
 from metric_base.errors import FieldError, InputError, Unquoted, in_file
 from metric_base.files import whole_file

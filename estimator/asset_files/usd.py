@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from estimator.assets.asset import Asset, AssetBody, Up, Word, body_of
+from estimator.asset_files.asset import Asset, AssetBody, Up, Word, body_of
 from metric_base.errors import FieldError, Unquoted, in_file
 from metric_base.schema import expect
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from estimator.records.scale_evidence import ScaleEvidence
 from estimator.records.scene import MAX_COORDINATE
 from metric_base.arrays import FloatArray
 from metric_base.errors import FieldError, Unquoted, at_field, in_file
 from metric_base.input_files import read_text
 
-__all__ = ["KnownLength", "parse_known_lengths"]
+__all__ = ["KnownLength", "known_length_evidence", "parse_known_lengths"]
 
 #: How far off a length is whose points were picked by hand in a sparse cloud, where nothing else is stated.
 DEFAULT_SIGMA = 0.01
@@ -42,6 +44,14 @@ class KnownLength:
     def log_scale(self) -> float:
         """Natural log of the scale (metres per scene unit) that this length alone gives."""
         return float(np.log(self.metres / self.distance))
+
+
+def known_length_evidence(lengths: Sequence[KnownLength]) -> tuple[ScaleEvidence, ...]:
+    """Each length as evidence without doubt: the user says so. The result says what contradicts it."""
+    return tuple(
+        ScaleEvidence("known_length", str(number), math.exp(length.log_scale), length.sigma, doubt=0.0)
+        for number, length in enumerate(lengths, 1)
+    )
 
 
 def parse_known_lengths(words: Sequence[str]) -> tuple[KnownLength, ...]:

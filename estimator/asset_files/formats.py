@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.assets.asset import Asset, AssetBody, Up, Word
+from estimator.asset_files.asset import Asset, AssetBody, Up, Word
 from metric_base.errors import InputError, Unquoted
 from metric_base.input_files import read_text
 
@@ -80,19 +80,19 @@ def _read(path: Path) -> Asset:
     if not path.is_file():
         raise InputError(f"{path}: file: expected a 3-D model, found {'a folder' if path.is_dir() else 'no such file'}")
     if suffix in GLTF_SUFFIXES:
-        from estimator.assets.gltf_bodies import read_gltf
+        from estimator.asset_files.gltf_bodies import read_gltf
 
         return read_gltf(path)
     if suffix in USD:
-        from estimator.assets.usd import read_usd
+        from estimator.asset_files.usd import read_usd
 
         return read_usd(path)
     if suffix in ROBOT_SUFFIXES:
-        from estimator.assets.robots import read_robot
+        from estimator.asset_files.robots import read_robot
 
         return read_robot(path, _read)
     if suffix in MESH or suffix == ".dae":
-        from estimator.assets.meshes import read_collada, read_mesh
+        from estimator.asset_files.meshes import read_collada, read_mesh
 
         return read_collada(path) if suffix == ".dae" else read_mesh(path)
     raise InputError(f"{path}: file: expected one of {', '.join(SUFFIXES)}, found {suffix or 'no ending'}")

@@ -23,6 +23,8 @@ __all__ = ["MaskOverlap", "linked_parts"]
 DOUBT_SHARE = 0.1
 # Masks whose pairs are looked at together: so many of 20,000 make 5 million pairs at most, 60 MB.
 BLOCK_ROWS = 256
+# Points and pairs of masks that are summed together, 100 MB.
+BLOCK_COST = 1 << 20
 # Sums of single precision are exact to far less than this.
 ROUNDING = 1e-4
 
@@ -84,6 +86,34 @@ class MaskOverlap:
             sights = (chosen @ seen[np.ix_(rows, shown)]) @ counts.T
             tables += np.array([shared, sights + sights.T - shared])
         return tables
+
+    def pair_sums(self, groups: Sequence[Sequence[int]], pairs: IntArray) -> FloatArray:
+        """(4, e) over the masks of pairs (2, e) of groups: points shared; fewer both views see; doubt; the union."""
+        lengths = np.array([len(group) for group in groups], dtype=np.int64)
+        rows = np.fromiter((row for group in groups for row in group), dtype=np.int64, count=int(lengths.sum()))
+        owner, first = np.repeat(np.arange(len(groups)), lengths), np.cumsum(lengths) - lengths
+        chosen = csr_array((np.ones(len(rows), dtype=np.float32), (owner, rows)), shape=(len(groups), len(self.views)))
+        sums: FloatArray = np.zeros((4, pairs.shape[1]))
+        if not pairs.shape[1]:
+            return sums
+        for members, seen, held in zip(self.members, self.seen, self.held, strict=True):
+            points = csr_array(chosen @ members)
+            cost = np.diff(points.indptr)[pairs].sum(axis=0) + lengths[pairs].prod(axis=0)
+            for own in np.split(np.arange(len(cost)), np.flatnonzero(np.diff(np.cumsum(cost) // BLOCK_COST)) + 1):
+                shared = points[pairs[0, own]].multiply(points[pairs[1, own]]).sum(axis=1)
+                width = lengths[pairs[1, own]]
+                count = lengths[pairs[0, own]] * width
+                begin = np.cumsum(count) - count
+                step, width = np.arange(int(count.sum())) - np.repeat(begin, count), np.repeat(width, count)
+                one = rows[np.repeat(first[pairs[0, own]], count) + step // width]
+                two = rows[np.repeat(first[pairs[1, own]], count) + step % width]
+                there, here = seen[one, self.views[two]], seen[two, self.views[one]]
+                doubt = DOUBT_SHARE * np.minimum(held[one], held[two])
+                lines = np.array([np.minimum(there, here), doubt, there + here], dtype=float)
+                sums[0, own] += shared
+                sums[1:, own] += np.add.reduceat(lines, begin, axis=1)
+        sums[3] -= sums[0]
+        return sums
 
     def joinable(self, kinds: IntArray, share: float, share_across: float) -> tuple[IntArray, IntArray]:
         """(2, e) and (2, f) pairs of masks of two views: of one kind (m,) and `share`, of any and `share_across`.

@@ -15,6 +15,7 @@ from heapq import heapify, heappop, heappush
 
 import numpy as np
 
+from estimator.association.linked_groups import merge_linked
 from estimator.association.mask_overlap import MaskOverlap, linked_parts
 from estimator.association.point_labels import PointLabels
 from estimator.association.proximity import MIN_PLACE_POINTS, GroupPlaces, NearbyGroups, relative_distance
@@ -35,6 +36,9 @@ MIN_SHARED_POINTS = 3
 # Groups that lie in one place are joined too, unless the views say otherwise: where they see enough of each other's
 # points, this share at least must be common.
 NOT_CONTRADICTED_SHARE = 0.2
+# More masks or groups that links join into one part are joined without tables of all by all: five such tables of 2,000
+# take 100 MB.
+MAX_TABLE = 2000
 # Points of one mask that say where it is.
 MAX_MASK_POINTS = 1000
 
@@ -65,7 +69,7 @@ def shared_tracks(
     own, across = overlap.joinable(kinds, JOIN_SHARE, JOIN_SHARE_ACROSS_CATEGORIES)
     joined: list[list[list[int]]] = [[] for _ in names]
     for part in linked_parts(len(instances), own):
-        joined[kinds[part[0]]] += _merge_part(part, overlap)
+        joined[kinds[part[0]]] += _merge_part(part, overlap, own)
     places = GroupPlaces(lambda row: _mask_points(labels, row))
     groups: list[list[int]] = []
     for alike in joined:
@@ -114,8 +118,19 @@ def _mask_points(labels: Sequence[PointLabels], row: int) -> FloatArray:
     return np.concatenate([cloud.points[own] for cloud, own in zip(labels, thin, strict=True)])
 
 
-def _merge_part(part: IntArray, overlap: MaskOverlap) -> list[list[int]]:
-    """Groups of the masks (k,) of one category, joined by the points they share."""
+def _merge_part(part: IntArray, overlap: MaskOverlap, links: IntArray) -> list[list[int]]:
+    """Groups of the masks (k,) of one category, joined by the points they share; links (2, e) of all masks."""
+    if len(part) > MAX_TABLE:
+        place: IntArray = np.full(len(overlap.views), -1)
+        place[part] = np.arange(len(part))
+        inner = place[links]
+
+        def sums(groups: Sequence[Sequence[int]], pairs: IntArray) -> FloatArray:
+            shared, smaller, doubt, _ = overlap.pair_sums(groups, pairs)
+            return np.array([shared, smaller + doubt])
+
+        alone = [[int(row)] for row in part]
+        return merge_linked(alone, inner[:, inner[0] >= 0], overlap.views, sums, JOIN_SHARE, MIN_SHARED_POINTS)
     shared, smaller, doubt = overlap.tables(part, part)
     alone = [[number] for number in range(len(part))]
     merged = _merge_by_points(alone, overlap.views[part], shared, smaller + doubt, JOIN_SHARE)
@@ -130,7 +145,20 @@ def _merge_across(groups: list[list[int]], overlap: MaskOverlap, links: IntArray
     merged: list[list[int]] = []
     for part in linked_parts(len(groups), owner[links]):
         own = [groups[number] for number in part]
-        if len(own) > 1:
+        if len(own) > MAX_TABLE:
+            place: IntArray = np.full(len(groups), -1)
+            place[part] = np.arange(len(part))
+            inner = place[owner[links]]
+            inner = inner[:, (inner[0] >= 0) & (inner[0] != inner[1])]
+            own = merge_linked(
+                own,
+                inner,
+                overlap.views,
+                lambda groups, pairs: overlap.pair_sums(groups, pairs)[[0, 3]],
+                JOIN_SHARE_ACROSS_CATEGORIES,
+                MIN_SHARED_POINTS,
+            )
+        elif len(own) > 1:
             shared, union = overlap.between(own)
             own = _merge_by_points(own, overlap.views, shared, union, JOIN_SHARE_ACROSS_CATEGORIES)
         merged += own

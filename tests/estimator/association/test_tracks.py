@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from estimator.association import tracks as tracks_module
+from estimator.association.linked_groups import merge_linked
 from estimator.association.point_labels import PointLabels, dense_labels, sparse_labels
 from estimator.association.tracks import _merge_by_points, incremental_tracks, shared_tracks, voted_category
 from estimator.records.scene import Instance
@@ -159,3 +161,29 @@ def test_the_kept_partners_give_what_looking_at_all_pairs_gives(seed, count, sha
     plain = plainly_merged(views, over, under, share)
     quick = _merge_by_points([[row] for row in range(count)], views, over.copy(), under.copy(), share)
     assert sorted(sorted(group) for group in quick) == plain
+
+
+@given(seed=st.integers(0, 10_000), count=st.integers(1, 14), share=st.floats(0.2, 0.9))
+@settings(max_examples=60, deadline=None)
+def test_best_partners_joined_in_rounds_give_what_the_best_pair_first_gives(seed, count, share):
+    random = np.random.default_rng(seed)
+    views = random.integers(0, max(2, count // 2), count)
+    over = random.uniform(3, 20, (count, count))
+    over += over.T
+    under = over * random.uniform(1, 4, (count, count))
+    under += under.T
+
+    def sums(groups, pairs):
+        tables = [(over[np.ix_(groups[a], groups[b])], under[np.ix_(groups[a], groups[b])]) for a, b in pairs.T]
+        return np.array([[table.sum() for table in both] for both in tables]).reshape(-1, 2).T
+
+    links = np.array(np.triu_indices(count, 1))
+    quick = merge_linked([[row] for row in range(count)], links, views, sums, share, 3)
+    assert sorted(sorted(group) for group in quick) == plainly_merged(views, over, under, share)
+
+
+def test_parts_too_large_for_a_table_give_the_same_objects(table, monkeypatch):
+    clouds = [sparse_labels(table.scene, table.instances), dense_labels(table.scene, table.instances)]
+    usual = groups(shared_tracks(table.instances, clouds))
+    monkeypatch.setattr(tracks_module, "MAX_TABLE", 0)
+    assert groups(shared_tracks(table.instances, clouds)) == usual

@@ -14,7 +14,7 @@ import multiprocessing
 import random
 import statistics
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from http.client import HTTPConnection
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -47,10 +47,10 @@ def main() -> None:
     try:
         ports = here.recv()
         print_rates(ports, count)
-        before, started = resident_mb(server.pid), time.perf_counter()
-        ask_mixed(ports[1], mixed)
-        after, seconds = resident_mb(server.pid), time.perf_counter() - started
-        print(f"memory of the server: {before} MB, after {mixed:,} mixed requests {after} MB; {seconds:.0f} s")
+        started = time.perf_counter()
+        print(f"memory of the server: {resident_mb(server.pid)} MB")
+        for done in ask_mixed(ports[1], mixed):
+            print(f"after {done:,} mixed requests {resident_mb(server.pid)} MB; {time.perf_counter() - started:.0f} s")
         here.send("stop")
         server.join(30)
     finally:
@@ -89,8 +89,8 @@ def print_rates(ports: list[int], count: int) -> None:
         )
 
 
-def ask_mixed(port: int, count: int) -> None:
-    """Priors, searches, pages, nodes and items, hardly any of them twice."""
+def ask_mixed(port: int, count: int) -> Iterator[int]:
+    """Priors, searches, pages, nodes and items, hardly any of them twice; how many are done after each tenth."""
     client, chance = HTTPConnection("127.0.0.1", port, timeout=60), random.Random(2)  # noqa: S311 - no secret
     nodes = [node for node in metric_tree.open() if node.level == 5]
     for place in range(count):
@@ -104,6 +104,8 @@ def ask_mixed(port: int, count: int) -> None:
             f"/v1/nodes/{own}/items",
         )
         spent(client, kinds[place % len(kinds)])
+        if (place + 1) % max(1, count // 10) == 0:
+            yield place + 1
 
 
 def new_prior(chance: random.Random, node_id: str) -> str:

@@ -143,7 +143,7 @@ def test_the_description_fits_the_answers(base: str) -> None:
     seen = set()
     for operation in schema.get_all_operations():
 
-        @settings(max_examples=12, deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.generate])
+        @settings(deadline=None, suppress_health_check=list(HealthCheck), phases=[Phase.generate])
         @given(case=operation.ok().as_strategy())
         def check(case: Any) -> None:
             case.call_and_validate(timeout=60, excluded_checks=[positive_data_acceptance])

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from estimator.assets.check import AssetCheck, check_asset
     from estimator.capture.capture import Capture, capture_video
     from estimator.capture.mapping.failures import CaptureFailure
-    from estimator.geometry.measurement import measure_objects
-    from estimator.pipeline import estimate_scale
+    from estimator.pipeline import estimate_scale, measure_objects
     from estimator.reading import read_instances, read_scene
     from estimator.records.measured_object import MeasuredObject
     from estimator.records.result import ScaleResult
@@ -61,7 +60,7 @@ _HOMES = {
     "check_asset": "estimator.assets.check",
     "capture_video": "estimator.capture.capture",
     "estimate_scale": "estimator.pipeline",
-    "measure_objects": "estimator.geometry.measurement",
+    "measure_objects": "estimator.pipeline",
     "read_instances": "estimator.reading",
     "read_scene": "estimator.reading",
     "scale_of_objects": "estimator.results.estimate",

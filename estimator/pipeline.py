@@ -1,10 +1,12 @@
-"""From what the user has to a result: objects of a file, or a scene with its instances; with the time of each step."""
+"""From what the user has to a result: objects of a file, or a scene with its instances; with the time of each step.
+
+The one place that conducts the rooms: reading, checks, association, geometry, evidence, posterior.
+"""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,15 +23,17 @@ from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import EstimateOptions
 from estimator.results.scene_estimate import SceneEstimate
 from metric_base.errors import InputError
+from metric_base.progress import stopwatch
 from metric_tree.context import Where, where_of
 from metric_tree.tree import Tree
 
 if TYPE_CHECKING:
     from estimator.detectors.detector import Detector
     from estimator.evidence.source import EvidenceSource
+    from estimator.geometry.measurement import MeasurementOptions, Measurements
     from estimator.geometry.up import Up
 
-__all__ = ["estimate_scale", "objects_result", "scene_estimate"]
+__all__ = ["estimate_scale", "measure_objects", "objects_result", "scene_estimate"]
 
 
 def estimate_scale(
@@ -86,7 +90,7 @@ def estimate_scale(
     sources = tuple(item for item in evidence if not isinstance(item, ScaleEvidence))
     asked = None if where is None else where_of(where)
     options = EstimateOptions(method=method, level=level, evidence=ready, up=up, where=asked)
-    return _estimate(scene, instances, tree, options, sources).result
+    return _estimate(_SceneMasks(scene, tuple(instances)), tree, options, sources).result
 
 
 def objects_result(
@@ -127,41 +131,122 @@ def scene_estimate(
     """
     from estimator.reading import default_instances, read_instances_and_warnings, read_scene
 
-    started = time.perf_counter()
-    scene = source if isinstance(source, Scene) else read_scene(source, dense)
-    if images is not None and detector is not None:
-        from estimator.detectors.detection import detect_instances
+    seconds: dict[str, float] = {}
+    with stopwatch(seconds, "reading"):
+        scene = source if isinstance(source, Scene) else read_scene(source, dense)
+        if images is not None and detector is not None:
+            from estimator.detectors.detection import detect_instances
 
-        masks, warnings = detect_instances(scene, images, detector)
-    elif instances is None and (options.evidence or sources) and default_instances(scene) is None:
-        masks, warnings = (), ("no instances, so the scale is that of the other evidence alone",)
-    else:
-        masks, warnings = read_instances_and_warnings(scene, instances, categories)
-    seconds = {"reading": time.perf_counter() - started}
+            masks, warnings = detect_instances(scene, images, detector)
+        elif instances is None and (options.evidence or sources) and default_instances(scene) is None:
+            masks, warnings = (), ("no instances, so the scale is that of the other evidence alone",)
+        else:
+            masks, warnings = read_instances_and_warnings(scene, instances, categories)
     beside = bool(masks) and instances is None and detector is None
-    return _estimate(scene, masks, tree, options, sources, warnings, seconds, paper_lists, beside)
+    return _estimate(_SceneMasks(scene, masks, warnings, seconds, beside), tree, options, sources, paper_lists)
+
+
+def measure_objects(
+    scene: Scene, instances: Sequence[Instance], options: MeasurementOptions | None = None
+) -> Measurements:
+    """The objects of a scene in scene units, one for every track, by labels, tracks, up, planes and dimensions.
+
+    A copy of the scene in another frame or order gives the same, but for rounding (`canonical_frame`). ValueError for
+    a scene without views.
+
+    Examples
+    --------
+    >>> from estimator import measure_objects, read_instances, read_scene
+    >>> scene = read_scene("data/scenes/demo_room")
+    >>> objects = measure_objects(scene, read_instances("data/scenes/demo_room/instances.json", scene)).objects
+    >>> next(object.extents.shape for object in objects if object.category == "couch")  # length, width, height
+    (3,)
+    """
+    from estimator.association.association import associate
+    from estimator.geometry.canonical_frame import sorted_scene
+    from estimator.geometry.measurement import MeasurementOptions, in_world, measure_tracks
+    from estimator.geometry.up import given_up
+
+    options = options or MeasurementOptions()
+    seconds: dict[str, float] = {}
+    with stopwatch(seconds, "order"):
+        # Algorithm 1 goes through the frames as they were taken
+        world = sorted_scene(scene, instances, keep_views=options.association == "incremental")
+    given = None if options.up is None else given_up(world.frame.basis @ np.asarray(options.up))
+    ours = world.scene, world.instances
+    association = associate(*ours, options.association, options.dense, options.stated_tracks, seconds)
+    measured = in_world(measure_tracks(*ours, association, options, given, seconds), world)
+    doubled = (_ambiguity_of(len(instances)),) if instances and not world.instances else ()
+    notes = _up_warnings(measured.up, options.supports and not measured.planes)
+    return replace(measured, warnings=(*measured.warnings, *doubled, *notes))
+
+
+def _ambiguity_of(masks: int) -> str:
+    same = f"the {masks} masks lie in pairs on the same pixels under two categories of equal score"
+    return f"{same}: nothing says which is right, and none is taken"
+
+
+def _up_warnings(up: Up, no_planes: bool) -> list[str]:
+    lines = {
+        "none": "up is unknown: the cameras neither turn nor agree on it",
+        "mean-camera-up": "up is the mean camera up: the cameras hardly turn and no level surface is visible",
+    }
+    warnings = [lines[up.method]] if up.method in lines else []
+    return [*warnings, "no support plane was found: heights are those of the points alone"] if no_planes else warnings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SceneMasks:
+    """A scene, its masks, warnings and times of reading; beside : the masks are those that lie with the scene."""
+
+    scene: Scene
+    instances: tuple[Instance, ...]
+    warnings: tuple[str, ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    beside: bool = False
 
 
 def _estimate(
-    scene: Scene,
-    instances: Sequence[Instance],
+    masks: _SceneMasks,
     tree: Tree,
     options: EstimateOptions,
     sources: Sequence[EvidenceSource] = (),
-    warnings: Sequence[str] = (),
-    seconds: Mapping[str, float] | None = None,
     paper_lists: Path | None = None,
-    beside: bool = False,
 ) -> SceneEstimate:
-    """The estimate and what it is of; beside : the masks are those that lie with the scene."""
+    """The estimate and what it is of."""
+    scene, instances = masks.scene, masks.instances
+    doubts, errors = _self_contradictions(scene)
+    warnings, seconds = (*scene.warnings, *masks.warnings, *doubts), dict(masks.seconds)
+    measurements = None
+    if options.method == "sucar":
+        from estimator.baselines.sucar import sucar_result
+
+        result = sucar_result(scene, instances, tree, options, warnings, seconds)
+    else:
+        from estimator.geometry.measurement import PAPER, MeasurementOptions
+
+        choices = PAPER if options.method == "paper" else MeasurementOptions()
+        # of a scene that is ruled out nothing is used: its zeros and infinities are no news
+        with np.errstate(all="ignore" if errors else "warn"):
+            measurements = measure_objects(scene, instances, replace(choices, up=options.up))
+        seconds |= measurements.timings
+        warnings, up = (*warnings, *measurements.warnings), _up_report(measurements.up)
+        errors = (*errors, *measurements.errors)
+        if options.method == "paper":
+            from estimator.baselines.paper import paper_result
+
+            result = paper_result(measurements.objects, tree, options, paper_lists, up, warnings, seconds)
+        else:
+            observed = [row for source in sources for row in source.observe(scene, measurements)]
+            options = replace(options, evidence=(*options.evidence, *observed))
+            result = scale_of_objects(measurements.objects, tree, options, up, warnings, seconds)
     of = {
         "model": model_digest(scene),
         "cloud": cloud_digest(scene),
         "masks": masks_digest(scene, instances),
-        "masks_from": "scene" if beside else None,
+        "masks_from": "scene" if masks.beside else None,
     }
-    estimate = _estimate_of(scene, instances, tree, options, sources, warnings, seconds, paper_lists)
-    return replace(estimate, result=_result_of(estimate.result, options, of))
+    return SceneEstimate(_result_of(_reject(result, errors), options, of), scene, instances, measurements)
 
 
 def _result_of(result: ScaleResult, options: EstimateOptions, of: Mapping[str, str | None]) -> ScaleResult:
@@ -170,44 +255,6 @@ def _result_of(result: ScaleResult, options: EstimateOptions, of: Mapping[str, s
     up = None if options.up is None else [float(value) for value in options.up]
     asked = (result.method, options.level, options.trust_known_length, str(options.where), up, rows, result.tree)
     return replace(result, of={**of, "options": options_digest(asked)})
-
-
-def _estimate_of(
-    scene: Scene,
-    instances: Sequence[Instance],
-    tree: Tree,
-    options: EstimateOptions,
-    sources: Sequence[EvidenceSource] = (),
-    warnings: Sequence[str] = (),
-    seconds: Mapping[str, float] | None = None,
-    paper_lists: Path | None = None,
-) -> SceneEstimate:
-    doubts, errors = _self_contradictions(scene)
-    instances, seconds = tuple(instances), dict(seconds or {})
-    warnings = (*scene.warnings, *warnings, *doubts)
-    if options.method == "sucar":
-        from estimator.baselines.sucar import sucar_result
-
-        result = sucar_result(scene, instances, tree, options, warnings, seconds)
-        return SceneEstimate(_reject(result, errors), scene, instances, None)
-    from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
-
-    choices = PAPER if options.method == "paper" else MeasurementOptions()
-    # of a scene that is ruled out nothing is used: its zeros and infinities are no news
-    with np.errstate(all="ignore" if errors else "warn"):
-        measurements = measure_objects(scene, instances, replace(choices, up=options.up))
-    seconds |= measurements.timings
-    warnings = (*warnings, *measurements.warnings)
-    up = _up_report(measurements.up)
-    if options.method == "paper":
-        from estimator.baselines.paper import paper_result
-
-        result = paper_result(measurements.objects, tree, options, paper_lists, up, warnings, seconds)
-    else:
-        observed = [row for source in sources for row in source.observe(scene, measurements)]
-        options = replace(options, evidence=(*options.evidence, *observed))
-        result = scale_of_objects(measurements.objects, tree, options, up, warnings, seconds)
-    return SceneEstimate(_reject(result, (*errors, *measurements.errors)), scene, instances, measurements)
 
 
 def _self_contradictions(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:

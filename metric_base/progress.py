@@ -1,11 +1,13 @@
-"""Progress as a callback: whoever works reports how far a step is, and a caller shows it or does not."""
+"""Progress as a callback: whoever works reports how far a step is, and a caller shows it or not. The time of steps."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Iterator, Sized
+from contextlib import contextmanager
 from typing import TypeVar
 
-__all__ = ["NoticeCallback", "ProgressCallback", "no_notice", "silent", "with_progress"]
+__all__ = ["NoticeCallback", "ProgressCallback", "no_notice", "silent", "stopwatch", "with_progress"]
 
 Item = TypeVar("Item")
 
@@ -40,3 +42,11 @@ def silent(_step: str, _done: int, _total: int | None) -> None:
 
 def no_notice(_sentence: str) -> None:
     """Notices that nobody reads."""
+
+
+@contextmanager
+def stopwatch(seconds: dict[str, float], step: str) -> Iterator[None]:
+    """Add the time that the block takes to `seconds`, under the name of the step."""
+    start = time.perf_counter()
+    yield
+    seconds[step] = seconds.get(step, 0.0) + time.perf_counter() - start

@@ -38,7 +38,7 @@ from benchmarks.accuracy.simulations import (
 from benchmarks.accuracy.streets import MEASURED, streets_outcomes
 from benchmarks.accuracy.unseen import FAMILY, tree_without, unseen_outcomes, unseen_tree
 from benchmarks.estimator.simulation import World, world
-from estimator.geometry.measurement import measure_objects
+from estimator.pipeline import measure_objects
 from metric_base.files import whole_file
 from metric_tree.tree import Tree
 from tests.synthetic.rooms.sizes import Sizes, typical_sizes

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks.accuracy.methods import UNTRACKED, Case, object_outcomes, track_of
 from benchmarks.accuracy.outcomes import Outcome
-from estimator.geometry.measurement import measure_objects
+from estimator.pipeline import measure_objects
 from estimator.records.measured_object import MeasuredObject
 from metric_base.arrays import FloatArray
 from metric_tree.tree import Tree

@@ -11,7 +11,8 @@ import numpy as np
 from benchmarks.accuracy.outcomes import LEVEL, Outcome, outcome_of
 from estimator.baselines.paper import paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
-from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
+from estimator.geometry.measurement import PAPER, MeasurementOptions
+from estimator.pipeline import measure_objects
 from estimator.records.measured_object import MeasuredObject
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene

@@ -26,7 +26,7 @@ import numpy as np
 import estimator
 import metric_tree
 from benchmarks.estimator.simulation import Knobs, simulated, world
-from estimator.geometry.measurement import measure_objects
+from estimator.pipeline import measure_objects
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import posterior
 from estimator.reading import read_scene

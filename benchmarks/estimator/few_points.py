@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.geometry.measurement import MeasurementOptions, measure_objects
+from estimator.geometry.measurement import MeasurementOptions
+from estimator.pipeline import measure_objects
 from metric_base.arrays import FloatArray
 from tests.synthetic.rooms.few_points import PATHS, few_points_world
 

@@ -25,7 +25,7 @@ import metric_tree
 from benchmarks.child import ours, run_child
 from benchmarks.estimator.simulation import Knobs, World, simulated, world
 from estimator.association.point_labels import dense_labels, sparse_labels
-from estimator.geometry.measurement import measure_objects
+from estimator.pipeline import measure_objects
 from estimator.posterior.likelihood import ObjectEvidence
 from estimator.posterior.posterior import posterior
 from estimator.records.measured_object import MeasuredObject

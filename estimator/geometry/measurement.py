@@ -1,24 +1,17 @@
-"""Measurement: from a scene and its masks to objects with sizes in scene units (paper sections 4.1 and 4.2)."""
+"""From the points and masks of each track to objects with sizes in scene units (paper section 4.2)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from time import perf_counter
 from typing import Literal
 
 import numpy as np
 
-from estimator.association.mask_agreement import (
-    mask_agreement,
-    mask_contradictions,
-    track_agreement,
-    track_contradictions,
-)
-from estimator.association.point_labels import PointLabels, dense_labels, point_votes, sparse_labels
-from estimator.association.tracks import Track, incremental_tracks, shared_tracks
-from estimator.geometry.canonical_frame import SortedScene, sorted_scene
+from estimator.association.association import Association, Joining
+from estimator.association.point_labels import PointLabels
+from estimator.association.tracks import Track
+from estimator.geometry.canonical_frame import SortedScene
 from estimator.geometry.fragments import without_fragments
 from estimator.geometry.noise import depth_noise, sight_moment
 from estimator.geometry.outlined import MIN_BOX_VIEWS, MIN_DENSE_POINTS, outline_data, outlined_object
@@ -26,15 +19,16 @@ from estimator.geometry.planes import SupportPlane, level_basis, refine_up, supp
 from estimator.geometry.standing import stands
 from estimator.geometry.support import REACH_SHARE, Foot, Ground, foot_on, ground_of, level_below
 from estimator.geometry.truncation import Outline, Sides, outline, side_evidence
-from estimator.geometry.up import Up, camera_up, given_up, up_contradiction
+from estimator.geometry.up import Up, camera_up, up_contradiction
 from estimator.geometry.upright_box import Dimensions, dimensions, inliers
 from estimator.outlines.sight_errors import point_covariances
 from estimator.records.measured_object import Box, MeasuredObject
 from estimator.records.scene import Instance, Scene
 from estimator.visibility.depth_buffer import Surroundings
 from metric_base.arrays import FloatArray, IntArray
+from metric_base.progress import stopwatch
 
-__all__ = ["PAPER", "MeasurementOptions", "Measurements", "measure_objects"]
+__all__ = ["PAPER", "MeasurementOptions", "Measurements", "in_world", "measure_tracks"]
 
 # An object with fewer points has no shape: eight corners and as many again for outliers.
 MIN_OBJECT_POINTS = 16
@@ -52,7 +46,7 @@ class MeasurementOptions:
     category stands on the floor (True), hangs (False), or may do either (None).
     """
 
-    association: Literal["shared", "incremental"] = "shared"
+    association: Joining = "shared"
     outliers: Literal["neighbours", "forest"] = "neighbours"
     robust_footprint: bool = True
     supports: bool = True
@@ -93,58 +87,20 @@ class Measurements:
     errors: tuple[str, ...] = ()
 
 
-def measure_objects(
-    scene: Scene, instances: Sequence[Instance], options: MeasurementOptions | None = None
-) -> Measurements:
-    """The objects of a scene in scene units, one for every track, by labels, tracks, up, planes and dimensions.
-
-    A copy of the scene in another frame or order gives the same, but for rounding (`canonical_frame`). ValueError for
-    a scene without views.
-
-    Examples
-    --------
-    >>> from estimator import measure_objects, read_instances, read_scene
-    >>> scene = read_scene("data/scenes/demo_room")
-    >>> objects = measure_objects(scene, read_instances("data/scenes/demo_room/instances.json", scene)).objects
-    >>> next(object.extents.shape for object in objects if object.category == "couch")  # length, width, height
-    (3,)
-    """
-    options = options or MeasurementOptions()
-    timings: dict[str, float] = {}
-    with _stopwatch(timings, "order"):
-        # Algorithm 1 goes through the frames as they were taken
-        world = sorted_scene(scene, instances, keep_views=options.association == "incremental")
-    given = None if options.up is None else given_up(world.frame.basis @ np.asarray(options.up))
-    inner = _measure(world.scene, world.instances, options, timings, given)
-    if instances and not world.instances:
-        same = f"the {len(instances)} masks lie in pairs on the same pixels under two categories of equal score"
-        line = f"{same}: nothing says which is right, and none is taken"
-        inner = replace(inner, warnings=(*inner.warnings, line))
-    return _in_world(inner, world, timings, options)
-
-
-def _measure(
+def measure_tracks(
     scene: Scene,
     instances: Sequence[Instance],
+    association: Association,
     options: MeasurementOptions,
-    timings: dict[str, float],
     given: Up | None,
+    seconds: dict[str, float],
 ) -> Measurements:
-    """The measurements of a sorted scene, in its own frame; given : the vertical if it is known from outside."""
-    with _stopwatch(timings, "labels"):
-        clouds = [sparse_labels(scene, instances)]
-        if options.dense and scene.dense is not None:
-            clouds.append(dense_labels(scene, instances))
-        doubts, errors = mask_contradictions(mask_agreement(clouds[0], instances))
-    with _stopwatch(timings, "association"):
-        if options.association == "shared":
-            tracks = shared_tracks(instances, clouds, options.stated_tracks)
-        else:
-            tracks = incremental_tracks(instances, clouds[-1])
-        if not (doubts or errors):
-            share = track_agreement(clouds[0], instances, [track.members for track in tracks])
-            doubts, errors = track_contradictions(share)
-    with _stopwatch(timings, "up"):
+    """One object for every track, in the frame of the scene.
+
+    given : the vertical if it is known from outside; seconds : gets the time of each step
+    """
+    clouds, tracks = association.clouds, association.tracks
+    with stopwatch(seconds, "up"):
         up = camera_up(scene.views)
         surface = clouds[-1].points
         if options.planes_for_up:
@@ -154,23 +110,22 @@ def _measure(
         planes = support_planes(up.vector, surface) if options.supports else ()
         basis = level_basis(up.vector)
         ground = ground_of(surface, basis, planes) if options.supports else None
-    with _stopwatch(timings, "votes"):
-        members = [track.members for track in tracks]
-        votes = [point_votes(cloud, instances, members) for cloud in clouds]
-    with _stopwatch(timings, "noise"):
+    with stopwatch(seconds, "noise"):
         noise = [depth_noise(scene.views, cloud) for cloud in clouds]
         covariances = point_covariances(scene.views, scene.points)
-    with _stopwatch(timings, "dimensions"):
+    with stopwatch(seconds, "dimensions"):
         eyes = np.array([view.centre for view in scene.views])
         seen_from = [eyes[_views_of(track, instances)] for track in tracks]
-        above = [_above_ground(cloud, rows, ground, basis) for cloud, rows in zip(clouds, votes, strict=True)]
+        above = [
+            _above_ground(cloud, rows, ground, basis) for cloud, rows in zip(clouds, association.votes, strict=True)
+        ]
         shapes = _shapes(clouds, above, noise, seen_from, basis, options)
-    with _stopwatch(timings, "truncation"):
+    with stopwatch(seconds, "truncation"):
         views = scene.views
         outlines = [outline(i, views[i.view].camera.width, views[i.view].camera.height) for i in instances]
         around = Surroundings(scene, clouds[-1].points, clouds[-1].visibility, up.vector)
         sides = [_sides(track, shape, instances, outlines, around) for track, shape in zip(tracks, shapes, strict=True)]
-    with _stopwatch(timings, "supports"):
+    with stopwatch(seconds, "supports"):
         objects = tuple(
             _object(track, shape, seen, instances, ground, basis, up, options)
             for track, shape, seen in zip(tracks, shapes, sides, strict=True)
@@ -180,26 +135,27 @@ def _measure(
             objects = tuple(outlined_object(item, data) for item in objects)
         if not options.fragments:
             objects = without_fragments(objects)
-    return Measurements(objects, up, planes, tracks, warnings=(*doubts, *tilted), errors=(*errors, *fallen))
+    warnings, errors = (*association.doubts, *tilted), (*association.errors, *fallen)
+    return Measurements(objects, up, planes, tracks, seconds, warnings, errors)
 
 
-def _in_world(
-    inner: Measurements, world: SortedScene, timings: dict[str, float], options: MeasurementOptions
-) -> Measurements:
-    """Measurements of the own frame in the world, in the order of the given masks."""
+def in_world(inner: Measurements, world: SortedScene) -> Measurements:
+    """Measurements of the own frame of a sorted scene in the world, in the order of the given masks."""
     clouds = {"sparse": world.points, "dense": world.dense}
     pairs = []
-    for track, thing in zip(inner.tracks, inner.objects, strict=True):
+    for track, item in zip(inner.tracks, inner.objects, strict=True):
         members = tuple(sorted(int(world.rows[member]) for member in track.members))
-        box = None if thing.box is None else world.frame.world_box(thing.box)
-        own = None if thing.point_rows is None else np.sort(clouds[thing.cloud][thing.point_rows])
-        pairs.append((Track(members, track.category), replace(thing, members=members, box=box, point_rows=own)))
+        box = None if item.box is None else world.frame.world_box(item.box)
+        own = None if item.point_rows is None else np.sort(clouds[item.cloud][item.point_rows])
+        pairs.append((Track(members, track.category), replace(item, members=members, box=box, point_rows=own)))
     pairs.sort(key=lambda pair: pair[0].members)
-    up, planes = world.frame.world_up(inner.up), tuple(world.frame.world_plane(plane) for plane in inner.planes)
-    objects = tuple(replace(thing, id=str(number + 1)) for number, (_, thing) in enumerate(pairs))
-    tracks = tuple(track for track, _ in pairs)
-    warnings = (*inner.warnings, *_warnings(up, planes, options))
-    return Measurements(objects, up, planes, tracks, timings, warnings, inner.errors)
+    return replace(
+        inner,
+        objects=tuple(replace(item, id=str(number + 1)) for number, (_, item) in enumerate(pairs)),
+        tracks=tuple(track for track, _ in pairs),
+        up=world.frame.world_up(inner.up),
+        planes=tuple(world.frame.world_plane(plane) for plane in inner.planes),
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,13 +166,6 @@ class _Shape:
     points: FloatArray
     rows: IntArray
     box: Dimensions | None
-
-
-@contextmanager
-def _stopwatch(timings: dict[str, float], stage: str) -> Iterator[None]:
-    start = perf_counter()
-    yield
-    timings[stage] = perf_counter() - start
 
 
 def _shapes(
@@ -354,14 +303,3 @@ def _foot(box: Dimensions, sides: Sides, ground: Ground | None, basis: FloatArra
         told, own = sides.beyond[2, 0] * box.extents[2] / gap, (box.low[2] - box.lowest) / gap
         reach = own if own > REACH_SHARE else told
     return foot_on(level, box.low, box.high, ground.bin, standing, float(reach))
-
-
-def _warnings(up: Up, planes: Sequence[SupportPlane], options: MeasurementOptions) -> tuple[str, ...]:
-    warnings = []
-    if up.method == "none":
-        warnings.append("up is unknown: the cameras neither turn nor agree on it")
-    elif up.method == "mean-camera-up":
-        warnings.append("up is the mean camera up: the cameras hardly turn and no level surface is visible")
-    if options.supports and not planes:
-        warnings.append("no support plane was found: heights are those of the points alone")
-    return tuple(warnings)

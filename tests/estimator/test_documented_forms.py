@@ -11,7 +11,7 @@ from PIL import Image
 
 from estimator.evidence.gps import Gps
 from estimator.evidence.known_lengths import parse_known_lengths
-from estimator.geometry.measurement import measure_objects
+from estimator.pipeline import measure_objects
 from estimator.reading import read_instances, read_scene
 from estimator.reconstructions.cameras import pixels_in_view
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from sklearn.metrics import adjusted_rand_score
 
-from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measure_objects
+from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements
+from estimator.pipeline import measure_objects
 from estimator.reading import read_instances, read_scene
 from estimator.records.scene import Instance
 

@@ -12,7 +12,7 @@ from estimator.association.mask_agreement import (
     track_contradictions,
 )
 from estimator.association.point_labels import sparse_labels
-from estimator.geometry.measurement import measure_objects
+from estimator.pipeline import measure_objects
 from tests.synthetic.shapes import box, floor, orbit, synthetic_scene
 
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from estimator.evidence.camera_height import PRESETS, CameraHeight
-from estimator.geometry.measurement import Measurements, measure_objects
+from estimator.geometry.measurement import Measurements
+from estimator.pipeline import measure_objects
 from metric_base.errors import InputError
 from tests.synthetic.evidence import (
     one,

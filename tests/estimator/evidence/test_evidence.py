@@ -15,7 +15,8 @@ from estimator.evidence.marker import Marker
 from estimator.evidence.metric_depth import MetricDepth
 from estimator.evidence.rig_baseline import RigBaseline
 from estimator.evidence.source import EvidenceSource
-from estimator.geometry.measurement import Measurements, measure_objects
+from estimator.geometry.measurement import Measurements
+from estimator.pipeline import measure_objects
 from estimator.records.scale_evidence import ScaleEvidence
 from estimator.results.estimate import scale_of_objects
 from estimator.results.reports import EstimateOptions

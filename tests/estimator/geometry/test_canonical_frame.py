@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from estimator.geometry.canonical_frame import canonical_frame, sorted_scene
-from estimator.geometry.measurement import measure_objects
+from estimator.pipeline import measure_objects
 from estimator.records.scene import DenseCloud
 from tests.synthetic.shapes import box, cylinder, floor, orbit, synthetic_scene
 

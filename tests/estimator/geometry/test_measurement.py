@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from estimator.geometry.measurement import PAPER, MeasurementOptions, measure_objects
+from estimator.geometry.measurement import PAPER, MeasurementOptions
+from estimator.pipeline import measure_objects
 from estimator.records.scene import DenseCloud, Scene, View
 from tests.synthetic.shapes import Made, Solid, Thing, box, cylinder, floor, orbit, synthetic_scene
 

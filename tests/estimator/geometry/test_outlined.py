@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.geometry.measurement import MeasurementOptions, measure_objects
+from estimator.geometry.measurement import MeasurementOptions
 from estimator.outlines.object_outlines import mask_reaches
 from estimator.outlines.sight_errors import point_covariances
+from estimator.pipeline import measure_objects
 from tests.synthetic.rooms.few_points import FewPointsWorld, few_points_world
 from tests.synthetic.shapes import orbit
 

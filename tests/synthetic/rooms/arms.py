@@ -13,7 +13,8 @@ import numpy as np
 from estimator.association.tracks import Track
 from estimator.baselines.paper import paper_result
 from estimator.baselines.sucar import box_heights, prescribed_down, sucar_result
-from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements, measure_objects
+from estimator.geometry.measurement import PAPER, MeasurementOptions, Measurements
+from estimator.pipeline import measure_objects
 from estimator.records.result import ScaleResult
 from estimator.records.scene import Instance, Scene
 from estimator.results.estimate import scale_of_objects

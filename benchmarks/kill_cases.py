@@ -134,7 +134,7 @@ def _pictures(folder: Path) -> Prepared:
     with PictureShop() as shop:
         crawl = ["crawl", "generic", "--out", folder / "crawl", "--start-url", f"{shop.base}/list", "--pictures"]
         subprocess.run(_metric_tree(*crawl, *CONTACT), check=True, capture_output=True)
-    build = ["build", folder / "crawl", "--out", folder / "release", "--own-use", "127.0.0.1", "--no-heldout"]
+    build = ["build", folder / "crawl", "--out", folder / "release", "--include-withheld", "127.0.0.1", "--no-heldout"]
     subprocess.run(_metric_tree(*build, "--workers", 1), check=True, capture_output=True)
     return Prepared(folder, "", ExitStack())
 

@@ -13,7 +13,7 @@ first. `heads.tsv` says how far a head noun can be trusted: of the known compoun
 `barn door`), how many are kinds of each node that the word alone names. `near_words.txt` has the English words, with
 the forms of verbs, that are one letter off a word of a name without being one: `tunnel` is not a misspelt `funnel`.
 
-`photographs`: `data/raw/pictures-1-0.jsonl` and its files are the photographs of things whose cut by
+`photographs`: `data/raw/pictures-1-0.jsonl` and its files are the photographs of objects whose cut by
 `data/curated/guides.jsonl` its reviewer calls good, cropped, with transparency; they hang on the range of their kind.
 
 `codes`: `codes.tsv` has the ids of label lists: ImageNet's `n02119789`, Open Images' `/m/01mzpv`.

@@ -22,7 +22,7 @@ _WHOLE = np.zeros(3, dtype=bool)
 
 #: What is done to a measured object, given its true extents (3,) in scene units, in the order of the table.
 STAGES: dict[str, Callable[[MeasuredObject, FloatArray], MeasuredObject]] = {
-    "true sizes of the things measured": lambda item, true: replace(
+    "true sizes of the objects measured": lambda item, true: replace(
         item, extents=true, sigma=np.full(3, TRUE_SIGMA), truncated=_WHOLE
     ),
     "with the spread that their measurement states": lambda item, true: replace(item, extents=true, truncated=_WHOLE),
@@ -54,7 +54,7 @@ def budget_outcomes(case: Case, tree: Tree) -> Iterator[Outcome]:
     everything = [
         MeasuredObject(track, case.categories[track], size / case.scale, sigma) for track, size in case.sizes.items()
     ]
-    stages = {"true sizes of all things in the room": everything}
+    stages = {"true sizes of all objects in the room": everything}
     stages |= {name: [change(*pair) for pair in known] for name, change in STAGES.items()}
     stages["and names as they are"] = list(entries)
     for name, objects in stages.items():

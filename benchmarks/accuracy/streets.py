@@ -33,44 +33,46 @@ DRAWN, OBJECTS = 60, (3, 11)
 #: Standard deviation of the log extents, stated and drawn.
 NOISE = 0.05
 
-Thing = tuple[str, FloatArray]
+StreetObject = tuple[str, FloatArray]
 
 
 def streets_outcomes(tables: Path, tree: Tree, seed: int) -> Iterator[Outcome]:
     """Every scene by the methods `default` and `height`, under a random scale."""
     generator = np.random.default_rng([seed, 47])
-    for number, (group, things) in enumerate(_scenes(tables, generator)):
+    for number, (group, members) in enumerate(_scenes(tables, generator)):
         scale = float(np.exp(generator.uniform(-3, 3)))
         objects = [
             MeasuredObject(
                 str(row), label, sizes / 1000 / scale * np.exp(generator.normal(0, NOISE, 3)), np.full(3, NOISE)
             )
-            for row, (label, sizes) in enumerate(things)
+            for row, (label, sizes) in enumerate(members)
         ]
         yield from object_outcomes("streets", group, str(number), objects, scale, tree, ("default", "height"))
 
 
-def _scenes(tables: Path, generator: np.random.Generator) -> Iterator[tuple[str, list[Thing]]]:
+def _scenes(tables: Path, generator: np.random.Generator) -> Iterator[tuple[str, list[StreetObject]]]:
     """A set's name and the objects of a scene: those of a drive where the set says so, else drawn from one city."""
     for name in ("waymo_motion_samples", "nuplan_samples"):
-        drives: dict[str, list[Thing]] = defaultdict(list)
-        for row, thing in _things(tables, name):
-            drives[row["instance_or_n"].partition("/")[0]].append(thing)
-        yield from ((name, things) for _, things in sorted(drives.items()) if len(things) >= OBJECTS[0])
-    nuscenes = list(_things(tables, "nuscenes_mini"))
+        drives: dict[str, list[StreetObject]] = defaultdict(list)
+        for row, item in _objects_of(tables, name):
+            drives[row["instance_or_n"].partition("/")[0]].append(item)
+        yield from ((name, members) for _, members in sorted(drives.items()) if len(members) >= OBJECTS[0])
+    nuscenes = list(_objects_of(tables, "nuscenes_mini"))
     pools = {
-        f"nuscenes_mini, {city}": [thing for row, thing in nuscenes if row["region"] in (city, f"{city} USA")]
+        f"nuscenes_mini, {city}": [item for row, item in nuscenes if row["region"] in (city, f"{city} USA")]
         for city in ("Boston", "Singapore")
     }
     pools |= {f"{name}, cars": [one for one in pool if one[0] == "car"] for name, pool in pools.items()}
-    pools["apolloscape_car_models"] = [one for _, one in _things(tables, "apolloscape_car_models") if one[0] == "car"]
+    pools["apolloscape_car_models"] = [
+        one for _, one in _objects_of(tables, "apolloscape_car_models") if one[0] == "car"
+    ]
     for name, pool in pools.items():
         for _ in range(DRAWN):
             rows = generator.choice(len(pool), int(generator.integers(*OBJECTS)), replace=False)
             yield name, [pool[row] for row in rows]
 
 
-def _things(tables: Path, name: str) -> Iterator[tuple[dict[str, str], Thing]]:
+def _objects_of(tables: Path, name: str) -> Iterator[tuple[dict[str, str], StreetObject]]:
     """The rows of a table with a label and all three sizes, length first, in mm."""
     with (tables / name / f"{name}.csv").open(encoding="utf-8", newline="") as lines:
         for row in csv.DictReader(lines):

@@ -75,7 +75,7 @@ def _calls_most_outliers(one: Estimate) -> bool:
 def _rooms(file: Path, tree: Tree, subsets: Sequence[int | None] = SUBSETS, shift: int = 0) -> Iterator[Row]:
     """Rooms and so many of their objects; `shift` : each label is that which stands so far on in the list of all."""
     by_room, generator = rooms_of(file), np.random.default_rng(1)
-    labels = sorted({category for things in by_room.values() for category, _ in things})
+    labels = sorted({category for objects in by_room.values() for category, _ in objects})
     label = {name: labels[(number + shift) % len(labels)] for number, name in enumerate(labels)}
     by_name = meanings(tree, {category for entries in by_room.values() for category, _ in entries})
     for number, (_, entries) in enumerate(sorted(by_room.items())):

@@ -67,7 +67,7 @@ class TracedRoom:
     kind: str
     seed: int
     lamps: tuple[tuple[str, tuple[float, float, float]], ...]
-    thing: str
+    category: str
     size: tuple[float, float, float]
     colour: tuple[float, float, float]
     pattern: str
@@ -141,7 +141,7 @@ def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
     if trace_only:
         return {}
     prepared = _prepared(made, to_scene, out)
-    placed = _placed(prepared, write_glb(solid(room.thing, np.array(room.size)), out / "object.glb", room.colour))
+    placed = _placed(prepared, write_glb(solid(room.category, np.array(room.size)), out / "object.glb", room.colour))
     ours: list[NDArray[np.uint8]] = []
     results = insert_objects(prepared, [placed], lambda _, picture: ours.append(picture))
     boxes = [frame.silhouette for frame in results[0].frames]
@@ -156,7 +156,7 @@ def judge(room: TracedRoom, out: Path, trace_only: bool) -> dict[str, Any]:
 def _room_files(world: World, room: TracedRoom, folder: Path) -> list[dict[str, Any]]:
     """One GLB for each material of each object, with a texture of two of its colours."""
     rows = []
-    for number, mesh in enumerate([world.surfaces, *(thing.mesh for thing in world.objects)]):
+    for number, mesh in enumerate([world.surfaces, *(item.mesh for item in world.objects)]):
         for name in sorted(set(mesh.material)):
             file = folder / f"room_{number}_{name}.glb"
             chosen = np.array([material == name for material in mesh.material])

@@ -1,8 +1,8 @@
 """How the priors of a hundred everyday objects compare with sizes that were written down before looking.
 
-`everyday_things.csv` holds, for each object, sizes that 5, 50 and 95 % of such objects do not exceed, in mm by length,
+`everyday_objects.csv` holds, for each object, sizes that 5, 50 and 95 % of such objects do not exceed, in mm by length,
 width and height in the ordinary pose. It was written from general knowledge before any prior of release 2.0.0 was
-computed, and is not changed afterwards. Who wrote the table of excluded rows had seen it. `everyday_things_second.csv`
+computed, and is not changed afterwards. Who wrote the table of excluded rows had seen it. `everyday_objects_second.csv`
 is a fresh one: a language model wrote it on 2026-11-22 at 06:38, before it had seen a prior of its objects, the first
 list or the tables of ranges; it too is not changed.
 
@@ -32,8 +32,8 @@ from metric_tree.tree import Tree, UnknownName, open_tree
 __all__ = ["OFF", "WIDE", "Axis", "axes_of", "objects"]
 
 LISTS = {
-    "first": Path(__file__).with_name("everyday_things.csv"),
-    "second": Path(__file__).with_name("everyday_things_second.csv"),
+    "first": Path(__file__).with_name("everyday_objects.csv"),
+    "second": Path(__file__).with_name("everyday_objects_second.csv"),
 }
 OFF, WIDE = 1.4, 6.0
 
@@ -78,10 +78,10 @@ def axes_of(name: str, written: FloatArray, node_id: str, priors: list[Prior]) -
                 yield Axis(name, node_id, axis, tuple(own.tolist()), tuple(sizes.tolist()))
 
 
-def _measured(tree: Tree, written_things: Mapping[str, FloatArray]) -> tuple[list[Axis], list[str]]:
+def _measured(tree: Tree, written_sizes: Mapping[str, FloatArray]) -> tuple[list[Axis], list[str]]:
     axes: list[Axis] = []
     unknown: list[str] = []
-    for name, written in written_things.items():
+    for name, written in written_sizes.items():
         try:
             node = tree.find(name)
         except UnknownName:
@@ -103,7 +103,7 @@ def main() -> None:
     axes, unknown = _measured(tree, written)
     shown = [one for one in axes if arguments.all or one.is_off or one.is_wide]
     print_table(
-        ["thing", "node", "axis", "written 5/50/95 % mm", "prior 5/50/95 % mm", "error"],
+        ["object", "node", "axis", "written 5/50/95 % mm", "prior 5/50/95 % mm", "error"],
         [
             (one.name, one.node_id, one.axis, _sizes(one.written), _sizes(one.prior), _error(one))
             for one in sorted(shown, key=lambda one: one.name)
@@ -115,7 +115,9 @@ def main() -> None:
         [(t, len(own), sum(a.is_off for a in own), sum(a.is_wide for a in own)) for t, own in by_tier.items()],
     )
     off, wide = (np.mean([getattr(one, name) for one in axes]) for name in ("is_off", "is_wide"))
-    print(f"{len(axes)} axes of {len(written) - len(unknown)} things: {off:.1%} off by {OFF}, {wide:.1%} absurdly wide")
+    print(
+        f"{len(axes)} axes of {len(written) - len(unknown)} objects: {off:.1%} off by {OFF}, {wide:.1%} absurdly wide"
+    )
     print(f"not found: {', '.join(unknown) or 'none'}")
 
 

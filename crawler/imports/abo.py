@@ -28,7 +28,7 @@ _AXES = ("length", "width", "height")
 _BOUNDS_MM = (2.0, 6000.0)
 
 #: Codes of departments and of what is sold by volume: they name no kind of object.
-_NO_THING = frozenset(
+_NOT_AN_OBJECT = frozenset(
     {
         "ACCESSORY", "BABY_PRODUCT", "BEAUTY", "GROCERY", "HARDWARE", "HEALTH_PERSONAL_CARE", "HOME",
         "HOME_FURNITURE_AND_DECOR", "JANITORIAL_SUPPLY", "KITCHEN", "LUXURY_BEAUTY", "OFFICE_PRODUCTS",
@@ -113,7 +113,7 @@ def _listing(line: bytes, place: str) -> Mapping[str, Any]:
 
 def _item(source: Source, listing: Mapping[str, Any], item_id: str) -> Reading:
     code = _text(listing, "product_type").upper()
-    if code in _NO_THING:
+    if code in _NOT_AN_OBJECT:
         raise Refused("not_an_object", "product_type", code)
     words = _sizes(listing)
     title = _text(listing, "item_name")

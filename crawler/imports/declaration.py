@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import PurePosixPath
 from typing import Literal
@@ -23,18 +24,18 @@ REASONS: Mapping[str, str] = {
     "no_size": "states no outer size",
     "unreadable": "a length that cannot be read",
     "out_of_bounds": "a size outside the declared bounds of the set: a slip of unit or of typing",
-    "not_an_object": "parcel, ground, spare cover, service or other thing whose size is not an object's",
+    "not_an_object": "parcel, ground, spare cover, service or another row whose size is not that of an object",
     "part_not_whole": "the size of a part, where the whole is wanted",
     "flat_picture": "a picture, print, page or mat, sized by its sheet or frame",
-    "grid_not_sample": "an even grid of values made up for a search, not a sample of things",
+    "grid_not_sample": "an even grid of values made up for a search, not a sample of objects",
     "several_states": "sizes of several states or of several pieces in one text",
     "marked_unusable": "marked as unusable by its source",
     "no_category": "says nowhere what it is",
-    "set_of_things": "one size for a set of several things",
+    "set_of_objects": "one size for a set of several objects",
     "wrong_axis": "a size of another axis than the column says",
-    "superseded": "the same thing is in another file of the set, in another scan of its room, or in another set",
-    "miniature": "a small likeness of the thing it is named after",
-    "cut_by_scan": "part of the thing was not seen: the size of what was scanned",
+    "superseded": "the same object is in another file of the set, in another scan of its room, or in another set",
+    "miniature": "a small likeness of the object it is named after",
+    "cut_by_scan": "part of the object was not observed: the size of what was scanned",
     "juvenile": "not grown: a sapling of a nursery",
 }
 
@@ -78,6 +79,9 @@ class Rule(_Declared, frozen=True, kw_only=True):
     above: float | None = None
 
     def __post_init__(self) -> None:
+        if self.outcome == "set_of_things":
+            warnings.warn("the reason 'set_of_things' is called 'set_of_objects'", DeprecationWarning, stacklevel=2)
+            msgspec.structs.force_setattr(self, "outcome", "set_of_objects")
         tests = (self.matches, self.listed or None, self.below, self.above)
         expect(any(test is not None for test in tests), "rule", "matches, listed, below or above", self.column)
         expect_inside(self.listed, "listed")

@@ -78,7 +78,7 @@ def _refuse_flat(classification: str, names: str) -> None:
     if _PART_NAMES.search(names):
         raise Refused("part_not_whole", "ObjectName", names)
     if _SET_NAMES.search(names):
-        raise Refused("set_of_things", "ObjectName", names)
+        raise Refused("set_of_objects", "ObjectName", names)
 
 
 def _size(text: str) -> tuple[dict[str, float], tuple[float, ...] | None]:

@@ -29,8 +29,8 @@ _BREADCRUMB_MARKS = ("readcrumb", "readCrumb")
 _CATEGORY_MARKS = re.compile("[/<>]")
 
 #: Types of schema.org that are items with a size.
-_THINGS = ("Product", "ProductGroup", "IndividualProduct", "ProductModel", "Book")
-_USEFUL_TYPE = re.compile(rf"schema\.org/(?:{'|'.join(_THINGS)}|BreadcrumbList)\b")
+_PRODUCT_TYPES = ("Product", "ProductGroup", "IndividualProduct", "ProductModel", "Book")
+_USEFUL_TYPE = re.compile(rf"schema\.org/(?:{'|'.join(_PRODUCT_TYPES)}|BreadcrumbList)\b")
 
 #: Properties of an item that say nothing of it, at length.
 _UNREAD = frozenset({"review", "reviews", "offers", "aggregateRating", "isRelatedTo", "isSimilarTo"})
@@ -63,7 +63,7 @@ def product(page: Page, own: Product | None = None) -> Product:
     """The product of a page of any site; what `own`, the site's own rules, has found already is not looked for."""
     known = own or Product()
     nodes = _nodes(page, bool(known.category_path))
-    product = next((node for node in nodes if _is(node, *_THINGS)), {})
+    product = next((node for node in nodes if _is(node, *_PRODUCT_TYPES)), {})
     title = known.title or _title(page, product)
     return Product(
         id=known.id or _first(product.get("sku"), product.get("productID"), product.get("mpn"), product.get("gtin13")),
@@ -78,7 +78,7 @@ def product(page: Page, own: Product | None = None) -> Product:
 def _nodes(page: Page, has_category: bool) -> list[Mapping[str, Any]]:
     """The page's objects: JSON-LD, and microdata where JSON-LD does not name the item or its place."""
     nodes = [node for text in page.linked_data for node in _objects(_parse_json(text))]
-    named = any(_is(node, *_THINGS) for node in nodes)
+    named = any(_is(node, *_PRODUCT_TYPES) for node in nodes)
     placed = has_category or any(_is(node, "BreadcrumbList") for node in nodes)
     return nodes if named and placed else nodes + list(_microdata(page))
 
@@ -100,7 +100,7 @@ def _microdata(page: Page) -> Iterator[Mapping[str, Any]]:
 def _microdata_reader() -> Any:
     from extruct.w3cmicrodata import MicrodataExtractor
 
-    wanted = [f"contains(@itemtype, 'schema.org/{kind}')" for kind in (*_THINGS, "BreadcrumbList")]
+    wanted = [f"contains(@itemtype, 'schema.org/{kind}')" for kind in (*_PRODUCT_TYPES, "BreadcrumbList")]
 
     class Reader(MicrodataExtractor):  # type: ignore[misc]  # extruct has no types
         """Extruct's, for the items that are of use, without what they hold of opinions and offers.

@@ -29,7 +29,7 @@ _OTHER_UNITS = """
     days day pcs pack count stars star reviews sq m2 m² cm2 ft2 cu cm3 m3 ft3 btu lumens lm rpm bar psi
     dpi nm usd eur gbp euro euros dollars people persons personen
 """
-_UNITS_OF_OTHER_THINGS = frozenset(_OTHER_UNITS.split())
+_NOT_LENGTH_UNITS = frozenset(_OTHER_UNITS.split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ def _number(
     if unit is not None and low == high and (aside := _aside(run, after, low, unit)):
         low = high = aside[0]
         unit, after = aside[1:]
-    is_length = low > 0 and math.isfinite(high) and not _counts_other_things(run, after, unit)
+    is_length = low > 0 and math.isfinite(high) and not _counts_other_objects(run, after, unit)
     if axis is None and not leading:
         axis, after = _axis_behind(run, after)
         if unit is None:
@@ -135,10 +135,10 @@ def _aside(run: Sequence[Token], place: int, value: float, unit: str) -> tuple[f
     return (value, unit, place + 4) if unit in METRIC else (again, other, place + 4)
 
 
-def _counts_other_things(run: Sequence[Token], place: int, unit: str | None) -> bool:
+def _counts_other_objects(run: Sequence[Token], place: int, unit: str | None) -> bool:
     if unit is not None:
         return _kind(run, place) in {"word", "other"} and run[place].text in {"²", "³", "2", "3"}
-    return _kind(run, place) in {"word", "other"} and run[place].text in _UNITS_OF_OTHER_THINGS
+    return _kind(run, place) in {"word", "other"} and run[place].text in _NOT_LENGTH_UNITS
 
 
 def _axis_before(run: Sequence[Token], place: int) -> str | None:

@@ -221,10 +221,10 @@ def is_foreign(label: str, title: str = "") -> bool:
     Words of the item's own plain title are the item's: a `table height` is a table's height.
     """
     words = [word for word in _WORD.findall(_ASIDE.sub(" ", _BRACKETS.sub(" ", label))) if len(word) > 1]
-    return any(not _names_the_thing(word, title) for word in words)
+    return any(not _names_the_object(word, title) for word in words)
 
 
-def _names_the_thing(word: str, title: str) -> bool:
+def _names_the_object(word: str, title: str) -> bool:
     known = axis_of_word(word) or word in _SMALL_WORDS or _WHOLE.search(word) or _DIMENSION.search(word)
     return bool(known) or (len(word) > 2 and word in title)
 

@@ -13,7 +13,7 @@ from metric_base.arrays import IntArray
 __all__ = ["distinct_rows", "overlap"]
 
 # Masks of one object by one detector share nine tenths of their union; an object and one before it under a half.
-SAME_THING = 0.7
+SAME_OBJECT_OVERLAP = 0.7
 
 
 def distinct_rows(instances: Sequence[Instance]) -> IntArray:
@@ -30,7 +30,7 @@ def distinct_rows(instances: Sequence[Instance]) -> IntArray:
         ranked = sorted(rows, key=lambda row: (-instances[row].score, row))
         for place, row in enumerate(ranked):
             for other in ranked[place + 1 :]:
-                if not {row, other} & dropped and overlap(instances[row], instances[other]) >= SAME_THING:
+                if not {row, other} & dropped and overlap(instances[row], instances[other]) >= SAME_OBJECT_OVERLAP:
                     dropped |= _worse(instances, row, other)
     return np.array([row for row in range(len(instances)) if row not in dropped], dtype=np.int64)
 

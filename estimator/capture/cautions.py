@@ -95,7 +95,7 @@ def _of_the_focal_length(report: dict[str, Any], stated_by: str) -> list[str]:
     if not report["focal_held"] and deviation > UNSURE:
         return [
             f"the frames determine the focal length only to about {100 * deviation:.0f} %, and so depths against "
-            "widths; walk around the things, turn the camera as you walk, or give --focal"
+            "widths; walk around the objects, turn the camera as you walk, or give --focal"
         ]
     return []
 

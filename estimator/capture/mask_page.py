@@ -55,8 +55,8 @@ def frames_to_draw(scene: Scene, folder: Path) -> list[_Frame]:
 
 def instances_document(frames: list[_Frame], drawing: Mapping[str, list[dict[str, Any]]]) -> dict[str, Any]:
     """The COCO dataset of a drawing: polygons as such, boxes as boxes."""
-    names = sorted({thing["name"] for things in drawing.values() for thing in things})
-    rows = [(k + 1, thing) for k, frame in enumerate(frames) for thing in drawing.get(frame.name, [])]
+    names = sorted({item["name"] for items in drawing.values() for item in items})
+    rows = [(k + 1, item) for k, frame in enumerate(frames) for item in drawing.get(frame.name, [])]
     return {
         "info": {"description": "drawn on the page of estimate-scale"},
         "images": [
@@ -65,8 +65,8 @@ def instances_document(frames: list[_Frame], drawing: Mapping[str, list[dict[str
         ],
         "categories": [{"id": k + 1, "name": name} for k, name in enumerate(names)],
         "annotations": [
-            {"id": k + 1, "image_id": image, "category_id": names.index(thing["name"]) + 1, **_shape(thing)}
-            for k, (image, thing) in enumerate(rows)
+            {"id": k + 1, "image_id": image, "category_id": names.index(item["name"]) + 1, **_shape(item)}
+            for k, (image, item) in enumerate(rows)
         ],
     }
 
@@ -74,7 +74,7 @@ def instances_document(frames: list[_Frame], drawing: Mapping[str, list[dict[str
 class MaskPage(LocalPage):
     """The page, served until the person is done.
 
-    look_up : says what a name means, as `ThingNames` does; estimate : what the page shows of a drawing before it ends,
+    look_up : says what a name means, as `ObjectNames` does; estimate : what the page shows of a drawing before it ends,
     so that one may draw on.
     """
 
@@ -101,7 +101,7 @@ class MaskPage(LocalPage):
     def start(self) -> dict[str, Any]:
         """What the page begins with: frames, names to propose, and what was drawn before."""
         frames = [
-            {"name": frame.name, "width": frame.width, "height": frame.height, "things": self._drawing[frame.name]}
+            {"name": frame.name, "width": frame.width, "height": frame.height, "objects": self._drawing[frame.name]}
             for frame in self._frames
         ]
         return {"frames": frames, "names": self._names, "box_frames": MIN_BOX_VIEWS}
@@ -122,7 +122,7 @@ class MaskPage(LocalPage):
         self._drawing = drawing
         done, closed = (document.get(name) is True for name in ("done", "close"))
         if (done or closed) and not any(drawing.values()):
-            raise ValueError("draw at least one thing first")
+            raise ValueError("draw at least one object first")
         if done and self._estimate is not None:
             with self._one_at_a_time:
                 shown, self._figure = self._estimate(instances_document(self._frames, drawing))
@@ -160,12 +160,12 @@ class MaskPage(LocalPage):
             return 400, {"error": str(error)}
 
 
-def _shape(thing: dict[str, Any]) -> dict[str, Any]:
-    points = np.array(thing["points"], dtype=np.float64)
+def _shape(item: dict[str, Any]) -> dict[str, Any]:
+    points = np.array(item["points"], dtype=np.float64)
     (left, top), (right, bottom) = points.min(axis=0), points.max(axis=0)
     box = [float(left), float(top), float(right - left), float(bottom - top)]
     row: dict[str, Any] = {"bbox": box, "area": box[2] * box[3], "iscrowd": 0}
-    if thing["kind"] == "polygon":
+    if item["kind"] == "polygon":
         row["segmentation"] = [points.ravel().tolist()]
     return row
 
@@ -183,7 +183,7 @@ def _draft_of(file: Path, sizes: Mapping[str, tuple[int, int]]) -> Drawing:
     try:
         if not isinstance(kept, dict):
             raise ValueError("no frames by name")
-        images = [{"name": name, "things": kept[name]} for name in sizes if name in kept]
+        images = [{"name": name, "objects": kept[name]} for name in sizes if name in kept]
         return _check_drawing({"images": images}, sizes)
     except ValueError as error:
         raise InputError.at(file, "drawing", "what the page kept, or no such file", Unquoted(str(error))) from None
@@ -195,26 +195,26 @@ def _check_drawing(document: Any, sizes: Mapping[str, tuple[int, int]]) -> Drawi
         raise ValueError("expected a list of images")
     for image in document["images"]:
         name = image.get("name") if isinstance(image, dict) else None
-        if not isinstance(name, str) or name not in sizes or not isinstance(image.get("things"), list):
+        if not isinstance(name, str) or name not in sizes or not isinstance(image.get("objects"), list):
             raise ValueError("expected the frames of this page")
-        drawing[name] = [_check_thing(thing, sizes[name]) for thing in image["things"]]
+        drawing[name] = [_check_object(one, sizes[name]) for one in image["objects"]]
     return drawing
 
 
-def _check_thing(thing: Any, size: tuple[int, int]) -> dict[str, Any]:
-    if not isinstance(thing, dict) or thing.get("kind") not in ("box", "polygon"):
+def _check_object(drawn: Any, size: tuple[int, int]) -> dict[str, Any]:
+    if not isinstance(drawn, dict) or drawn.get("kind") not in ("box", "polygon"):
         raise ValueError("expected a box or a polygon")
-    name = thing.get("name")
+    name = drawn.get("name")
     if not isinstance(name, str) or not name.strip() or len(name.strip()) > LONGEST_NAME:
-        raise ValueError("every thing needs a name")
+        raise ValueError("every object needs a name")
     try:
-        points = np.array(thing.get("points"), dtype=np.float64)
+        points = np.array(drawn.get("points"), dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name}: expected corners x, y") from None
-    least = 2 if thing["kind"] == "box" else 3
+    least = 2 if drawn["kind"] == "box" else 3
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < least or not np.isfinite(points).all():
         raise ValueError(f"{name}: expected {least} or more corners x, y")
     points = np.clip(points, 0, size)
     if (points.max(axis=0) - points.min(axis=0)).min() < 2:
         raise ValueError(f"{name}: it is smaller than two pixels")
-    return {"name": name.strip(), "kind": thing["kind"], "points": points.tolist()}
+    return {"name": name.strip(), "kind": drawn["kind"], "points": points.tolist()}

@@ -24,13 +24,13 @@ def without_fragments(objects: Sequence[MeasuredObject]) -> tuple[MeasuredObject
     whole: list[MeasuredObject] = []
     after = list(objects)
     for row in ranked:
-        thing = objects[row]
-        if thing.skipped is not None or thing.box is None:
+        item = objects[row]
+        if item.skipped is not None or item.box is None:
             continue
-        if any(other.category == thing.category and _is_within(thing.box, other.box) for other in whole):
-            after[row] = replace(thing, skipped=f"a part of another {thing.category}")
+        if any(other.category == item.category and _is_within(item.box, other.box) for other in whole):
+            after[row] = replace(item, skipped=f"a part of another {item.category}")
         else:
-            whole.append(thing)
+            whole.append(item)
     return tuple(after)
 
 

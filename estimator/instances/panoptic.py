@@ -42,7 +42,7 @@ def read_panoptic(scene: Scene, file: Path, document: Any) -> tuple[tuple[Instan
     names: list[str] = []
     with in_file(file):
         categories = category_names(document)
-        things = _things(document)
+        countable = _object_categories(document)
         images = {key: image.get("file_name") for _, key, image in entries_by_id("images", document)}
         for number, value in enumerate(json_array(document.get("annotations"), "annotations")):
             with at_field(f"annotations[{number}]"):
@@ -53,11 +53,11 @@ def read_panoptic(scene: Scene, file: Path, document: Any) -> tuple[tuple[Instan
                 row = rows.row(name)
                 names.append(name)
                 if row is not None:
-                    instances += _instances(scene, row, file, annotation, categories, things)
+                    instances += _instances(scene, row, file, annotation, categories, countable)
     return joined_instances(file, scene, names, instances, ())
 
 
-def _things(document: dict[str, Any]) -> set[Hashable]:
+def _object_categories(document: dict[str, Any]) -> set[Hashable]:
     return {key for _, key, entry in entries_by_id("categories", document) if entry.get("isthing", 1)}
 
 
@@ -67,7 +67,7 @@ def _instances(
     file: Path,
     annotation: dict[str, Any],
     categories: dict[Hashable, str],
-    things: set[Hashable],
+    countable: set[Hashable],
 ) -> list[Instance | None]:
     stated = annotation.get("file_name")
     if not isinstance(stated, str) or Path(stated).name != stated:
@@ -88,7 +88,7 @@ def _instances(
             category = segment.get("category_id")
             if not isinstance(category, int | str) or category not in categories:
                 raise FieldError("category_id", "a category of the file", category)
-            if segment.get("iscrowd") or category not in things:
+            if segment.get("iscrowd") or category not in countable:
                 continue
             crop = mask_crop(numbers == segment.get("id"), scene.views[row].camera)
             if crop is not None:

@@ -42,13 +42,13 @@ def with_panels(
 
     bold, plain = _fonts()
     sizes = np.array([_panel_size(report, labels, bold, plain) for report, labels in texts]).reshape(-1, 2)
-    things = np.array([_visible_bounds(lines, canvas.shape) for lines in edges]).reshape(-1, 4)
-    places = np.rint(label_places(things, sizes, (canvas.shape[1], canvas.shape[0])))
+    bounds = np.array([_visible_bounds(lines, canvas.shape) for lines in edges]).reshape(-1, 4)
+    places = np.rint(label_places(bounds, sizes, (canvas.shape[1], canvas.shape[0])))
     sheet = Image.fromarray(canvas)
     shade = Image.new("RGBA", sheet.size, (0, 0, 0, 0))
     draw = ImageDraw.Draw(shade)
-    for (report, labels), size, (x, y), thing in zip(texts, sizes.tolist(), places.tolist(), things, strict=True):
-        middle = tuple(((thing[:2] + thing[2:]) / 2).tolist())
+    for (report, labels), size, (x, y), bound in zip(texts, sizes.tolist(), places.tolist(), bounds, strict=True):
+        middle = tuple(((bound[:2] + bound[2:]) / 2).tolist())
         draw.line([(x + size[0] / 2, y + size[1] / 2), middle], fill=(*PLAIN, 170), width=1)
         draw.rectangle([x, y, x + size[0], y + size[1]], fill=(*PANEL, int(255 * PANEL_OPACITY)))
         head = UNTRUSTED if report.verdict != "used" else PLAIN

@@ -19,7 +19,7 @@ _OVERLAP_COST, _COVER_COST = 3.0, 110.0
 
 
 def label_places(
-    things: FloatArray,
+    objects: FloatArray,
     sizes: FloatArray,
     canvas: tuple[float, float],
     *,
@@ -35,25 +35,25 @@ def label_places(
     corners = np.zeros((len(sizes), 2))
     taken: list[FloatArray] = []
     for row in np.argsort(-sizes.prod(axis=1), kind="stable"):
-        places = _candidates(things[row], sizes[row], canvas, step)  # (c, 2)
+        places = _candidates(objects[row], sizes[row], canvas, step)  # (c, 2)
         labels = np.hstack([places, places + sizes[row]])
-        middle = (things[row, :2] + things[row, 2:]) / 2
+        middle = (objects[row, :2] + objects[row, 2:]) / 2
         cost = np.linalg.norm(places + sizes[row] / 2 - middle, axis=1)
         cost += _OVERLAP_COST * _shared_area(labels, taken).sum(axis=1)
-        area = np.maximum((things[:, 2:] - things[:, :2]).prod(axis=1), 1.0)
-        cost += cover_cost * (_shared_area(labels, things) / area).sum(axis=1)
+        area = np.maximum((objects[:, 2:] - objects[:, :2]).prod(axis=1), 1.0)
+        cost += cover_cost * (_shared_area(labels, objects) / area).sum(axis=1)
         best = int(cost.argmin())
         corners[row] = places[best]
         taken.append(labels[best])
     return corners
 
 
-def _candidates(thing: FloatArray, size: FloatArray, canvas: tuple[float, float], step: float) -> FloatArray:
+def _candidates(bounds: FloatArray, size: FloatArray, canvas: tuple[float, float], step: float) -> FloatArray:
     """(c, 2) corners that centre the label on rings around the object, kept inside the canvas."""
     angles = np.linspace(-np.pi / 2, 1.5 * np.pi, _PER_RING, endpoint=False)
     around = np.column_stack([_FLATTENED * np.cos(angles), np.sin(angles)])
     radii = step * np.arange(_RINGS)
-    centres = (thing[:2] + thing[2:]) / 2 + (radii[:, None, None] * around).reshape(-1, 2)
+    centres = (bounds[:2] + bounds[2:]) / 2 + (radii[:, None, None] * around).reshape(-1, 2)
     return np.asarray(np.clip(centres - size / 2, 0, np.maximum(np.array(canvas) - size, 0)))
 
 

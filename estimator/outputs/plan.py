@@ -128,11 +128,11 @@ def _label_boxes(axes: Axes, outlines: Sequence[FloatArray], ids: Sequence[str],
     low, high = axes.transAxes.transform([(0, 0), (1, 1)])
     # in pixels from the lower left corner of the frame
     corners_px = [axes.transData.transform(outline) - low for outline in outlines]
-    things = np.array([np.concatenate([corner.min(axis=0), corner.max(axis=0)]) for corner in corners_px])
+    bounds = np.array([np.concatenate([corner.min(axis=0), corner.max(axis=0)]) for corner in corners_px])
     shown = [visible(name)[:MAX_LABEL] for name in ids]
     sizes = np.array([(LETTER_PX * max(len(name), 1) + 3, LINE_PX) for name in shown])
-    places = label_places(things, sizes, tuple((high - low).tolist()), step=6.0, cover_cost=0.0) + sizes / 2
-    middles = (things[:, :2] + things[:, 2:]) / 2
+    places = label_places(bounds, sizes, tuple((high - low).tolist()), step=6.0, cover_cost=0.0) + sizes / 2
+    middles = (bounds[:, :2] + bounds[:, 2:]) / 2
     for name, place, middle, colour in zip(shown, places, middles, colours, strict=True):
         moved = np.hypot(*(place - middle)) > LINE_PX
         line = {"arrowstyle": "-", "color": colour, "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0} if moved else None

@@ -109,7 +109,7 @@ def _known_length(
         if item.object.vertical_known and not item.object.truncated[2] and np.isfinite(item.object.sigma[2])
     ]
     if known:
-        best = min(known, key=lambda thing: float(thing.sigma[2]))
+        best = min(known, key=lambda one: float(one.sigma[2]))
         sd = math.hypot(float(best.sigma[2]), TAPE_SD_LOG)
         evidence = list(stated.values())
         yield (
@@ -127,13 +127,13 @@ def _masks(
 ) -> Iterator[tuple[str, str | None, _Supposed]]:
     """Objects that could not be measured, by class: one of them as if it had been."""
     skipped: dict[str, list[MeasuredObject]] = {}
-    for place, thing in enumerate(objects):
-        if place not in stated and by_name[thing.category].prior is not None:
-            skipped.setdefault(thing.category, []).append(thing)
-    for category, things in sorted(skipped.items(), key=lambda pair: -len(pair[1]))[:MOST_SKIPPED_CLASSES]:
-        count = "" if len(things) == 1 else f"one of the {len(things)} objects "
+    for place, item in enumerate(objects):
+        if place not in stated and by_name[item.category].prior is not None:
+            skipped.setdefault(item.category, []).append(item)
+    for category, members in sorted(skipped.items(), key=lambda pair: -len(pair[1]))[:MOST_SKIPPED_CLASSES]:
+        count = "" if len(members) == 1 else f"one of the {len(members)} objects "
         what = f"masks of {count}{category!r} that could not be measured, in more pictures"
-        yield what, _name(things[0]), _with_another(by_name[category], stated, again)
+        yield what, _name(members[0]), _with_another(by_name[category], stated, again)
 
 
 def _other_classes(
@@ -167,9 +167,9 @@ def _whole(item: ObjectEvidence, sides: BoolArray, scale: float) -> ObjectEviden
     extents = np.where(sides, usual, item.object.extents)
     sigma = np.where(sides, MEASURED_SD_LOG, item.object.sigma)
     vertical = item.object.vertical_known and not (is_sorted(item.prior) and sides.all())
-    thing = replace(item.object, extents=extents, sigma=sigma, vertical_known=vertical)
+    whole = replace(item.object, extents=extents, sigma=sigma, vertical_known=vertical)
     # errors that went together were those of the extents that are replaced here
-    return replace(item, object=replace(thing, truncated=np.zeros(3, dtype=bool), covariance=None))
+    return replace(item, object=replace(whole, truncated=np.zeros(3, dtype=bool), covariance=None))
 
 
 def _quantiles(estimate: Posterior) -> list[float]:
@@ -182,5 +182,5 @@ def _log_width(estimate: Posterior) -> float:
     return math.log(estimate.interval[1] / estimate.interval[0])
 
 
-def _name(thing: MeasuredObject) -> str:
-    return f"{thing.category} {thing.id}"
+def _name(item: MeasuredObject) -> str:
+    return f"{item.category} {item.id}"

@@ -39,7 +39,7 @@ LEVEL_SHARE, LEVEL_THICKNESS = 0.15, 0.06
 
 def place_on_category(space: Space, category: str, instances: Sequence[Instance]) -> Place:
     """Free space on the top of an object of a category. Raises NoPlace where there is none."""
-    votes = [points for points in _points_of_things(space, instances) if len(points) >= NEAR_POINTS]
+    votes = [points for points in _points_of_objects(space, instances) if len(points) >= NEAR_POINTS]
     if not votes:
         raise NoPlace(f"--on: the cloud has no points on any {category}")
     scored = [item for points in votes for item in _places_on(space, points)]
@@ -109,7 +109,7 @@ def _mask_of(surface: Surface, local: FloatArray) -> BoolArray:
     return mask.astype(bool)
 
 
-def _points_of_things(space: Space, instances: Sequence[Instance]) -> list[FloatArray]:
+def _points_of_objects(space: Space, instances: Sequence[Instance]) -> list[FloatArray]:
     """For each object the (n, 3) points of the cloud that most views see in its masks."""
     views = sorted({item.view for item in instances})
     views = views[:: -(-len(views) // MAX_VIEWS)]

@@ -39,6 +39,8 @@ class _Answers(msgspec.Struct):
     answers: list[_AnswerRow] = []
     participant: str | None = None
     study: str | None = None
+    object: str | None = None
+    #: What `object` was called before; pages made then still save it.
     thing: str | None = None
 
     def __post_init__(self) -> None:
@@ -90,10 +92,10 @@ def _expect_one_study(path: Path, documents: Mapping[Path, _Answers]) -> None:
     """InputError for answers about different pictures, which are no curve together."""
     by_study: dict[tuple[str | None, str | None], list[Path]] = defaultdict(list)
     for file, document in documents.items():
-        by_study[document.study, document.thing].append(file)
+        by_study[document.study, document.object or document.thing].append(file)
     if len(by_study) > 1:
-        named = "; ".join(f"{len(files)} about {thing!r} such as {files[0].name}"
-                          for (_, thing), files in list(by_study.items())[:3])  # fmt: skip
+        named = "; ".join(f"{len(files)} about {name!r} such as {files[0].name}"
+                          for (_, name), files in list(by_study.items())[:3])  # fmt: skip
         raise InputError(f"{path}: study: expected the answers of one page; found {named}")
 
 

@@ -20,13 +20,13 @@ _TEMPLATE = Path(__file__).with_name("page.html")
 JPEG_QUALITY = 92
 
 
-def study_page(pictures: Mapping[int, NDArray[np.uint8]], title: str, thing: str, repeats: int) -> str:
-    """The page. pictures : (h, w, 3) RGB by step in per cent; object : what the inserted object is called."""
+def study_page(pictures: Mapping[int, NDArray[np.uint8]], title: str, name: str, repeats: int) -> str:
+    """The page. pictures : (h, w, 3) RGB by step in per cent; name : what the inserted object is called."""
     shown = [{"step": step, "data": _data(picture)} for step, picture in sorted(pictures.items())]
     study = {
         "schema": ANSWERS_SCHEMA,
         "title": title,
-        "thing": thing,
+        "object": name,
         "repeats": repeats,
         "pictures": shown,
         "study": hashlib.sha256(json.dumps(shown).encode()).hexdigest()[:16],

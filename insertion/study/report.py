@@ -29,7 +29,7 @@ def report_text(curve: StudyCurve) -> str:
     if curve.flat:
         lines.append(
             "the answers do not depend on the size: the curve is flat, and there is no just-noticeable step. More "
-            "participants, larger pictures, or things of known size beside the object may show one."
+            "participants, larger pictures, or objects of known size beside the object may show one."
         )
         return "\n".join(lines)
     if curve.careless:

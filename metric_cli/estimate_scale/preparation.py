@@ -146,13 +146,13 @@ def _draw(options: Namespace, work: WorkFolder, preview: Preview) -> None:
     import metric_tree
     from estimator.capture.instances_file import save_drawing
     from estimator.capture.mask_page import MaskPage, frames_to_draw
-    from estimator.capture.thing_names import ThingNames
+    from estimator.capture.object_names import ObjectNames
     from estimator.reconstructions.colmap import read_colmap
     from taxonomy.label_lists import vocabulary
 
     frames = frames_to_draw(read_colmap(work.path / "sparse" / "0"), work.path / "frames")
     names = [label.label for label in vocabulary("coco_80")]
-    look_up = ThingNames(metric_tree.open(options.tree))
+    look_up = ObjectNames(metric_tree.open(options.tree))
 
     def estimate(document: dict[str, Any]) -> tuple[dict[str, Any], bytes]:
         save_drawing(document, work)

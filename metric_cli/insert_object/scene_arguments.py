@@ -50,7 +50,7 @@ def add_scene_arguments(root: argparse.ArgumentParser) -> None:
         type=input_path,
         help="masks that hide the object (default: SCENE/instances.json)",
     )
-    add("--moving", metavar="FILE", type=input_path, help="masks of people and things that move, of every frame")
+    add("--moving", metavar="FILE", type=input_path, help="masks of people and objects that move, of every frame")
     add("--dense", metavar="FILE|none", help="dense cloud (default: the one beside the model, if any)")
     add("--scale", metavar="METRES|FILE", help="metres per scene unit, or a result's file (default: SCENE/result.json)")
     add("--up", metavar="X,Y,Z", help="up in the scene's axes, if it is known (default: by the cameras and planes)")
@@ -63,7 +63,7 @@ def add_scene_arguments(root: argparse.ArgumentParser) -> None:
     add_one("--size", action=_PerModel, help="file (default), height=METRES (length=, width=), or prior")
     add_one("--category", metavar="NAME", action=_PerModel, help="category of the tree, for --size prior")
     add_one("--at", metavar="WHERE", action=_PerModel, help="frame=NAME_OR_INDEX,x=PX,y=PX or auto (default)")
-    add_one("--on", metavar="CATEGORY", action=_PerModel, help="free space on top of a thing of this category")
+    add_one("--on", metavar="CATEGORY", action=_PerModel, help="free space on top of an object of this category")
     add_one("--plane", metavar="N", type=int, action=_PerModel, help="a support plane, lowest first from 0")
     add_one("--xy", metavar="X,Y", action=_PerModel, help="metres along the plane's axes from its middle (default 0,0)")
     add_one("--facing", action=_PerModel, help="camera (default), wall, or degrees turned from the camera")

@@ -37,7 +37,8 @@ def _page_parser() -> argparse.ArgumentParser:
     )
     add_scene_arguments(root)
     root.add_argument("--frame", metavar="NAME", help="the picture to show (default: the one that shows most of it)")
-    root.add_argument("--thing", default="object", help="what the object is called on the page")
+    root.add_argument("--object", default="object", help="what the object is called on the page")
+    root.add_argument("--thing", dest="object", default=argparse.SUPPRESS, help=argparse.SUPPRESS)  # its old name
     root.add_argument("--title", default="How large does it look?", help="heading of the page")
     root.add_argument("--repeats", type=int, default=2, help="how often each size is shown (default: %(default)s)")
     root.add_argument("--out", metavar="FILE", type=OutputFile(), required=True, help="the page, FILE.html")
@@ -71,7 +72,7 @@ def _make(options: argparse.Namespace) -> int:
     placed = place_objects(prepared, requests, tree_of(options))
     pictures = _pictures(prepared, placed, options.frame)
     with whole_file(options.out, "--out") as file:
-        file.write_text(study_page(pictures, options.title, options.thing, options.repeats), encoding="utf-8")
+        file.write_text(study_page(pictures, options.title, options.object, options.repeats), encoding="utf-8")
     sys.stdout.write(f"{options.out}: {len(pictures)} sizes, each shown {options.repeats} times\n")
     sys.stdout.write(plan_text(options.repeats) + "\n")
     return 0

@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fold-out", metavar="I/N", type=_fold, help="leave out fold I (from 0) of N, by item id")
     parser.add_argument("--without-noncommercial", action="store_true", help="leave out non-commercial sources")
     parser.add_argument(
-        "--own-use",
+        "--include-withheld",
         dest="private",
         metavar="SOURCE",
         action="append",
@@ -66,6 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="keep this source's rows and pictures, though"
         " no open licence lets you give them on: the release is for your own use (may be repeated)",
     )
+    parser.add_argument("--own-use", dest="private", action="append", help=argparse.SUPPRESS)  # its old name
     parser.add_argument(
         "--sources",
         metavar="DIR",
@@ -140,7 +141,7 @@ def _warn(build: Build) -> None:
     unknown = (record for record in used if record["withheld"] and not record["url"])
     withheld = [record["id"] for record in unknown if not record["n_rows"]]
     if withheld:
-        keep = " ".join(f"--own-use {name}" for name in withheld)
+        keep = " ".join(f"--include-withheld {name}" for name in withheld)
         warn(f"withheld, for want of a declared open licence: all rows of {', '.join(withheld)}; {keep} keeps them")
 
 

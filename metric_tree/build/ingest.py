@@ -192,11 +192,11 @@ def ingest_block(
 
 #: Reasons for which a raw item is kept for a maintainer to look at (the others are the maintainer's own choice).
 REFUSALS = {
-    "no_category": "the taxonomy does not know what the thing is",
+    "no_category": "the taxonomy does not know what the object is",
     "excluded": "a reviewer took it out of its class (data/curated/exclusions.csv)",
     "no_size": "no outer size is stated, or four numbers where three are possible",
     "low_trust": "the size was only found in prose",
-    "toy_replica": "a toy of the thing, at a size of its own",
+    "toy_replica": "a toy of the object, at a size of its own",
     "placeholder": "the size is what is typed into a form that asks for one: 1 x 1 x 1",
 }
 

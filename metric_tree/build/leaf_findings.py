@@ -20,7 +20,7 @@ __all__ = ["CODES", "FACTOR", "LeafFinding", "LeafSize", "leaf_findings"]
 CODES = {
     "W411": "a leaf whose median is off by more than 2 from an independent range of it",
     "W412": "a leaf far from its siblings, by more than 2 and by more than they scatter",
-    "W413": "a leaf with its axes out of order: wider than long, or a thing that lies and is higher than wide",
+    "W413": "a leaf with its axes out of order: wider than long, or an object that lies and is higher than wide",
     "W414": "a source of a leaf that is off by more than 2 from all its others",
 }
 

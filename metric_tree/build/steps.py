@@ -200,7 +200,7 @@ def _expect_private(private: Sequence[str], files: Iterable[Path]) -> None:
     missing = sorted(set(private) - present)
     if missing:
         known = ", ".join(sorted(present)) or "none"
-        raise InputError(f"--own-use: expected sources of the raw items ({known}); found {', '.join(missing)}")
+        raise InputError(f"--include-withheld: expected sources of the raw items ({known}); found {', '.join(missing)}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -60,7 +60,7 @@ def _state(guide: Guide, shape: tuple[int, int]) -> NDArray[np.uint8]:
     state[area > 0] = cv2.GC_PR_FGD
     if guide.box is None:  # a box touches the object at its sides alone: nothing inside is certain
         state[cv2.erode(area, kernel, borderValue=0) > 0] = cv2.GC_FGD
-    for strokes, label in ((guide.thing, cv2.GC_FGD), (guide.ground, cv2.GC_BGD)):
+    for strokes, label in ((guide.object, cv2.GC_FGD), (guide.ground, cv2.GC_BGD)):
         for stroke in strokes:
             cv2.polylines(state, [np.rint(stroke).astype(np.int32)], isClosed=False, color=int(label), thickness=STROKE)
     return state

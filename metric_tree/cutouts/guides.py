@@ -7,6 +7,7 @@ what its reviewer says of the cut: `good`, or `poor` with `why`.
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import Literal
 
@@ -25,13 +26,18 @@ class Guide(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     picture: str
     polygon: tuple[Point, ...] = ()
     box: tuple[float, float, float, float] | None = None
-    thing: tuple[tuple[Point, ...], ...] = ()
+    object: tuple[tuple[Point, ...], ...] = ()
     ground: tuple[tuple[Point, ...], ...] = ()
     reviewer: str
     verdict: Literal["good", "poor"] = "good"
     why: str = ""
+    #: The old name of `object`, read for one release.
+    thing: tuple[tuple[Point, ...], ...] = ()
 
     def __post_init__(self) -> None:
+        if self.thing:
+            warnings.warn("the field 'thing' of a guide is called 'object'", DeprecationWarning, stacklevel=2)
+            msgspec.structs.force_setattr(self, "object", self.object + self.thing)
         expect(len(self.picture) == 64, "picture", "a sha256", self.picture)
         expect((len(self.polygon) >= 3) != (self.box is not None), "polygon, box", "three points or a box", "neither")
         expect(bool(self.reviewer.strip()), "reviewer", "a name", self.reviewer)

@@ -193,15 +193,15 @@ def _shadow(lab: Floats, plane: Floats, outside: Mask) -> Mask:
 
 def _settle(picture: RGB, small: Mask, shadow: Mask) -> Mask:
     """(h, w) GrabCut from what is known: outside is background, shadow (h, w) probably, the rest perhaps the object."""
-    thing = small & ~shadow
+    inside = small & ~shadow
     state = np.full(small.shape, cv2.GC_BGD, np.uint8)
     near = cv2.dilate(small.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
     state[near] = cv2.GC_PR_BGD
-    state[thing] = cv2.GC_PR_FGD
-    core = cv2.erode(thing.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
+    state[inside] = cv2.GC_PR_FGD
+    core = cv2.erode(inside.astype(np.uint8), np.ones((5, 5), np.uint8), borderValue=0) > 0
     state[core] = cv2.GC_FGD
     if not core.any() or near.all():
-        return thing
+        return inside
     models = np.zeros((1, 65)), np.zeros((1, 65))
     bgr = np.ascontiguousarray(picture[..., ::-1])
     cv2.setRNGSeed(0)

@@ -16,7 +16,7 @@ __all__ = ["REASONS", "Assessment", "assessment"]
 REASONS = {
     "empty": "less than half a per cent of the picture is foreground",
     "full": "more than 97 % of the picture is foreground, or it fills most of the picture's border",
-    "several": "two or more things of like size that do not touch",
+    "several": "two or more objects of like size that do not touch",
     "doubtful": "the quality is below 0.5: a blurred edge, or no difference of colour along it",
     "not_plain": "the background is not plain, and the backend needs it to be",
     "poor": "the reviewer of its guide does not vouch for the cut",

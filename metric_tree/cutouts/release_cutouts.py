@@ -163,7 +163,7 @@ def cut_release(
     if not paths:
         raise InputError(
             f"{release.directory / 'images.parquet'}: expected pictures with files; found none (`build` takes those of"
-            " a crawl, and with `--own-use SOURCE` those that may not be given on)"
+            " a crawl, and with `--include-withheld SOURCE` those that may not be given on)"
         )
     key = fingerprint([release.directory / "images.parquet", *_code()], repr(settings) + _model_sha(settings))
     with sole_writer(out), BuildFolder.open(out.with_name(f"{out.name}.cutout"), key) as work:

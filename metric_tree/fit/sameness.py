@@ -98,9 +98,9 @@ def _of_axis(x: FloatArray, scene: NDArray[np.str_]) -> Sameness | None:
     means = np.bincount(code, x) / counts
     between = float(counts @ (means - x.mean()) ** 2) / (k - 1)
     within = float(((x - means[code]) ** 2).sum()) / (n - k)
-    things = (n - (counts**2).sum() / n) / (k - 1)
+    per_room = (n - (counts**2).sum() / n) / (k - 1)
     if between + within <= 0:
         return None
-    share = float(np.clip((between - within) / (between + (things - 1) * within), 0.0, 0.99))
-    variance = 2 * (n - 1) * (1 - share) ** 2 * (1 + (things - 1) * share) ** 2 / (things**2 * (n - k) * (k - 1))
+    share = float(np.clip((between - within) / (between + (per_room - 1) * within), 0.0, 0.99))
+    variance = 2 * (n - 1) * (1 - share) ** 2 * (1 + (per_room - 1) * share) ** 2 / (per_room**2 * (n - k) * (k - 1))
     return Sameness(share, float(np.sqrt(max(variance, 1e-4))))

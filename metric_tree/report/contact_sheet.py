@@ -94,10 +94,10 @@ def write_sheet(file: Path, node: Node, count: int) -> list[dict[str, Any]]:
         raise InputError(f"--sheet: expected a name that ends in .png; found {file}")
     output_file(file, "--sheet")
     rows = picture_rows(node, count)
-    things = tiles(node.tree.release.directory, rows)
-    if not things:
+    shown = tiles(node.tree.release.directory, rows)
+    if not shown:
         raise InputError(f"{node.node_id}: expected pictures of items with a size; found none")
-    image = _sheet(things, f"{node.name}: {len(things)} of {node.images().num_rows} pictures, to one scale")
+    image = _sheet(shown, f"{node.name}: {len(shown)} of {node.images().num_rows} pictures, to one scale")
     with whole_file(file, "--sheet") as work:
         image.save(work, "PNG")
     return rows
@@ -122,15 +122,15 @@ def _spread(rows: list[dict[str, Any]], count: int) -> list[dict[str, Any]]:
     return [firsts[(2 * k + 1) * len(firsts) // (2 * count)] for k in range(count)]
 
 
-def _sheet(things: Sequence[Tile], title: str) -> Any:
+def _sheet(pictured: Sequence[Tile], title: str) -> Any:
     """The sheet as a Pillow image."""
     from PIL import Image, ImageDraw
 
-    mm_per_px = max(thing.longest_mm for thing in things) / LARGEST
-    scaled = [_scale(thing, mm_per_px) for thing in things]
+    mm_per_px = max(tile.longest_mm for tile in pictured) / LARGEST
+    scaled = [_scale(tile, mm_per_px) for tile in pictured]
     rows = _rows([picture.size for picture in scaled])
     heights = [max(scaled[k].height for k, _ in row) + LABEL + GAP for row in rows]
-    owed = _credit_lines(things)
+    owed = _credit_lines(pictured)
     top, foot = 2 * MARGIN + 50, 40 + CREDIT_HEIGHT * len(owed)
     sheet = Image.new("RGB", (WIDTH, top + sum(heights) + foot), "white")
     pen = ImageDraw.Draw(sheet)
@@ -141,8 +141,8 @@ def _sheet(things: Sequence[Tile], title: str) -> Any:
         shelf = y + height - LABEL - GAP
         for k, x in row:
             sheet.paste(scaled[k], (x, shelf - scaled[k].height), scaled[k])
-            pen.text((x, shelf + 6), _shorten(things[k].title), fill="black", font=_font(14))
-            pen.text((x, shelf + 24), things[k].sizes, fill="#555555", font=_font(14))
+            pen.text((x, shelf + 6), _shorten(pictured[k].title), fill="black", font=_font(14))
+            pen.text((x, shelf + 24), pictured[k].sizes, fill="#555555", font=_font(14))
         pen.line((MARGIN, shelf + 2, WIDTH - MARGIN, shelf + 2), fill="#dddddd")
         y += height
     for number, line in enumerate(owed):
@@ -150,24 +150,24 @@ def _sheet(things: Sequence[Tile], title: str) -> Any:
     return sheet
 
 
-def _credit_lines(things: Sequence[Tile]) -> list[str]:
+def _credit_lines(pictured: Sequence[Tile]) -> list[str]:
     """Whom to name for the pictures, as their licences ask, in lines that fit on the sheet."""
-    owed = "; ".join(sorted({thing.credit for thing in things}))
-    note = "" if all(thing.is_cut for thing in things) else " Framed: not cut, the frame is drawn as the thing."
+    owed = "; ".join(sorted({tile.credit for tile in pictured}))
+    note = "" if all(tile.is_cut for tile in pictured) else " Framed: not cut, the frame is drawn as the object."
     return wrap(f"Pictures: {owed}.{note}", CREDIT_LETTERS)
 
 
-def _scale(thing: Tile, mm_per_px: float) -> Any:
+def _scale(tile: Tile, mm_per_px: float) -> Any:
     """The picture at the sheet's scale, RGBA; one that is not cut has a frame."""
     from PIL import Image, ImageOps
 
-    with Image.open(thing.path, formats=["PNG", "JPEG", "WEBP"]) as file:
+    with Image.open(tile.path, formats=["PNG", "JPEG", "WEBP"]) as file:
         picture = ImageOps.exif_transpose(file).convert("RGBA")
-    shown_mm = max(picture.size) / thing.pixels_per_mm if thing.pixels_per_mm else thing.longest_mm
+    shown_mm = max(picture.size) / tile.pixels_per_mm if tile.pixels_per_mm else tile.longest_mm
     factor = max(shown_mm / mm_per_px, LEAST) / max(picture.size)
     size = (max(1, round(picture.width * factor)), max(1, round(picture.height * factor)))
     small = picture.resize(size, Image.Resampling.LANCZOS)
-    return small if thing.is_cut else ImageOps.expand(small, 1, "#cc8844")
+    return small if tile.is_cut else ImageOps.expand(small, 1, "#cc8844")
 
 
 def _rows(sizes: Sequence[tuple[int, int]]) -> list[list[tuple[int, int]]]:

@@ -172,7 +172,7 @@ def _findings(tree: Tree, all_findings: Sequence[Finding]) -> str:
             "Differ by: one standard deviation between sources, in the dimension where it is largest.", note=True
         )
         + table(("category", "sources", "items", "differ by"), differing)
-        + "<h3>Categories that look like two kinds of thing</h3>\n"
+        + "<h3>Categories that look like two kinds of object</h3>\n"
         + paragraph(
             f"{len(several)} leaves, of which the {min(MAX_SHOWN_ROWS, len(several))} with most items:", note=True
         )

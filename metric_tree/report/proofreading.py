@@ -57,7 +57,7 @@ def proofreading_page(tree: Tree, limit: int) -> str:
     nodes = thin_nodes(tree, limit)
     note = (
         f"{len(nodes)} of the most used categories whose size rests on few items or less, the thinnest evidence first."
-        " Sizes are in mm in the ordinary pose: nine of ten things lie between low and high. Say of each whether it is"
+        " Sizes are in mm in the ordinary pose: nine of ten objects lie between low and high. Say of each whether it is"
         " right, and correct the numbers where it is not. What you save are rows to append to data/curated/ranges.csv."
     )
     head = "".join(f"<th>{plain(axis)} {end}</th>" for axis in AXES for end in _ENDS)

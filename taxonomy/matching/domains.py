@@ -33,7 +33,7 @@ _ABSTRACT = ("coin.n.01", "decoration.n.02", "badge.n.01", "crosier.n.01", "bill
     "street_sign.n.01", "traffic_light.n.01", "pack_of_cards.n.01", "bar_soap.n.01", "party_favor.n.01",
 )  # fmt: skip
 _MADE = ("artifact.n.01", "playing_card.n.01", "amulet.n.01", *_ABSTRACT)
-_THINGS = (
+_OBJECTS = (
     *_MADE, "animal.n.01", "plant.n.02", "fungus.n.01", "food.n.01", "food.n.02", "fruit.n.01", "natural_object.n.01",
 )  # fmt: skip
 
@@ -51,9 +51,9 @@ _SAYS_NOTHING = frozenset(
 
 #: The domains of the sources, broad ones first; `data/taxonomy/readings.toml` says which source has which.
 DOMAINS = {
-    "things": Domain(_THINGS, ("instrumentality.n.03", "artifact.n.01")),
+    "objects": Domain(_OBJECTS, ("instrumentality.n.03", "artifact.n.01")),
     "household": Domain(
-        _THINGS,
+        _OBJECTS,
         ("furniture.n.01", "home_appliance.n.01", "kitchen_utensil.n.01", "tableware.n.01", "bedclothes.n.01",
          "container.n.01", "plumbing_fixture.n.01", "lamp.n.02", "electronic_equipment.n.01", "device.n.01",
          "instrumentality.n.03", "artifact.n.01"),
@@ -69,7 +69,7 @@ DOMAINS = {
     ),
     "electronics": Domain(("artifact.n.01",), ("electronic_equipment.n.01", "electronic_device.n.01", "device.n.01")),
     "shop": Domain(
-        _THINGS,
+        _OBJECTS,
         ("plaything.n.01", "game_equipment.n.01", "sports_equipment.n.01", "clothing.n.01", "container.n.01",
          "furniture.n.01", "vehicle.n.01", "device.n.01", "instrumentality.n.03", "artifact.n.01"),
     ),

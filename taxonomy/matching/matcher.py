@@ -94,7 +94,7 @@ class Matcher:
             concept = self.lexicon.wordnet.synset_at(synset) if synset[1:].isdigit() else synset
         except UnknownSynset:
             return None
-        if not (self.lexicon.knows(concept) and fits(self.lexicon.sense(concept), DOMAINS["things"])):
+        if not (self.lexicon.knows(concept) and fits(self.lexicon.sense(concept), DOMAINS["objects"])):
             return None
         return ConceptMatch(
             concept, self._namer.score("source synset"), "the source names it", "source synset", subject

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
@@ -43,6 +44,9 @@ class Reading(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=T
     refined: bool = False
 
     def __post_init__(self) -> None:
+        if self.domain == "things":
+            warnings.warn("the domain 'things' is called 'objects'", DeprecationWarning, stacklevel=2)
+            msgspec.structs.force_setattr(self, "domain", "objects")
         expect(self.domain in DOMAINS, "domain", f"one of {', '.join(sorted(DOMAINS))}", self.domain)
 
 

@@ -48,7 +48,7 @@ def made(crawl: Path) -> Path:
     """The folder in which the three commands left a release, one with cut-outs, and a training set."""
     home = crawl.parent
     commands: list[tuple[object, ...]] = [
-        ("build", crawl, "--out", home / "release", "--own-use", "127.0.0.1", "--workers", 1, "--no-heldout",
+        ("build", crawl, "--out", home / "release", "--include-withheld", "127.0.0.1", "--workers", 1, "--no-heldout",
          "--without-curated"),
         ("cutout", home / "release", "--out", home / "cut", "--backend", "plain", "--workers", 1),
         ("export", "--tree", home / "cut", "--out", home / "set", "--pictures", 30, "--val-share", 0,

@@ -202,13 +202,13 @@ def test_blender_is_asked_for_the_scene_in_metres(
 OPENED = """
 import json, sys, bpy, numpy as np
 bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
-meshes = [thing for thing in bpy.data.objects if thing.type == "MESH" and not thing.is_shadow_catcher]
-corners = np.array([thing.matrix_world @ vertex.co for thing in meshes for vertex in thing.data.vertices])
+meshes = [item for item in bpy.data.objects if item.type == "MESH" and not item.is_shadow_catcher]
+corners = np.array([item.matrix_world @ vertex.co for item in meshes for vertex in item.data.vertices])
 scene = bpy.context.scene
 print("SAW" + json.dumps({
     "height": float(np.ptp(corners[:, 2])), "lowest": float(corners[:, 2].min()),
     "packed": [image.packed_file is not None for image in bpy.data.images if image.source == "FILE"],
-    "catchers": sum(thing.is_shadow_catcher for thing in bpy.data.objects if thing.type == "MESH"),
+    "catchers": sum(item.is_shadow_catcher for item in bpy.data.objects if item.type == "MESH"),
     "moves": scene.camera.animation_data is not None and scene.frame_end > scene.frame_start,
 }))
 """

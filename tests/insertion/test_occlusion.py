@@ -37,7 +37,7 @@ def _object() -> ObjectImage:
     )
 
 
-def _thing(name: str, *boxes: tuple[int, int, int, int]) -> Instance:
+def _object(name: str, *boxes: tuple[int, int, int, int]) -> Instance:
     mask = np.zeros(BOX.shape, bool)
     for x0, y0, x1, y1 in boxes:
         mask[y0:y1, x0:x1] = True
@@ -58,7 +58,7 @@ def _hidden(objects: Sequence[Instance], points: FrontPoints) -> np.ndarray:
 
 def test_the_near_leg_of_a_table_hides_and_the_far_one_does_not() -> None:
     top, near, far = (10, 10, 150, 30), (20, 30, 35, 110), (120, 30, 135, 90)
-    hidden = _hidden([_thing("table", top, near, far)], _points((top, NEAR), (near, NEAR), (far, FAR)))
+    hidden = _hidden([_object("table", top, near, far)], _points((top, NEAR), (near, NEAR), (far, FAR)))
     assert hidden[40:105, 21:34].all()
     assert not hidden[45:88, 121:134].any()
     assert not hidden[:, 60:100][45:].any()
@@ -67,14 +67,14 @@ def test_the_near_leg_of_a_table_hides_and_the_far_one_does_not() -> None:
 def test_a_cup_without_points_hides_what_its_table_hides() -> None:
     table, cup = (10, 60, 150, 110), (70, 40, 80, 60)
     points = _points((table, NEAR))
-    assert _hidden([_thing("cup", cup), _thing("table", table)], points)[42:58, 72:78].all()
+    assert _hidden([_object("cup", cup), _object("table", table)], points)[42:58, 72:78].all()
     lamp = (70, 10, 80, 30)  # hangs free: nothing says that it is near
-    assert not _hidden([_thing("lamp", lamp), _thing("table", table)], points)[12:28, 72:78].any()
+    assert not _hidden([_object("lamp", lamp), _object("table", table)], points)[12:28, 72:78].any()
 
 
 def test_a_gap_between_two_masks_is_closed_unless_one_sees_through_it() -> None:
     left, right, gap = (10, 10, 70, 110), (76, 10, 150, 110), (71, 15, 75, 105)
-    objects = [_thing("left", left), _thing("right", right)]
+    objects = [_object("left", left), _object("right", right)]
     points = _points((left, NEAR), (right, NEAR))
     assert _hidden(objects, points)[20:100, 70:76].all()
     seen_through = _points((left, NEAR), (right, NEAR), (gap, FAR))
@@ -84,15 +84,15 @@ def test_a_gap_between_two_masks_is_closed_unless_one_sees_through_it() -> None:
 def test_points_that_touch_the_object_decide_nothing() -> None:
     couch = (10, 30, 150, 110)
     touching = _points((couch, NEAR), (couch, OBJECT * 1.005))
-    assert _hidden([_thing("couch", couch)], touching)[35:105, 15:145].all()
+    assert _hidden([_object("couch", couch)], touching)[35:105, 15:145].all()
 
 
 def test_what_another_view_sees_past_an_object_does_not_shine_through_it() -> None:
     couch, edge = (10, 30, 150, 110), (10, 30, 60, 50)
     leak = _points((couch, NEAR), (edge, FAR))
     seen = np.repeat([True, False], 25)
-    assert not _hidden([_thing("couch", couch)], leak)[33:47, 13:57].all()
-    assert _hidden([_thing("couch", couch)], replace(leak, observed=seen))[33:107, 13:147].all()
+    assert not _hidden([_object("couch", couch)], leak)[33:47, 13:57].all()
+    assert _hidden([_object("couch", couch)], replace(leak, observed=seen))[33:107, 13:147].all()
 
 
 def test_a_film_frame_trusts_what_its_nearest_view_observed() -> None:
@@ -119,7 +119,7 @@ def test_a_box_has_its_first_pixels_and_not_its_last() -> None:
 
 
 def test_a_mask_that_starts_inside_the_picture_is_carried_to_its_place() -> None:
-    item = replace(_thing("box", (0, 0, 20, 16)), origin=(300, 200))
+    item = replace(_object("box", (0, 0, 20, 16)), origin=(300, 200))
     carried = _carry(item, VIEW, VIEW, np.array([1 / NEAR, 0.0, 0.0]))
     assert carried is not None
     assert np.abs(np.array(carried.origin) - item.origin).max() <= 1
@@ -201,10 +201,10 @@ def test_an_upright_object_is_seen_from_above_at_its_own_depth() -> None:
 
 def test_points_behind_what_moves_are_not_seen() -> None:
     points = _points(((0, 0, 60, 120), FAR), ((100, 0, 160, 120), FAR))
-    left = points_beside(points, [_thing("walker", (0, 0, 80, 120))])
+    left = points_beside(points, [_object("walker", (0, 0, 80, 120))])
     assert len(left.rows) == 25
     assert left.pixels[:, 0].min() >= 100
-    assert points_beside(left, [_thing("walker", (0, 0, 80, 120))]) is left
+    assert points_beside(left, [_object("walker", (0, 0, 80, 120))]) is left
 
 
 def test_masks_of_frames_are_read_by_the_names_of_the_frames(tmp_path: Path) -> None:

@@ -82,7 +82,7 @@ def test_the_plan_is_that_of_a_flat_curve() -> None:
 
 def test_a_file_that_is_there_twice_counts_once(tmp_path: Path) -> None:
     rows = [{"step": step, "answer": "right"} for step in STEPS]
-    record = {"schema": ANSWERS_SCHEMA, "participant": "p", "study": "s", "thing": "chair", "answers": rows}
+    record = {"schema": ANSWERS_SCHEMA, "participant": "p", "study": "s", "object": "chair", "answers": rows}
     for name in ("a.json", "a (1).json"):
         (tmp_path / name).write_text(json.dumps(record))
     warnings: list[str] = []
@@ -91,7 +91,7 @@ def test_a_file_that_is_there_twice_counts_once(tmp_path: Path) -> None:
     (tmp_path / "b.json").write_text(json.dumps(record | {"answers": rows[:3]}))
     with pytest.raises(InputError, match="participant: expected one file each"):
         read_answers(tmp_path)
-    (tmp_path / "b.json").write_text(json.dumps(record | {"participant": "q", "study": "t", "thing": "table"}))
+    (tmp_path / "b.json").write_text(json.dumps(record | {"participant": "q", "study": "t", "object": "table"}))
     with pytest.raises(InputError, match=r"expected the answers of one page; found 2 about 'chair'.*1 about 'table'"):
         read_answers(tmp_path)
 

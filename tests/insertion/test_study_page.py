@@ -44,6 +44,6 @@ def test_answers_are_saved_and_reported(tmp_path: Path, capsys: pytest.CaptureFi
     answers = {answer.step: answer.answer for answer in read_answers(file)}
     assert sorted(answers) == sorted(STEPS)
     assert (answers[-30], answers[0], answers[30]) == ("too small", "right", "too large")
-    assert json.loads(file.read_text())["thing"] == "chair"
+    assert json.loads(file.read_text())["object"] == "chair"
     assert run_study(["report", str(saved)]) == 0
     assert "1 participant(s)" in capsys.readouterr().out

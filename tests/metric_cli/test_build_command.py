@@ -87,9 +87,10 @@ def test_bad_arguments_are_one_line(raw, tmp_path, capsys, monkeypatch, words, m
 
 
 def test_a_private_source_without_raw_items_is_refused(raw, tmp_path, capsys):
-    assert run(raw, "--out", tmp_path / "release", "--workers", 1, "--own-use", "shoq") == 2
+    assert run(raw, "--out", tmp_path / "release", "--workers", 1, "--include-withheld", "shoq") == 2
     assert (
-        "--own-use: expected sources of the raw items (club, games, lab, shop); found shoq" in capsys.readouterr().err
+        "--include-withheld: expected sources of the raw items (club, games, lab, shop); found shoq"
+        in capsys.readouterr().err
     )
     assert not (tmp_path / "release").exists()
 
@@ -99,9 +100,9 @@ def test_withheld_rows_of_an_undeclared_source_are_told(raw, tmp_path, capsys):
     words = ("--workers", 1, "--no-heldout")
     assert run(raw, "--out", tmp_path / "public", *words) == 0
     error = capsys.readouterr().err
-    assert "all rows of mine; --own-use mine keeps them" in error
+    assert "all rows of mine; --include-withheld mine keeps them" in error
     assert error.count("\n") == 1  # the withheld sources that are declared are no news
-    assert run(raw, "--out", tmp_path / "private", "--own-use", "mine", *words) == 0
+    assert run(raw, "--out", tmp_path / "private", "--include-withheld", "mine", *words) == 0
     assert capsys.readouterr().err == ""
 
 

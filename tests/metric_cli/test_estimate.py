@@ -144,12 +144,12 @@ def test_a_crowd_of_objects_and_a_name_of_pages_are_bounded(
     tmp_path: Path, tree: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "objects.json"
-    thing = {"category": "chair", "dimensions": {"height": 1.0}}
-    file.write_text(json.dumps({"schema": SCHEMA, "objects": [thing] * 50_001}))
+    chair = {"category": "chair", "dimensions": {"height": 1.0}}
+    file.write_text(json.dumps({"schema": SCHEMA, "objects": [chair] * 50_001}))
     assert main(["--objects", str(file), "--tree", str(tree)]) == 2
     assert "objects: expected at most 50,000, found 50001" in capsys.readouterr().err
     names = ["x" * 100_000, *(f"zz{row}" for row in range(60))]
-    file.write_text(json.dumps({"schema": SCHEMA, "objects": [thing | {"category": name} for name in names]}))
+    file.write_text(json.dumps({"schema": SCHEMA, "objects": [chair | {"category": name} for name in names]}))
     assert main(["--objects", str(file), "--tree", str(tree), "--quiet", "--json"]) == 3
     reasons = [item["reason"] for item in json.loads(capsys.readouterr().out)["objects"]]
     assert len(reasons[0]) < 200

@@ -19,7 +19,7 @@ PACKAGES = ("metric_base", "crawler", "taxonomy", "metric_tree", "estimator", "i
 #: Options of other programs, of an example of a misspelling, and half of a pattern.
 OTHERS = {"--background", "--factory-startup", "--python", "--workspace", "--instnces", "--ade"}
 NAMED = re.compile(r"(?<![\w-])(--[a-z][a-z-]+[a-z])(?: ([A-Z]{2,}))?")
-#: A verb before its option: `build --own-use`, `metric-tree review record ... --why`.
+#: A verb before its option: `build --include-withheld`, `metric-tree review record ... --why`.
 OF_VERB = re.compile(rf"\b({'|'.join(name.split()[-1] for name in PARSERS if ' ' in name)}) (--[a-z][a-z-]+[a-z])")
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 

@@ -60,7 +60,7 @@ RUNS = {
     "insert-object study report": "answers.json",
     "metric-tree query": "rat --tree mini",
     "metric-tree crawl": "generic --out absent --start-url http://127.0.0.1:9/ --contact me@example.org --delay 0",
-    "metric-tree import": "things --sources declared --input things.csv",
+    "metric-tree import": "table --sources declared --input table.csv",
     "metric-tree build": "raw.jsonl --workers 1 --no-heldout --without-curated --out absent",
     "metric-tree review --folder": "record *:~chair chair.n.01 --reviewer me",
     "metric-tree report": "mini",
@@ -86,7 +86,7 @@ KEPT = (
     "cautions.json",
     "stamps/frames.json", "databases/features.db", "items-000000001-000000002.jsonl", "frontier.sqlite",
     "pictures/a.png", "pictures-000001-000001.jsonl", "quarantine.jsonl", "report.json", "work/a.pickle",
-    "things.jsonl.gz", "recorded.jsonl", "index.html",
+    "table.jsonl.gz", "recorded.jsonl", "index.html",
 )  # fmt: skip
 TRIED: Counter[str] = Counter()
 
@@ -136,15 +136,15 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     item = {"id": "1", "category": "chair", "dimensions": size}
     (place / "objects.json").write_text(json.dumps({"schema": "metric-tree/objects/1", "objects": [item]}))
     (place / "answers.json").write_text("{}")
-    (place / "declared" / "things.toml").write_text(DECLARATION)
-    (place / "things.csv").write_text("no,w\n1,10\n")
+    (place / "declared" / "table.toml").write_text(DECLARATION)
+    (place / "table.csv").write_text("no,w\n1,10\n")
     return place
 
 
 DECLARATION = """
-id = "things"
-title = "Made things"
-url = "https://example.org/things"
+id = "table"
+title = "Made table"
+url = "https://example.org/table"
 licence = "CC0-1.0"
 licence_basis = "made for a test"
 kind = "measured"

@@ -24,7 +24,7 @@ def test_the_unit_follows_the_size(mini: Tree) -> None:
     )
 
 
-def test_a_pair_of_one_thing_is_plural(mini: Tree) -> None:
+def test_a_pair_of_one_object_is_plural(mini: Tree) -> None:
     prior = mini.find("swivel chair").prior(("length",))
     assert everyday_sentence("over-ear headphones", prior).startswith("Over-ear headphones are about 62 cm")
     assert everyday_sentence("bus", prior).startswith("A bus is")

@@ -74,7 +74,7 @@ def test_a_build_takes_the_pictures_of_what_it_ships(crawl, tmp_path):
 
 def test_private_sources_are_kept_on_request_and_say_so(crawl, tmp_path):
     assert run(crawl, tmp_path / "release") == 0
-    assert run(crawl, tmp_path / "private", "--own-use", "shop") == 0
+    assert run(crawl, tmp_path / "private", "--include-withheld", "shop") == 0
     public, private = (metric_tree.open(tmp_path / name).find("entity").images() for name in ("release", "private"))
     assert private.num_rows > public.num_rows
     assert set(private["licence"].to_pylist()) == {"CC0-1.0", PRIVATE_LICENCE}
@@ -82,7 +82,7 @@ def test_private_sources_are_kept_on_request_and_say_so(crawl, tmp_path):
 
 
 def test_a_picture_of_two_items_is_one_file(crawl, tmp_path):
-    assert run(crawl, tmp_path / "release", "--own-use", "shop", "--own-use", "club") == 0
+    assert run(crawl, tmp_path / "release", "--include-withheld", "shop", "--include-withheld", "club") == 0
     rows = metric_tree.open(tmp_path / "release").find("entity").images().to_pylist()
     files = [path for path in (tmp_path / "release" / "pictures").rglob("*") if path.is_file()]
     assert len(files) == len({row["image_id"] for row in rows}) < len(rows)
@@ -93,7 +93,7 @@ def test_changed_and_missing_files_are_left_out(crawl, tmp_path):
     files = sorted(path for path in (crawl / "pictures").rglob("*.jpg"))
     files[0].write_bytes(b"another")
     files[1].unlink()
-    assert run(crawl, tmp_path / "release", "--own-use", "shop", "--own-use", "club") == 0
+    assert run(crawl, tmp_path / "release", "--include-withheld", "shop", "--include-withheld", "club") == 0
     left_out = json.loads((tmp_path / "release.build" / "report.json").read_text())["pictures"]["left_out"]
     assert left_out["changed"] >= 1
     assert left_out["no_file"] >= 1

@@ -29,7 +29,7 @@ def test_bounding_box_is_exactly_the_stated_size(category: str, x: float, y: flo
 
 
 @given(st.sampled_from(sorted(CATEGORIES)), st.floats(0.05, 0.8), st.floats(0, 6.3))
-def test_a_tilted_thing_stands_on_the_floor_and_keeps_its_shape(category: str, tilt: float, yaw: float) -> None:
+def test_a_tilted_object_stands_on_the_floor_and_keeps_its_shape(category: str, tilt: float, yaw: float) -> None:
     size = np.array([0.6, 0.4, 0.9])
     upright, tilted = solid(category, size), tilted_solid(category, size, tilt, yaw)
     assert abs(tilted.vertices[:, 2].min()) < 1e-9

@@ -224,7 +224,7 @@ def test_ansur_people_and_their_parts(imports: Imports) -> None:
 def test_ikea_reads_commas_sets_covers_and_the_longer_side(imports: Imports) -> None:
     result = imports("ikea_sa_2020")
     assert reason(result, "out_of_bounds") == 1
-    assert reason(result, "set_of_things") > 300
+    assert reason(result, "set_of_objects") > 300
     assert reason(result, "not_an_object") > 100
     assert not any(item.category_path[-1].lower().startswith("cover") for item in result.items)
     tables = list(of(result, "linnmon / adils: table, 120x60 cm"))

@@ -31,7 +31,7 @@ SYNSETS: dict[str, tuple[list[str], int, list[str], str]] = {
     "computer_mouse": (["mouse", "computer_mouse"], 6, ["electronic"], "a device that moves a cursor"),
     "animal": (["animal"], 5, ["entity"], "a living organism"),
     "plate": (["home_plate", "plate"], 6, ["instrumentality"], "a base of baseball"),
-    "container": (["container"], 6, ["instrumentality"], "an object that holds things"),
+    "container": (["container"], 6, ["instrumentality"], "an object that holds other objects"),
     "vase": (["vase"], 6, ["container"], "an open jar"),
     "bowl": (["bowl"], 6, ["container"], "a round vessel"),
     "bowls": (["bowls"], 4, ["entity"], "a game"),

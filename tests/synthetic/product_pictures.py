@@ -17,7 +17,7 @@ from tests.synthetic.rooms.shapes import CATEGORIES, solid
 from tests.synthetic.rooms.solids import box
 from tests.synthetic.rooms.world import Pinhole, Placed, World, pose_towards
 
-__all__ = ["KINDS", "ProductPicture", "Thing", "objects", "pictured"]
+__all__ = ["KINDS", "PicturedObject", "ProductPicture", "objects", "pictured"]
 
 KINDS = ("plain", "gradient", "shadowed", "cluttered")
 
@@ -31,7 +31,7 @@ Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Thing:
+class PicturedObject:
     """A rendered object: colour (s, s, 3) uint8, coverage (s, s) float 0 to 1."""
 
     category: str
@@ -50,15 +50,15 @@ class ProductPicture:
     mask: NDArray[np.bool_]
 
 
-def objects(count: int, seed: int, side: int = SIDE) -> Iterator[Thing]:
+def objects(count: int, seed: int, side: int = SIDE) -> Iterator[PicturedObject]:
     """Rendered objects, every category in turn, each seen as a shop shows it: from before, a little from above."""
     names = sorted(set(CATEGORIES) - _NO_PRODUCTS)
     for number in range(count):
         generator = np.random.default_rng((seed, number))
-        yield _thing(names[number % len(names)], generator, side)
+        yield _object(names[number % len(names)], generator, side)
 
 
-def pictured(item: Thing, kind: str, generator: np.random.Generator) -> ProductPicture:
+def pictured(item: PicturedObject, kind: str, generator: np.random.Generator) -> ProductPicture:
     """An object before a background of a kind, with a camera's noise, through JPEG at a shop's quality."""
     scenery = {"plain": _plain, "gradient": _gradient, "shadowed": _shadowed, "cluttered": _cluttered}[kind]
     behind = scenery(item, generator)
@@ -71,7 +71,7 @@ def pictured(item: Thing, kind: str, generator: np.random.Generator) -> ProductP
     return ProductPicture(kind, item.category, pixels, item.coverage >= 0.5)
 
 
-def _thing(category: str, generator: np.random.Generator, side: int) -> Thing:
+def _object(category: str, generator: np.random.Generator, side: int) -> PicturedObject:
     size = np.exp(generator.normal(0, 0.25, 3)) * [1.0, 0.7, 0.8]
     mesh = solid(category, size)
     azimuth = generator.uniform(-0.9, 0.9) - np.pi / 2
@@ -103,10 +103,10 @@ def _thing(category: str, generator: np.random.Generator, side: int) -> Thing:
     colour = cv2.resize(whole * inside[..., None], (side, side), interpolation=cv2.INTER_AREA)
     colour = colour / np.maximum(coverage, 1e-6)[..., None]
     sizes = tuple(float(1000 * one) for one in size)
-    return Thing(category, (sizes[0], sizes[1], sizes[2]), np.clip(colour, 0, 255).astype(np.uint8), coverage)
+    return PicturedObject(category, (sizes[0], sizes[1], sizes[2]), np.clip(colour, 0, 255).astype(np.uint8), coverage)
 
 
-def _plain(item: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
+def _plain(item: PicturedObject, generator: np.random.Generator) -> NDArray[np.float64]:
     """Two in three white, else a light or saturated paper."""
     if generator.random() < 2 / 3:
         colour = np.full(3, generator.choice([255.0, 254.0, 250.0, 245.0]))
@@ -115,7 +115,7 @@ def _plain(item: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
     return np.broadcast_to(colour, item.colour.shape).astype(float)
 
 
-def _gradient(item: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
+def _gradient(item: PicturedObject, generator: np.random.Generator) -> NDArray[np.float64]:
     """Light that falls off along a line, or from a centre as a lamp's does."""
     side = item.coverage.shape[0]
     y, x = np.mgrid[:side, :side] / side - 0.5
@@ -128,7 +128,7 @@ def _gradient(item: Thing, generator: np.random.Generator) -> NDArray[np.float64
     return np.asarray(light[..., None] * tint)
 
 
-def _shadowed(item: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
+def _shadowed(item: PicturedObject, generator: np.random.Generator) -> NDArray[np.float64]:
     """White paper, the object's shadow laid down to one side, and a dark contact beneath it."""
     side = item.coverage.shape[0]
     rows = np.flatnonzero((item.coverage >= 0.5).any(axis=1))
@@ -147,7 +147,7 @@ def _plain_white(generator: np.random.Generator) -> float:
     return float(generator.choice([255.0, 252.0, 246.0]))
 
 
-def _cluttered(item: Thing, generator: np.random.Generator) -> NDArray[np.float64]:
+def _cluttered(item: PicturedObject, generator: np.random.Generator) -> NDArray[np.float64]:
     """A textured wall and floor, and patches of other objects."""
     side = item.coverage.shape[0]
     scene = np.empty((side, side, 3))

@@ -68,7 +68,7 @@ def _item(name: str, number: int, sizes: np.ndarray, source: str) -> RawItem:
         source_id=f"{name}-{number}",
         url=f"https://example.org/{source}/{name}-{number}",
         title=f"{name} {number}",
-        category_path=("things", name),
+        category_path=("objects", name),
         dimensions_mm=words,
         extents_mm=None if words else tuple(sorted((first, second, height), reverse=True)),
         kind=SOURCES[source].kind,

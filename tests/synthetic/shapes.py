@@ -16,8 +16,8 @@ from metric_base.arrays import FloatArray, IntArray
 
 __all__ = [
     "Made",
+    "Shape",
     "Solid",
-    "Thing",
     "box",
     "cylinder",
     "ellipsoid",
@@ -41,7 +41,7 @@ class Solid:
 
 
 @dataclass(frozen=True)
-class Thing:
+class Shape:
     """Solids under one name; `category` None is scenery that no detector masks."""
 
     category: str | None
@@ -54,7 +54,7 @@ class Made:
 
     scene: Scene
     instances: tuple[Instance, ...]
-    objects: tuple[Thing, ...]
+    objects: tuple[Shape, ...]
     owner: IntArray
 
 
@@ -63,27 +63,25 @@ def yaw(degrees: float) -> FloatArray:
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
 
 
-def _upright_thing(
-    kind: str, category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float
-) -> Thing:
+def _upright(kind: str, category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float) -> Shape:
     extents = np.asarray(size, dtype=float)
     centre = np.add(foot, [0, 0, extents[2] / 2])
-    return Thing(category, (Solid(kind, extents, centre, yaw(turn)),))
+    return Shape(category, (Solid(kind, extents, centre, yaw(turn)),))
 
 
-def box(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Thing:
-    return _upright_thing("box", category, size, foot, turn)
+def box(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Shape:
+    return _upright("box", category, size, foot, turn)
 
 
-def cylinder(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Thing:
-    return _upright_thing("cylinder", category, size, foot, turn)
+def cylinder(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Shape:
+    return _upright("cylinder", category, size, foot, turn)
 
 
-def ellipsoid(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Thing:
-    return _upright_thing("ellipsoid", category, size, foot, turn)
+def ellipsoid(category: str | None, size: tuple[float, ...], foot: tuple[float, ...], turn: float = 0.0) -> Shape:
+    return _upright("ellipsoid", category, size, foot, turn)
 
 
-def floor(side: float = 20.0) -> Thing:
+def floor(side: float = 20.0) -> Shape:
     return box(None, (side, side, 0.1), (0, 0, -0.1))
 
 
@@ -139,7 +137,12 @@ def sampled_cylinder(size: FloatArray, count: int, random: np.random.Generator) 
 
 
 def synthetic_scene(
-    objects: list[Thing], views: list[View], dense: int = 20_000, noise: float = 0.002, sparse: int = 800, seed: int = 0
+    objects: list[Shape],
+    views: list[View],
+    dense: int = 20_000,
+    noise: float = 0.002,
+    sparse: int = 800,
+    seed: int = 0,
 ) -> Made:
     """The scene the cameras would see: masks from rays, `dense` points from all depth maps, `sparse` with observations.
 
@@ -159,7 +162,7 @@ def synthetic_scene(
     return Made(scene, instances, tuple(objects), owner)
 
 
-def _instances(objects: list[Thing], view: int, identity: IntArray) -> list[Instance]:
+def _instances(objects: list[Shape], view: int, identity: IntArray) -> list[Instance]:
     instances = []
     for number, item in enumerate(objects):
         lines, columns = np.nonzero(identity == number)
@@ -178,7 +181,7 @@ def _rays(view: View, pixels: FloatArray) -> FloatArray:
     return np.asarray(local @ view.rotation)
 
 
-def _maps(objects: list[Thing], view: View) -> tuple[FloatArray, IntArray]:
+def _maps(objects: list[Shape], view: View) -> tuple[FloatArray, IntArray]:
     """Depth and identity (-1 none) of every pixel."""
     width, height = view.camera.width, view.camera.height
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)

@@ -41,7 +41,7 @@ class PictureShop:
     @cached_property
     def pages(self) -> dict[str, tuple[str, bytes]]:
         """Content type and body by path."""
-        links = "".join(f'<a href="/item/{row}">thing</a>' for row in range(len(PRODUCTS)))
+        links = "".join(f'<a href="/item/{row}">item</a>' for row in range(len(PRODUCTS)))
         found = {"/list": ("text/html", f"<html><body>{links}</body></html>".encode())}
         for row, (kind, number) in enumerate(PRODUCTS):
             found[f"/item/{row}"] = ("text/html", _page(kind, number, f"{self.base}/photo/{row}.jpg").encode())

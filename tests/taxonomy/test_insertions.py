@@ -177,7 +177,7 @@ def namesakes(lexicon: Lexicon) -> set[str]:
     for one in lexicon.inserted.values():
         name = fold_text(one.name)
         spellings = {name, *singulars(name), name.replace(" ", ""), *singulars(name.replace(" ", ""))}
-        if any(fits(lexicon.sense(sense), DOMAINS["things"]) for spelling in spellings for sense in senses(spelling)):
+        if any(fits(lexicon.sense(sense), DOMAINS["objects"]) for spelling in spellings for sense in senses(spelling)):
             found.add(one.id)
     return found
 

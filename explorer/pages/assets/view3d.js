@@ -123,7 +123,7 @@
     places.forEach((value, at) => { sum[at % 3] += (value * 3) / places.length; });
     return sum;
   }
-  // The box whose outline holds a pixel; of several the one whose outline is least, as small things stand before large ones.
+  // The box whose outline holds a pixel; of several the one whose outline is least, as small objects stand before large ones.
   function boxAt(x, y) {
     const place = lens(canvas.clientWidth, canvas.clientHeight);
     let best = null;

@@ -9,7 +9,7 @@ from crawler.imports.sources import source
 
 HEAD = """
 id = "made_up"
-title = "Made-up things"
+title = "Made-up table"
 url = "https://example.org"
 licence = "CC0-1.0"
 licence_basis = "we made them up"
@@ -22,7 +22,7 @@ ship = true
 
 
 def made_up(folder: Path, declaration: str, **files: str) -> Import:
-    """The import of files written for the occasion; `things_csv` becomes `things.csv`."""
+    """The import of files written for the occasion; `table_csv` becomes `table.csv`."""
     for name, text in files.items():
         folder.joinpath(".".join(name.rsplit("_", 1))).write_text(text, encoding="utf-8")
     (folder / "made_up.toml").write_text(HEAD + declaration, encoding="utf-8")

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[3]
 
 TABLE = """
 id = "{id}"
-title = "Made-up things"
+title = "Made-up table"
 url = "https://example.org/{id}"
 licence = "{licence}"
 licence_basis = "we made them up"
@@ -25,15 +25,15 @@ attribution = "us"
 kind = "measured"
 ship = {ship}
 address = "never tried"
-fetch = "things.csv, a table of widths"
+fetch = "table.csv, a table of widths"
 [[tables]]
-files = ["things.csv"]
+files = ["table.csv"]
 unit = "cm"
 id = "{{no}}"
 category = ["box"]
 axes = {{ width = "w" }}
 [[files]]
-path = "things.csv"
+path = "table.csv"
 sha256 = "{sha}"
 url = "{url}"
 note = "{note}"
@@ -42,37 +42,37 @@ note = "{note}"
 
 @pytest.fixture
 def world(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Two declared sources, `open_things` (ships) and `shop_things` (does not), with their source_files."""
+    """Two declared sources, `open_set` (ships) and `shop_set` (does not), with their source_files."""
     folder = tmp_path / "declared"
     folder.mkdir()
     for name, licence, ship, url in (
-        ("open_things", "CC0-1.0", "true", "http://127.0.0.1:9/things.csv"),
-        ("shop_things", "none", "false", ""),
+        ("open_set", "CC0-1.0", "true", "http://127.0.0.1:9/table.csv"),
+        ("shop_set", "none", "false", ""),
     ):
         text = TABLE.format(id=name, licence=licence, ship=ship, sha="0" * 64, url=url, note="cut down")
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
         data = tmp_path / "data" / name
         data.mkdir(parents=True)
-        (data / "things.csv").write_text("no,w\n1,12.5\n2,?x\n3,\n4,12.5\n", encoding="utf-8")
+        (data / "table.csv").write_text("no,w\n1,12.5\n2,?x\n3,\n4,12.5\n", encoding="utf-8")
     monkeypatch.setattr(crawler.imports.sources, "_own_folder", lambda: folder)
     monkeypatch.setenv(downloads.CACHE_VARIABLE, str(tmp_path / "cache"))
     return tmp_path
 
 
 def test_one_source_with_its_quarantine(world: Path, shown: Any) -> None:
-    out = world / "out" / "things.jsonl"
-    status, result = shown("import", "open_things", "--input", str(world / "data" / "open_things"), "--out", str(out))
+    out = world / "out" / "table.jsonl"
+    status, result = shown("import", "open_set", "--input", str(world / "data" / "open_set"), "--out", str(out))
     assert status == 0
     assert result["schema"] == "metric-tree/import/1"
     assert (result["rows"], result["items"], result["physical_rows"], result["refused"]) == (4, 1, 2, 2)
     assert result["reasons"] == {"no_size": 1, "unreadable": 1}
     assert [item.extents_mm for item in raw_items(out)] == [(125.0,)]
-    refused = [json.loads(line) for line in (world / "out" / "things.quarantine.jsonl").read_text().splitlines()]
+    refused = [json.loads(line) for line in (world / "out" / "table.quarantine.jsonl").read_text().splitlines()]
     assert [(r["row"], r["reason"], r["field"]) for r in refused] == [
-        ("things:2", "unreadable", "w"),
-        ("things:3", "no_size", "dimensions"),
+        ("table:2", "unreadable", "w"),
+        ("table:3", "no_size", "dimensions"),
     ]
-    assert {path.name for path in out.parent.iterdir()} == {"things.jsonl", "things.quarantine.jsonl"}
+    assert {path.name for path in out.parent.iterdir()} == {"table.jsonl", "table.quarantine.jsonl"}
 
 
 def test_all_sources_the_shipped_ones_and_their_page(world: Path, shown: Any) -> None:
@@ -80,22 +80,22 @@ def test_all_sources_the_shipped_ones_and_their_page(world: Path, shown: Any) ->
     more = ("--ship", str(world / "ship"), "--summary", str(world / "README.md"))
     status, result = shown(*words, *more)
     assert status == 0
-    assert [entry["source"] for entry in result] == ["open_things", "shop_things"]
-    assert {path.name for path in (world / "ship").iterdir()} == {"open_things.jsonl.gz"}
+    assert [entry["source"] for entry in result] == ["open_set", "shop_set"]
+    assert {path.name for path in (world / "ship").iterdir()} == {"open_set.jsonl.gz"}
     page = (world / "README.md").read_text()
-    assert "- `open_things`: us" in page
-    assert "`shop_things`: us" not in page
-    assert "| [open_things](https://example.org/open_things) | measured | 4 | 1 | 0 | 2 |" in page
-    assert "| open_things | [file](http://127.0.0.1:9/things.csv) | CC0-1.0 | yes | yes | never tried |" in page
-    assert "| shop_things | [set](https://example.org/shop_things) | none | no | no | fetch things.csv" in page
-    first = (world / "ship" / "open_things.jsonl.gz").read_bytes()
+    assert "- `open_set`: us" in page
+    assert "`shop_set`: us" not in page
+    assert "| [open_set](https://example.org/open_set) | measured | 4 | 1 | 0 | 2 |" in page
+    assert "| open_set | [file](http://127.0.0.1:9/table.csv) | CC0-1.0 | yes | yes | never tried |" in page
+    assert "| shop_set | [set](https://example.org/shop_set) | none | no | no | fetch table.csv" in page
+    first = (world / "ship" / "open_set.jsonl.gz").read_bytes()
     shown(*words, *more)
-    assert (world / "ship" / "open_things.jsonl.gz").read_bytes() == first
+    assert (world / "ship" / "open_set.jsonl.gz").read_bytes() == first
     assert len(gzip.decompress(first).splitlines()) == 1
 
 
 def test_the_file_itself_may_be_given(world: Path, shown: Any) -> None:
-    status, result = shown("import", "shop_things", "--input", str(world / "data" / "shop_things" / "things.csv"))
+    status, result = shown("import", "shop_set", "--input", str(world / "data" / "shop_set" / "table.csv"))
     assert (status, result["items"]) == (0, 1)
 
 
@@ -103,8 +103,8 @@ def test_the_sources_are_listed(world: Path, shown: Any) -> None:
     status, found = shown("import", "--list")
     assert status == 0
     assert [(s["source"], s["ship"], s["downloads"], s["reason"]) for s in found] == [
-        ("open_things", True, "yes", "never tried"),
-        ("shop_things", False, "no", "fetch things.csv, a table of widths"),
+        ("open_set", True, "yes", "never tried"),
+        ("shop_set", False, "no", "fetch table.csv, a table of widths"),
     ]
 
 
@@ -112,15 +112,15 @@ def test_the_sources_are_listed(world: Path, shown: Any) -> None:
     ("words", "line"),
     [
         (["import"], "SOURCE: expected one source, or --all; found neither"),
-        (["import", "lamps"], "source: expected one of open_things, shop_things; found 'lamps'"),
+        (["import", "lamps"], "source: expected one of open_set, shop_set; found 'lamps'"),
         (
-            ["import", "shop_things"],
-            "shop_things: expected --input: things.csv, a table of widths (see https://example.org/shop_things)",
+            ["import", "shop_set"],
+            "shop_set: expected --input: table.csv, a table of widths (see https://example.org/shop_set)",
         ),
-        (["import", "open_things"], "expected a download of"),
-        (["import", "open_things", "--input", "/nowhere"], "/nowhere: expected the files of open_things"),
-        (["import", "open_things", "--all"], "expected one source, or --all; found both, open_things and --all"),
-        (["import", "open_things", "--input", "/etc"], "expected things.csv; found no such file"),
+        (["import", "open_set"], "expected a download of"),
+        (["import", "open_set", "--input", "/nowhere"], "/nowhere: expected the files of open_set"),
+        (["import", "open_set", "--all"], "expected one source, or --all; found both, open_set and --all"),
+        (["import", "open_set", "--input", "/etc"], "expected table.csv; found no such file"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(
@@ -137,9 +137,9 @@ def test_bad_input_is_one_line_and_exit_2(
 def test_out_may_be_a_folder_that_is_there(world: Path, shown: Any) -> None:
     (world / "raw").mkdir()
     words = ("--input", str(world / "data"), "--out", str(world / "raw"))
-    assert shown("import", "open_things", *words)[0] == 0
+    assert shown("import", "open_set", *words)[0] == 0
     written = {path.name for path in (world / "raw").iterdir()}
-    assert written == {"open_things.jsonl", "open_things.quarantine.jsonl"}
+    assert written == {"open_set.jsonl", "open_set.quarantine.jsonl"}
 
 
 @pytest.mark.parametrize("option", ["--out", "--ship"])
@@ -155,28 +155,28 @@ def test_a_file_where_a_folder_should_be_is_told_before_the_work(
 
 def test_a_file_on_the_way_to_out_is_told(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (world / "raw").write_text("mine")
-    words = ["import", "open_things", "--input", str(world / "data"), "--out", str(world / "raw" / "x.jsonl")]
+    words = ["import", "open_set", "--input", str(world / "data"), "--out", str(world / "raw" / "x.jsonl")]
     assert main(words) == 2
     assert f"{world / 'raw'}: expected a folder, or nothing yet; found a file" in capsys.readouterr().err
 
 
 def test_a_table_without_a_declared_column_is_refused_whole(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = world / "data" / "open_things" / "things.csv"
+    file = world / "data" / "open_set" / "table.csv"
     file.write_text("a,no\n1,2\n")
     out = world / "out" / "x.jsonl"
-    assert main(["import", "open_things", "--input", str(file), "--out", str(out)]) == 2
+    assert main(["import", "open_set", "--input", str(file), "--out", str(out)]) == 2
     assert capsys.readouterr().err == f"metric-tree import: {file}: columns: expected 'w', found 'a', 'no'\n"
     assert not out.parent.exists()
 
 
 def test_another_file_than_the_declared_one_is_warned_of_once(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    file = world / "data" / "open_things" / "things.csv"
-    words = ["import", "open_things", "--input", str(world / "data")]
+    file = world / "data" / "open_set" / "table.csv"
+    words = ["import", "open_set", "--input", str(world / "data")]
     assert main(words) == 0
     error = capsys.readouterr().err
-    assert error.startswith(f"warning: {file}: sha256: expected that declared for open_things; found another")
+    assert error.startswith(f"warning: {file}: sha256: expected that declared for open_set; found another")
     assert error.count("\n") == 1
-    declared = world / "declared" / "open_things.toml"
+    declared = world / "declared" / "open_set.toml"
     sha = hashlib.sha256(file.read_bytes()).hexdigest()
     declared.write_text(declared.read_text().replace("0" * 64, sha))
     assert main(words) == 0
@@ -185,13 +185,13 @@ def test_another_file_than_the_declared_one_is_warned_of_once(world: Path, capsy
 
 def test_the_list_in_a_pipe_keeps_addresses_whole(world: Path, capsys: pytest.CaptureFixture[str]) -> None:
     url = "https://example.org/" + "long/" * 60
-    declared = world / "declared" / "open_things.toml"
-    declared.write_text(declared.read_text().replace("https://example.org/open_things", url))
+    declared = world / "declared" / "open_set.toml"
+    declared.write_text(declared.read_text().replace("https://example.org/open_set", url))
     assert main(["import", "--list"]) == 0
     out = capsys.readouterr().out
     assert url in out
     assert "never tried" not in out  # it downloads itself
-    assert "fetch things.csv" in out
+    assert "fetch table.csv" in out
     assert main(["import", "--list", "--verbose"]) == 0
     assert "never tried" in capsys.readouterr().out
 

@@ -22,20 +22,20 @@ TABLE = b"no,w\n1,12.5\n2,40\n"
 
 DECLARATION = """
 id = "{id}"
-title = "Made-up things"
-url = "https://example.org/things"
+title = "Made-up table"
+url = "https://example.org/table"
 licence = "none"
 licence_basis = "we made them up"
 kind = "measured"
 ship = false
 [[tables]]
-files = ["things.csv"]
+files = ["table.csv"]
 unit = "cm"
 id = "{{no}}"
 category = ["box"]
 axes = {{ width = "w" }}
 [[files]]
-path = "things.csv"
+path = "table.csv"
 sha256 = "{sha}"
 url = "{url}"
 form = "{form}"
@@ -81,9 +81,9 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
 
 
 def declared(folder: Path, url: str, data: bytes = TABLE, form: str = "same") -> Source:
-    text = DECLARATION.format(id="things", sha=hashlib.sha256(data).hexdigest(), url=url, form=form)
-    (folder / "things.toml").write_text(text, encoding="utf-8")
-    return source("things", folder)
+    text = DECLARATION.format(id="table", sha=hashlib.sha256(data).hexdigest(), url=url, form=form)
+    (folder / "table.toml").write_text(text, encoding="utf-8")
+    return source("table", folder)
 
 
 def zipped(members: dict[str, bytes]) -> bytes:
@@ -95,41 +95,41 @@ def zipped(members: dict[str, bytes]) -> bytes:
 
 
 def test_a_download_is_verified_kept_and_read(site: Site, tmp_path: Path) -> None:
-    site.pages["/things.csv"] = TABLE
-    table = declared(tmp_path, site.url("/things.csv"))
+    site.pages["/table.csv"] = TABLE
+    table = declared(tmp_path, site.url("/table.csv"))
     folder = download(table)
-    assert (folder / "things.csv").read_bytes() == TABLE
+    assert (folder / "table.csv").read_bytes() == TABLE
     assert folder.is_relative_to(tmp_path / "cache")
     assert [item.extents_mm for item in import_items(table, readings(table, folder)).items] == [(125.0,), (400.0,)]
     download(table)
-    assert site.asked["/things.csv"] == 1
+    assert site.asked["/table.csv"] == 1
 
 
 def test_other_bytes_are_refused_and_nothing_is_kept(site: Site, tmp_path: Path) -> None:
-    site.pages["/things.csv"] = TABLE.replace(b"40", b"41")
-    table = declared(tmp_path, site.url("/things.csv"))
-    with pytest.raises(NoInput, match=r"things: expected a download of http.*or --input; found .*hash"):
+    site.pages["/table.csv"] = TABLE.replace(b"40", b"41")
+    table = declared(tmp_path, site.url("/table.csv"))
+    with pytest.raises(NoInput, match=r"table: expected a download of http.*or --input; found .*hash"):
         download(table)
-    assert not list((tmp_path / "cache").rglob("things.csv"))
-    site.pages["/things.csv"] = TABLE
-    assert (download(table) / "things.csv").read_bytes() == TABLE
+    assert not list((tmp_path / "cache").rglob("table.csv"))
+    site.pages["/table.csv"] = TABLE
+    assert (download(table) / "table.csv").read_bytes() == TABLE
 
 
 def test_a_cached_file_that_was_spoilt_is_fetched_again(site: Site, tmp_path: Path) -> None:
-    site.pages["/things.csv"] = TABLE
-    table = declared(tmp_path, site.url("/things.csv"))
-    cached = download(table) / "things.csv"
+    site.pages["/table.csv"] = TABLE
+    table = declared(tmp_path, site.url("/table.csv"))
+    cached = download(table) / "table.csv"
     cached.write_bytes(b"no,w\n1,99\n")
-    assert (download(table) / "things.csv").read_bytes() == TABLE
-    assert site.asked["/things.csv"] == 2
+    assert (download(table) / "table.csv").read_bytes() == TABLE
+    assert site.asked["/table.csv"] == 2
 
 
 def test_a_stutter_is_tried_once_more(site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(downloads, "MAX_RETRIES", 1)
-    table = declared(tmp_path, site.url("/things.csv"))
+    table = declared(tmp_path, site.url("/table.csv"))
     with pytest.raises(NoInput, match="404"):
         download(table)
-    assert site.asked["/things.csv"] == 2
+    assert site.asked["/table.csv"] == 2
 
 
 @pytest.mark.parametrize(
@@ -145,10 +145,10 @@ def test_a_file_is_made_of_what_lies_at_the_address(
 ) -> None:
     table = declared(tmp_path, site.url("/public"), made, form)
     site.pages["/public"] = public
-    kept = download(table) / "things.csv"
+    kept = download(table) / "table.csv"
     assert kept.read_bytes() == made
     kept.write_bytes(b"spoilt")
-    assert (download(table) / "things.csv").read_bytes() == made
+    assert (download(table) / "table.csv").read_bytes() == made
 
 
 @pytest.mark.parametrize(
@@ -162,9 +162,9 @@ def test_what_it_cannot_be_made_of_is_refused_and_fetched_again(
     table = declared(tmp_path, site.url("/public"), made, form)
     site.pages["/public"] = wrong
     with pytest.raises(
-        NoInput, match=r"things: expected a download of http://127.0.0.1:\d+/public or --input; found no"
+        NoInput, match=r"table: expected a download of http://127.0.0.1:\d+/public or --input; found no"
     ):
         download(table)
-    assert not list((tmp_path / "cache").rglob("things.csv"))
+    assert not list((tmp_path / "cache").rglob("table.csv"))
     site.pages["/public"] = right
-    assert (download(table) / "things.csv").read_bytes() == made
+    assert (download(table) / "table.csv").read_bytes() == made

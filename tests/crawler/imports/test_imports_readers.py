@@ -110,10 +110,10 @@ def test_a_damaged_table_of_standard_parts_is_one_clear_line(tmp_path: Path, dam
 
 
 TABLE = """[[tables]]
-files = ["things.{format}"]
+files = ["table.{format}"]
 format = "{format}"
 unit = "cm"
-category = ["thing"]
+category = ["object"]
 axes = {{ height = "h" }}
 """
 
@@ -129,11 +129,11 @@ axes = {{ height = "h" }}
 )
 def test_a_table_that_grows_when_it_is_read_is_one_line(tmp_path: Path, form: str, text: str, words: str) -> None:
     with pytest.raises(BadTable, match=words):
-        made_up(tmp_path, TABLE.format(format=form), **{f"things_{form}": text})
+        made_up(tmp_path, TABLE.format(format=form), **{f"table_{form}": text})
 
 
 def test_a_table_is_a_regular_file(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "things.csv")
+    os.mkfifo(tmp_path / "table.csv")
     with pytest.raises(BadTable, match="expected a file; found none"):
         made_up(tmp_path, TABLE.format(format="csv"))
 

@@ -16,7 +16,7 @@ from tests.crawler.imports.invented_tables import HEAD, made_up
 
 REPEATED = """
 [[tables]]
-files = ["things.csv"]
+files = ["table.csv"]
 unit = "mm"
 id = "{no}"
 title = "{name}"
@@ -27,37 +27,37 @@ axes = { width = "w" }
 
 def test_identical_rows_become_one_with_their_number_and_ids_stay_unique(tmp_path: Path) -> None:
     rows = "no,name,w\n1,A,300\n2,A,300\n3,A,310\n3,B,300\n"
-    result = made_up(tmp_path, REPEATED, things_csv=rows)
+    result = made_up(tmp_path, REPEATED, table_csv=rows)
     assert [(item.source_id, item.count) for item in result.items] == [("1", 2), ("3", 1), ("3#2", 1)]
-    kept = made_up(tmp_path, "collapse = false\n" + REPEATED, things_csv=rows)
+    kept = made_up(tmp_path, "collapse = false\n" + REPEATED, table_csv=rows)
     assert [item.count for item in kept.items] == [1, 1, 1, 1]
 
 
 def test_of_several_sizes_under_one_title_the_middle_one_stands_for_all(tmp_path: Path) -> None:
     rows = "no,name,w\n1,A,900\n2,A,300\n3,A,310\n"
-    result = made_up(tmp_path, "one_per_title = true\n" + REPEATED, things_csv=rows)
+    result = made_up(tmp_path, "one_per_title = true\n" + REPEATED, table_csv=rows)
     assert [(item.source_id, item.count) for item in result.items] == [("3", 3)]
 
 
 def test_a_large_category_is_drawn_down_the_same_way_every_time(tmp_path: Path) -> None:
     rows = "no,name,w\n" + "".join(f"{n},N{n},{300 + n}\n" for n in range(50))
-    result = made_up(tmp_path, "per_category = 10\n" + REPEATED, things_csv=rows)
+    result = made_up(tmp_path, "per_category = 10\n" + REPEATED, table_csv=rows)
     assert (len(result.items), result.n_sampled_out, result.n_rows) == (10, 40, 50)
     assert all(item.flags == ("sampled",) for item in result.items)
     backwards = "no,name,w\n" + "".join(f"{n},N{n},{300 + n}\n" for n in reversed(range(50)))
-    again = made_up(tmp_path, "per_category = 10\n" + REPEATED, things_csv=backwards)
+    again = made_up(tmp_path, "per_category = 10\n" + REPEATED, table_csv=backwards)
     assert {item.source_id for item in again.items} == {item.source_id for item in result.items}
 
 
 def test_an_excluded_source_has_no_items(tmp_path: Path) -> None:
-    result = made_up(tmp_path, 'excluded = "parcels, not things"')
+    result = made_up(tmp_path, 'excluded = "parcels, not objects"')
     assert (result.items, result.refusals, result.n_rows) == ((), (), 0)
 
 
 RECORDS = """
 [[tables]]
-files = ["things.jsonl"]
-records = "things/*.json"
+files = ["table.jsonl"]
+records = "table/*.json"
 format = "jsonl"
 unit = "cm"
 id = "{no}"
@@ -70,18 +70,18 @@ def test_the_records_of_a_repository_stand_for_the_file_made_of_them(tmp_path: P
     records = [{"no": "2", "w": "4"}, {"no": "1", "w": None}, {"no": "3", "w": "5"}]
     joined, repository = tmp_path / "joined", tmp_path / "repository"
     joined.mkdir()
-    (repository / "things").mkdir(parents=True)
+    (repository / "table").mkdir(parents=True)
     for name, record in zip("abc", records, strict=True):
-        (repository / "things" / f"{name}.json").write_text(json.dumps(record, indent=2), encoding="utf-8")
+        (repository / "table" / f"{name}.json").write_text(json.dumps(record, indent=2), encoding="utf-8")
     lines = "".join(json.dumps(record) + "\n" for record in records)
-    of_file, of_folder = made_up(joined, RECORDS, things_jsonl=lines), made_up(repository, RECORDS)
+    of_file, of_folder = made_up(joined, RECORDS, table_jsonl=lines), made_up(repository, RECORDS)
     assert [item.source_id for item in of_folder.items] == ["2", "3"]
     assert (of_folder.items, of_folder.refusals) == (of_file.items, of_file.refusals)
 
 
 def test_a_repository_with_a_folder_of_the_source_name_is_read_from_its_root(tmp_path: Path) -> None:
     (tmp_path / "made_up").mkdir()
-    (tmp_path / "made_up.toml").write_text(HEAD + RECORDS.replace("things/*", "made_up/*"), encoding="utf-8")
+    (tmp_path / "made_up.toml").write_text(HEAD + RECORDS.replace("table/*", "made_up/*"), encoding="utf-8")
     declared = source("made_up", tmp_path)
     assert source_folder(declared, tmp_path) == tmp_path / "made_up"
     (tmp_path / "made_up" / "a.json").write_text("{}", encoding="utf-8")
@@ -90,16 +90,16 @@ def test_a_repository_with_a_folder_of_the_source_name_is_read_from_its_root(tmp
 
 @pytest.mark.parametrize(
     ("record", "line"),
-    [(None, "expected things.jsonl or things/*.json; found no such"), ("{", "a.json: expected json")],
+    [(None, "expected table.jsonl or table/*.json; found no such"), ("{", "a.json: expected json")],
 )
 def test_records_that_are_missing_or_none_are_named(tmp_path: Path, record: str | None, line: str) -> None:
     if record is not None:
-        (tmp_path / "things").mkdir()
-        (tmp_path / "things" / "a.json").write_text(record, encoding="utf-8")
+        (tmp_path / "table").mkdir()
+        (tmp_path / "table" / "a.json").write_text(record, encoding="utf-8")
     with pytest.raises(BadTable, match=re.escape(line)):
         made_up(tmp_path, RECORDS)
 
 
 def test_every_item_is_a_raw_item_that_survives_its_line(tmp_path: Path) -> None:
-    result = made_up(tmp_path, REPEATED, things_csv="no,name,w\n1,Ä Ö “x”,300\n")
+    result = made_up(tmp_path, REPEATED, table_csv="no,name,w\n1,Ä Ö “x”,300\n")
     assert [RawItem.from_line(item.line()) for item in result.items] == list(result.items)

@@ -59,7 +59,7 @@ def test_a_declaration_is_read(tmp_path: Path) -> None:
         ("ship = true", "ship = true\nnoncommercial = true", "ship"),
         ("ship = true", "ship = true\ncolour = 3", "colour: expected a known field"),
         ('attribution = "us"', "", "attribution"),
-        ("ship = true", 'ship = true\nexcluded = "no things"', "one of tables, reader, excluded"),
+        ("ship = true", 'ship = true\nexcluded = "no objects"', "one of tables, reader, excluded"),
         ('unit = "cm"', 'unit = "cubit"', "tables[0].unit"),
         ('unit = "cm"', 'unit = "cm"\nshade = "red"', "tables"),
         ("height = ", "girth = ", "tables[0].axes"),

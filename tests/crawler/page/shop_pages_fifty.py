@@ -364,7 +364,7 @@ FIFTY = [
     ),
     Made("a choice of widths", "de", _table({"Breite": "90/120/160 cm", "Höhe": "200 cm"}), (2000,), {"height": 2000}),
     Made(
-        "thickness of a flat thing",
+        "thickness of a flat item",
         "en",
         _table({"Length": "60 cm", "Width": "40 cm", "Thickness": "2 cm"}),
         (600, 400, 20),

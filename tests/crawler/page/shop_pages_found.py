@@ -95,7 +95,7 @@ FOUND = [
         (1655, 660, 300), whd(660, 1655, 300),
     ),
     Made(
-        "the niche of a built-in thing", "de",
+        "the niche of a built-in item", "de",
         "<dl><dt>Abmessungen des Gerätes (H x B x T)</dt><dd>815 x 598 x 550 mm</dd><dt>Nischenmaße (H x B x T)</dt><dd>815-875 x 600 x 550 mm</dd>"
         "<dt>Abmessungen des verpackten Gerätes (H x B x T)</dt><dd>880 x 650 x 670 mm</dd></dl>",
         (815, 598, 550), whd(598, 815, 550),
@@ -117,7 +117,7 @@ FOUND = [
         (2260,), {"height": 2260},
     ),
     Made(
-        "the thing's own name before three axes", "en",
+        "the item's own name before three axes", "en",
         '<h2>Product details</h2><ul><li>Product: 70.9” L x 31.5” W x 28.5”–47.7” H</li><li>Drawer Interior: 23.6” L x 13.0” W x 2.4” H</li><li>6 ft. power cord</li></ul>',
         (1800.9, 967.7, 800.1), {"length": 1800.9, "width": 800.1, "height": 967.7}, ("range",),
     ),
@@ -128,7 +128,7 @@ FOUND = [
         (1066.8, 990.6, 863.6), whd(863.6, 1066.8, 990.6),
     ),
     Made(
-        "a pallet, and what the thing works with", "en",
+        "a pallet, and what the item works with", "en",
         "<h2>Tech specs</h2><ul><li><div>Package dimensions (W x D x H)</div><div>14.92 x 4.49 x 8.74 in</div></li><li><div>Pallet dimensions (W x D x H)</div><div>47.2 x 39.4 x 96.9 in</div></li></ul>"
         "<h2>Works with</h2><div><p>16.54 x 15.35 x 12.72 in; 27.78 lb</p></div>",
         None, None, ("no_size",),

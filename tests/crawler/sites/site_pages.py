@@ -20,7 +20,7 @@ class Stored(NamedTuple):
     extents: tuple[float, ...] | None
     words: dict[str, float] | None = None
     id: str | None = None
-    title: str = "Made thing"
+    title: str = "Made item"
     category: tuple[str, ...] = ()
     head: str = ""
 
@@ -29,7 +29,7 @@ _CRUMBS = """<div id="wayfinding-breadcrumbs_feature_div"><ul class="a-unordered
 <a class="a-link-normal a-color-tertiary" href="/b?node=1">{one}</a></span></li><li class="a-breadcrumb-divider"><span>›</span></li>
 <li><span class="a-list-item"><a class="a-link-normal a-color-tertiary" href="/b?node=2">{two}</a></span></li></ul></div>"""
 
-_AMAZON_TITLE = '<div id="titleSection"><h1 id="title"><span id="productTitle" class="a-size-large">   Made thing  </span></h1></div>'
+_AMAZON_TITLE = '<div id="titleSection"><h1 id="title"><span id="productTitle" class="a-size-large">   Made item  </span></h1></div>'
 
 
 def amazon(one: str, two: str, rest: str) -> str:
@@ -63,15 +63,15 @@ def book_cards(cells: dict[str, str]) -> str:
 
 def infobox(cells: dict[str, str]) -> str:
     row = '<tr><th scope="row" class="infobox-label">{k}</th><td class="infobox-data">{v}</td></tr>'
-    return f"""<h1 id="firstHeading" class="firstHeading"><span class="mw-page-title-main">Made thing</span></h1>
-    <div class="mw-parser-output"><table class="infobox vcard"><tbody><tr><th colspan="2" class="infobox-above">Made thing</th></tr>
+    return f"""<h1 id="firstHeading" class="firstHeading"><span class="mw-page-title-main">Made item</span></h1>
+    <div class="mw-parser-output"><table class="infobox vcard"><tbody><tr><th colspan="2" class="infobox-above">Made item</th></tr>
     {rows(cells, row)}</tbody></table><p>It was made in 1999 and is 12 km from the town.</p></div>
-    <div id="catlinks"><div id="mw-normal-catlinks"><a href="/wiki/Help:Category">Categories</a>: <ul><li><a>Made things</a></li></ul></div></div>"""
+    <div id="catlinks"><div id="mw-normal-catlinks"><a href="/wiki/Help:Category">Categories</a>: <ul><li><a>Made items</a></li></ul></div></div>"""
 
 
 PAGES = [
     Stored(
-        "amazon", "table, com", "https://www.amazon.com/Made-Thing/dp/B0ABCDEF01/ref=sr_1_1?th=1", "en-us",
+        "amazon", "table, com", "https://www.amazon.com/Made-Item/dp/B0ABCDEF01/ref=sr_1_1?th=1", "en-us",
         amazon("Home & Kitchen", "Stools", tech_table({"Product Dimensions": '16"D x 17"W x 29"H', "Item Weight": "9.5 pounds", "Seat Height": "24 Inches", "Package Dimensions": "30 x 20 x 8 inches"})),
         (736.6, 431.8, 406.4), whd(431.8, 736.6, 406.4), "B0ABCDEF01", category=("Home & Kitchen", "Stools"),
     ),
@@ -131,97 +131,97 @@ PAGES = [
         (234, 155, 31), None, "B0ABCDEF11", category=("Libros", "Novela"),
     ),
     Stored(
-        "crate_and_barrel", "list below a heading", "https://www.crateandbarrel.com/made-thing/s445123", "en",
-        """<h1 class="shop-bar-product-title">Made thing</h1><div class="dimension-measurements"><h3>Dimensions</h3><div class="dimension-row"><h4>Overall Dimensions</h4><ul class="dimension-list">
+        "crate_and_barrel", "list below a heading", "https://www.crateandbarrel.com/made-item/s445123", "en",
+        """<h1 class="shop-bar-product-title">Made item</h1><div class="dimension-measurements"><h3>Dimensions</h3><div class="dimension-row"><h4>Overall Dimensions</h4><ul class="dimension-list">
         <li><span>Width: </span><span>88"</span></li><li><span>Depth: </span><span>40"</span></li><li><span>Height: </span><span>34"</span></li></ul></div>
         <div class="dimension-row"><h4>Seat Dimensions</h4><ul><li><span>Width: </span><span>72"</span></li><li><span>Depth: </span><span>24"</span></li><li><span>Height: </span><span>17"</span></li></ul></div></div>""",
         (2235.2, 1016, 863.6), whd(2235.2, 863.6, 1016), "445123",
-        head='<script type="application/ld+json">{"@type":"Product","name":"Made thing","sku":"445123","image":"https://cb.scene7.com/x"}</script>',
+        head='<script type="application/ld+json">{"@type":"Product","name":"Made item","sku":"445123","image":"https://cb.scene7.com/x"}</script>',
     ),
     Stored(
-        "ikea", "measurements of 2020", "https://www.ikea.com/gb/en/p/made-thing-oak-00293772/", "en-gb",
-        """<h1><div class="range-revamp-header-section__title--big notranslate">Made thing</div></h1><div class="range-revamp-product-dimensions"><h3>Product size</h3><dl class="range-revamp-product-dimensions__list">
+        "ikea", "measurements of 2020", "https://www.ikea.com/gb/en/p/made-item-oak-00293772/", "en-gb",
+        """<h1><div class="range-revamp-header-section__title--big notranslate">Made item</div></h1><div class="range-revamp-product-dimensions"><h3>Product size</h3><dl class="range-revamp-product-dimensions__list">
         <dt class="range-revamp-product-dimensions__label">Length:</dt><dd>235 cm</dd><dt class="range-revamp-product-dimensions__label">Width:</dt><dd>100 cm</dd><dt>Height:</dt><dd>74 cm</dd></dl></div>
         <div class="range-revamp-product-details__packaging"><h3>Packaging</h3><span>Width: 53 cm</span><span>Height: 5 cm</span><span>Length: 242 cm</span></div>""",
         (2350, 1000, 740), {"length": 2350, "width": 1000, "height": 740}, "00293772",
     ),
     Stored(
-        "ikea", "measurements of 2025", "https://www.ikea.com/us/en/p/made-thing-white-s80275887/", "en-us",
-        """<h1>Made thing</h1><div class="pipf-measurements-modal"><h2>Measurements</h2><ul class="pipf-measurements-modal__list"><li><span class="pipf-measurements-modal__name">Width:</span> <span>30 1/8 "</span></li>
+        "ikea", "measurements of 2025", "https://www.ikea.com/us/en/p/made-item-white-s80275887/", "en-us",
+        """<h1>Made item</h1><div class="pipf-measurements-modal"><h2>Measurements</h2><ul class="pipf-measurements-modal__list"><li><span class="pipf-measurements-modal__name">Width:</span> <span>30 1/8 "</span></li>
         <li><span>Depth:</span> <span>15 3/8 "</span></li><li><span>Height:</span> <span>57 5/8 "</span></li><li><span>Max load/shelf:</span> <span>29 lb</span></li></ul>
         <div class="pipf-packaging"><h3>Packaging</h3><ul><li><span>Width:</span> <span>16 "</span></li><li><span>Height:</span> <span>6 1/2 "</span></li><li><span>Length:</span> <span>59 "</span></li></ul></div></div>""",
         (1463.7, 765.2, 390.5), whd(765.2, 1463.7, 390.5), "s80275887",
     ),
     Stored(
-        "wayfair", "overall among parts", "https://www.wayfair.com/furniture/pdp/made-thing-bop1026.html", "en-us",
-        """<h1 data-rtl-id="title">Made thing</h1><div><h3>Weights &amp; Dimensions</h3><dl><div><dt>Overall</dt><dd>43'' H X 27'' W X 28'' D</dd></div><div><dt>Seat</dt><dd>20'' H X 21'' W</dd></div>
+        "wayfair", "overall among parts", "https://www.wayfair.com/furniture/pdp/made-item-bop1026.html", "en-us",
+        """<h1 data-rtl-id="title">Made item</h1><div><h3>Weights &amp; Dimensions</h3><dl><div><dt>Overall</dt><dd>43'' H X 27'' W X 28'' D</dd></div><div><dt>Seat</dt><dd>20'' H X 21'' W</dd></div>
         <div><dt>Minimum Overall Height - Top to Bottom</dt><dd>43.5''</dd></div><div><dt>Arm Height - Floor to Arm</dt><dd>26''</dd></div><div><dt>Overall Product Weight</dt><dd>38 lb.</dd></div></dl></div>""",
         (1092.2, 711.2, 685.8), whd(685.8, 1092.2, 711.2), "bop1026",
     ),
     Stored(
-        "wikipedia", "a car", "https://en.wikipedia.org/wiki/Made_thing", "en",
+        "wikipedia", "a car", "https://en.wikipedia.org/wiki/Made_item", "en",
         infobox({"Class": "Small family car", "Wheelbase": "2,636&nbsp;mm (103.8&nbsp;in)", "Length": "4,284&nbsp;mm (168.7&nbsp;in)", "Width": "1,789&nbsp;mm (70.4&nbsp;in)", "Height": "1,452&nbsp;mm (57.2&nbsp;in)", "Kerb weight": "1,301 kg"}),
-        (4284, 1789, 1452), {"length": 4284, "width": 1789, "height": 1452}, "Made_thing", category=("Made things",),
+        (4284, 1789, 1452), {"length": 4284, "width": 1789, "height": 1452}, "Made_item", category=("Made items",),
     ),
     Stored(
-        "wikipedia", "a car of the REST interface, in German", "https://de.wikipedia.org/api/rest_v1/page/html/Made_thing", "de",
+        "wikipedia", "a car of the REST interface, in German", "https://de.wikipedia.org/api/rest_v1/page/html/Made_item", "de",
         """<section><table class="infobox"><tbody><tr><th>Länge:</th><td>4380–4455 mm</td></tr><tr><th>Breite:</th><td>1799 mm</td></tr><tr><th>Höhe:</th><td>1485 mm</td></tr>
         <tr><th>Radstand:</th><td>2637 mm</td></tr></tbody></table></section>""",
-        (4417.5, 1799, 1485), {"length": 4417.5, "width": 1799, "height": 1485}, "Made_thing", head="<title>Made thing</title>",
+        (4417.5, 1799, 1485), {"length": 4417.5, "width": 1799, "height": 1485}, "Made_item", head="<title>Made item</title>",
     ),
     Stored(
         "wikipedia", "a person", "https://en.wikipedia.org/wiki/Made_person", "en",
         infobox({"Born": "6 January 1990 (age 36)", "Height": "1.93&nbsp;m (6&nbsp;ft 4&nbsp;in)", "Weight": "85 kg (187 lb)"}),
-        (1930,), {"height": 1930}, "Made_person", category=("Made things",),
+        (1930,), {"height": 1930}, "Made_person", category=("Made items",),
     ),
     Stored(
         "wikipedia", "an animal", "https://en.wikipedia.org/wiki/Made_dog", "en",
         infobox({"Origin": "Scotland", "Height": "51–61 cm (20–24 in)", "Weight": "25–34 kg (55–75 lb)"}),
-        (560,), {"height": 560}, "Made_dog", category=("Made things",),
+        (560,), {"height": 560}, "Made_dog", category=("Made items",),
     ),
     Stored(
         "wikipedia", "a ship", "https://en.wikipedia.org/wiki/Made_ship", "en",
         infobox({"Tonnage": "46,328 GRT", "Length": "52.9&nbsp;m (173&nbsp;ft 7&nbsp;in)", "Beam": "9.1&nbsp;m (29&nbsp;ft 10&nbsp;in)", "Draught": "3.4 m (11 ft 2 in)", "Speed": "21 knots"}),
-        (52900, 9100), {"length": 52900, "width": 9100}, "Made_ship", category=("Made things",),
+        (52900, 9100), {"length": 52900, "width": 9100}, "Made_ship", category=("Made items",),
     ),
     Stored(
         "wikipedia", "a building", "https://en.wikipedia.org/wiki/Made_tower", "en",
         infobox({"Completed": "1999", "Height": "55.8 m (183 ft)", "Floor count": "12", "Floor area": "3,000 m<sup>2</sup>"}),
-        (55800,), {"height": 55800}, "Made_tower", category=("Made things",),
+        (55800,), {"height": 55800}, "Made_tower", category=("Made items",),
     ),
     Stored(
-        "automobile_dimension", "a model", "https://www.automobiledimension.com/model/made/thing", "en",
-        """<h1>Made thing</h1><div class="medidas"><h2>Dimensions</h2><ul><li><strong>Length:</strong> 4055 mm</li><li><strong>Width:</strong> 1745 mm</li><li><strong>Height:</strong> 1430 mm</li>
+        "automobile_dimension", "a model", "https://www.automobiledimension.com/model/made/item", "en",
+        """<h1>Made item</h1><div class="medidas"><h2>Dimensions</h2><ul><li><strong>Length:</strong> 4055 mm</li><li><strong>Width:</strong> 1745 mm</li><li><strong>Height:</strong> 1430 mm</li>
         <li><strong>Boot space:</strong> 309 dm3</li><li><strong>Wheelbase:</strong> 2540 mm</li></ul></div>
         <div class="similar"><h2>Similar cars</h2><ul><li>Length: 3999 mm</li></ul></div>""",
-        (4055, 1745, 1430), {"length": 4055, "width": 1745, "height": 1430}, "made/thing",
+        (4055, 1745, 1430), {"length": 4055, "width": 1745, "height": 1430}, "made/item",
     ),
     Stored(
-        "dimensions_com", "a drawing", "https://www.dimensions.com/element/made-thing", "en",
-        """<h1>Made thing</h1><div class="element-table"><h2>Dimensions</h2><div class="row"><div>Height</div><div>31.9" | 81 cm</div></div><div class="row"><div>Width</div><div>18.1" | 46 cm</div></div>
+        "dimensions_com", "a drawing", "https://www.dimensions.com/element/made-item", "en",
+        """<h1>Made item</h1><div class="element-table"><h2>Dimensions</h2><div class="row"><div>Height</div><div>31.9" | 81 cm</div></div><div class="row"><div>Width</div><div>18.1" | 46 cm</div></div>
         <div class="row"><div>Depth</div><div>21.7" | 55 cm</div></div><div class="row"><div>Seat Height</div><div>17.7" | 45 cm</div></div><div class="row"><div>Weight</div><div>13 lb | 5.9 kg</div></div></div>""",
-        (810, 550, 460), whd(460, 810, 550), "made-thing",
+        (810, 550, 460), whd(460, 810, 550), "made-item",
     ),
     Stored(
         "generic", "JSON-LD", "https://shop.example/p/1", "en", "<h1>x</h1>", (1500, 300), {"width": 300, "height": 1500}, "L-7",
-        head="""<script type="application/ld+json">{"@graph":[{"@type":"Product","name":"Made thing","sku":"L-7","width":{"value":30,"unitCode":"CMT"},"height":{"value":1.5,"unitCode":"MTR"}},
+        head="""<script type="application/ld+json">{"@graph":[{"@type":"Product","name":"Made item","sku":"L-7","width":{"value":30,"unitCode":"CMT"},"height":{"value":1.5,"unitCode":"MTR"}},
         {"@type":"BreadcrumbList","itemListElement":[{"name":"Home"},{"name":"Lamps"}]}]}</script>""", category=("Lamps",),
     ),
     Stored(
         "generic", "microdata", "https://shop.example/p/2", "en",
-        '<div itemscope itemtype="https://schema.org/Product"><h1 itemprop="name">Made thing</h1><meta itemprop="sku" content="V-1"><span itemprop="height">25 cm</span><span itemprop="width">12 cm</span></div>',
+        '<div itemscope itemtype="https://schema.org/Product"><h1 itemprop="name">Made item</h1><meta itemprop="sku" content="V-1"><span itemprop="height">25 cm</span><span itemprop="width">12 cm</span></div>',
         (250, 120), {"width": 120, "height": 250}, "V-1",
     ),
     Stored(
         "generic", "Open Graph and a table", "https://shop.example/p/3", "en", "<table><tr><td>Dimensions</td><td>1 x 2 x 3 m</td></tr></table>", (3000, 2000, 1000),
-        head='<meta property="og:title" content="Made thing"><meta property="og:image" content="/a.jpg">',
+        head='<meta property="og:title" content="Made item"><meta property="og:image" content="/a.jpg">',
     ),
-    Stored("generic", "definition list", "https://shop.example/p/4", "en", "<h1>Made thing</h1><dl><dt>Width</dt><dd>40 cm</dd><dt>Height</dt><dd>50 cm</dd></dl>", (500, 400), {"width": 400, "height": 500}),
+    Stored("generic", "definition list", "https://shop.example/p/4", "en", "<h1>Made item</h1><dl><dt>Width</dt><dd>40 cm</dd><dt>Height</dt><dd>50 cm</dd></dl>", (500, 400), {"width": 400, "height": 500}),
     Stored(
         "generic", "embedded JSON", "https://shop.example/p/5", "en",
-        '<h1>Made thing</h1><script>window.S={"specs":[{"name":"Width","value":"4.3 cm"},{"name":"Height","value":"11.7 cm"},{"name":"Depth","value":"2.5 cm"}]}</script>', (117, 43, 25), whd(43, 117, 25),
+        '<h1>Made item</h1><script>window.S={"specs":[{"name":"Width","value":"4.3 cm"},{"name":"Height","value":"11.7 cm"},{"name":"Depth","value":"2.5 cm"}]}</script>', (117, 43, 25), whd(43, 117, 25),
     ),
-    Stored("generic", "text", "https://shop.example/p/6", "en", "<h1>Made thing</h1><p>Product dimensions are 40 x 30 x 20 cm. Ships today.</p>", (400, 300, 200)),
+    Stored("generic", "text", "https://shop.example/p/6", "en", "<h1>Made item</h1><p>Product dimensions are 40 x 30 x 20 cm. Ships today.</p>", (400, 300, 200)),
 ]  # fmt: skip
 
 

@@ -82,7 +82,7 @@ def test_every_site_has_a_contract() -> None:
 
 
 def _row(number: int, **values: str) -> dict[str, Any]:
-    row = {"item": f"http://www.wikidata.org/entity/Q{number}", "label": f"thing {number}", "class": "ship", **values}
+    row = {"item": f"http://www.wikidata.org/entity/Q{number}", "label": f"item {number}", "class": "ship", **values}
     return {name: {"type": "literal", "value": value} for name, value in row.items()}
 
 

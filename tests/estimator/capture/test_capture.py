@@ -60,8 +60,8 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Video:
     write_video(folder / "room.mp4", [frame.colour for frame in frames], times, turned_deg=90)
     seen = replace(world, camera=Pinhole(LENS.width, LENS.height, LENS.focal))
     names = [f"{k:06d}.jpg" for k in range(FRAMES)]
-    (folder / "things.json").write_text(json.dumps(coco_dataset(seen, [frame.ids for frame in frames], names)))
-    return Video(folder / "room.mp4", folder / "things.json", times, tuple(frame.pose for frame in frames))
+    (folder / "masks.json").write_text(json.dumps(coco_dataset(seen, [frame.ids for frame in frames], names)))
+    return Video(folder / "room.mp4", folder / "masks.json", times, tuple(frame.pose for frame in frames))
 
 
 @pytest.fixture(scope="module")

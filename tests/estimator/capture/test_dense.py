@@ -116,7 +116,7 @@ def test_a_plain_surface_is_filled_with_the_plane_around_it() -> None:
     np.testing.assert_allclose(filled, depth, rtol=2e-3)
 
 
-def test_a_plain_thing_in_front_is_not_filled_with_the_wall() -> None:
+def test_a_plain_object_in_front_is_not_filled_with_the_wall() -> None:
     """It is as grey as the wall; only its outline has depth."""
     depth, grey = _plain_wall(np.random.default_rng(1))
     inside, outline = np.s_[50:80, 60:110], np.zeros(depth.shape, dtype=bool)

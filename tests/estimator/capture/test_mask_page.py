@@ -18,7 +18,7 @@ import pytest
 
 import metric_tree
 from estimator.capture.mask_page import Estimator, MaskPage, frames_to_draw
-from estimator.capture.thing_names import ThingNames
+from estimator.capture.object_names import ObjectNames
 from estimator.records.scene import Camera, Scene, View
 from metric_base.errors import InputError
 from tests.synthetic.browser import Browser
@@ -41,7 +41,7 @@ class _Served:
     """A page that is served in a thread; `document` is what came of it."""
 
     def __init__(self, folder: Path, estimate: Estimator | None = None) -> None:
-        names = ThingNames(metric_tree.open())
+        names = ObjectNames(metric_tree.open())
         frames = frames_to_draw(_scene(folder / "frames"), folder / "frames")
         self.page = MaskPage(frames, ["chair"], folder / "d.json", names, estimate=estimate)
         self.document: dict[str, Any] | None = None
@@ -75,7 +75,7 @@ def served(tmp_path: Path) -> Iterator[_Served]:
     yield served
     if served.document is None:
         objects = [{"name": "x", "kind": "box", "points": [[0, 0], [9, 9]]}]
-        images = [{"name": frame["name"], "things": objects} for frame in served.page.start()["frames"]]
+        images = [{"name": frame["name"], "objects": objects} for frame in served.page.start()["frames"]]
         served.request(served.at("save"), json.dumps({"images": images, "done": True}))
         served.result()
 
@@ -98,7 +98,7 @@ def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> 
         browser.type("chair")
         browser.wait("document.getElementById('says').textContent.startsWith('chair: usually length')")
         browser.press("Enter")
-        browser.wait("document.querySelectorAll('#things li').length === 1")
+        browser.wait("document.querySelectorAll('#objects li').length === 1")
         assert "as boxes it needs 3" in browser.run("document.getElementById('all').textContent")
         browser.press("ArrowRight")
         browser.press("ArrowRight")
@@ -110,15 +110,15 @@ def test_a_person_draws_a_box_and_a_polygon(served: _Served, tmp_path: Path) -> 
         browser.press("Enter")
         browser.type("<b>vase</b>")  # a name is text, whatever is in it
         browser.press("Enter")
-        browser.wait("document.querySelectorAll('#things li').length === 1")
-        assert browser.run("document.querySelector('#things span').innerHTML") == "&lt;b&gt;vase&lt;/b&gt;"
+        browser.wait("document.querySelectorAll('#objects li').length === 1")
+        assert browser.run("document.querySelector('#objects span').innerHTML") == "&lt;b&gt;vase&lt;/b&gt;"
         browser.press("b")
         browser.drag(at(200, 30), at(300, 200))
         browser.wait("document.querySelector('#used button')?.textContent === 'chair'")
         browser.run("document.querySelector('#used button').click()")
-        browser.wait("document.querySelectorAll('#things li').length === 2")
+        browser.wait("document.querySelectorAll('#objects li').length === 2")
         browser.run("document.getElementById('undo').click()")
-        browser.wait("document.querySelectorAll('#things li').length === 1")
+        browser.wait("document.querySelectorAll('#objects li').length === 1")
         browser.run("document.getElementById('done').click()")  # one box, and a name that nobody knows
         browser.wait("document.getElementById('message').textContent.includes('Press again')")
         browser.run("document.getElementById('done').click()")
@@ -164,7 +164,7 @@ def test_the_page_ends_with_the_answer_and_lets_one_draw_on(tmp_path: Path) -> N
             browser.run("document.getElementById('done').click()")
 
         draw_box(20)
-        browser.wait("document.querySelectorAll('#things li').length === 1")
+        browser.wait("document.querySelectorAll('#objects li').length === 1")
         ask()
         browser.wait("document.getElementById('headline').textContent === 'scale 1'")
         assert browser.run("document.querySelector('main').hidden")
@@ -174,7 +174,7 @@ def test_the_page_ends_with_the_answer_and_lets_one_draw_on(tmp_path: Path) -> N
         browser.run("document.getElementById('on').click()")
         assert browser.run("document.getElementById('answer').hidden")
         draw_box(150)
-        browser.wait("document.querySelectorAll('#things li').length === 2")
+        browser.wait("document.querySelectorAll('#objects li').length === 2")
         browser.run("document.getElementById('done').click()")
         browser.wait("document.getElementById('headline').textContent === 'scale 2'")
         assert served.document is None, "the page goes on until it is closed"
@@ -199,10 +199,10 @@ def test_frames_are_spread_and_see_much(tmp_path: Path) -> None:
 
 def test_an_interrupted_drawing_is_kept(served: _Served, tmp_path: Path) -> None:
     objects = [{"name": "cup", "kind": "box", "points": [[5, 5], [50, 60]]}]
-    body = json.dumps({"images": [{"name": "000001.jpg", "things": objects}], "done": False})
+    body = json.dumps({"images": [{"name": "000001.jpg", "objects": objects}], "done": False})
     assert served.request(served.at("save"), body)[0] == 200
     again = MaskPage(frames_to_draw(_scene(tmp_path / "frames"), tmp_path / "frames"), [], tmp_path / "d.json")
-    assert again.start()["frames"][0]["things"] == objects
+    assert again.start()["frames"][0]["objects"] == objects
     again._server.server_close()
 
 
@@ -218,7 +218,7 @@ def test_a_draft_that_is_no_drawing_is_not_replaced(tmp_path: Path, content: str
 
 
 def _body(objects: object, name: str = "000001.jpg") -> str:
-    return json.dumps({"images": [{"name": name, "things": objects}]})
+    return json.dumps({"images": [{"name": name, "objects": objects}]})
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def _body(objects: object, name: str = "000001.jpg") -> str:
         (_body([{"kind": "polygon", "name": "a", "points": [[1, 1], [9, 9]]}]), "3 or more corners"),
         (_body([{"kind": "box", "name": "a", "points": [[1, 1], [2, 2]]}]), "smaller"),
         (_body(3), "frames of this page"),
-        ('{"images": [], "done": true}', "at least one thing"),
+        ('{"images": [], "done": true}', "at least one object"),
     ],
 )
 def test_what_is_no_drawing_is_refused(served: _Served, body: str, word: str) -> None:

@@ -127,8 +127,8 @@ def test_each_form_finds_the_object(form: str, answers: dict[str, Any], masked: 
 
 
 def test_names_in_the_graph_come_first(tmp_path: Path) -> None:
-    path = _graph(tmp_path / "net.onnx", _yolo(2), names="{" + ", ".join(f"{n}: 'thing {n}'" for n in range(80)) + "}")
-    assert load_detector(path).labels[1 + CLASS] == f"thing {CLASS}"
+    path = _graph(tmp_path / "net.onnx", _yolo(2), names="{" + ", ".join(f"{n}: 'object {n}'" for n in range(80)) + "}")
+    assert load_detector(path).labels[1 + CLASS] == f"object {CLASS}"
     (tmp_path / "own.txt").write_text("\n".join(f"own {n}" for n in range(80)))
     assert load_detector(path, tmp_path / "own.txt").labels[1 + CLASS] == f"own {CLASS}"
     assert class_names({"names": "__import__('os')"}) is None

@@ -8,7 +8,7 @@ from estimator.geometry.footprint import smallest_rectangle_axes
 from estimator.geometry.upright_box import eta
 from estimator.records.measured_object import ETA_THRESHOLD
 from metric_base.arrays import FloatArray
-from tests.synthetic.shapes import Solid, Thing, orbit, synthetic_scene
+from tests.synthetic.shapes import Shape, Solid, orbit, synthetic_scene
 
 LOW, HIGH = np.zeros(3), np.full(3, 8.0)
 
@@ -64,7 +64,7 @@ def bottle_confidences(degrees: float, points: int = 4000, seed: int = 0) -> Flo
         Solid("cylinder", neck, lean @ np.array([0, 0, 0.15]), lean),
     )
     views = orbit(12, 0.9, 0.45, target=(0, 0, 0.03), size=(240, 180), focal=220.0)
-    cloud = synthetic_scene([Thing("bottle", solids)], views, dense=points, noise=0.001, seed=seed).scene.dense
+    cloud = synthetic_scene([Shape("bottle", solids)], views, dense=points, noise=0.001, seed=seed).scene.dense
     assert cloud is not None
     axes = np.eye(3)
     axes[:2, :2] = smallest_rectangle_axes(cloud.points[:, :2])

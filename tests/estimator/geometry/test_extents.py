@@ -50,7 +50,7 @@ def test_a_side_that_fades_out_evenly_keeps_its_whole_length():
 
 
 @pytest.mark.parametrize("sigma", [0.005, 0.01])
-def test_noise_lengthens_a_thing_with_end_faces_and_is_taken_off(sigma):
+def test_noise_lengthens_an_object_with_end_faces_and_is_taken_off(sigma):
     """A sixth of the points on either end face: without the correction the extent is 3.5 standard deviations long."""
     random = np.random.default_rng(8)
     ratios = []

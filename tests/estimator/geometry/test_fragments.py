@@ -8,28 +8,28 @@ from estimator.geometry.fragments import without_fragments
 from estimator.records.measured_object import Box, MeasuredObject
 
 
-def _thing(category: str, centre: tuple[float, float, float], side: float, views: int) -> MeasuredObject:
+def _object(category: str, centre: tuple[float, float, float], side: float, views: int) -> MeasuredObject:
     box = Box(np.array(centre), np.eye(3), np.full(3, side))
     return MeasuredObject("1", category, np.full(3, side), np.full(3, 0.03), views=views, box=box)
 
 
 def test_a_part_within_an_object_of_its_category_is_skipped() -> None:
-    objects = [_thing("chair", (0, 0, 0), 1.0, 9), _thing("chair", (0.3, 0, 0), 0.3, 3)]
+    objects = [_object("chair", (0, 0, 0), 1.0, 9), _object("chair", (0.3, 0, 0), 0.3, 3)]
     whole, part = without_fragments(objects)
     assert whole.skipped is None
     assert part.skipped == "a part of another chair"
 
 
 def test_the_object_that_more_views_show_stays() -> None:
-    small, large = without_fragments([_thing("chair", (0.3, 0, 0), 0.3, 9), _thing("chair", (0, 0, 0), 1.0, 3)])
+    small, large = without_fragments([_object("chair", (0.3, 0, 0), 0.3, 9), _object("chair", (0, 0, 0), 1.0, 3)])
     assert small.skipped is None
     assert large.skipped is None  # it is not within the small one
 
 
 def test_neighbours_and_other_categories_stay() -> None:
     objects = [
-        _thing("chair", (0, 0, 0), 1.0, 9),
-        _thing("chair", (0.9, 0, 0), 1.0, 5),
-        _thing("cup", (0, 0, 0.2), 0.1, 5),
+        _object("chair", (0, 0, 0), 1.0, 9),
+        _object("chair", (0.9, 0, 0), 1.0, 5),
+        _object("cup", (0, 0, 0.2), 0.1, 5),
     ]
     assert all(item.skipped is None for item in without_fragments(objects))

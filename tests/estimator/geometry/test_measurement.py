@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 from estimator.geometry.measurement import PAPER, MeasurementOptions
 from estimator.pipeline import measure_objects
 from estimator.records.scene import DenseCloud, Scene, View
-from tests.synthetic.shapes import Made, Solid, Thing, box, cylinder, floor, orbit, synthetic_scene
+from tests.synthetic.shapes import Made, Shape, Solid, box, cylinder, floor, orbit, synthetic_scene
 
 SIZES = {"cabinet": (0.8, 0.4, 0.9), "chair": (0.45, 0.4, 0.8), "bottle": (0.1, 0.1, 0.32)}
 
 
 @pytest.fixture(scope="module")
 def room():
-    things = [
+    objects = [
         floor(5),
         box(None, (5, 0.1, 2.4), (0, 2.5, 0)),
         box("cabinet", SIZES["cabinet"], (0, 0.4, 0), 15),
@@ -24,7 +24,7 @@ def room():
         cylinder("bottle", SIZES["bottle"], (0, 0.4, 0.9)),
     ]
     views = orbit(12, 2.6, 1.7, arc=330, target=(0.2, 0.1, 0.5), size=(240, 180), focal=180.0)
-    return synthetic_scene(things, views, dense=40_000, noise=0.001, sparse=3000)
+    return synthetic_scene(objects, views, dense=40_000, noise=0.001, sparse=3000)
 
 
 def moved(made, scale, turn, shift):
@@ -42,7 +42,7 @@ def moved(made, scale, turn, shift):
 
 
 def by_category(found):
-    return {thing.category: thing for thing in found.objects}
+    return {item.category: item for item in found.objects}
 
 
 def test_sizes_of_a_room_under_any_similarity(room):
@@ -53,30 +53,30 @@ def test_sizes_of_a_room_under_any_similarity(room):
         assert len(found.objects) == 3
         assert np.degrees(np.arccos(np.clip(found.up.vector @ rotation[:, 2], -1, 1))) < 1.0
         assert len(found.planes) >= 1
-        for category, thing in by_category(found).items():
+        for category, item in by_category(found).items():
             error = (
-                np.log(thing.extents / scale / np.sort(SIZES[category])[::-1])
+                np.log(item.extents / scale / np.sort(SIZES[category])[::-1])
                 if category == "none"
-                else np.log(thing.extents / scale / SIZES[category])
+                else np.log(item.extents / scale / SIZES[category])
             )
-            free = ~thing.truncated
+            free = ~item.truncated
             assert np.abs(error[free]).max() < 0.08, category
             assert abs(error[2]) < 0.04, category
-            assert (thing.sigma > 0).all()
-            assert thing.sigma[2] < 0.2
+            assert (item.sigma > 0).all()
+            assert item.sigma[2] < 0.2
 
 
 def test_box_points_and_members_belong_together(room):
     found = measure_objects(room.scene, room.instances)
-    for thing, track in zip(found.objects, found.tracks, strict=True):
-        assert thing.members == track.members
-        assert thing.points == len(thing.point_rows)
-        assert thing.cloud == "dense"
-        local = (room.scene.dense.points[thing.point_rows] - thing.box.centre) @ thing.box.axes.T
-        assert (np.abs(local) < thing.box.extents * 0.6).all(axis=1).mean() > 0.95
-        assert np.allclose(thing.box.extents, thing.extents)
-        assert thing.extents[0] >= thing.extents[1]
-        assert np.allclose(thing.box.axes @ thing.box.axes.T, np.eye(3), atol=1e-9)
+    for item, track in zip(found.objects, found.tracks, strict=True):
+        assert item.members == track.members
+        assert item.points == len(item.point_rows)
+        assert item.cloud == "dense"
+        local = (room.scene.dense.points[item.point_rows] - item.box.centre) @ item.box.axes.T
+        assert (np.abs(local) < item.box.extents * 0.6).all(axis=1).mean() > 0.95
+        assert np.allclose(item.box.extents, item.extents)
+        assert item.extents[0] >= item.extents[1]
+        assert np.allclose(item.box.axes @ item.box.axes.T, np.eye(3), atol=1e-9)
 
 
 def test_sparse_points_alone_do(room):
@@ -90,17 +90,17 @@ def test_the_papers_arm_runs_and_never_reaches_down(room):
     found = measure_objects(room.scene, room.instances, PAPER)
     assert found.planes == ()
     assert found.up.method == "camera-x-axes"
-    for thing in found.objects:
-        assert thing.unsupported_height is None
-        assert np.isfinite(thing.confidence).all()
+    for item in found.objects:
+        assert item.unsupported_height is None
+        assert np.isfinite(item.confidence).all()
 
 
 def without_feet(made, category, share):
     """The scene without the dense points in the lowest share of the objects of a category."""
     points = made.scene.dense.points
     keep = np.ones(len(points), dtype=bool)
-    for number, thing in enumerate(made.objects):
-        if thing.category == category:
+    for number, item in enumerate(made.objects):
+        if item.category == category:
             own = made.owner == number
             low, high = points[own, 2].min(), points[own, 2].max()
             keep &= ~(own & (points[:, 2] < low + share * (high - low)))
@@ -127,7 +127,7 @@ def test_an_unseen_foot_reaches_down_to_what_it_stands_on(room, category, share)
 def test_mirror_images_in_the_floor_add_nothing_to_a_height(room):
     """A tenth of a cabinet's points again below the floor, where its masks reach too far down."""
     points, random = room.scene.dense.points, np.random.default_rng(0)
-    number = next(k for k, thing in enumerate(room.objects) if thing.category == "cabinet")
+    number = next(k for k, item in enumerate(room.objects) if item.category == "cabinet")
     own = points[(room.owner == number) & (points[:, 2] < 0.4)]
     images = own[random.choice(len(own), len(own) // 3)] * [1, 1, -1]
     lower = [replace(i, mask=np.vstack([i.mask, np.repeat(i.mask[-1:], 12, axis=0)])) for i in room.instances]
@@ -138,14 +138,14 @@ def test_mirror_images_in_the_floor_add_nothing_to_a_height(room):
 
 def test_a_clock_on_the_wall_stays_there():
     wall = box(None, (5, 0.1, 2.4), (0, 1.0, 0))
-    clock = Thing("clock", (Solid("box", np.array([0.3, 0.04, 0.3]), np.array([0, 0.93, 1.5])),))
+    clock = Shape("clock", (Solid("box", np.array([0.3, 0.04, 0.3]), np.array([0, 0.93, 1.5])),))
     views = orbit(8, 2.4, 1.5, arc=70, target=(0, 0.9, 1.2), size=(240, 180), focal=180.0)
     made = synthetic_scene([floor(5), wall, clock], views, dense=24_000, noise=0.001)
-    for category in ("clock", "thing of no known name"):
+    for category in ("clock", "object of no known name"):
         named = tuple(replace(instance, category=category) for instance in made.instances)
-        thing = measure_objects(made.scene, named).objects[0]
-        assert thing.unsupported_height is None
-        assert abs(np.log(thing.extents[2] / 0.3)) < 0.08
+        item = measure_objects(made.scene, named).objects[0]
+        assert item.unsupported_height is None
+        assert abs(np.log(item.extents[2] / 0.3)) < 0.08
 
 
 def test_too_few_points_are_skipped_with_a_reason(room):
@@ -155,12 +155,12 @@ def test_too_few_points_are_skipped_with_a_reason(room):
         views.append(replace(view, keypoints=view.keypoints[kept], point_index=view.point_index[kept]))
     starved = replace(room.scene, dense=None, points=room.scene.points[:6], views=tuple(views))
     objects = measure_objects(starved, room.instances).objects
-    skipped = [thing for thing in objects if thing.skipped is not None]
+    skipped = [item for item in objects if item.skipped is not None]
     assert skipped
-    for thing in skipped:
-        assert "how far away" in thing.skipped
-        assert np.isnan(thing.extents).all()
-        assert thing.box is None
+    for item in skipped:
+        assert "how far away" in item.skipped
+        assert np.isnan(item.extents).all()
+        assert item.box is None
 
 
 def test_nothing_to_measure(room):

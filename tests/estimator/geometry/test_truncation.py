@@ -15,13 +15,13 @@ UP = np.array([0, 0, 1.0])
 LOW_END, HIGH_END = 0, 1
 
 
-def sides_of(made, thing, axes, low, high, instances=None):
-    """How the masks of object number `thing` show the sides of the given true box."""
+def sides_of(made, number, axes, low, high, instances=None):
+    """How the masks of object number `number` show the sides of the given true box."""
     instances = made.instances if instances is None else instances
     labels = dense_labels(made.scene, instances)
-    masks = [instance for instance in instances if instance.track == str(thing)]
+    masks = [instance for instance in instances if instance.track == str(number)]
     borders = [outline(mask, 200, 150) for mask in masks]
-    points = made.scene.dense.points[made.owner == thing]
+    points = made.scene.dense.points[made.owner == number]
     around = Surroundings(made.scene, labels.points, labels.visibility, UP)
     return side_evidence(masks, borders, around, (axes, np.asarray(low, float), np.asarray(high, float)), points)
 

@@ -83,7 +83,7 @@ def test_free_box_sums_all_orders() -> None:
 
 
 @pytest.mark.usefixtures("no_gross_errors")
-def test_lying_thing_may_stand() -> None:
+def test_lying_object_may_stand() -> None:
     book = prior("book.n.01", [(240, 170, 25)])
     standing = evidence(book, (0.17, 0.025, 0.24), pose="flat")
     found = object_curves([standing], np.array([-0.02, 0.0]))[0, 1]

@@ -120,7 +120,7 @@ def test_what_is_refused_is_kept_with_its_reason(tmp_path):
     items = synthetic_items()
     chair = items[1]
     wrong = [
-        replace(chair, source_id="unknown", category_path=("things", "gizmo")),
+        replace(chair, source_id="unknown", category_path=("objects", "gizmo")),
         replace(chair, source_id="empty", dimensions_mm={}, extents_mm=None),
         replace(chair, source_id="prose", flags=("low_trust",)),
         replace(chair, source_id="slip", dimensions_mm={"length": 52.0, "width": 48.0, "height": 88.0}),

@@ -37,11 +37,11 @@ def overlap(one: np.ndarray, other: np.ndarray) -> float:
     "way",
     [
         {"polygon": [(112, 82), (135, 58), (172, 62), (192, 95), (180, 135), (140, 142), (110, 118)]},
-        {"box": (106, 56, 90, 90), "thing": (((140, 100), (160, 100)),)},
+        {"box": (106, 56, 90, 90), "object": (((140, 100), (160, 100)),)},
     ],
     ids=["polygon", "box"],
 )
-def test_the_edge_is_the_things_and_not_the_guides(way: dict[str, object]) -> None:
+def test_the_edge_is_the_objects_and_not_the_guides(way: dict[str, object]) -> None:
     picture, mask = heap()
     guide = Guide(picture=ID, reviewer="Ada", **way)  # type: ignore[arg-type]
     found = guided_foreground(picture, guide)

@@ -52,7 +52,7 @@ def test_no_disagreement_is_found_where_there_is_none():
 
 def test_the_model_learns_from_classes_of_several_sources():
     classes = [found_of(*many_sources(6, 10, seed)[:2]) for seed in range(40)]
-    expected = learned(classes).between(WITHIN, "things")
+    expected = learned(classes).between(WITHIN, "objects")
     assert expected.trace() == pytest.approx(BETWEEN.trace(), rel=0.2)
 
 
@@ -66,7 +66,7 @@ def test_the_model_tells_a_share_of_the_spread_from_a_fixed_spread():
         names = [f"s{row // 20}" for row in range(120)]
         classes.append(disagreement(x, np.ones_like(x), np.ones(120), names, ["product"] * 120, within))
     model = learned(classes)
-    assert model.family["things"] * model.share == pytest.approx(0.5, rel=0.35)
+    assert model.family["objects"] * model.share == pytest.approx(0.5, rel=0.35)
     assert model.spread < 0.03
 
 
@@ -75,14 +75,14 @@ def test_a_mixed_class_does_not_spoil_the_model():
     x, names, _ = many_sources(4, 10, 99)
     x[:10] += 3.0  # a toy among the lorries
     both = (classes, [*classes, found_of(x, names)])
-    one, other = (learned(some).between(WITHIN, "things").trace() for some in both)
+    one, other = (learned(some).between(WITHIN, "objects").trace() for some in both)
     assert other < 1.3 * one
 
 
 def learned(classes) -> KindModel:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(kinds, "SHIPPED_CLASSES", 0.0)  # what these classes say alone
-        return learn_kinds((("things", one) for one in classes), sorted(KIND_WEIGHT))
+        return learn_kinds((("objects", one) for one in classes), sorted(KIND_WEIGHT))
 
 
 def kinds_apart(seed: int, museum: float = 0.4, spread: float = 0.3):
@@ -97,10 +97,10 @@ def kinds_apart(seed: int, museum: float = 0.4, spread: float = 0.3):
 
 def test_the_bias_and_the_spread_of_a_kind_are_learned_and_do_not_spoil_the_rest():
     model = learned([kinds_apart(seed) for seed in range(60)])
-    product = model.bias_of("product", "things")
-    assert model.bias_of("museum", "things") - product == pytest.approx(0.4, abs=0.12)
+    product = model.bias_of("product", "objects")
+    assert model.bias_of("museum", "objects") - product == pytest.approx(0.4, abs=0.12)
     assert model.excess["museum"] == pytest.approx(0.3, rel=0.4)
-    assert model.between(WITHIN, "things").trace() == pytest.approx(BETWEEN.trace(), rel=0.4)
+    assert model.between(WITHIN, "objects").trace() == pytest.approx(BETWEEN.trace(), rel=0.4)
 
 
 def test_museums_do_not_set_the_centre_of_a_class_that_has_anything_better():

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimator.records.scene import Instance, Scene, View
 from metric_base.arrays import FloatArray, IntArray
-from tests.synthetic.shapes import Solid, Thing, _maps, view_at, yaw
+from tests.synthetic.shapes import Shape, Solid, _maps, view_at, yaw
 
 __all__ = ["PATHS", "FewPointsWorld", "few_points_world"]
 
@@ -44,8 +44,8 @@ def few_points_world(seed: int, path: str) -> FewPointsWorld:
     """The world of a seed along one of the `PATHS`."""
     random = np.random.default_rng([seed, PATHS.index(path), 71])
     views = _path(path, random)
-    objects, sizes = _things(path, random)
-    ground = Thing(None, (Solid("box", np.array([200.0, 200.0, 0.1]), np.array([0.0, 0.0, -0.05])),))
+    objects, sizes = _objects(path, random)
+    ground = Shape(None, (Solid("box", np.array([200.0, 200.0, 0.1]), np.array([0.0, 0.0, -0.05])),))
     maps = [_maps([*objects, ground], view) for view in views]
     points, owner = _surface_points(views, maps, len(objects), random)
     seen = _triangulated(views, maps, points, owner, random)
@@ -78,9 +78,9 @@ def _path(path: str, random: np.random.Generator) -> list[View]:
     ]
 
 
-def _things(path: str, random: np.random.Generator) -> tuple[list[Thing], FloatArray]:
+def _objects(path: str, random: np.random.Generator) -> tuple[list[Shape], FloatArray]:
     """Objects that do not touch, and their (n, 3) sizes."""
-    objects: list[Thing] = []
+    objects: list[Shape] = []
     sizes: list[FloatArray] = []
     places: list[FloatArray] = []
     while len(objects) < OBJECTS:
@@ -100,7 +100,7 @@ def _things(path: str, random: np.random.Generator) -> tuple[list[Thing], FloatA
                 places.clear()
             continue
         places.append(np.array([*place, size[0]]))
-        objects.append(Thing(kind, tuple(_solids(kind, size, place, float(random.uniform(0, 180))))))
+        objects.append(Shape(kind, tuple(_solids(kind, size, place, float(random.uniform(0, 180))))))
         sizes.append(np.array([*sorted(size[:2], reverse=True), size[2]]))
     return objects, np.array(sizes)
 
@@ -197,7 +197,7 @@ def _point(views: list[View], pixels: FloatArray, start: FloatArray) -> FloatArr
     return place
 
 
-def _masks(view: int, ids: IntArray, objects: list[Thing], random: np.random.Generator) -> list[Instance]:
+def _masks(view: int, ids: IntArray, objects: list[Shape], random: np.random.Generator) -> list[Instance]:
     import cv2
 
     found = []

@@ -81,7 +81,7 @@ def _place(
             return
         print_, support = candidate
         if _fits(layout, print_, support, float(mesh.vertices[:, 2].max())):
-            track = f"{category.replace(' ', '_')}-{1 + sum(thing.category == category for thing in layout.placed)}"
+            track = f"{category.replace(' ', '_')}-{1 + sum(other.category == category for other in layout.placed)}"
             base = (
                 0.0
                 if support is None

@@ -24,7 +24,7 @@ LEAST_ITEMS = 8
 #: Kinds of items that are objects somebody made, sold or measured.
 REAL = frozenset({"product", "measured", "standard"})
 #: Kinds that are statements about a category and no object at all.
-NO_THING = frozenset({"curated", "judged", "norm", "default"})
+STATED_KINDS = frozenset({"curated", "judged", "norm", "default"})
 
 
 def held_out_pool(
@@ -41,7 +41,7 @@ def held_out_pool(
     nodes, kinds = rows["node_id"].to_pylist(), rows["kind"].to_pylist()
     seen = {_key(node, size) for node, size, out in zip(nodes, sizes, held, strict=True) if not out}
     free = [
-        out and kind not in NO_THING and _key(node, size) not in seen
+        out and kind not in STATED_KINDS and _key(node, size) not in seen
         for node, size, out, kind in zip(nodes, sizes, held, kinds, strict=True)
     ]
     pool = {}

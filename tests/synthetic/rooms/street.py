@@ -65,7 +65,7 @@ def _add(
             else print_
         )
         if all(apart(travelled, other, 0.3) for other in prints):
-            track = f"{category.replace(' ', '_')}-{1 + sum(thing.category == category for thing in placed)}"
+            track = f"{category.replace(' ', '_')}-{1 + sum(other.category == category for other in placed)}"
             world = rotate(mesh, turn_about_z(print_.yaw), np.array([*print_.centre, 0.0]))
             placed.append(Placed(track, category, category, size, world, velocity))
             prints.append(travelled)

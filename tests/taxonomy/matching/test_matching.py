@@ -49,7 +49,7 @@ def matcher(mini_wordnet: WordNet) -> Matcher:
     rulings = dict(
         [
             decided("*: tv", "television_receiver.n.01"),
-            decided("shop: thing of that kind", None),
+            decided("shop: object of that kind", None),
             decided("*: device", None),
         ]
     )
@@ -125,7 +125,7 @@ def test_a_sources_own_synset_counts_before_its_words(matcher: Matcher, mini_wor
 
 
 def test_a_decision_counts_before_everything(matcher: Matcher) -> None:
-    found = matcher.finding("shop", ("thing of that kind",), synset="stool.n.01")
+    found = matcher.finding("shop", ("object of that kind",), synset="stool.n.01")
     assert (found.concept, found.rule) == (None, "decision")
     assert found.settled
 

@@ -96,7 +96,7 @@ def test_what_would_mislead_is_unknown(text: str) -> None:
 @pytest.mark.parametrize(
     "text", ["picture of chair", "a poster of a chair", "image of a chair", "toy chair", "chair poster", "plush bear"]
 )
-def test_what_shows_a_thing_or_is_made_after_it_is_none(text: str) -> None:
+def test_what_shows_an_object_or_is_made_after_it_is_none(text: str) -> None:
     found = RESOLVER.answer(text)
     assert found is None or found.node_id not in {"chair.n.01", "bear.n.01"}
 
@@ -257,7 +257,7 @@ def test_counts_and_what_follows_are_cut() -> None:
 
 
 def test_a_word_means_the_same_however_often_the_table_was_asked(monkeypatch: pytest.MonkeyPatch) -> None:
-    words = ["chair", "table", "thing99", "", "a\tb", "armchair"]
+    words = ["chair", "table", "word99", "", "a\tb", "armchair"]
     monkeypatch.setattr(tables, "_ASKED", Counter())
     scanned = [tables.senses(word) for word in words]
     monkeypatch.setattr(tables, "_ASKED", Counter({"senses.tsv": tables.MAX_SCANS}))

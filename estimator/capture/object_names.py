@@ -8,14 +8,14 @@ from typing import Any
 from estimator.results.categories import LabelMeaning, meanings
 from metric_tree.tree import Tree
 
-__all__ = ["ThingNames"]
+__all__ = ["ObjectNames"]
 
 #: Names that are offered for what was typed.
 OFFERED = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ThingNames:
+class ObjectNames:
     """The names of a tree, read as the labels of a detector are."""
 
     tree: Tree
